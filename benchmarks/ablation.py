@@ -33,7 +33,7 @@ import numpy as np
 import rockjax as rj
 from rockjax import _sincos
 from rockjax._batch import lanes, scenes
-from rockjax._engine import scene, settled, tableaus
+from rockjax._engine import certificate, scene, tableaus
 from rockjax._engine.once import once
 from rockjax._engine.step import trial
 from rockjax._results import REST
@@ -69,14 +69,19 @@ def _replace(original: Any, replacement: Any) -> None:
     assert found, original
 
 
-def _plans(**changes: Any) -> None:
-    """Make every plan with other entries."""
+def _no_fast_forward(name: str) -> None:
+    """Make every plan without a fast-forward."""
     made = scene.plan_for
-    _replace(made, lambda *given, **named: dataclasses.replace(made(*given, **named), **changes))
+
+    def without(*given: Any, **named: Any) -> Any:
+        plan = made(*given, **named)
+        return dataclasses.replace(plan, fast_forwards=tuple(y for y in plan.fast_forwards if y != name))
+
+    _replace(made, without)
 
 
 def _no_certificate() -> None:
-    _replace(settled.certificate, lambda *given, **named: jnp.zeros((), bool))
+    _replace(certificate.certificate, lambda *given, **named: jnp.zeros((), bool))
 
 
 def _no_refill() -> None:
@@ -95,9 +100,11 @@ def _no_sines() -> None:
 
 
 PIECES = {
-    "sample passing": Piece(lambda: _plans(pass_samples=False), ("_engine/samples.py",), ("records",)),
-    "bounce skipping": Piece(lambda: _plans(skip_bounces=False), ("_engine/bouncing.py",)),
-    "certificate": Piece(_no_certificate, ("_engine/settled.py",)),
+    "sample passing": Piece(
+        lambda: _no_fast_forward("samples"), ("_engine/fast_forward/samples.py",), ("records",)
+    ),
+    "bounce skipping": Piece(lambda: _no_fast_forward("bounces"), ("_engine/fast_forward/bounces.py",)),
+    "certificate": Piece(_no_certificate, ("_engine/bounds.py", "_engine/certificate.py")),
     "lane refill": Piece(_no_refill, ("_batch/exchange.py",)),
     "lane sorting": Piece(lambda: _replace(scenes._order, lambda *_: None), ("_batch/scenes.py",)),
     "barriers (once)": Piece(lambda: _replace(once, lambda values: values), ("_engine/once.py",)),

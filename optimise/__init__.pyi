@@ -15,6 +15,7 @@ from ._objectives import ExpectedLoss as ExpectedLoss
 from ._objectives import WorstDeformation as WorstDeformation
 from ._objectives import WorstDrift as WorstDrift
 from ._objectives import WorstFloorAcceleration as WorstFloorAcceleration
+from ._objectives import WorstPeak as WorstPeak
 from ._objectives import WorstRotation as WorstRotation
 from ._objectives import WorstShear as WorstShear
 from ._pictures import before_after as before_after
@@ -31,6 +32,7 @@ from ._targets import OverturningScale as OverturningScale
 from ._targets import PeakDeformation as PeakDeformation
 from ._targets import PeakDrift as PeakDrift
 from ._targets import PeakFloorAcceleration as PeakFloorAcceleration
+from ._targets import PeakLimit as PeakLimit
 from ._targets import PeakRotation as PeakRotation
 from ._targets import PeakShear as PeakShear
 from ._variables import Dimensions as Dimensions

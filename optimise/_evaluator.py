@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import rockjax as rj
+from rockjax._outputs.base import AbstractOutput
 from rockjax._programs.key import TracedFunction
 from rockjax._programs.program import KeptProgram
 from rockjax.internal import Module, as_float
@@ -43,7 +44,7 @@ class DesignProblem(Module):
     targets: tuple[AbstractTarget, ...]
     suite: Suite | None
     slices: tuple[tuple[int, int] | None, ...] = eqx.field(static=True)  # of the targets, then the objective
-    outputs: tuple[str, ...] = eqx.field(static=True)  # of the suite
+    outputs: tuple[str | AbstractOutput, ...] = eqx.field(static=True)  # of the suite
     scenes: int = eqx.field(static=True)
 
     def __call__(
@@ -81,7 +82,7 @@ def build_problem(
     suite: Suite | None = None
     suites: list[tuple[Suite, tuple[int, int]]] = []
     slices: list[tuple[int, int] | None] = []
-    outputs: set[str] = set()
+    outputs: set[str | AbstractOutput] = set()
     stripped: list[Any] = []
     scenes = 0
     for item in (*targets, _trace_functions(variables, objective)):
@@ -102,7 +103,7 @@ def build_problem(
     variables = dataclasses.replace(variables, base=_numbers_to_arrays(variables.base))
     items = stripped[-1], tuple(stripped[:-1])
     scenes += 0 if suite is None else len(suite)
-    return DesignProblem(variables, *items, suite, tuple(slices), tuple(sorted(outputs)), scenes)
+    return DesignProblem(variables, *items, suite, tuple(slices), tuple(sorted(outputs, key=str)), scenes)
 
 
 def _numbers_to_arrays(item: Any) -> Any:

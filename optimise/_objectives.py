@@ -10,11 +10,22 @@ import equinox as eqx
 import jax.numpy as jnp
 
 import rockjax as rj
+from rockjax._outputs.base import AbstractOutput
 from rockjax.internal import Module, require_instance
 
 from ._annual import AnnualFrequency
 from ._suite import Margins, Suite
-from ._targets import AbstractResponses, check_limit, first_output, overturning_depths, severity
+from ._targets import (
+    AbstractResponses,
+    check_limit,
+    limited_output,
+    of_output,
+    overturning_depths,
+    requested,
+    severity,
+    unit_of,
+    words_of,
+)
 
 
 class AbstractObjective(Module):
@@ -68,60 +79,75 @@ class WorstRotation(AbstractWorst):
         return "worst peak rotation / α"
 
 
-class AbstractWorstPeak(AbstractWorst):
-    """Base class of objectives on the largest peak of a superstructure, over all modes, stories or floors.
+class WorstPeak(AbstractWorst):
+    """The largest of an output of a scene, over all motions and all modes, stories or floors.
+
+    - `output`: name of one of `rockjax.Options.outputs` with a single answer, such as `"peak_shear"`, or an
+      output of your own; `excitations`: a motion or a list of them
 
     Where the columns overturn, the peak until then underestimates the response: it is multiplied by (1 − M),
     with the overturning margin M < 0. Only a target such as [`optimise.NoOverturning`][] excludes such
-    designs.
+    designs. Raises `ValueError` for other outputs; and, when evaluated, for a podium without the output.
     """
 
-    words: ClassVar[str]
+    output: AbstractOutput = eqx.field(static=True)
     until_overturning: ClassVar[bool] = True
 
+    def __init__(self, output: str | AbstractOutput, excitations):
+        super().__init__(excitations)
+        self.output = limited_output(type(self).__name__, output)
+
+    @property
+    def outputs(self) -> tuple[str | AbstractOutput, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return requested(self.output)
+
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        values = first_output(self, peaks)
+        values = of_output(self, self.output, peaks)
         overturned, depth = overturning_depths(peaks, len(values))
         return jnp.where(overturned, (1 + depth) * values, values)
 
     def describe(self) -> str:
-        return self.words
+        unit = unit_of(self.output).strip()
+        return f"worst {words_of(self.output)}" + (f" [{unit}]" if unit else "")
 
 
-class WorstShear(AbstractWorstPeak):
+class WorstShear(WorstPeak):
     """The largest shear of the superstructure over its weight under a motion or a list of them [–]."""
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_shear", "margin")
-    words: ClassVar[str] = "worst peak shear / m_t g"
+    def __init__(self, excitations):
+        super().__init__("peak_shear", excitations)
+
+    def describe(self) -> str:
+        return "worst peak shear / m_t g"
 
 
-class WorstDeformation(AbstractWorstPeak):
+class WorstDeformation(WorstPeak):
     """The largest deformation of the superstructure, of any of its modes, under a motion or a list of them
     [m]."""
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_deformation", "margin")
-    words: ClassVar[str] = "worst peak deformation [m]"
+    def __init__(self, excitations):
+        super().__init__("peak_deformation", excitations)
 
 
-class WorstDrift(AbstractWorstPeak):
+class WorstDrift(WorstPeak):
     """The largest drift of any story of a building under a motion or a list of them [m].
 
     Raises `ValueError` for a podium without stories, when evaluated.
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_drift", "margin")
-    words: ClassVar[str] = "worst peak drift [m]"
+    def __init__(self, excitations):
+        super().__init__("peak_drift", excitations)
 
 
-class WorstFloorAcceleration(AbstractWorstPeak):
+class WorstFloorAcceleration(WorstPeak):
     """The largest absolute horizontal acceleration of any floor of a building under a motion or a list of
     them [m/s²].
 
     Raises `ValueError` for a podium without stories, when evaluated.
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration", "margin")
-    words: ClassVar[str] = "worst peak floor acceleration [m/s²]"
+    def __init__(self, excitations):
+        super().__init__("peak_floor_acceleration", excitations)
 
 
 class OfPodium(AbstractObjective):

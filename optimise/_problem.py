@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from pydantic import Discriminator, Field, Tag, create_model, model_validator
 
 import rockjax as rj
+from rockjax._outputs.registry import REGISTRY
 from rockjax._excitations.pulses import PULSES
 from rockjax._problem import models
 from rockjax._problem.models import key
@@ -25,9 +26,7 @@ from ._failure import FailureProbability
 from ._objectives import (
     AbstractObjective,
     ExpectedLoss,
-    WorstDeformation,
-    WorstDrift,
-    WorstFloorAcceleration,
+    WorstPeak,
     WorstRotation,
     WorstShear,
 )
@@ -38,22 +37,18 @@ from ._targets import (
     OverturningAcceleration,
     OverturningProbability,
     OverturningScale,
-    PeakDeformation,
-    PeakDrift,
-    PeakFloorAcceleration,
+    PeakLimit,
     PeakRotation,
     PeakShear,
 )
 from ._variables import Dimensions, Structure, as_podium, make_variables
 
 EXPECTED_LOSS = "expected-loss"
-WORST: dict[str, type] = {
-    "peak-rotation": WorstRotation,
-    "peak-shear": WorstShear,
-    "peak-deformation": WorstDeformation,
-    "peak-drift": WorstDrift,
-    "peak-floor-acceleration": WorstFloorAcceleration,
-}
+# Outputs that a limit can be set to, by their kind in a problem file.
+PEAKS = {name.replace("_", "-"): name for name, y in REGISTRY.items() if y.until_overturning and y.variables}
+WORST: dict[str, Callable[..., AbstractObjective]] = {
+    kind: functools.partial(WorstPeak, output) for kind, output in PEAKS.items()
+} | {"peak-rotation": WorstRotation, "peak-shear": WorstShear}
 Positive = models.Positive
 _SET, _WIDTH = (
     "Name of a set of motions.",
@@ -107,12 +102,10 @@ TARGET_KEYS: dict[str, tuple[Any, str]] = {
     "name": (str, "Name in reports."),
 }
 # Targets: class, the keys of its first arguments in order, and further keys.
-TARGETS: dict[str, tuple[type[AbstractTarget], str, str]] = {
+TARGETS: dict[str, tuple[Callable[..., AbstractTarget], str, str]] = {
+    **{kind: (functools.partial(PeakLimit, output), "limit motions", "") for kind, output in PEAKS.items()},
     "peak-rotation": (PeakRotation, "limit motions", ""),
     "peak-shear": (PeakShear, "limit motions", ""),
-    "peak-deformation": (PeakDeformation, "limit motions", ""),
-    "peak-drift": (PeakDrift, "limit motions", ""),
-    "peak-floor-acceleration": (PeakFloorAcceleration, "limit motions", ""),
     "no-overturning": (NoOverturning, "motions", ""),
     "overturning-acceleration": (
         OverturningAcceleration,

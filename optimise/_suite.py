@@ -13,7 +13,6 @@ from jaxtyping import Array, Bool, Float
 
 import rockjax as rj
 from rockjax._checks import as_array
-from rockjax._options import PEAKS
 from rockjax._responses.peak import AbstractPeak
 from rockjax.internal import AnyMotions, Module, array_module, single_motions
 
@@ -95,11 +94,11 @@ class Suite(Module):
         """Return the suite with another batch of fresh samples."""
         return Suite((records,), self.order)
 
-    def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[str, ...]) -> rj.Peak:
+    def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...]) -> rj.Peak:
         """Return the peak responses to all motions; NaN where a scene did not finish.
 
         - `podium`: the structure; `options`: of the simulations
-        - `outputs`: names of the requested outputs, as in `rockjax.Options`
+        - `outputs`: the requested outputs, as in `rockjax.Options`
         """
         options = options.replace(outputs=outputs, throw=False)
         peaks = self.map_motions(lambda motion: rj.peak_response(podium, motion, options=options))
@@ -108,10 +107,7 @@ class Suite(Module):
         def mask_unanswered(y):  # of modes and stories along a last axis
             return jnp.where(is_answered[:, None] if y.ndim == 2 else is_answered, y, jnp.nan)
 
-        fields = {name: getattr(peaks, name) for name in (*PEAKS, "margin")}
-        return dataclasses.replace(
-            peaks, **{name: mask_unanswered(y) for name, y in fields.items() if y is not None}
-        )
+        return dataclasses.replace(peaks, values=jax.tree.map(mask_unanswered, peaks.values))
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
         """Return the overturning margins of all motions, on all cores (host, without derivatives)."""

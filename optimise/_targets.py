@@ -16,6 +16,8 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._outputs.base import AbstractOutput
+from rockjax._outputs.registry import REGISTRY
 from rockjax.internal import DEFAULT_WIDTH, Module, concrete, fit_capacities
 
 from ._suite import Margins, Suite
@@ -53,7 +55,7 @@ class AbstractResponses(Module):
     """Base class of items that read peak responses; items with one suite share the simulations."""
 
     suite: eqx.AbstractVar[Suite]
-    outputs: ClassVar[tuple[str, ...]]  # of `rockjax.Options`
+    outputs: ClassVar[Any]  # tuple of outputs as in `rockjax.Options`
     until_overturning: ClassVar[bool] = False  # whether it reads peaks that end at overturning
 
     @abc.abstractmethod
@@ -115,41 +117,76 @@ class PeakRotation(AbstractResponseTarget):
         return f"peak rotation ≤ {self.limit:g} α"
 
 
-class AbstractPeakLimit(AbstractResponseTarget):
-    """Base class of targets on a peak of the superstructure, at most `limit` under every motion.
+class PeakLimit(AbstractResponseTarget):
+    """An output of a scene stays at most `limit` under every motion.
+
+    - `output`: name of one of `rockjax.Options.outputs` with a single answer, such as `"peak_shear"`, or an
+      output of your own
+    - `limit`: > 0, in the unit of the output; `excitations`: a motion or a list of them; `name`: in reports
 
     Every mode, story or floor has its own margin, (limit − peak)/limit. Where the columns overturn, the
     peak until then is no measure: the margin is then at most the overturning margin, which is negative.
+    Raises `ValueError` for other limits and outputs; and, when evaluated, for a podium without the output.
     """
 
+    output: AbstractOutput = eqx.field(static=True)
     limit: Any
     suite: Suite
     name: Name = eqx.field(static=True)
-    words: ClassVar[str]  # the target in words, with {} for the limit
     until_overturning: ClassVar[bool] = True
 
-    def __init__(self, limit, excitations, name: Name = None):
+    def __init__(self, output: str | AbstractOutput, limit, excitations, name: Name = None):
         owner = type(self).__name__
         check_limit(owner, "limit", limit)
-        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
+        self.output, self.limit, self.name = limited_output(owner, output), float(limit), name
+        self.suite = Suite.of(excitations, owner)
+
+    @property
+    def outputs(self) -> tuple[str | AbstractOutput, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return requested(self.output)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        margins = (self.limit - first_output(self, peaks)) / self.limit
+        margins = (self.limit - of_output(self, self.output, peaks)) / self.limit
         overturned, depth = overturning_depths(peaks, len(margins))
         return jnp.where(overturned, jnp.minimum(margins, -depth), margins)
 
     def describe(self) -> str:
-        return self.words.format(f"{self.limit:g}")
+        return f"{words_of(self.output)} ≤ {self.limit:g}{unit_of(self.output)}"
 
 
-def first_output(item: AbstractResponses, peaks: rj.Peak) -> Float[Array, " k"]:
-    """Return the first of the requested outputs, of all motions and all modes, stories or floors, (k,)."""
-    output = item.outputs[0]
-    values = getattr(peaks, output)
+def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
+    """Return an output by its name. Raises `ValueError` for one that is no peak."""
+    found = output if isinstance(output, AbstractOutput) else REGISTRY.get(output)
+    if found is None or not any(y.name == found.name and y.until_overturning for y in found.variables):
+        peaks = [name for name, y in REGISTRY.items() if any(z.until_overturning for z in y.variables)]
+        raise ValueError(
+            f"{owner}: output must be one of {peaks}, or an output of your own; got {output!r}"
+        )
+    return found
+
+
+def requested(output: AbstractOutput) -> tuple[str | AbstractOutput, ...]:
+    """Return the requested outputs with the overturning margin, as in `rockjax.Options`."""
+    return (output.name if REGISTRY.get(output.name) == output else output), "margin"
+
+
+def words_of(output: AbstractOutput) -> str:
+    """Return an output in words, for reports."""
+    return output.name.replace("_", " ")
+
+
+def unit_of(output: AbstractOutput) -> str:
+    """Return the unit of an output, to be written after a number."""
+    return {"1": "", "m s-2": " m/s²", "m s-1": " m/s"}.get(output.unit, f" {output.unit}")
+
+
+def of_output(wanted: AbstractResponses, output: AbstractOutput, peaks: rj.Peak) -> Float[Array, " k"]:
+    """Return an output of all motions and all modes, stories or floors, (k,)."""
+    values = getattr(peaks, output.name)
     if values is None:
         raise ValueError(
-            f"{type(item).__name__}: expected a podium with stories, a rockjax.ShearBuilding as its "
-            f"superstructure; only these have a {output}"
+            f"{type(wanted).__name__}: this podium has no {output.name}; a rockjax.ShearBuilding as its "
+            "superstructure has those of stories and floors"
         )
     return values.ravel()
 
@@ -161,27 +198,30 @@ def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, 
     return each(peaks.overturned), each(depth)
 
 
-class PeakShear(AbstractPeakLimit):
+class PeakShear(PeakLimit):
     """The shear of the superstructure over its weight stays at most `limit`: max|V_s|/(m_t g) ≤ limit.
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: in reports
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_shear", "margin")
-    words: ClassVar[str] = "peak shear ≤ {} m_t g"
+    def __init__(self, limit, excitations, name: Name = None):
+        super().__init__("peak_shear", limit, excitations, name)
+
+    def describe(self) -> str:
+        return f"peak shear ≤ {self.limit:g} m_t g"
 
 
-class PeakDeformation(AbstractPeakLimit):
+class PeakDeformation(PeakLimit):
     """The deformation of the superstructure, of all its modes, stays at most `limit`: max|u_t − u_b| ≤ limit.
 
     - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_deformation", "margin")
-    words: ClassVar[str] = "peak deformation ≤ {} m"
+    def __init__(self, limit, excitations, name: Name = None):
+        super().__init__("peak_deformation", limit, excitations, name)
 
 
-class PeakDrift(AbstractPeakLimit):
+class PeakDrift(PeakLimit):
     """The drifts of all stories of a building stay at most `limit`.
 
     - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
@@ -189,11 +229,11 @@ class PeakDrift(AbstractPeakLimit):
     Raises `ValueError` for a podium without stories, when evaluated.
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_drift", "margin")
-    words: ClassVar[str] = "peak drift ≤ {} m"
+    def __init__(self, limit, excitations, name: Name = None):
+        super().__init__("peak_drift", limit, excitations, name)
 
 
-class PeakFloorAcceleration(AbstractPeakLimit):
+class PeakFloorAcceleration(PeakLimit):
     """The absolute horizontal accelerations of all floors of a building stay at most `limit`.
 
     - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them; `name`: in reports
@@ -201,8 +241,8 @@ class PeakFloorAcceleration(AbstractPeakLimit):
     Raises `ValueError` for a podium without stories, when evaluated.
     """
 
-    outputs: ClassVar[tuple[str, ...]] = ("peak_floor_acceleration", "margin")
-    words: ClassVar[str] = "peak floor acceleration ≤ {} m/s²"
+    def __init__(self, limit, excitations, name: Name = None):
+        super().__init__("peak_floor_acceleration", limit, excitations, name)
 
 
 class NoOverturning(AbstractResponseTarget):

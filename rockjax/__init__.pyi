@@ -31,6 +31,8 @@ from ._motions.record import Record as Record
 from ._motions.records import Records as Records
 from ._motions.synthetic import synthetic_motions as synthetic_motions
 from ._options import Options as Options
+from ._outputs.base import AbstractOutput as AbstractOutput
+from ._outputs.base import Variable as Variable
 from ._responses.history import Energies as Energies
 from ._responses.peak import Peak as Peak
 from ._responses.response import Response as Response

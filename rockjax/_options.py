@@ -10,23 +10,27 @@ import equinox as eqx
 from rockjax._tree import Module
 
 from ._checks import require, texts
+from ._engine.methods import EXPLICIT, solver_of
+from ._outputs.base import AbstractOutput
+from ._outputs.registry import REGISTRY
 from ._text.cards import card
 
 if TYPE_CHECKING:
     import diffrax
 
-# Names of Diffrax classes, because Diffrax is slow to import; the flat engine has its own tableaus.
-METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "Bosh3", "kvaerno5": "Kvaerno5"}
-EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
-OF_STORIES = ("peak_drift", "peak_floor_acceleration")  # of buildings only
-PEAKS = ("peak_rotation", "peak_deformation", "peak_shear", *OF_STORIES)
-OUTPUTS = (*PEAKS, "impacts", "margin", "errors")
+OUTPUTS = tuple(REGISTRY)
+PEAKS = tuple(name for name, output in REGISTRY.items() if output.by_default)
 LEAST_ATOL = 1e-17
 HISTORY = 4096
 
 
-def _names(outputs) -> tuple[str, ...]:
-    return texts("Options", "outputs", outputs)
+def _names(outputs) -> tuple[str | AbstractOutput, ...]:
+    """Return the requested outputs: names of the registry, and outputs of the user's own."""
+    own: list[str | AbstractOutput] = list(texts("Options", "outputs", outputs))
+    for k, y in enumerate(own):
+        if isinstance(y, AbstractOutput) and REGISTRY.get(y.name) == y:
+            own[k] = y.name
+    return tuple(own)
 
 
 class Options(Module):
@@ -49,7 +53,8 @@ class Options(Module):
       `"peak_drift"` and `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"`.
       The scene ends as soon as none of the requested outputs can change; other outputs are not computed
       (NaN). Impacts are counted completely only if `"impacts"` is requested or the columns overturn.
-      `"errors"` estimates the errors of the peaks by a second solution
+      `"errors"` estimates the errors of the peaks by a second solution. An instance of a subclass of
+      [`rockjax.AbstractOutput`][] is an output of your own
     - `history`: steps that a history can hold under `jit`; outside jit it grows automatically
     - `throw`: raise an error if a scene does not finish (out of steps, not finite) and values are concrete
 
@@ -63,7 +68,7 @@ class Options(Module):
     overturn_ratio: float = 1.0
     rest_velocity: float | None = None
     max_steps: int = eqx.field(static=True, default=1_000_000)
-    outputs: tuple[str, ...] = eqx.field(static=True, default=PEAKS, converter=_names)
+    outputs: tuple[str | AbstractOutput, ...] = eqx.field(static=True, default=PEAKS, converter=_names)
     history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
     # Factor on the longest step that the motion allows. It is below 1 in the second solution, which estimates
@@ -84,12 +89,24 @@ class Options(Module):
                 raise ValueError(f"Options: {name} must be a whole number ≥ 1, got {name} = {value!r}")
         if self.engine not in ("flat", "segments"):
             raise ValueError(f"Options: engine must be 'flat' or 'segments', got {self.engine!r}")
-        unknown = [name for name in self.outputs if name not in OUTPUTS]
+        own = [y for y in self.outputs if isinstance(y, AbstractOutput)]
+        unknown = [y for y in self.outputs if y not in own and y not in OUTPUTS]
         if unknown or not self.outputs:
-            raise ValueError(f"Options: outputs must be some of {OUTPUTS}, got {self.outputs!r}")
-        for name in ("margin", "errors"):
-            if name in self.outputs and self.engine != "flat":
-                raise ValueError(f"Options: the output {name!r} needs engine='flat', got {self.engine!r}")
+            raise ValueError(
+                f"Options: outputs must be some of {OUTPUTS}, or instances of a subclass of "
+                f"rockjax.AbstractOutput, got {self.outputs!r}"
+            )
+        for output in own:
+            if output.name in OUTPUTS or not output.name.isidentifier():
+                raise ValueError(
+                    f"Options: an output of your own needs its own name, a Python identifier; got "
+                    f"{output.name!r}"
+                )
+        for output in self.requested:
+            if output.needs_flat and self.engine != "flat":
+                raise ValueError(
+                    f"Options: the output {output.name!r} needs engine='flat', got {self.engine!r}"
+                )
         if "errors" in self.outputs and "peak_rotation" not in self.outputs:
             raise ValueError("Options: the output 'errors' needs 'peak_rotation' beside it")
         if not isinstance(self.method, str) or self.method not in EXPLICIT:
@@ -111,6 +128,11 @@ class Options(Module):
         return card(self, {name: field.description or "" for name, field in Keys.model_fields.items()})
 
     @property
+    def requested(self) -> tuple[AbstractOutput, ...]:
+        """The requested outputs."""
+        return tuple(y if isinstance(y, AbstractOutput) else REGISTRY[y] for y in self.outputs)
+
+    @property
     def solver(self) -> diffrax.AbstractSolver:
         """Diffrax solver of `method`."""
         return solver_of(self.method)
@@ -118,16 +140,3 @@ class Options(Module):
     def replace(self, **changes) -> Options:
         """Return a variant with some fields changed, as `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
-
-
-def solver_of(method: str | diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """Return the Diffrax solver of a method. Raises `ValueError` for unknown names."""
-    import diffrax
-
-    if isinstance(method, diffrax.AbstractSolver):
-        return method
-    if method not in METHODS:
-        raise ValueError(
-            f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {method!r}"
-        )
-    return getattr(diffrax, METHODS[method])()

@@ -7,7 +7,6 @@ rules as the derivatives of a single scene.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -15,14 +14,15 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from rockjax._engine.contact import advance_to_uplift
 from rockjax._engine.derivatives import pushed, which_move
+from rockjax._engine.fast_forward.rest import advance_to_uplift
 from rockjax._engine.flat import runs
 from rockjax._engine.once import once
 from rockjax._engine.scene import plan_for, prepare
-from rockjax._engine.state import MOVING, MOVING_TURNS, LoopState, Plan, Scene, moving
+from rockjax._engine.state import LoopState, Plan, Scene, moving
 from rockjax._engine.step import trial
 from rockjax._options import Options
+from rockjax._outputs.margin import TurningPoints
 from rockjax._responses.sensitivities import moved
 from rockjax._types import Flag
 
@@ -42,7 +42,7 @@ class LaneLayout(NamedTuple):
     def plan(self, leaves, options: Options) -> Plan:
         """Return the choices made before tracing, from the leaves of a chunk."""
         podium = jax.tree.unflatten(self.structure, leaves)[0]
-        return dataclasses.replace(plan_for(podium, options, history=False), turns=self.reach)
+        return plan_for(podium, options, history=False, more=(TurningPoints(),) if self.reach else ())
 
 
 class Slopes(NamedTuple):
@@ -56,7 +56,7 @@ def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
     """Return whether a lane has trials to make. A rigid podium leaves full contact directly, at the next
     exchange."""
     going = runs(lane, options.max_steps)
-    return going if plan.elastic else going & (lane.sigma != 0)
+    return going if plan.follows_contact else going & (lane.sigma != 0)
 
 
 def automaton(plan: Plan, options: Options):
@@ -69,7 +69,7 @@ def automaton(plan: Plan, options: Options):
         return jax.tree.map(lambda new, old: jnp.where(going, new, old), after, lane)
 
     def settle(scene: Scene, lane: LoopState) -> LoopState:
-        if plan.elastic:
+        if plan.follows_contact:
             return lane
         waits = (lane.sigma == 0) & runs(lane, options.max_steps)
         lifted, _ = advance_to_uplift(scene, plan, lane)
@@ -107,7 +107,7 @@ class Chunk(NamedTuple):
         if self.slopes is None:
             return state, None
         beside = lambda rows, differs: jax.vmap(lambda row: start(row, differs))(rows)
-        lane = jax.tree.map(beside, self.slopes.lane, moving(self.lane_differs, self.slopes.lane))
+        lane = jax.tree.map(beside, self.slopes.lane, moving(self.lane_differs))
         return state, Slopes([None if y is None else y[:, :lanes] for y in self.slopes.parts], lane)
 
     def in_lanes(
@@ -173,7 +173,7 @@ def prepared(leaves, layout: LaneLayout, options: Options) -> Chunk:
             scenes, lane = every(factors, *leaves)
             flat = jax.tree.leaves(scenes)
             flat = [y if flag else None for y, flag in zip(flat, moves, strict=True)]
-            return (flat, moving(lane, MOVING_TURNS if layout.reach else MOVING)), (scenes, lane)
+            return (flat, moving(lane)), (scenes, lane)
 
         _, (rows, of_lane), (scenes, lane) = pushed(
             of_factors, (factors,), (jnp.eye(len(names)),), loops=True
@@ -240,7 +240,7 @@ def _own(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chun
     lane, lane_structure = jax.tree.flatten(chunk.lane)
     differs = jax.tree.leaves(chunk.lane_differs)
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.parts, chunk.slopes.lane))
-    differ = chunk.slopes and moving(chunk.lane_differs, chunk.slopes.lane)
+    differ = chunk.slopes and moving(chunk.lane_differs)
     moves = jax.tree.leaves(chunk.slopes and (chunk.slopes.parts, differ))
     keeps = [*(True for _ in chunk.parts), *differs, *(flag is not False for flag in moves)]
     every = [*chunk.parts, *lane, *slopes]

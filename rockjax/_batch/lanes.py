@@ -17,13 +17,13 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._engine.coefficients import present
+from rockjax._engine.fast_forward.samples import past_sample
 from rockjax._engine.flat import closed, runs
-from rockjax._engine.samples import past_sample
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, moving
 from rockjax._options import Options
 from rockjax._programs.program import KeptProgram
-from rockjax._responses.sensitivities import SENSITIVE, slope_name
+from rockjax._responses.sensitivities import slope_name
 from rockjax._types import Flag
 
 from .chunk import Chunk, LaneLayout, automaton, made_ready, makes_trials, prepared
@@ -134,7 +134,7 @@ def _past_samples(plan: Plan, options: Options, onward: Callable[[Lanes], Lanes]
 
 def _followed(lane: LoopState, state: Lanes) -> dict[str, Any]:
     """Return the fields of a lane that have slopes."""
-    return {} if state.slopes is None else moving(lane, state.slopes.lane)
+    return {} if state.slopes is None else moving(lane)
 
 
 def _unlimited(layout: LaneLayout) -> jax.Array | None:
@@ -161,7 +161,10 @@ def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
         return floats, integers
     rows_last = lambda y: jnp.moveaxis(y, 0, -1)
     return floats | {
-        slope_name(name): rows_last(slopes[name]) for name in SENSITIVE if name in slopes
+        slope_name(each.name): rows_last(slopes[each.name])
+        for output in plan.outputs
+        for each in output.variables
+        if each.sensitive and each.name in slopes
     }, integers
 
 

@@ -14,7 +14,6 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from rockjax._engine.coefficients import present
 from rockjax._engine.state import LoopState
 
 SMALL = 0.95  # turning points with this margin or more are left out …
@@ -25,8 +24,8 @@ SCALE = "scale"  # the differentiated parameter, a factor on the motion
 def least_reach(reach: Array, lane: LoopState, slopes: dict[str, Any]) -> Array:
     """Return the reach so far, in ln s, including the turning points of the last trials of lanes; `slopes`
     are the rows of derivatives beside them."""
-    margin, slowing = present(lane.turn)
-    of_margin, of_slowing = (row[0] for row in slopes["turn"])
+    margin, slowing = lane.records[-1]  # of `TurningPoints`
+    of_margin, of_slowing = (row[0] for row in slopes["records"][-1])
     reach = jnp.minimum(reach, _distance(margin, of_margin, margin < SMALL))
     return jnp.minimum(reach, _distance(slowing, of_slowing, margin < NOT_LARGE))
 

@@ -67,10 +67,10 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
     report.write(files.data(), data)
     report.draw(files.picture(), "response", data)
     from rockjax import _results as results
-    from rockjax._responses.peak import VARIABLES
+    from rockjax._responses.peak import all_variables
 
     code = int(results.code_of(history.result))
-    wanted = {name: getattr(history, name) for name in VARIABLES if name != "margin"}
+    wanted = {name: getattr(history, name) for name in all_variables() if name != "margin"}
     report.facts |= {"result": results.NAMES[code], **wanted, "inputs": dict(data.attrs)}
     if code > results.OVERTURNED:
         report.error(f"the scene did not finish. {results.explain(code)}")

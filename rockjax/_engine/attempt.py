@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from rockjax._engine.once import once
 from rockjax._excitations.sampled import AbstractSampled
-from rockjax._types import Flag, Value, Values, Vector
+from rockjax._types import Flag, Value, Vector
 
 from .coefficients import Coefficients, over_inertia, summed
 from .hermite import Quintic, crossing, is_long, quintic, third_at_end
@@ -18,7 +18,7 @@ from .model import acceleration, steady_for
 from .ratio import safe_ratio
 from .runge_kutta import Acceleration, Step
 from .runge_kutta import step as runge_kutta
-from .state import Decision, LoopState, Plan, Scene, Turn
+from .state import Decision, LoopState, Plan, Scene
 
 # Times the resolution of time: the end of the scene and an event this close to it count as simultaneous.
 AT_ONCE = 100
@@ -44,15 +44,6 @@ class Attempt(NamedTuple):
     tiny: Value  # the resolution of time
 
 
-class Largest(NamedTuple):
-    """Largest values of the superstructure over a step; None for outputs that are not requested."""
-
-    deformation: Values | None  # of each mode
-    shear: Value | None
-    drifts: Values | None  # of each story
-    floors: Values | None  # absolute accelerations
-
-
 class StepOutcome(NamedTuple):
     """Outcome of a trial: accepted, shortened or rejected, and the events at its end."""
 
@@ -61,9 +52,7 @@ class StepOutcome(NamedTuple):
     lands: Flag  # ends on an event …
     after: Value  # … this long after its end; also carries the derivative of the time of a breakpoint
     false_uplift: Flag  # a lift that the next step does not confirm: back to full contact
-    peaks: Flag  # |θ| has a maximum at the guard's turning point
-    superstructure: Largest
-    turn: Turn  # that maximum
+    largest: tuple[Any, ...]  # value of each output over the step; None for those without
 
 
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
@@ -92,7 +81,11 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     stop = jnp.where(last, scene.end, edge)
     a0 = field(t, state.x, state.v)
     fresh = (state.sigma != 0) & (state.x[0] == 0)
-    jerk = _jerk(state, field, a0) if plan.impacts or isinstance(scene.excitation, AbstractSampled) else None
+    jerk = (
+        _jerk(state, field, a0)
+        if plan.follows_impacts or isinstance(scene.excitation, AbstractSampled)
+        else None
+    )
     h, reaches = _length(scene, state, constant(a0[0]), jerk, fresh, constant(stop))
     if replayed is not None:
         h, reaches = replayed.h, replayed.reaches

@@ -131,7 +131,7 @@ def _paths(
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
-    if not plan.elastic:
+    if not plan.follows_contact:
         return _through(angle, h, scene.longest)
 
     def jet(t, x, v, a):

@@ -12,48 +12,50 @@ from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.sampled import AbstractSampled
-from rockjax._options import HISTORY, OF_STORIES, OUTPUTS, PEAKS, Options
+from rockjax._options import HISTORY, PEAKS, Options
+from rockjax._outputs.base import AbstractOutput
+from rockjax._outputs.registry import REGISTRY
+from rockjax._outputs.rotation import PeakRotation
+from rockjax._outputs.views import Moment, Start
 from rockjax._results import State
-from rockjax._structures import Podium, ShearBuilding
+from rockjax._structures import Podium
 from rockjax._structures.modes import as_many, joined
 from rockjax._structures.superstructures import Oscillators
 from rockjax._types import Value, Values, Vector
 
-from . import margin
 from .coefficients import Coefficients, Vibration, coefficients, present
-from .model import uplift_demand
-from .samples import passes_samples
-from .state import Energetic, LoopState, Plan, Scene, Turn
+from .fast_forward import allowed
+from .fast_forward.samples import passes_samples
+from .model import acceleration, uplift_demand
+from .state import LoopState, Plan, Scene
 from .tableaus import tableau_for
 from .transitions import contact_mode, restart
 
 
-def plan_for(podium: Podium, options: Options, history: bool) -> Plan:
-    """Return the choices that are made before tracing."""
-    top = podium.superstructure
+def plan_for(podium: Podium, options: Options, history: bool, more: tuple[AbstractOutput, ...] = ()) -> Plan:
+    """Return the choices that are made before tracing.
+
+    - `podium`, `options`: of the scenes
+    - `history`: whether the accepted steps are kept
+    - `more`: outputs that are followed besides those of the options
+    """
     elastic = podium.vibrates
-    stories = top.stories if isinstance(top, ShearBuilding) else 0
     velocities = elastic or bool(podium.restrainers) or options.engine != "flat"
     tab = tableau_for(options.method, velocities)  # pyright: ignore[reportArgumentType]
+    requested = {output.name: output.of(podium) for output in options.requested if output.applies(podium)}
+    rotation = PeakRotation(requested="peak_rotation" in requested)
+    others = [output for name, output in requested.items() if name != "peak_rotation"]
+    outputs = (rotation, *others, *more)
+    # A history keeps every step; a requested method of lower order makes a trial of every sample.
+    short = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
+    names = allowed(outputs, short)
     return Plan(
         elastic=elastic,
-        superstructure=top is not None,
-        rotation="peak_rotation" in options.outputs,
-        deformation=elastic and "peak_deformation" in options.outputs,
-        shear=top is not None and "peak_shear" in options.outputs,
-        impacts="impacts" in options.outputs,
-        margin="margin" in options.outputs,
-        errors="errors" in options.outputs,
-        to_the_end=history,
-        refine=tab.order > 5,
-        skip_bounces=not (elastic or history or {"impacts", "errors"} & set(options.outputs)),
-        # A requested method of lower order makes a trial of every sample.
-        pass_samples=not (elastic or history) and tab.order > 6,
+        outputs=outputs,
+        absent=tuple(output.of(podium) for name, output in REGISTRY.items() if name not in requested),
         tableau=tab,
-        several=top is not None and top.several,
-        stories=stories,
-        drifts=elastic and stories > 0 and "peak_drift" in options.outputs,
-        floors=elastic and stories > 0 and "peak_floor_acceleration" in options.outputs,
+        to_the_end=history,
+        fast_forwards=tuple(name for name in names if name == "rest" or "rest" in names),
     )
 
 
@@ -61,21 +63,20 @@ def as_compiled(podium: Podium, options: Options) -> Options:
     """Return the options with defaults for everything that does not affect the program: the order of outputs,
     outputs that the podium does not have, `history` and `throw`. Equal requests then share one program."""
     numbers, structure = jax.tree.flatten(options)
-    top, elastic = podium.superstructure, podium.vibrates
-    plain = _as_compiled(structure, elastic, top is not None, elastic and isinstance(top, ShearBuilding))
-    return jax.tree.unflatten(plain, numbers)
+    applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
+    return jax.tree.unflatten(_as_compiled(structure, applicable), numbers)
 
 
 @functools.lru_cache(maxsize=256)
-def _as_compiled(structure, elastic: bool, superstructure: bool, stories: bool):
+def _as_compiled(structure, applicable: frozenset[str]):
     """Return the tree structure of the options for `as_compiled`."""
     options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
-    has = {"peak_deformation": elastic, "peak_shear": superstructure} | dict.fromkeys(OF_STORIES, stories)
-    there = lambda names: tuple(name for name in OUTPUTS if name in names and has.get(name, True))
+    own = tuple(y for y in options.outputs if not isinstance(y, str))
+    there = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
     outputs = there(options.outputs) or options.outputs
     if outputs == there(PEAKS):
         outputs = PEAKS
-    return jax.tree.structure(options.replace(outputs=outputs, history=HISTORY, throw=True))
+    return jax.tree.structure(options.replace(outputs=(*outputs, *own), history=HISTORY, throw=True))
 
 
 # The closer solution, which estimates errors, has a lower rest velocity: the speed after this many further
@@ -137,7 +138,7 @@ def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Op
 
 
 def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
-    threshold = None if plan.elastic else c.uplift
+    threshold = None if plan.follows_contact else c.uplift
     if isinstance(excitation, GroundMotion):
         return excitation.lookahead(threshold, present(c.tilt))
     return excitation.lookahead(threshold)
@@ -254,6 +255,13 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
     begins = jnp.where(start >= end, results.END_OF_TIME, results.RUNNING)
     code = jnp.where(toppled, results.OVERTURNED, begins)
     nan, inf = jnp.full_like(t, jnp.nan), jnp.full_like(t, jnp.inf)
+
+    def moment() -> Moment:
+        ground = excitation.piece(piece)(t)
+        return Moment(c, sigma, t, ground, x, v, acceleration(c, sigma, ground, x, v))
+
+    begin = Start(scene, initial, start, moment)
+    records = [output.start(begin) for output in plan.outputs]
     x, v = restart(scene, t, start - t, x, v, sigma, piece)
     state = LoopState(
         t=t,
@@ -265,18 +273,14 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         h=0.05 * scene.longest_excited,
         cut=inf,
         code=jnp.where(sane, code, results.NOT_FINITE).astype(jnp.int32),
-        peak=jnp.minimum(jnp.abs(initial.theta), scene.overturn_angle),
-        peak_time=start,
-        **_no_records(plan, c, t),
-        margin=margin.at_rest(c, scene.overturn_angle, jnp.abs(initial.theta)) if plan.margin else None,
-        turn=Turn(inf, inf) if plan.turns else None,
+        records=tuple(record for record, _ in records),
+        notes=tuple(note for _, note in records),
         uplifted=sigma != 0,
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),
         impacts=jnp.zeros((), jnp.int32),
         slowest=inf,
         slowest_before_peak=inf,
-        energetic=Energetic(jnp.zeros_like(t), jnp.zeros_like(t)) if plan.errors else None,
         steps=jnp.zeros((), jnp.int32),
         rejected=jnp.zeros((), jnp.int32),
         passing=jnp.zeros((), bool) if passes_samples(scene, plan) else None,
@@ -285,15 +289,3 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0
         state = state._replace(code=jnp.where(weightless, results.WEIGHTLESS, state.code).astype(jnp.int32))
     return state
-
-
-def _no_records(plan: Plan, c: Coefficients, t: Value) -> dict[str, Any]:
-    """Return the initial records of the superstructure; None for outputs that are not requested."""
-    zeros = lambda *shape: jnp.zeros(shape, t.dtype)
-    modes = () if c.vibration is None else c.vibration.omega2.shape
-    return {
-        "deformation": zeros(*modes) if plan.deformation else None,
-        "shear": zeros() if plan.shear else None,
-        "drifts": zeros(plan.stories) if plan.drifts else None,
-        "floors": zeros(plan.stories) if plan.floors else None,
-    }

@@ -26,15 +26,14 @@ from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._options import Options
+from rockjax._outputs.views import Moment
 from rockjax._types import Flag, Index, Value, Values, Vector
 
 from .attempt import units
-from .coefficients import present
-from .contact import advance_to_uplift
+from .certificate import certificate
+from .fast_forward.rest import advance_to_uplift
 from .flat import Nodes, blank_nodes, closed, runs
-from .model import acceleration, beam, drift_weights, floor_accelerations, shear, uplift_demand
-from .records import energetic_impacts
-from .settled import certificate
+from .model import acceleration, uplift_demand
 from .state import LoopState, Plan, Scene
 from .transitions import transition
 
@@ -73,7 +72,7 @@ def run_segments(
 
     def body(carry):
         state, nodes = carry
-        if plan.elastic:
+        if plan.follows_contact:
             return _segment(scene, plan, options, state, nodes)
 
         def advance(carry):
@@ -319,41 +318,38 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
     return _Arrival(ended, x, v, after, piece, ground_now, speed, hit, toppled, finite)
 
 
-def _raised_each(raised, quantities, records: Values) -> Values:
-    """Return the updated records of one quantity, or of each quantity in a row, one after another."""
-    if not records.ndim:
-        return raised(quantities, records)
+def _raised(path: _Path, output: Any, record: Values) -> Values:
+    """Return the updated record of an output; numbers of a row are updated one after another."""
+    mode = path.mode
+
+    def quantity(t, x, v):
+        a = mode.rates(t, x, v)
+        return output.quantity(Moment(mode.scene.c, mode.sigma, t, mode.ground_at(t), x, v, a))
+
+    if not record.ndim:
+        return jnp.maximum(record, path.largest(quantity, record)[0])
 
     def of_one(numbered):
         k, record = numbered
-        return raised(lambda t, x, v: quantities(t, x, v)[k], record)
+        largest, _ = path.largest(lambda t, x, v: quantity(t, x, v)[k], record)
+        return jnp.maximum(record, largest)
 
-    return jax.lax.map(of_one, (jnp.arange(records.size), records))
+    return jax.lax.map(of_one, (jnp.arange(record.size), record))
 
 
 def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopState:
     """Return the state after the segment, with its records."""
     mode, scene = path.mode, path.mode.scene
-    c, sigma = scene.c, mode.sigma
+    sigma = mode.sigma
     peak, peak_time = path.largest(lambda t, x, v: sigma * x[0], state.peak)
     peak = jnp.where(end.toppled, scene.overturn_angle, jnp.minimum(peak, scene.overturn_angle))
     peak_time = jnp.where(end.toppled, end.t, peak_time)
     raises = mode.rocking & (peak > state.peak)
-    deformation, force = state.deformation, state.shear
-    bent = lambda x, v: x[1] - beam(c, sigma, x[0], v[0])[0]
-    shaken = lambda quantity: lambda t, x, v: quantity(c, sigma, mode.ground_at(t), x, v, mode.rates(t, x, v))
-    raised = lambda along, record: jnp.maximum(record, path.largest(along, record)[0])
-    drifts, floors = state.drifts, state.floors
-    if plan.deformation:
-        deformation = _raised_each(raised, lambda t, x, v: bent(x, v), present(deformation))
-    if plan.shear:
-        force = raised(shaken(shear), present(force))
-    if plan.drifts:
-        weights = drift_weights(present(present(c.several).floors))
-        of_stories = lambda t, x, v: jnp.sum(weights * bent(x, v)[None, :], axis=-1)
-        drifts = _raised_each(raised, of_stories, present(drifts))
-    if plan.floors:
-        floors = _raised_each(raised, shaken(floor_accelerations), present(floors))
+    records = [jnp.where(raises, peak, state.peak)]
+    notes = [jnp.where(raises, peak_time, state.notes[0])]
+    for output, record, note in list(zip(plan.outputs, state.records, state.notes, strict=True))[1:]:
+        records.append(record if output.follows_impacts else _raised(path, output, record))
+        notes.append(note)
     starts = ~mode.rocking & (end.sigma != 0)
     stats = path.solution.stats
     return state._replace(
@@ -364,19 +360,14 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
         sigma=end.sigma,
         piece=end.piece.astype(state.piece.dtype),
         cut=jnp.full_like(end.t, jnp.inf),
-        peak=jnp.where(raises, peak, state.peak),
-        peak_time=jnp.where(raises, peak_time, state.peak_time),
-        deformation=deformation,
-        shear=force,
-        drifts=drifts,
-        floors=floors,
+        records=tuple(records),
+        notes=tuple(notes),
         uplifted=state.uplifted | starts,
         uplift_time=jnp.where(starts & ~state.uplifted, end.t, state.uplift_time),
         overturn_time=jnp.where(end.toppled, end.t, state.overturn_time),
         impacts=state.impacts + end.hit.astype(jnp.int32),
         slowest=jnp.where(end.hit, jnp.minimum(state.slowest, end.speed), state.slowest),
         slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
-        energetic=energetic_impacts(scene, state.energetic, end.hit, end.speed),
         steps=state.steps + jnp.maximum(stats["num_accepted_steps"], 1).astype(state.steps.dtype),
         rejected=state.rejected + stats["num_rejected_steps"].astype(state.steps.dtype),
     )

@@ -20,11 +20,11 @@ from jaxtyping import Array
 from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
+from rockjax._outputs.views import Ended
 from rockjax._programs.program import KeptProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
-from .coefficients import present
 from .derivatives import differentiable, known, pushed
 from .flat import Nodes, record_decisions, replay, run, run_with_history
 from .scene import as_compiled, plan_for, prepare
@@ -135,27 +135,18 @@ SLOPES = KeptProgram(_solve_with_slopes)
 
 def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the outputs of a finished scene: numbers with derivatives, and integers and flags."""
-    nan = jnp.full_like(state.t, jnp.nan)
-    absent = jnp.zeros_like(state.t)
-    ratio = state.peak / scene.c.alpha
     floats = {
-        "peak_rotation": ratio if plan.rotation else nan,
-        "peak_rotation_time": state.peak_time if plan.rotation else nan,
         "overturn_time": state.overturn_time,
         "uplift_time": state.uplift_time,
-        "peak_deformation": _deformation(plan, state, nan if plan.elastic else absent),
-        "peak_shear": state.shear if plan.shear else (nan if plan.superstructure else absent),
-        "margin": state.margin if plan.margin else nan,
         "smallest_impact_speed": state.slowest_before_peak,
         "end_time": state.t,
     }
-    if plan.stories:
-        floats |= _of_stories(scene, plan, state)
-    if plan.errors:
-        floats["energetic"], floats["last_energetic"] = present(state.energetic)
-        # Excess energy at the overturning angle, over half the inertia.
-        floats["fall"] = jnp.where(state.code == results.OVERTURNED, state.v[0] ** 2, nan)
-        floats["fall_time"] = scene.c.p * state.overturn_time
+    ended = Ended(scene, state.t, state.x, state.v, state.code, state.overturn_time)
+    for output, record, note in zip(plan.outputs, state.records, state.notes, strict=True):
+        floats |= output.answer(ended, record, note)
+    for output in plan.absent:
+        floats |= output.absent(ended)
+    ratio = state.peak / scene.c.alpha
     integers = {
         "exceeded_alpha": ratio >= 1,
         "overturned": state.code == results.OVERTURNED,
@@ -166,27 +157,6 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
         "rejected": state.rejected,
     }
     return floats, integers
-
-
-def _deformation(plan: Plan, state: LoopState, absent: Array) -> Array:
-    """Return the peak deformation: a row for superstructures of several modes, otherwise one number."""
-    found = present(state.deformation) if plan.deformation else absent
-    if not plan.deformation and plan.elastic:
-        found = jnp.broadcast_to(absent, state.x[1].shape)
-    return jnp.atleast_1d(found) if plan.several else found
-
-
-def _of_stories(scene: Scene, plan: Plan, state: LoopState) -> dict[str, Array]:
-    """Return the largest drifts and floor accelerations; a rigid building has no drifts and the beam's
-    acceleration."""
-    nan = jnp.full_like(state.t, jnp.nan)
-    drifts = present(state.drifts) if plan.drifts else nan
-    floors = present(state.floors) if plan.floors else nan
-    if not plan.elastic:
-        drifts = jnp.zeros_like(nan)
-        floors = (present(state.shear) if plan.shear else nan) * scene.c.g
-    found = {"peak_drift": drifts, "peak_floor_acceleration": floors}
-    return {name: jnp.broadcast_to(y, (plan.stories,)) for name, y in found.items()}
 
 
 def _with_nodes(answer, nodes: Nodes | None):

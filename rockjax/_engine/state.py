@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import jax
@@ -11,7 +10,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
-from rockjax._types import Flag, Index, Value, Values, Vector
+from rockjax._types import Flag, Index, Value, Vector
 
 from .coefficients import Coefficients
 from .tableaus import Tableau
@@ -19,41 +18,38 @@ from .tableaus import Tableau
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """Choices that are made before tracing."""
+    """Choices that are made before tracing.
+
+    - `elastic`: the superstructure vibrates
+    - `outputs`: the outputs that are followed, the rotation first; each an `AbstractOutput` of
+      `rockjax._outputs`, which this folder knows only by its methods
+    - `absent`: outputs that are not requested
+    - `tableau`: the Runge–Kutta method
+    - `to_the_end`: a history goes on until t_end or final rest
+    - `fast_forwards`: names of the fast-forwards that may be used
+    """
 
     elastic: bool
-    superstructure: bool
-    rotation: bool
-    deformation: bool
-    shear: bool
-    impacts: bool
-    margin: bool
-    errors: bool
-    to_the_end: bool  # a history goes on until t_end or final rest
-    refine: bool  # the method is of higher order than the Hermite polynomial: land on the peaks
-    skip_bounces: bool  # do not follow bounces that certainly end at rest
-    pass_samples: bool  # pass samples of a record at which no event occurs without a trial
+    outputs: tuple[Any, ...]
+    absent: tuple[Any, ...]
     tableau: Tableau
-    several: bool  # displacements and deformations have an axis of modes
-    stories: int
-    drifts: bool  # of the stories …
-    floors: bool  # … and accelerations of the floors
-    turns: bool = False  # the turning point of each step is kept as well
+    to_the_end: bool
+    fast_forwards: tuple[str, ...]
 
+    @property
+    def refines(self) -> bool:
+        """Whether the method is of higher order than the Hermite polynomial, so that peaks are landed on."""
+        return self.tableau.order > 5
 
-class Turn(NamedTuple):
-    """A turning point |θ| = θ_m within a step; inf if there is none."""
+    @property
+    def follows_contact(self) -> bool:
+        """Whether full contact is followed step by step; a rigid podium goes to its next uplift otherwise."""
+        return "rest" not in self.fast_forwards
 
-    margin: Value  # the overturning margin of that point alone
-    slowing: Value  # its angular deceleration −σθ̈ [rad/s²]
-
-
-class Energetic(NamedTuple):
-    """Sums over impacts by their speed. Each counts y⁸, y = |θ̇⁻|/(pα), so that only impacts count after
-    which columns can overturn; faster ones count 1 + 8(y − 1)."""
-
-    total: Value  # of all so far …
-    last: Value  # … and of the last one
+    @property
+    def follows_impacts(self) -> bool:
+        """Whether every impact counts, however slow."""
+        return any(output.follows_impacts for output in self.outputs)
 
 
 class Scene(NamedTuple):
@@ -93,35 +89,30 @@ class LoopState(NamedTuple):
     h: Value  # the controller's step
     cut: Value  # a shorter step to land on an event, inf if none is needed
     code: Index  # results.RUNNING, or how the scene ended
-    peak: Value  # max|θ| so far
-    peak_time: Value
-    deformation: Values | None  # of each mode; None if not requested
-    shear: Value | None  # None if not requested
-    margin: Value | None  # None if not requested
-    turn: Turn | None  # of the last trial; None if not requested
+    records: tuple[Any, ...]  # of the outputs of the plan; they carry tangents. The first is max|θ|
+    notes: tuple[Any, ...]  # beside them; batches do not follow their tangents
     uplifted: Flag
     uplift_time: Value
     overturn_time: Value
     impacts: Index
     slowest: Value  # least impact speed so far …
-    slowest_before_peak: Value  # … and up to the peak
+    slowest_before_peak: Value  # … and up to the largest rotation
     steps: Index
     rejected: Index
-    drifts: Values | None = None  # of each story, None if not requested
-    floors: Values | None = None  # absolute accelerations of the floors, None if not requested
-    energetic: Energetic | None = None  # None without error estimates
     passing: Flag | None = None  # samples may be passed from here; None where they never are
 
+    @property
+    def peak(self) -> Value:
+        """Largest |θ| so far [rad]."""
+        return self.records[0]
 
-# Fields that carry tangents into the peaks. Modes, times and step lengths are constants for derivatives, and
-# recorded event times and impact speeds affect nothing else.
-MOVING = ("event_time", "x", "v", "peak", "deformation", "shear", "margin", "drifts", "floors", "turn")
 
-
-MOVING_TURNS = ("event_time", "x", "v", "turn")  # fields that carry tangents into the turning points
+# Fields that carry tangents from step to step. Modes, times and step lengths are constants for derivatives,
+# and recorded event times and impact speeds affect nothing else.
+MOVING = ("event_time", "x", "v", "records")
 
 # Other fields that have a tangent after the first step.
-_REPORTED = ("peak_time", "uplift_time", "overturn_time", "slowest", "slowest_before_peak")
+_REPORTED = ("notes", "uplift_time", "overturn_time", "slowest", "slowest_before_peak")
 
 
 @jax.custom_jvp
@@ -154,9 +145,9 @@ def ready_for_tangents(state: LoopState) -> LoopState:
     return state._replace(**_given({name: getattr(state, name) for name in (*MOVING, *_REPORTED)}))
 
 
-def moving(state: LoopState, names: Iterable[str] = MOVING) -> dict[str, Any]:
-    """Return the fields of a state that carry the tangents of its peaks, or the named ones."""
-    return {name: getattr(state, name) for name in names}
+def moving(state: LoopState) -> dict[str, Any]:
+    """Return the fields of a state that carry tangents from step to step."""
+    return {name: getattr(state, name) for name in MOVING}
 
 
 class Decision(NamedTuple):

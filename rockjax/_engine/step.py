@@ -12,13 +12,13 @@ it and back (`restart`), which is exact in forward and reverse mode.
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
 from rockjax._engine.once import once
+from rockjax._outputs.views import Impact, Step, StepEnd
 
 from .attempt import (
     AT_ONCE,
@@ -30,16 +30,14 @@ from .attempt import (
     next_length,
     state_past,
 )
-from .bouncing import skipped_bounces
-from .coefficients import present
-from .contact import advance_to_uplift
+from .certificate import certificate
+from .fast_forward.bounces import skipped_bounces
+from .fast_forward.rest import advance_to_uplift
+from .fast_forward.samples import may_pass, past_all
 from .guard import Guard, watch
-from .maxima import NEAR_RECORD, WELL_INSIDE
+from .maxima import WELL_INSIDE
 from .ratio import safe_ratio
-from .records import energetic_impacts, larger, least_margin, step_peak, superstructure_maxima, turn_at_peak
-from .samples import may_pass, past_all
-from .settled import certificate
-from .state import Decision, LoopState, Plan, Scene, StepInfo, Turn
+from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .transitions import past_breakpoint, restart, transition
 
 NEARLY = 0.95  # of the uplift demand
@@ -56,7 +54,7 @@ def step(
 
     Returns the new state and the record of the step.
     """
-    if plan.elastic:
+    if plan.follows_contact:
         return trial(scene, plan, state, replayed)
     if replayed is None:
         # Under `vmap` both branches are computed anyway, and `cond` would copy the samples of records into
@@ -88,8 +86,8 @@ def trial(
     ground_at = scene.excitation.piece(state.piece)
     tried = attempt(scene, plan, state, ground_at, replayed)
     guard = watch(scene, plan, state, ground_at, tried.h, tried.a0, tried.end, tried.fresh)
-    outcome = _classify(scene, plan, state, ground_at, tried, guard, replayed)
-    advanced, info = _advance(scene, plan, state, tried, guard, outcome, replayed)
+    view, outcome = _classify(scene, plan, state, ground_at, tried, guard, replayed)
+    advanced, info = _advance(scene, plan, state, view, outcome, replayed)
     repeated = _repeat(plan, state, tried, outcome)
     return jax.tree.map(lambda yes, no: jnp.where(outcome.accepted, yes, no), advanced, repeated), info
 
@@ -102,8 +100,8 @@ def _classify(
     trial: Attempt,
     guard: Guard,
     replayed: Decision | None,
-) -> StepOutcome:
-    """Return the outcome of a trial from its error, its guard and its maxima."""
+) -> tuple[Step, StepOutcome]:
+    """Return the step as outputs see it, and its outcome from its error, its guard and its maxima."""
     constant = jax.lax.stop_gradient
     c, h, tiny, rocking = scene.c, trial.h, trial.tiny, state.sigma != 0
     near = jnp.maximum(scene.landing * h, tiny)
@@ -136,21 +134,19 @@ def _classify(
     event = jnp.where(broken & ~false_uplift, jnp.maximum(guard.inside, 0.02), jnp.inf)
 
     # Maxima inside the step are landed on if the polynomial is not accurate enough for them.
-    well_inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
-    peaks = rocking & guard.rising & guard.turned
-    record = guard.top > state.peak * (1 - NEAR_RECORD)
-    turn = Turn(jnp.ones_like(h), jnp.ones_like(h))
-    if plan.margin:
-        turn = turn_at_peak(scene, plan, state, ground_at, trial, guard, peaks)
-        least = present(state.margin)
-        record |= constant(turn.margin) < least + NEAR_RECORD * (1 - least)
-    wanted = plan.refine & peaks & record
+    view = Step(scene, plan.refines, state, ground_at, trial, guard, before, after)
+    found = tuple(
+        output.over_step(view, record) for output, record in zip(plan.outputs, state.records, strict=True)
+    )
     # If the demand turns just below the threshold, the step is shortened to end at that turning point.
+    well_inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
     doubtful = ~rocking & guard.turned & ~guard.breaks_before_turn & (jnp.abs(guard.top) > NEARLY * c.uplift)
-    turning = jnp.where((wanted | doubtful) & well_inside, guard.turn, jnp.inf)
-    maxima = superstructure_maxima(scene, plan, state, ground_at, trial, before, after)
-    turning = jnp.minimum(turning, maxima.cut)
+    turning = jnp.where(doubtful & well_inside, guard.turn, jnp.inf)
+    for each in found:
+        if each is not None:
+            turning = jnp.minimum(turning, jnp.min(each.cut, axis=-1) if each.cut.ndim else each.cut)
     turning = jnp.where(h > tiny, turning, jnp.inf)
+    largest = tuple(None if each is None else each.value for each in found)
     # (A second-order method is too inaccurate for this check just after an uplift, where θ ~ t³.)
     halve = jnp.where(guard.turns_twice & (h > tiny) & (plan.tableau.order > 2), 0.5, jnp.inf)
 
@@ -159,20 +155,20 @@ def _classify(
     lands, false_uplift = lands & accepted, false_uplift & accepted
     if replayed is not None:
         accepted, lands, false_uplift = jnp.ones_like(accepted), replayed.lands, replayed.false_uplift
-    return once(StepOutcome(accepted, cut, lands, after, false_uplift, peaks, maxima.values, turn))
+    return view, once(StepOutcome(accepted, cut, lands, after, false_uplift, largest))
 
 
 def _advance(
     scene: Scene,
     plan: Plan,
     state: LoopState,
-    trial: Attempt,
-    guard: Guard,
+    view: Step,
     outcome: StepOutcome,
     replayed: Decision | None,
 ) -> tuple[LoopState, StepInfo]:
     """Return the state after an accepted step, with the automaton's transitions and the records."""
     constant = jax.lax.stop_gradient
+    trial, guard = view.trial, view.guard
     t, h, sigma, rocking = state.t, trial.h, state.sigma, state.sigma != 0
     accepted, lands, false_uplift = outcome.accepted, outcome.lands, outcome.false_uplift
     hit, toppled, lifted = (
@@ -192,6 +188,7 @@ def _advance(
     piece, stamp, now, delta = once((piece, stamp, now, delta))
     ground = scene.excitation.piece(piece)(stamp)
 
+    at_impact = x, v
     speed = jnp.abs(v[0])
     skipped = skipped_bounces(scene, plan, state, (stamp, piece, ground), hit, speed, replayed)
     x, v, mode = transition(
@@ -201,10 +198,12 @@ def _advance(
     x, v, mode = once((x, v, mode))
     starts = accepted & ~rocking & (mode != 0)
 
-    # The records.
-    highest, highest_time = step_peak(scene, state, trial, guard, outcome, hit, toppled, now)
-    highest, highest_time = once((highest, highest_time))
-    raises = once(accepted & rocking & (highest > state.peak))
+    impact = Impact(scene.c, sigma, now, ground, *at_impact, v, mode)
+    end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact)
+    followed = zip(plan.outputs, state.records, state.notes, outcome.largest, strict=True)
+    updated = [output.update(end, record, note, largest) for output, record, note, largest in followed]
+    records, notes = (tuple(each[k] for each in updated) for k in (0, 1))
+    raises = records[0] > state.peak
     first = starts & ~state.uplifted
     advanced = state._replace(
         t=stamp,
@@ -215,18 +214,14 @@ def _advance(
         piece=piece,
         h=next_length(scene, state, trial, stamp),
         cut=jnp.full_like(h, jnp.inf),
-        peak=jnp.where(raises, highest, state.peak),
-        peak_time=jnp.where(raises, highest_time, state.peak_time),
-        **_records(state, outcome),
-        margin=least_margin(scene, state, outcome, x, v, toppled, stamp) if plan.margin else state.margin,
-        turn=outcome.turn if plan.turns else None,
+        records=records,
+        notes=notes,
         uplifted=state.uplifted | starts,
         uplift_time=jnp.where(first, now, state.uplift_time),
         overturn_time=jnp.where(toppled, now, state.overturn_time),
         impacts=state.impacts + hit.astype(jnp.int32) + skipped.impacts,
         slowest=jnp.where(accepted & hit, jnp.minimum(state.slowest, skipped.slowest), state.slowest),
         slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
-        energetic=energetic_impacts(scene, state.energetic, accepted & hit, speed),
         steps=state.steps + 1,
     )
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
@@ -244,21 +239,14 @@ def _advance(
     return advanced, StepInfo(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
 
 
-def _records(state: LoopState, outcome: StepOutcome) -> dict[str, Any]:
-    """Return the updated records of the superstructure."""
-    found = outcome.superstructure
-    return {
-        name: None if new is None else larger(new, present(getattr(state, name)))
-        for name, new in found._asdict().items()
-    }
-
-
 def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) -> LoopState:
     """Return the state after a rejected step: unchanged, with a shorter step to try."""
     shrunk = trial.h * jnp.where(trial.finite, trial.growth, SHRINK)
     return state._replace(
         h=jnp.where(trial.accurate, state.h, shrunk),
-        turn=Turn(*(jnp.full_like(state.t, jnp.inf) for _ in Turn._fields)) if plan.turns else None,
+        records=tuple(
+            output.after_rejection(record) for output, record in zip(plan.outputs, state.records, strict=True)
+        ),
         cut=jnp.where(trial.accurate, trial.h * outcome.cut, jnp.inf),
         passing=None if state.passing is None else jnp.zeros_like(trial.finite),
         code=jnp.where(~trial.finite & ~(trial.h > trial.tiny), results.NOT_FINITE, state.code),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._options import EXPLICIT, solver_of
+from .methods import EXPLICIT, solver_of
 
 if TYPE_CHECKING:
     import diffrax

@@ -15,7 +15,8 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._checks import float_type
-from rockjax._options import LEAST_ATOL, OF_STORIES, Options
+from rockjax._options import LEAST_ATOL, Options
+from rockjax._outputs.registry import VARIABLES, variables_of
 from rockjax._results import Errors
 
 # The true error is below this times the estimate, except for one scene in a hundred (docs/verification.md).
@@ -84,6 +85,6 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
     )
     sensitive = rotation > xp.maximum(AMPLIFIED * rtol, LARGE) * a["peak_rotation"]
     undecided = unknown | (falls != others["overturned"]) | close | sensitive | _parted(a, b, xp)
-    peaks = apart("peak_deformation"), apart("peak_shear")
-    of_stories = {name: apart(name) for name in OF_STORIES if name in a}
-    return Errors(rotation, *peaks, undecided, **of_stories)
+    known = VARIABLES | variables_of(options.outputs)
+    values = {name: apart(name) for name, (each, _) in known.items() if each.estimated and name in a}
+    return Errors(values, undecided)

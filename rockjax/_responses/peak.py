@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,45 +16,41 @@ from jaxtyping import Array, Bool, Float
 from rockjax import _results as results
 from rockjax._checks import as_array, concrete
 from rockjax._files import CONVENTIONS
-from rockjax._options import OF_STORIES, OUTPUTS, PEAKS, Options
-from rockjax._results import RESULTS, Errors, Stats
+from rockjax._options import OUTPUTS, Options
+from rockjax._outputs.base import AbstractOutput, Variable
+from rockjax._outputs.registry import VARIABLES, variables_of
+from rockjax._results import RESULTS, Errors, Stats, by_name
 from rockjax._text import tables
 from rockjax._tree import Module
 
 from .datasets import describe_versions
-from .sensitivities import SENSITIVE, Sensitivities, slope_name
+from .sensitivities import Sensitivities, slope_name
 
 if TYPE_CHECKING:
     import xarray
 
-# Outputs with an axis of their own, and its name; numbered from 1 at the bottom.
-MODES, STORIES = "vibration_mode", "story"
-OWN_AXES = {"peak_deformation": MODES} | dict.fromkeys(OF_STORIES, STORIES)
-
 # Peaks of a scene that overturned cover the time until overturning; they do not describe the fall.
 UNTIL_OVERTURNING = "until overturning"
 
-# field of `Peak`: (unit, description, output it belongs to)
-VARIABLES = {
-    "peak_rotation": ("1", "peak rotation max|θ|/α", "peak_rotation"),
-    "peak_rotation_time": ("s", "time of the peak rotation", "peak_rotation"),
-    "exceeded_alpha": ("1", "rotation reached α", None),
-    "overturned": ("1", "rotation reached overturn_ratio α", None),
-    "overturn_time": ("s", "time of overturning", None),
-    "uplifted": ("1", "columns left full contact", None),
-    "uplift_time": ("s", "time of the first uplift", None),
-    "impacts": ("1", "impacts until rest, overturning or t_end, NaN where not counted to the end", None),
-    "peak_deformation": ("m", "peak deformation of the superstructure max|u_t − u_b|", "peak_deformation"),
-    "peak_shear": ("1", "peak shear of the superstructure over its weight max|V_s|/(m_t g)", "peak_shear"),
-    "peak_drift": ("m", "peak drift of the stories", "peak_drift"),
-    "peak_floor_acceleration": (
-        "m s-2",
-        "peak absolute horizontal acceleration of the floors",
-        "peak_floor_acceleration",
-    ),
-    "margin": ("1", "overturning margin", "margin"),
-    "smallest_impact_speed": ("rad s-1", "least |θ̇| at an impact before the peak rotation", None),
+# What every scene answers, whatever was requested.
+ALWAYS = {
+    name: (Variable(name, unit, description, until_overturning=False), None)
+    for name, unit, description in (
+        ("exceeded_alpha", "1", "rotation reached α"),
+        ("overturned", "1", "rotation reached overturn_ratio α"),
+        ("overturn_time", "s", "time of overturning"),
+        ("uplifted", "1", "columns left full contact"),
+        ("uplift_time", "s", "time of the first uplift"),
+        ("impacts", "1", "impacts until rest, overturning or t_end, NaN where not counted to the end"),
+        ("smallest_impact_speed", "rad s-1", "least |θ̇| at an impact before the peak rotation"),
+    )
 }
+
+
+def all_variables(outputs: Sequence[str | AbstractOutput] = ()) -> dict[str, tuple[Variable, str | None]]:
+    """Return all answers that a scene can have by name, each with the output that must be requested for it;
+    `outputs` adds those of the user's own."""
+    return {**VARIABLES, **ALWAYS, **variables_of(outputs)}
 
 
 class AbstractPeak(Module):
@@ -80,29 +76,27 @@ class AbstractPeak(Module):
       well, 1 if the columns never lift, 0 on the overturning boundary, negative the faster they fall
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any).
       Derivatives of the motion after an impact grow like its inverse
+    - `values`: the answers of all outputs by name, those of the user's own among them. Each is an attribute
+      too: `peak.peak_shear` is `peak.values["peak_shear"]`
     - `errors`: estimated errors, an [`rockjax.Errors`][], if requested (else None)
     - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
     """
 
-    peak_rotation: Float[Array, "*batch"]
-    peak_rotation_time: Float[Array, "*batch"]
+    values: dict[str, Any]
     exceeded_alpha: Bool[Array, "*batch"]
     overturned: Bool[Array, "*batch"]
     overturn_time: Float[Array, "*batch"]
     uplifted: Bool[Array, "*batch"]
     uplift_time: Float[Array, "*batch"]
     impacts: Float[Array, "*batch"]
-    peak_deformation: Float[Array, "*batch"]
-    peak_shear: Float[Array, "*batch"]
-    margin: Float[Array, "*batch"]
     smallest_impact_speed: Float[Array, "*batch"]
     errors: Errors | None
     result: RESULTS
     stats: Stats
-    peak_drift: Float[Array, "*batch stories"] | None = dataclasses.field(default=None, kw_only=True)
-    peak_floor_acceleration: Float[Array, "*batch stories"] | None = dataclasses.field(
-        default=None, kw_only=True
-    )
+    own_outputs: tuple[AbstractOutput, ...] = eqx.field(static=True, default=(), kw_only=True)
+
+    def __getattr__(self, name: str) -> Any:
+        return by_name(self, name)
 
     def __repr__(self):
         return _text(self)
@@ -128,8 +122,9 @@ class Peak(AbstractPeak):
         and `long_name`."""
         import xarray
 
-        dims = tuple(f"scene_{k}" for k in range(np.ndim(self.peak_rotation)))
-        data = xarray.Dataset(data_variables(self, OUTPUTS, dims), coords=parameter_axis(self.sensitivities))
+        dims = tuple(f"scene_{k}" for k in range(np.ndim(self.stats.steps)))
+        outputs = (*OUTPUTS, *self.own_outputs)
+        data = xarray.Dataset(data_variables(self, outputs, dims), coords=parameter_axis(self.sensitivities))
         data.attrs = {
             "title": "Peak responses",
             "kind": "peaks",
@@ -151,24 +146,16 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
     if throw:
         raise_without_answer(code)
     stats = Stats(steps=integers["steps"], rejected=integers["rejected"], end_time=floats["end_time"])
-    names = (
-        "peak_rotation",
-        "peak_rotation_time",
-        "overturn_time",
-        "uplift_time",
-        "peak_deformation",
-        "peak_shear",
-        "margin",
-        "smallest_impact_speed",
-        *(name for name in OF_STORIES if name in floats),
-    )
-    flags = ("exceeded_alpha", "overturned", "uplifted")
+    held = {name: floats[name] for name in all_variables(options.outputs) if name in floats}
+    always = {name: held.pop(name) for name in ("overturn_time", "uplift_time", "smallest_impact_speed")}
     return {
-        **{name: floats[name] for name in names},
-        **{name: integers[name] for name in flags},
+        "values": held,
+        **always,
+        **{name: integers[name] for name in ("exceeded_alpha", "overturned", "uplifted")},
         "impacts": _impacts(floats, integers, options, history),
         "result": results.named(code),
         "stats": stats,
+        "own_outputs": tuple(y for y in options.outputs if not isinstance(y, str)),
     }
 
 
@@ -210,23 +197,25 @@ def raise_without_answer(code: Array) -> None:
 
 
 def peak_variables(
-    peaks: AbstractPeak, outputs: Sequence[str]
+    peaks: AbstractPeak, outputs: Sequence[str | AbstractOutput]
 ) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
     """Return (name, values, attributes) of the requested scalars of a peak or a batch of them."""
-    for name, (unit, description, output) in VARIABLES.items():
+    requested = {y if isinstance(y, str) else y.name for y in outputs}
+    known = all_variables(outputs)
+    for name, (each, output) in known.items():
         values = getattr(peaks, name)
-        if values is not None and (output is None or output in outputs):
-            yield name, np.asarray(values), {"units": unit, "long_name": description, **_until(name)}
+        if values is not None and (output is None or output in requested):
+            about = {"units": each.unit, "long_name": each.description, **_until(each)}
+            yield name, np.asarray(values), about
     if peaks.errors is not None:
-        for name in PEAKS:
-            unit, description, output = VARIABLES[name]
-            error = getattr(peaks.errors, name)
-            if error is not None and output in outputs:
+        for name, (each, output) in known.items():
+            error = peaks.errors.values.get(name)
+            if error is not None and output in requested:
                 error = np.asarray(error)
                 yield (
                     f"{name}_error",
                     error,
-                    {"units": unit, "long_name": f"estimated error of the {description}"},
+                    {"units": each.unit, "long_name": f"estimated error of the {each.description}"},
                 )
         flags = {"units": "1", "long_name": "the class is open within ten times the estimated error"}
         yield "undecided", np.asarray(peaks.errors.undecided), flags
@@ -243,38 +232,45 @@ def peak_variables(
     )
 
 
-def _until(name: str) -> dict[str, str]:
+def _until(variable: Variable) -> dict[str, str]:
     """Return attributes of a peak that refer to the flag `overturned` beside it."""
-    if name not in PEAKS:
+    if not variable.until_overturning:
         return {}
     return {"ancillary_variables": "overturned", "comment": f"where overturned, {UNTIL_OVERTURNING}"}
 
 
-def data_variables(peaks: Peak, outputs: Sequence[str], dims: tuple[str, ...]) -> dict[str, Any]:
+def data_variables(
+    peaks: Peak, outputs: Sequence[str | AbstractOutput], dims: tuple[str, ...]
+) -> dict[str, Any]:
     """Return the variables of a dataset of peaks, including sensitivities along `parameter` if there are any.
 
     `dims`: of the scenes; empty for variables whose dims are added later.
     """
     scenes = np.ndim(peaks.stats.steps)
     data: dict[str, Any] = {
-        name: ((*dims, *own_axis(name, values.ndim - scenes)), values, attrs)
+        name: ((*dims, *own_axis(name, values.ndim - scenes, outputs)), values, attrs)
         for name, values, attrs in peak_variables(peaks, outputs)
     }
-    for name in SENSITIVE:
-        values = getattr(peaks.sensitivities, name, None)
-        if values is not None and name in outputs:
-            unit, description, _ = VARIABLES[name]
-            about = {"units": unit, "long_name": f"y ∂/∂y of the {description}, for each parameter y"}
-            values = np.asarray(values)
-            own = own_axis(name, values.ndim - scenes - 1)
+    slopes = {} if peaks.sensitivities is None else peaks.sensitivities.values
+    for name, (each, _) in variables_of(outputs).items():
+        if name in slopes:
+            about = {
+                "units": each.unit,
+                "long_name": f"y ∂/∂y of the {each.description}, for each parameter y",
+            }
+            values = np.asarray(slopes[name])
+            own = own_axis(name, values.ndim - scenes - 1, outputs)
             data[slope_name(name)] = (*dims, *own, "parameter"), values, about
     return data
 
 
-def own_axis(name: str, dimensions: int) -> tuple[str, ...]:
+def own_axis(name: str, dimensions: int, outputs: Sequence[str | AbstractOutput] = ()) -> tuple[str, ...]:
     """Return the dim of the modes or stories that an output, or a quantity derived from it, has besides those
     of the scenes."""
-    return (OWN_AXES[name.removesuffix("_error")],) if dimensions else ()
+    if not dimensions:
+        return ()
+    of_answer = name.removesuffix("_error")
+    return (all_variables(outputs)[of_answer][0].axis or f"{of_answer}_component",)
 
 
 def parameter_axis(sensitivities: Sensitivities | None) -> dict[str, Any]:

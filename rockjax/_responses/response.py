@@ -16,6 +16,7 @@ from rockjax._engine.flat import Nodes
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
+from rockjax._outputs.base import MODES, STORIES
 from rockjax._programs.program import nans_allowed
 from rockjax._results import RESULTS, State
 from rockjax._structures import Podium
@@ -23,7 +24,7 @@ from rockjax._structures import Podium
 from . import history
 from .datasets import describe_excitation, describe_options, describe_podium
 from .history import Energies
-from .peak import MODES, STORIES, AbstractPeak, own_axis, peak_variables
+from .peak import AbstractPeak, own_axis, peak_variables
 
 if TYPE_CHECKING:
     import xarray

@@ -16,14 +16,14 @@ from jaxtyping import Array, Float
 from rockjax import _checks
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import PARTS, GroundMotion
-from rockjax._options import PEAKS
+from rockjax._outputs.base import AbstractOutput
+from rockjax._outputs.registry import variables_of
 from rockjax._parameters.sensitivities import check_parameters
 from rockjax._parameters.sensitivities import with_factors as varied
 from rockjax._parameters.table import STRUCTURE
+from rockjax._results import by_name
 from rockjax._structures import Podium
 from rockjax._tree import Module
-
-SENSITIVE = (*PEAKS, "margin")  # outputs that have sensitivities
 
 
 class Sensitivities(Module):
@@ -31,26 +31,26 @@ class Sensitivities(Module):
     constant.
 
     - `parameters`: their names; they are along the last axis of the following arrays
-    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `peak_drift` [m],
-      `peak_floor_acceleration` [m/s²], `margin` [–]: y ∂(…)/∂y, None for those that were not requested or do
-      not exist; zero where a parameter is zero. Axes of modes and stories come before that of the parameters
+    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: y ∂(…)/∂y of the answers
+      of these names, held by `values`; None for those that were not requested or do not exist; zero where a
+      parameter is zero. Axes of modes and stories come before that of the parameters
     """
 
     parameters: tuple[str, ...] = eqx.field(static=True)
-    peak_rotation: Float[Array, "*batch parameters"] | None
-    peak_deformation: Float[Array, "*batch parameters"] | None
-    peak_shear: Float[Array, "*batch parameters"] | None
-    peak_drift: Float[Array, "*batch stories parameters"] | None
-    peak_floor_acceleration: Float[Array, "*batch stories parameters"] | None
-    margin: Float[Array, "*batch parameters"] | None
+    values: dict[str, Any]
+
+    def __getattr__(self, name: str) -> Any:
+        return by_name(self, name)
 
 
-def sensitivities_of(floats, names: tuple[str, ...], outputs: Sequence[str]) -> Sensitivities | None:
+def sensitivities_of(
+    floats, names: tuple[str, ...], outputs: Sequence[str | AbstractOutput]
+) -> Sensitivities | None:
     """Collect the sensitivities of requested peaks from the outputs of lanes; None without parameters."""
     if not names:
         return None
-    wanted = {peak: floats.get(slope_name(peak)) if peak in outputs else None for peak in SENSITIVE}
-    return Sensitivities(names, **wanted)
+    slopes = {name: slope_name(name) for name in variables_of(outputs)}
+    return Sensitivities(names, {name: floats[slope] for name, slope in slopes.items() if slope in floats})
 
 
 def slope_name(answer: str) -> str:

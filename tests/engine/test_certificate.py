@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._engine.certificate import certificate
 from rockjax._engine.energy import energy, potential
 from rockjax._engine.scene import plan_for, prepare
-from rockjax._engine.settled import certificate
 
 ALPHA, R, G = 0.15, 1.5, 9.80665
 P2 = 0.75 * G / R

@@ -17,7 +17,7 @@ import pytest
 from scipy.optimize import brentq
 
 import rockjax as rj
-from rockjax._engine.contact import advance_to_uplift
+from rockjax._engine.fast_forward.rest import advance_to_uplift
 from rockjax._engine.scene import plan_for, prepare
 
 ALPHA, R, GAMMA, ETA = 0.15, 1.5, 10.0, 20.0

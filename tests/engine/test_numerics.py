@@ -11,10 +11,10 @@ import rockjax as rj
 from rockjax._batch.batch import run_batch
 from rockjax._batch.scenes import broadcast
 from rockjax._engine import hermite
+from rockjax._engine.methods import EXPLICIT, solver_of
 from rockjax._engine.runge_kutta import step
 from rockjax._engine.scene import plan_for
 from rockjax._engine.tableaus import nystrom, tableau
-from rockjax._options import EXPLICIT, solver_of
 from rockjax._sincos import cos, sin, sincos
 from tests.scenes import PODIUMS
 

@@ -12,8 +12,8 @@ import pytest
 import rockjax as rj
 from rockjax._batch.batch import run_batch
 from rockjax._batch.scenes import broadcast
+from rockjax._engine.fast_forward.samples import past_all, past_sample
 from rockjax._engine.runge_kutta import step
-from rockjax._engine.samples import past_all, past_sample
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.step import trial
 from rockjax._engine.tableaus import nystrom, tableau

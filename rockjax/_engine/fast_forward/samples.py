@@ -13,24 +13,24 @@ import functools
 import jax
 import jax.numpy as jnp
 
+from rockjax._engine.attempt import over_tolerance
+from rockjax._engine.coefficients import over_inertia, present
+from rockjax._engine.model import acceleration
 from rockjax._engine.once import once
+from rockjax._engine.runge_kutta import Step
+from rockjax._engine.runge_kutta import step as runge_kutta
+from rockjax._engine.state import LoopState, Plan, Scene
+from rockjax._engine.tableaus import nystrom
 from rockjax._excitations.sampled import AbstractSampled
+from rockjax._outputs.views import Sample
 from rockjax._types import Flag, Value, Vector
-
-from .attempt import over_tolerance
-from .coefficients import Coefficients, over_inertia, present
-from .model import acceleration, shear
-from .runge_kutta import Step
-from .runge_kutta import step as runge_kutta
-from .state import LoopState, Plan, Scene
-from .tableaus import nystrom
 
 
 def passes_samples(scene: Scene, plan: Plan) -> bool:
     """Return whether the excitation has samples to pass, and accelerations depend on time and
     rotation only."""
     sampled = isinstance(scene.excitation, AbstractSampled)
-    return plan.pass_samples and sampled and scene.c.restraint is None
+    return "samples" in plan.fast_forwards and sampled and scene.c.restraint is None
 
 
 def may_pass(scene: Scene, mode: Value, t: Value) -> Flag:
@@ -72,8 +72,9 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     goes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
     goes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.pass_below
     goes &= _goes_on(scene, state, a, end, h)
-    if plan.shear:
-        goes &= _shear_stays_under(scene, state, (ground, last), a, end, h)
+    sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (last, end.x, end.v, end.a))
+    for output, record in zip(plan.outputs, state.records, strict=True):
+        goes &= output.over_sample(sample, record)
     goes = once(goes)
     # The field is continuous at a sample: if the sample moves, the state at the stamp does not.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)
@@ -94,47 +95,3 @@ def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> 
     steady = (changes[0] * changes[1] >= 0) | (slowest > h * jnp.maximum(*map(jnp.abs, changes)))
     inside = (angle > 0) & (angle < jax.lax.stop_gradient(scene.overturn_angle))
     return inside & steady & (speeds[0] * speeds[1] > 0)
-
-
-def _shear_stays_under(
-    scene: Scene, state: LoopState, ground: tuple[Value, Value], a: Vector, end: Step, h: Value
-) -> Flag:
-    """Return whether the shear stays below its record up to the next sample.
-
-    If its second derivative is at most C, it lies at most C z(1 − z) h²/2 above the straight line between its
-    ends.
-    """
-    c, sigma = scene.c, state.sigma
-    ends = (ground[0], state.x, state.v, a), (ground[1], *end[:3])
-    first, last = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in ends])
-    record = jax.lax.stop_gradient(present(state.shear))
-    over = jax.lax.stop_gradient(_bend(scene.c, ground, (state.v[0], end.v[0]), (a[0], end.a[0]), h)) / c.g
-    # Either it falls from the first end on, or the most that it can rise stays below the record.
-    falls = (first <= record) & (last + 0.5 * over <= first)
-    return falls | (jnp.maximum(first, last) + 0.125 * over <= record)
-
-
-def _bend(
-    c: Coefficients,
-    ground: tuple[Value, Value],
-    speeds: tuple[Value, Value],
-    changes: tuple[Value, Value],
-    h: Value,
-) -> Value:
-    """Bound h² times the second derivative in time of the beam's absolute acceleration over a sample, Eq.
-    (14).
-
-    - `c`: constants of the podium
-    - `ground`: ü_g at both ends [m/s²]; it is linear in between and does not contribute itself
-    - `speeds`, `changes`: θ̇ [rad/s] and θ̈ [rad/s²] at both ends
-    - `h`: length of the step [s]
-    """
-    speed, change = (jnp.maximum(*map(jnp.abs, pair)) for pair in (speeds, changes))
-    w, wh = h * h * change, h * (speed + h * change)  # θ̈ h² and θ̇ h at most
-    jerk = h * h * jnp.abs(changes[1] - changes[0])  # θ⃛ h³
-    most = jnp.maximum(*map(jnp.abs, ground))
-    # θ⁗ h⁴, Eq. (24): by the rotation itself, and by the change of ü_g while columns turn.
-    by_angle = h * h * (c.gravity + c.ground * most) / c.inertia * (w + wh * wh)
-    by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(ground[1] - ground[0]) * wh
-    turns = c.sin_alpha * (4 * wh * jerk + 3 * w * w + wh**4) + 6 * wh * wh * w
-    return c.two_R * (by_angle + by_ground + turns) / (h * h)

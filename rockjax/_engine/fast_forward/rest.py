@@ -8,14 +8,12 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
-from rockjax._types import Index, Value
-
-from .coefficients import present
-from .model import uplift_demand
-from .ratio import safe_ratio
-from .records import larger
-from .state import Decision, LoopState, Plan, Scene, StepInfo
-from .transitions import restart
+from rockjax._engine.model import uplift_demand
+from rockjax._engine.ratio import safe_ratio
+from rockjax._engine.state import Decision, LoopState, Plan, Scene, StepInfo
+from rockjax._engine.transitions import restart
+from rockjax._outputs.views import Rest
+from rockjax._types import Index
 
 
 @functools.partial(jax.jit, static_argnames="plan")
@@ -54,13 +52,13 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     code = jnp.where(
         lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME)
     )
-    force = state.shear
-    if plan.shear:
-        until = jnp.where(lifts, now, scene.end)
-        # At a jump of the ground acceleration the columns lift before the superstructure responds.
-        digit = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
-        size = _largest_acceleration(scene, state.event_time, until, jnp.where(lifts & jumps, digit, 0.0))
-        force = larger(size / c.g, present(state.shear))
+    until = jnp.where(lifts, now, scene.end)
+    # At a jump of the ground acceleration the columns lift before the superstructure responds.
+    digit = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
+    rest = Rest(scene, state.event_time, until, jnp.where(lifts & jumps, digit, 0.0))
+    records = tuple(
+        output.over_rest(rest, record) for output, record in zip(plan.outputs, state.records, strict=True)
+    )
     lifted = state._replace(
         t=stamp,
         event_time=now,
@@ -68,7 +66,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         v=v,
         sigma=mode,
         piece=piece.astype(jnp.int32),
-        shear=force,
+        records=records,
         code=code.astype(jnp.int32),
         uplifted=state.uplifted | lifts,
         uplift_time=jnp.where(lifts & ~state.uplifted, now, state.uplift_time),
@@ -76,21 +74,3 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     )
     no, yes = jnp.zeros((), bool), jnp.ones((), bool)
     return lifted, StepInfo(yes, jnp.full_like(t, jnp.nan), Decision(jnp.zeros_like(t), no, no, no, mode))
-
-
-def _largest_acceleration(scene: Scene, start: Value, end: Value, short: Value) -> Value:
-    """Return the largest |ü_g| from `start` to `short` before `end`, times that move with the parameters
-    [m/s²].
-
-    The result is 0 after the end of the motion. At an end of the interval, a jump or a kink, the largest
-    value moves with that time; at a smooth maximum, its time does not matter to first order.
-    """
-    constant, excitation = jax.lax.stop_gradient, scene.excitation
-    first, last = constant(start), constant(end) - short
-    stays = (last > first) & (first < constant(excitation.support[1]))
-    time = jnp.clip(constant(scene.lookahead.highest_time(first, last)), first, last)
-    edge = excitation.breakpoint(excitation.before(excitation.locate(time)))
-    moves = jnp.where(constant(edge) == time, edge, time)
-    moves = jnp.where(time == first, start, jnp.where(time == last, end, moves))
-    size = jnp.abs(excitation(time + (moves - constant(moves))))
-    return jnp.where(stays, size, 0.0)

@@ -12,14 +12,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._engine.model import horizontal
 from rockjax._engine.once import once
+from rockjax._engine.state import Decision, LoopState, Plan, Scene
 from rockjax._excitations.base import Shaking
+from rockjax._outputs.views import Bounces
 from rockjax._types import Flag, Index, Value
-
-from . import margin
-from .coefficients import Coefficients, present
-from .model import horizontal
-from .state import Decision, LoopState, Plan, Scene
 
 AHEAD = 2.0  # the ground motion is bounded over this many times the estimated duration of the bounces
 
@@ -56,7 +54,7 @@ def skipped_bounces(
     if replayed is not None:  # a column at rest has no speed, whichever rule put it to rest
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
     to_rest = None
-    if plan.skip_bounces and scene.c.restraint is None:
+    if "bounces" in plan.fast_forwards and scene.c.restraint is None:
         to_rest = _bounces_to_rest(scene, plan, state, now, scene.c.restitution * speed)
     if to_rest is None:
         return Skipped(jnp.zeros_like(hit), jnp.zeros_like(state.impacts), speed)
@@ -99,30 +97,11 @@ def _bounces_to_rest(
     height = speed**2 * c.inertia / jnp.where(least > 0, least, 1.0)  # if half is left there
     # The slope of the sine is at most 1, and that of the cosine at most sin α.
     at_top = least - height * (c.gravity + c.ground * most * c.sin_alpha)
-    rests = (least > 0) & (at_top > 0.5 * least) & (lasts < ahead * at_top * taken) & (height < state.peak)
-    if plan.margin:  # least margin of such a turning point: gravity alone turns the columns back
-        rests &= present(state.margin) <= margin.at_rest(c, scene.overturn_angle, height)
-    if plan.shear:
-        rests &= _beam_at_most(c, most, height, speed) < present(state.shear) * c.g
+    rests = (least > 0) & (at_top > 0.5 * least) & (lasts < ahead * at_top * taken)
+    bounces = Bounces(c, scene.overturn_angle, most, height, speed)
+    for output, record in zip(plan.outputs, state.records, strict=True):
+        rests &= output.over_bounces(bounces, record)
     return rests
-
-
-def _beam_at_most(c: Coefficients, ground: Value, height: Value, speed: Value) -> Value:
-    """Bound the absolute acceleration of the beam over hops up to a height [m/s²].
-
-    - `c`: constants of the podium
-    - `ground`: bound of |ü_g| [m/s²]
-    - `height`: bound of |θ| [rad]
-    - `speed`: bound of |θ̇| [rad/s]
-
-    The bound is the acceleration at uplift, Eqs. (14), (24), plus the contributions of rotation and its rate.
-    """
-    per_moment = c.two_R / c.inertia
-    lifting = per_moment * c.cos_alpha
-    at_foot = lifting * c.gravity * c.sin_alpha + jnp.abs(1 - lifting * c.ground * c.cos_alpha) * ground
-    # The rotation changes ψ, and thereby 2Rθ̈ cos ψ by less than 2R(p² + |θ̈|) θ.
-    turned = 2 * per_moment * (c.gravity + c.ground * ground) * height
-    return at_foot + turned + c.two_R * speed**2
 
 
 def _bounces_from(scene: Scene, speed: Value) -> Index:

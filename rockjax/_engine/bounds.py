@@ -1,0 +1,167 @@
+"""Bounds of everything that can still happen in a scene, from energy."""
+
+from __future__ import annotations
+
+import functools
+from typing import Self
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._excitations.base import Shaking
+from rockjax._excitations.ground import PairLookahead
+from rockjax._types import Flag, Flags, Index, Value, Values
+
+from .coefficients import Coefficients, Vibration, present, summed, weighted
+from .energy import energy, energy_after, potential, vertical_impulse
+from .model import horizontal, restraint_at_most
+from .state import LoopState, Scene
+
+
+def every(flags: Flags) -> Flag:
+    """Return whether a flag holds for all modes or stories."""
+    return jnp.all(flags, axis=-1) if flags.ndim else flags
+
+
+class Bounds:
+    """Bounds from a state on, whatever the rest of the excitation does. All are constants for derivatives.
+
+    - `c`: constants of the podium
+    - `overturn_angle`: α_o [rad]
+    - `well`: |θ| at the top of the potential well, at most the overturning angle with restrainers [rad]
+    - `ground`, `vertical`: bounds of the remaining |ü_g| and |v̈_g| [m/s²]; `vertical` is 0.0 without vertical
+      motion
+    - `energy`: bound of the energy per N m_c, (C19) [m²/s²]
+    - `stays_inside`: the rotation stays inside the well
+    - `rests`: the columns rest for good
+    - `swing`: for each mode, bound of √(u̇_i² + ω_i²u_i²) in full contact; None without modes
+    """
+
+    c: Coefficients
+    overturn_angle: Value
+    well: Value
+    ground: Value
+    vertical: Value | float
+    energy: Value
+    stays_inside: Flag
+    rests: Flag | bool
+    swing: Values | None
+
+    @classmethod
+    def of(
+        cls, scene: Scene, state: LoopState, piece: Index, ground: Value | Shaking, follows_contact: bool
+    ) -> Self:
+        """Return the bounds after a step.
+
+        - `scene`: the prepared scene
+        - `state`: state after a step
+        - `piece`: piece of the excitation that follows
+        - `ground`: ground acceleration on it now, ü_g, or ü_g and v̈_g [m/s²]
+        - `follows_contact`: full contact is followed step by step. A rigid podium goes directly to its next
+          uplift otherwise, and ends there if none follows
+
+        The energy can never exceed `energy_after` again. If in full contact the bounds of the oscillators and
+        of the remaining ground acceleration together stay below Eq. (9), the columns never lift again, and
+        the modes vibrate independently. Vertical motion adds its full impulse while the columns rock, and
+        reduces weights, (C19), (C20).
+        """
+        self = cls()
+        scene, state = jax.lax.stop_gradient((scene, state))
+        c = self.c = scene.c
+        self.overturn_angle = scene.overturn_angle
+        x, v, t, sigma = state.x, state.v, state.t, state.sigma
+        impulse = scene.lookahead.impulse(t, piece)
+        self.ground = scene.lookahead.peak(t, piece, horizontal(ground))
+        now = energy(c, sigma, x, v)
+        most = energy_after(c, now, impulse)
+        one = jnp.ones_like(t)
+        # Restrainers move the top of the well; the overturning angle may be smaller.
+        self.well = c.alpha if c.restraint is None else jnp.minimum(c.restraint.well, scene.overturn_angle)
+        self.vertical = 0.0
+        if isinstance(scene.lookahead, PairLookahead):
+            self.vertical = scene.lookahead.vertical_peak(t, piece)
+            counts = vertical_impulse(c, self._steepest)
+            most = energy_after(c, now, impulse + counts * scene.lookahead.vertical_impulse(t, piece))
+        self.energy = most
+        self.stays_inside = (jnp.abs(x[0]) <= self.well) & (most < potential(c, one, self.well))
+        self.rests, self.swing = False, None
+        if not follows_contact:
+            return self
+        demand = self.ground
+        if c.vibration is not None:
+            # √(u̇² + ω²u²) grows by ∫|ü_g| dt at most.
+            each = c.vibration
+            self.swing = jnp.sqrt(v[1] ** 2 + each.omega2 * x[1] ** 2) + impulse
+            demand = demand + weighted(each.demand, jnp.sqrt(each.omega2 + each.damping**2) * self.swing)
+        if not isinstance(self.vertical, float):
+            demand = demand + present(c.tilt) * self.vertical
+        self.rests = (sigma == 0) & (demand < c.uplift)
+        return self
+
+    def _either(self, at_rest: Values, rocking: Values) -> Values:
+        """Return one of two bounds: that of columns that rest for good, or of others."""
+        return rocking if isinstance(self.rests, bool) else jnp.where(self.rests, at_rest, rocking)
+
+    def of_sum(self, weights: Values, beam: Value | float = 0.0) -> Value:
+        """Bound Σ w_i y_i for |y_i| ≤ √(u̇_i² + ω_i²d_i²); `beam` adds to Σ w_i²/η_i while the columns
+        rock."""
+        rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _some(self.c.etas)) + beam))
+        return self._either(weighted(jnp.abs(weights), present(self.swing)), rocking)
+
+    def deformations(self) -> Values:
+        """Bound the deformation of each mode [m]."""
+        omega2 = present(self.c.vibration).omega2
+        rocking = jnp.sqrt(2 * self.energy / (_some(self.c.etas) * omega2))
+        return self._either(present(self.swing) / jnp.sqrt(omega2), rocking)
+
+    def springs(self, weights: Values) -> Value:
+        """Bound Σ w_i F_i [m/s²], by Cauchy–Schwarz; at rest u̇_b = 0."""
+        each: Vibration = present(self.c.vibration)
+        beam = weighted(weights, each.damping) ** 2 * self.c.two_R**2 / self.c.spin
+        return self.of_sum(weights * jnp.sqrt(each.omega2 + each.damping**2), beam)
+
+    @functools.cached_property
+    def beam(self) -> Value:
+        """Bound of the beam's absolute acceleration |a_b| [m/s²]."""
+        springs = None if self.c.vibration is None else self.springs(self.c.etas)
+        rocking = self.c.two_R * self._angular_at_most(springs)
+        return self.ground + self._either(jnp.zeros_like(rocking), rocking)
+
+    def force(self) -> Value:
+        """Bound the shear of a superstructure of one mode or none over its mass [m/s²]."""
+        return self.beam if self.c.vibration is None else self.springs(jnp.ones_like(self.c.eta))
+
+    def carried(self, weights: Values) -> Value:
+        """Bound forces of springs and of the mass that moves with the beam, Σ w_i F_i + (Σ w_i − 1) a_b
+        [m/s²]."""
+        found = self.springs(weights)
+        if present(self.c.several).residual is None:
+            return found
+        return found + jnp.abs(1 - summed(weights)) * self.beam
+
+    @property
+    def _steepest(self) -> Value:
+        """Largest |sin ψ| up to the top of the well."""
+        c = self.c
+        return c.sin_alpha if c.restraint is None else jnp.maximum(c.sin_alpha, jnp.sin(self.well - c.alpha))
+
+    def _angular_at_most(self, springs: Value | None) -> Value:
+        """Bound |θ̈| + θ̇²|sin ψ| inside the well, (C20) [rad/s²].
+
+        `springs`: bound of Σ η_iF_i [m/s²]; None without springs. With it |ü_b| ≤ 2R(|θ̈| + θ̇²|sin ψ|), Eq.
+        (14), and |sin ψ| ≤ sin α there. (C20) omits the sine.
+        """
+        c, most, steepest = self.c, self.energy, self._steepest
+        weight = c.gravity if isinstance(self.vertical, float) else c.gravity * (1 + self.vertical / c.g)
+        angular = (weight * steepest + c.ground * self.ground) / c.inertia + steepest * 2 * most / c.spin
+        if c.restraint is not None:
+            speed = jnp.sqrt(2 * most / c.spin)
+            angular += restraint_at_most(c, c.restraint, self.well, speed) / c.inertia
+        if springs is not None:
+            angular += (0.5 * c.centrifugal * 2 * most / c.spin + 3 * springs / c.two_R) / c.inertia
+        return angular
+
+
+def _some(mass: Values) -> Values:
+    """Return a positive mass to divide by."""
+    return jnp.maximum(mass, jnp.finfo(mass.dtype).tiny)

@@ -1,0 +1,25 @@
+"""The certificate: when energy proves that no requested output can change any more."""
+
+from __future__ import annotations
+
+from rockjax._excitations.base import Shaking
+from rockjax._types import Flag, Index, Value
+
+from .bounds import Bounds
+from .state import LoopState, Plan, Scene
+
+
+def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value | Shaking) -> Flag:
+    """Return whether all requested outputs are final, whatever the rest of the excitation does: the columns
+    stay inside the well, or rest for good, and every output says of its record that it stands.
+
+    - `scene`, `plan`: the prepared scene and its static choices
+    - `state`: state after a step
+    - `piece`: piece of the excitation that follows
+    - `ground`: ground acceleration on it now, ü_g, or ü_g and v̈_g [m/s²]
+    """
+    bounds = Bounds.of(scene, state, piece, ground, plan.follows_contact)
+    final = bounds.stays_inside | bounds.rests
+    for output, record in zip(plan.outputs, state.records, strict=True):
+        final &= output.is_final(bounds, record)
+    return final

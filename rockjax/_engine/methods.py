@@ -1,0 +1,25 @@
+"""Names of integration methods, and Diffrax's solvers behind them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import diffrax
+
+# Names of Diffrax classes, because Diffrax is slow to import; the flat engine has its own tableaus.
+METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "Bosh3", "kvaerno5": "Kvaerno5"}
+EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
+
+
+def solver_of(method: str | diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+    """Return the Diffrax solver of a method. Raises `ValueError` for unknown names."""
+    import diffrax
+
+    if isinstance(method, diffrax.AbstractSolver):
+        return method
+    if method not in METHODS:
+        raise ValueError(
+            f"Options: method must be one of {sorted(METHODS)} or a Diffrax solver, got {method!r}"
+        )
+    return getattr(diffrax, METHODS[method])()

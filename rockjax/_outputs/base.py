@@ -1,0 +1,162 @@
+"""What an output is: its name and units, and how its record follows a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds
+from rockjax._engine.maxima import Maximum
+from rockjax._structures import Podium
+from rockjax._types import Flag, Values
+
+from .views import Bounces, Ended, Impact, Moment, Rest, Sample, Start, Step, StepEnd
+
+MODES, STORIES = "vibration_mode", "story"  # axes of outputs, numbered from 1 at the bottom
+
+
+class Variable(NamedTuple):
+    """One answer of an output, for datasets, pictures and tables.
+
+    - `name`, `unit`, `description`, `symbol`: of the answer
+    - `axis`: None for one number, or `MODES`, `STORIES`
+    - `sensitive`: whether batches give its derivatives
+    - `estimated`: whether the estimate of errors covers it
+    - `until_overturning`: whether it covers a scene that overturned only until then
+    """
+
+    name: str
+    unit: str
+    description: str
+    symbol: str = ""
+    axis: str | None = None
+    sensitive: bool = True
+    estimated: bool = True
+    until_overturning: bool = True
+
+
+def larger(new: Values, record: Values) -> Values:
+    """Return the larger of two values with the derivative of one of them. `maximum` would average both
+    derivatives at ties."""
+    return jnp.where(new > record, new, record)
+
+
+@dataclasses.dataclass(frozen=True)
+class AbstractOutput:
+    """An output of a scene. Subclass it, set the class attributes, and write `quantity`:
+
+        class PeakBeamSpeed(rockjax.AbstractOutput):
+            name, unit, description = "peak_beam_speed", "m s-1", "peak speed of the beam"
+
+            def quantity(self, moment):
+                return 2 * moment.c.two_R / 2 * moment.v[0]
+
+    and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
+    value of the quantity over the scene, with its derivatives. That is all that is needed. The other methods
+    make an output of another form (`over_step`, `at_impact`, `update`, `answer`), or a faster one: no part of
+    a scene is passed over for which `over_rest`, `over_sample` or `over_bounces` of a requested output is not
+    written, and the scene goes on until `t_end` unless `is_final` says that the record stands.
+
+    - `name`: of the request and of the answer
+    - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: of the answer,
+      as in [`rockjax.Variable`][]; an output with several answers lists them in `variables`
+    - `by_default`: whether it is requested by default
+    - `needs_flat`: whether only the flat engine has it
+    - `follows_impacts`: whether every impact counts, however slow
+    """
+
+    name: ClassVar[str]
+    unit: ClassVar[str] = "1"
+    description: ClassVar[str] = ""
+    symbol: ClassVar[str] = ""
+    axis: ClassVar[str | None] = None
+    by_default: ClassVar[bool] = False
+    needs_flat: ClassVar[bool] = False
+    sensitive: ClassVar[bool] = True
+    estimated: ClassVar[bool] = True
+    until_overturning: ClassVar[bool] = True
+    follows_impacts: ClassVar[bool] = False
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """The answers."""
+        fields = "unit", "description", "symbol", "axis", "sensitive", "estimated", "until_overturning"
+        return (Variable(self.name, *(getattr(self, name) for name in fields)),)
+
+    def applies(self, podium: Podium) -> bool:
+        """Return whether a podium has this output."""
+        del podium
+        return True
+
+    def of(self, podium: Podium) -> AbstractOutput:
+        """Return the output for a podium, with what is decided before tracing."""
+        del podium
+        return self
+
+    # ------------------------------------------------------------------------------------- following a scene
+    def quantity(self, moment: Moment) -> Values:
+        """Return the quantity at a moment: one number, or a row of them."""
+        raise NotImplementedError(f"the output {self.name!r} has no `quantity`")
+
+    def start(self, start: Start) -> tuple[Any, Any]:
+        """Return the record at the start of a scene, whose derivatives are followed, and a note beside it,
+        whose derivatives batches do not follow; None for none."""
+        shape = jax.eval_shape(lambda: self.quantity(start.moment()))
+        return jnp.zeros(shape.shape, shape.dtype), None
+
+    def over_step(self, step: Step, record: Any) -> Maximum | None:
+        """Return the largest value over a step, and where to shorten the step to land on it; None if there is
+        nothing to look at inside steps."""
+        return step.largest(step.course(self.quantity), record)
+
+    def at_impact(self, impact: Impact) -> Values | None:
+        """Return the value of a quantity that exists at impacts only; None for others."""
+        del impact
+        return None
+
+    def update(self, end: StepEnd, record: Any, note: Any, largest: Values | None) -> tuple[Any, Any]:
+        """Return the record and the note after an accepted step, with the largest value over it."""
+        if largest is not None:
+            record = larger(largest, record)
+        value = self.at_impact(end.impact)
+        if value is not None:
+            record = jnp.where(end.hit & (value > record), value, record)
+        return record, note
+
+    def after_rejection(self, record: Any) -> Any:
+        """Return the record after a rejected step."""
+        return record
+
+    def answer(self, ended: Ended, record: Any, note: Any) -> dict[str, Any]:
+        """Return the answers by name."""
+        del ended, note
+        return {self.name: record}
+
+    def absent(self, ended: Ended) -> dict[str, Any]:
+        """Return the answers where the output was not requested: NaN."""
+        return {self.name: jnp.full_like(ended.t, jnp.nan)}
+
+    # --------------------------------------------------------- what allows to pass over parts of a scene
+    def over_rest(self, rest: Rest, record: Any) -> Any:
+        """Return the record after full contact of a rigid podium."""
+        raise NotImplementedError
+
+    def over_sample(self, sample: Sample, record: Any) -> Flag | bool:
+        """Return whether the record stands over a sample of a record that is passed without a trial."""
+        raise NotImplementedError
+
+    def over_bounces(self, bounces: Bounces, record: Any) -> Flag | bool:
+        """Return whether the record stands over bounces that are not followed."""
+        raise NotImplementedError
+
+    def is_final(self, bounds: Bounds, record: Any) -> Flag | bool:
+        """Return whether the record stands, whatever follows within the bounds."""
+        del bounds, record
+        return False
+
+    def passes(self, method: str) -> bool:
+        """Return whether one of `over_rest`, `over_sample`, `over_bounces` is written."""
+        return getattr(type(self), method) is not getattr(AbstractOutput, method)

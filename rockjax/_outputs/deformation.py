@@ -1,0 +1,63 @@
+"""The largest deformation of each mode of the superstructure."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.maxima import WELL_INSIDE_QUINTIC, Maximum
+from rockjax._engine.model import beam
+from rockjax._structures import Podium
+from rockjax._types import Flag, Values
+
+from .base import MODES, AbstractOutput
+from .views import Ended, Moment, Start, Step
+
+
+@dataclasses.dataclass(frozen=True)
+class PeakDeformation(AbstractOutput):
+    """The peak deformation max|u_t − u_b| of the superstructure [m]; for each mode if there are several."""
+
+    name = "peak_deformation"
+    unit = "m"
+    description = "peak deformation of the superstructure max|u_t − u_b|"
+    symbol = "|u_t − u_b|"
+    by_default = True
+    axis = MODES
+
+    elastic: bool = True
+    in_row: bool = False  # an axis of modes
+
+    def applies(self, podium: Podium) -> bool:
+        return podium.vibrates
+
+    def of(self, podium: Podium) -> PeakDeformation:
+        top = podium.superstructure
+        return PeakDeformation(podium.vibrates, top is not None and top.several)
+
+    def quantity(self, moment: Moment) -> Values:
+        return moment.x[1] - beam(moment.c, moment.sigma, moment.x[0], moment.v[0])[0]
+
+    def start(self, start: Start) -> tuple[Values, None]:
+        modes = start.scene.c.vibration
+        return jnp.zeros(() if modes is None else modes.omega2.shape, start.t.dtype), None
+
+    def over_step(self, step: Step, record: Values) -> Maximum:
+        # A maximum need not be landed on if the polynomial is as accurate as the step.
+        return step.largest(step.deformations, record, WELL_INSIDE_QUINTIC, lands=step.refines)
+
+    def is_final(self, bounds: Bounds, record: Values) -> Flag:
+        return every(bounds.deformations() < record)
+
+    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
+        return {self.name: jnp.atleast_1d(record) if self.in_row else record}
+
+    def absent(self, ended: Ended) -> dict[str, Any]:
+        if not self.elastic:
+            found = jnp.zeros_like(ended.t)
+        else:
+            found = jnp.broadcast_to(jnp.full_like(ended.t, jnp.nan), ended.x[1].shape)
+        return {self.name: jnp.atleast_1d(found) if self.in_row else found}

@@ -1,0 +1,84 @@
+"""The largest absolute horizontal acceleration of each floor of a building."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.coefficients import present
+from rockjax._engine.maxima import Maximum
+from rockjax._engine.model import beam_absolute, floor_accelerations
+from rockjax._structures import Podium
+from rockjax._types import Flag, Values
+
+from .base import STORIES, AbstractOutput
+from .drift import stories_of
+from .shear import PeakShear
+from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
+
+
+@dataclasses.dataclass(frozen=True)
+class PeakFloorAcceleration(AbstractOutput):
+    """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
+    building move with the beam, as its shear does."""
+
+    name = "peak_floor_acceleration"
+    unit = "m s-2"
+    description = "peak absolute horizontal acceleration of the floors"
+    symbol = "|ü_j + ü_g|"
+    by_default = True
+    axis = STORIES
+
+    stories: int = 0
+    elastic: bool = True
+
+    def applies(self, podium: Podium) -> bool:
+        return stories_of(podium) > 0
+
+    def of(self, podium: Podium) -> PeakFloorAcceleration:
+        return PeakFloorAcceleration(stories_of(podium), podium.vibrates)
+
+    def quantity(self, moment: Moment) -> Values:
+        view = moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a
+        return floor_accelerations(*view) if self.elastic else beam_absolute(*view) / moment.c.g
+
+    def start(self, start: Start) -> tuple[Values, None]:
+        return jnp.zeros(self.stories if self.elastic else (), start.t.dtype), None
+
+    def over_step(self, step: Step, record: Values) -> Maximum:
+        if not self.elastic:
+            return _BASE.over_step(step, record)
+        carried = step.carrier()
+        floors = jax.vmap(carried)(present(present(step.c.several).floors))
+        return step.largest(floors, record, step.inside_of_forces)
+
+    def over_rest(self, rest: Rest, record: Values) -> Values:
+        return _BASE.over_rest(rest, record)
+
+    def over_sample(self, sample: Sample, record: Values) -> Flag:
+        return _BASE.over_sample(sample, record)
+
+    def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
+        return _BASE.over_bounces(bounces, record)
+
+    def is_final(self, bounds: Bounds, record: Values) -> Flag:
+        if not self.elastic:
+            return _BASE.is_final(bounds, record)
+        return every(jax.vmap(bounds.carried)(present(present(bounds.c.several).floors)) < record)
+
+    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
+        if not self.elastic:
+            record = jnp.broadcast_to(record * ended.scene.c.g, (self.stories,))
+        return {self.name: record}
+
+    def absent(self, ended: Ended) -> dict[str, Any]:
+        if not self.stories:
+            return {}
+        return {self.name: jnp.broadcast_to(jnp.full_like(ended.t, jnp.nan), (self.stories,))}
+
+
+_BASE = PeakShear()  # of a rigid building: the beam's acceleration over g

@@ -1,0 +1,115 @@
+"""The overturning margin of a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._engine import margin
+from rockjax._engine.bounds import Bounds
+from rockjax._engine.energy import potential
+from rockjax._engine.maxima import NEAR_RECORD, WELL_INSIDE, Maximum
+from rockjax._types import Flag, Value
+
+from .base import AbstractOutput, Variable
+from .views import Bounces, Rest, Sample, Start, Step, StepEnd, Turn
+
+
+@dataclasses.dataclass(frozen=True)
+class Margin(AbstractOutput):
+    """The overturning margin: least of all turning points, negative for a scene that overturned."""
+
+    name = "margin"
+    unit = "1"
+    description = "overturning margin"
+    symbol = "M"
+    estimated = False
+    until_overturning = False
+    needs_flat = True
+
+    def start(self, start: Start) -> tuple[Value, None]:
+        scene = start.scene
+        return margin.at_rest(scene.c, scene.overturn_angle, jnp.abs(start.initial.theta)), None
+
+    def over_step(self, step: Step, record: Value) -> Maximum:
+        guard, value = step.guard, step.turn.margin
+        inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
+        near = jax.lax.stop_gradient(value) < record + NEAR_RECORD * (1 - record)
+        lands = step.refines & step.has_peak & near & inside
+        return Maximum(value, jnp.where(lands, guard.turn, jnp.inf))
+
+    def update(self, end: StepEnd, record: Value, note: None, largest: Value | None) -> tuple[Value, None]:
+        del largest
+        step, (x, v) = end.step, (end.x, end.v)
+        scene, turn = step.scene, step.turn
+        least = jnp.where(step.has_peak & (turn.margin < record), turn.margin, record)
+        # At the end of the scene a column on its way up has the margin of its present rotation.
+        rises = (end.stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
+        here = margin.at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
+        least = jnp.where(rises & (here < least), here, least)
+        return jnp.where(end.toppled, margin.at_fall(scene.c, scene.overturn_angle, v[0]), least), note
+
+    def over_rest(self, rest: Rest, record: Value) -> Value:
+        del rest
+        return record
+
+    def over_sample(self, sample: Sample, record: Value) -> bool:
+        """The rotation is monotone over the sample: its turning point is in another trial."""
+        del sample, record
+        return True
+
+    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
+        """Gravity alone turns the columns back."""
+        return record <= margin.at_rest(bounces.c, bounces.overturn_angle, bounces.height)
+
+    def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
+        top = potential(bounds.c, jnp.ones_like(record), bounds.overturn_angle)
+        return bounds.rests | (bounds.energy < (1 - record) * top)
+
+
+@dataclasses.dataclass(frozen=True)
+class TurningPoints(AbstractOutput):
+    """The turning point of the last trial, from which the distance to the overturning boundary is estimated.
+    It is no answer of a scene."""
+
+    name = "turning_points"
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        return ()
+
+    def start(self, start: Start):
+        inf = jnp.full_like(start.t, jnp.inf)
+        return Turn(inf, inf), None
+
+    def over_step(self, step: Step, record):
+        del step, record
+
+    def update(self, end: StepEnd, record, note, largest):
+        del record, largest
+        return end.step.turn, note
+
+    def after_rejection(self, record):
+        return jax.tree.map(lambda y: jnp.full_like(y, jnp.inf), record)
+
+    def over_rest(self, rest: Rest, record):
+        del rest
+        return record
+
+    def over_sample(self, sample: Sample, record):
+        del sample, record
+        return True
+
+    def over_bounces(self, bounces: Bounces, record):
+        del bounces, record
+        return True
+
+    def is_final(self, bounds: Bounds, record):
+        del bounds, record
+        return True
+
+    def answer(self, ended, record, note):
+        del ended, record, note
+        return {}

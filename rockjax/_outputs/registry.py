@@ -1,0 +1,37 @@
+"""The list of outputs. An output is one module of this folder and one line here."""
+
+from __future__ import annotations
+
+from .base import AbstractOutput, Variable
+from .deformation import PeakDeformation
+from .drift import PeakDrift
+from .floor_acceleration import PeakFloorAcceleration
+from .impacts import EnergeticImpacts, Impacts
+from .margin import Margin
+from .rotation import PeakRotation
+from .shear import PeakShear
+
+REGISTRY: dict[str, AbstractOutput] = {
+    output.name: output
+    for output in (
+        PeakRotation(),
+        PeakDeformation(),
+        PeakShear(),
+        PeakDrift(),
+        PeakFloorAcceleration(),
+        Impacts(),
+        Margin(),
+        EnergeticImpacts(),
+    )
+}
+
+# The answers by name, each with its output's name.
+VARIABLES: dict[str, tuple[Variable, str]] = {
+    each.name: (each, name) for name, output in REGISTRY.items() for each in output.variables
+}
+
+
+def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
+    """Return the answers of outputs by name: names of the registry, and outputs of the user's own."""
+    listed = [REGISTRY[y] if isinstance(y, str) else y for y in outputs]
+    return {each.name: (each, output.name) for output in listed for each in output.variables}

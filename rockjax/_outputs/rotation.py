@@ -1,0 +1,99 @@
+"""The largest rotation. It is followed in every scene, since other outputs and short cuts compare with it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds
+from rockjax._engine.energy import potential
+from rockjax._engine.maxima import NEAR_RECORD, WELL_INSIDE, Maximum
+from rockjax._engine.once import once
+from rockjax._types import Flag, Value
+
+from .base import AbstractOutput, Variable
+from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step, StepEnd
+
+
+@dataclasses.dataclass(frozen=True)
+class PeakRotation(AbstractOutput):
+    """The peak rotation max|θ|/α and its time."""
+
+    name = "peak_rotation"
+    unit = "1"
+    description = "peak rotation max|θ|/α"
+    symbol = "θ/α"
+    by_default = True
+
+    requested: bool = True
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        time = Variable(
+            "peak_rotation_time", "s", "time of the peak rotation", sensitive=False, estimated=False
+        )
+        return *super().variables, time._replace(until_overturning=False)
+
+    def quantity(self, moment: Moment) -> Value:
+        return moment.x[0] / moment.c.alpha
+
+    def start(self, start: Start) -> tuple[Value, Value]:
+        return jnp.minimum(jnp.abs(start.initial.theta), start.scene.overturn_angle), start.t
+
+    def over_step(self, step: Step, record: Value) -> Maximum:
+        guard = step.guard
+        inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
+        lands = step.refines & step.has_peak & (guard.top > record * (1 - NEAR_RECORD)) & inside
+        return Maximum(guard.top, jnp.where(lands, guard.turn, jnp.inf))
+
+    def update(self, end: StepEnd, record: Value, note: Value, largest: Any) -> tuple[Value, Value]:
+        del largest
+        highest, time = once(_highest(end))
+        if not self.requested:  # nobody needs its derivatives
+            highest, time = jax.lax.stop_gradient((highest, time))
+        raises = once(end.accepted & (end.step.sigma != 0) & (highest > record))
+        return jnp.where(raises, highest, record), jnp.where(raises, time, note)
+
+    def over_rest(self, rest: Rest, record: Value) -> Value:
+        del rest
+        return record
+
+    def over_sample(self, sample: Sample, record: Value) -> bool:
+        """The rotation is monotone over the sample: a new record is seen by the next trial."""
+        del sample, record
+        return True
+
+    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
+        return bounces.height < record
+
+    def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
+        if not self.requested:
+            return True
+        at_peak = potential(bounds.c, jnp.ones_like(record), jnp.minimum(record, bounds.well))
+        return bounds.rests | (bounds.energy < at_peak)
+
+    def answer(self, ended: Ended, record: Value, note: Value) -> dict[str, Any]:
+        if not self.requested:
+            return self.absent(ended)
+        return {self.name: record / ended.scene.c.alpha, "peak_rotation_time": note}
+
+    def absent(self, ended: Ended) -> dict[str, Any]:
+        nan = jnp.full_like(ended.t, jnp.nan)
+        return {self.name: nan, "peak_rotation_time": nan}
+
+
+def _highest(end: StepEnd) -> tuple[Value, Value]:
+    """Return the largest |θ| of a step [rad] and its time [s], with their derivatives."""
+    step, guard = end.step, end.step.guard
+    at_stop = guard.at_end.value(end.after)
+    end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))
+    peak, end_angle = once((guard.path.value(guard.turn), end_angle))
+    at_turn = step.has_peak & (peak >= end_angle)
+    # A record at an end that is not an event is a turning point up to rounding.
+    at_event = (end.lands | step.trial.ends) & ~at_turn
+    crest = jnp.where(at_turn, guard.turn, 1.0)
+    time = jnp.where(at_event, end.now, step.state.t + step.time_to_turn(crest))
+    return jnp.where(at_turn, peak, end_angle), time

@@ -1,0 +1,222 @@
+"""Every output with every fast-forward on and off, and outputs of the user's own."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._engine.flat import run
+from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.solve import answers
+from rockjax._outputs.registry import REGISTRY, VARIABLES
+
+FRAME = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
+BUILDING = rj.ShearBuilding((3.0, 3.0, 2.0), (900.0, 700.0, 500.0), 0.04, 2)
+STIFF = rj.ShearBuilding((3.0, 3.0, 2.0), (9e5, 7e5, 5e5), modes=0)
+DEVICES = rj.Tendon(2.0, 20.0), rj.Damper(1.0), rj.Inerter(3.0)
+PODIUMS = {
+    "columns": FRAME,
+    "rigid": FRAME.replace(superstructure=rj.Rigid(40.0)),
+    "elastic": FRAME.replace(superstructure=rj.Elastic(40.0, 0.4, 0.05)),
+    "modes": FRAME.replace(superstructure=rj.Modes((24.0, 6.0), (0.5, 0.15), (0.05, 0.03), 1.5)),
+    "building": FRAME.replace(superstructure=BUILDING),
+    "rigid with devices": FRAME.replace(superstructure=rj.Rigid(40.0), restrainers=DEVICES),
+    "building with devices": FRAME.replace(superstructure=BUILDING, restrainers=DEVICES),
+}
+OPTIONS = rj.Options(rtol=1e-10, atol=1e-12, outputs=tuple(REGISTRY))
+
+
+def rough(seed: int, vertical: bool = False):
+    """Noise of a few samples with an offset, which rests for a while in the middle."""
+    rng = np.random.default_rng(seed)
+    noise = np.convolve(rng.normal(size=308), np.hanning(9), "valid")
+    noise[100:150] = 0.0
+    record = rj.Record(2.4 * noise / np.abs(noise).max() + 0.1, 0.02)
+    return rj.GroundMotion(record, record.scaled(0.5)) if vertical else record
+
+
+def solved(podium: rj.Podium, motion, outputs, change=None):
+    """The answers of a scene, and the plan of its program after `change`."""
+    podium = podium.split()
+    options = OPTIONS.replace(outputs=outputs)
+    plan = plan_for(podium, options, history=False)
+    plan = plan if change is None else change(plan)
+
+    def scene(podium, motion):
+        ready, state = prepare(podium, motion, rj.State(), None, options, plan)
+        return answers(ready, plan, run(ready, plan, state, options.max_steps))[0]
+
+    return jax.jit(scene)(podium, motion), plan
+
+
+def without(name: str, plan):
+    """A plan that does not use a fast-forward; who follows full contact passes no samples."""
+    gone = {name, "samples"} if name == "rest" else {name}
+    return dataclasses.replace(plan, fast_forwards=tuple(y for y in plan.fast_forwards if y not in gone))
+
+
+def to_the_end(plan):
+    """A plan whose scenes no certificate ends."""
+    return dataclasses.replace(plan, to_the_end=True)
+
+
+def outputs_of(podium: rj.Podium) -> tuple[str, ...]:
+    # "impacts" and "errors" follow every bounce; alone, others allow to pass over them.
+    return tuple(
+        name for name, y in REGISTRY.items() if y.applies(podium) and name not in ("impacts", "errors")
+    )
+
+
+def same(found, known):
+    for name in VARIABLES:
+        if name in found:
+            np.testing.assert_allclose(found[name], known[name], rtol=2e-7, atol=1e-9, err_msg=name)
+
+
+MOTIONS = {
+    "Ricker": rj.Ricker(3.2, 1.0),
+    "rough": rough(3),
+    "rough and vertical": rough(4, vertical=True),
+}
+CASES = [
+    (kind, motion)
+    for kind in PODIUMS
+    for motion in MOTIONS
+    if "vertical" not in motion or kind in ("rigid", "building", "rigid with devices")
+]
+FAST = {("rigid", "rough"), ("building with devices", "Ricker"), ("rigid with devices", "rough and vertical")}
+
+
+@pytest.mark.parametrize(
+    ("kind", "motion"),
+    [pytest.param(*case, marks=() if case in FAST else pytest.mark.slow) for case in CASES],
+)
+def test_no_fast_forward_changes_an_output(kind, motion):
+    """Each is switched off by itself, and the certificate; every output of the structure is followed."""
+    podium, shaking = PODIUMS[kind], MOTIONS[motion]
+    outputs = outputs_of(podium)
+    known, plan = solved(podium, shaking, outputs)
+    changes = [functools.partial(without, name) for name in plan.fast_forwards]
+    for change in (*changes, to_the_end):
+        same(solved(podium, shaking, outputs, change)[0], known)
+
+
+@pytest.mark.parametrize("kind", ["rigid", pytest.param("elastic", marks=pytest.mark.slow)])
+def test_an_output_alone_is_what_it_is_beside_others(kind):
+    """What is requested beside it decides what is passed over and when the scene ends."""
+    podium = PODIUMS[kind]
+    known, _ = solved(podium, MOTIONS["rough"], outputs_of(podium))
+    for name in outputs_of(podium):
+        alone, _ = solved(podium, MOTIONS["rough"], (name,))
+        same({y.name: alone[y.name] for y in REGISTRY[name].variables}, known)
+
+
+def test_all_fast_forwards_are_allowed_by_all_outputs_of_rigid_podiums():
+    plan = plan_for(PODIUMS["rigid"].split(), OPTIONS.replace(outputs=("peak_rotation", "peak_shear")), False)
+    assert plan.fast_forwards == ("rest", "bounces", "samples")
+    building = FRAME.replace(superstructure=STIFF)
+    assert plan_for(building.split(), OPTIONS.replace(outputs=outputs_of(building)), False).fast_forwards == (
+        plan.fast_forwards
+    )
+
+
+def test_floors_of_a_rigid_building_move_with_the_beam():
+    building = FRAME.replace(superstructure=STIFF)
+    alone, _ = solved(building, MOTIONS["rough"], ("peak_floor_acceleration",))
+    beside, _ = solved(building, MOTIONS["rough"], ("peak_floor_acceleration", "peak_shear"))
+    np.testing.assert_allclose(alone["peak_floor_acceleration"], beside["peak_floor_acceleration"], rtol=1e-9)
+    np.testing.assert_allclose(alone["peak_floor_acceleration"], beside["peak_shear"] * building.g, rtol=1e-9)
+
+
+# ------------------------------------------------------------------------------------ outputs of the user's own
+class PeakBeamSpeed(rj.AbstractOutput):
+    """The largest horizontal speed of the beam relative to the ground."""
+
+    name, unit, description = "peak_beam_speed", "m s-1", "peak speed of the beam"
+
+    def quantity(self, moment):
+        psi = moment.sigma * moment.c.alpha - moment.x[0]
+        return moment.c.two_R * moment.v[0] * jnp.cos(psi)
+
+
+class PeakVelocityJump(rj.AbstractOutput):
+    """The largest jump of the beam's horizontal velocity at an impact: nothing between impacts has it."""
+
+    name, unit = "peak_jump", "m s-1"
+
+    def quantity(self, moment):
+        return jnp.zeros_like(moment.t)
+
+    def at_impact(self, impact):
+        return impact.c.two_R * impact.c.cos_alpha * jnp.abs(impact.v_after[0] - impact.v[0])
+
+
+OWN = rj.Options(rtol=1e-10, atol=1e-12, outputs=("peak_rotation", PeakBeamSpeed(), PeakVelocityJump()))
+
+
+@pytest.mark.parametrize("kind", ["rigid", "elastic"])
+def test_own_outputs_of_one_scene(kind):
+    """Beside a dense history; the jump is (1 − e) times the speed before the impact."""
+    podium, motion = PODIUMS[kind], rj.Ricker(3.2, 1.0)
+    peak = rj.peak_response(podium, motion, options=OWN)
+    history = rj.simulate(podium, motion, options=OWN.replace(outputs=("peak_rotation",)))
+    t = np.linspace(-2.0, float(history.stats.end_time), 100_001)
+    state = history(t)
+    psi = np.sign(state.theta) * float(podium.alpha) - np.asarray(state.theta)
+    speed = np.abs(2 * float(podium.R) * np.asarray(state.theta_dot) * np.cos(psi))
+    assert float(peak.peak_beam_speed) == pytest.approx(speed.max(), rel=1e-5)
+    assert float(peak.peak_rotation) == pytest.approx(float(history.peak_rotation), rel=1e-8)
+    before = np.abs(np.asarray(history(np.asarray(history.impact_times) - 1e-9).theta_dot))
+    jump = 2 * float(podium.R * np.cos(podium.alpha)) * (1 - float(podium.restitution_factor)) * before.max()
+    assert float(peak.peak_jump) == pytest.approx(jump, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["rigid", pytest.param("elastic", marks=pytest.mark.slow)])
+def test_own_outputs_have_derivatives(kind):
+    """Forward, in reverse and as sensitivities of a batch, beside differences."""
+    podium, motion = PODIUMS[kind], rj.Ricker(3.2, 1.0)
+
+    def peaks(alpha):
+        found = rj.peak_response(podium.replace(alpha=alpha), motion, options=OWN)
+        return jnp.stack([found.peak_beam_speed, found.peak_jump])
+
+    alpha, h = float(podium.alpha), 1e-5
+    known = np.asarray((peaks(alpha + h) - peaks(alpha - h)) / (2 * h))
+    forward = np.asarray(jax.jacfwd(peaks)(alpha))
+    np.testing.assert_allclose(forward, known, rtol=1e-5)
+    np.testing.assert_allclose(jax.jacrev(peaks)(alpha), forward, rtol=1e-10)
+    batch = rj.peak_responses(
+        podium, rj.Ricker(np.array([3.2, 2.5]), 1.0), options=OWN, sensitivities=("alpha",)
+    )
+    assert float(batch.peak_beam_speed[0]) == pytest.approx(float(peaks(alpha)[0]), rel=1e-8)
+    slopes = batch.sensitivities
+    found = np.array([slopes.peak_beam_speed[0, 0], slopes.peak_jump[0, 0]])
+    np.testing.assert_allclose(found, alpha * forward, rtol=1e-6)
+
+
+def test_own_outputs_are_in_datasets():
+    peaks = rj.peak_responses(PODIUMS["rigid"], rj.Ricker(np.linspace(1, 4, 5), 1.0), options=OWN)
+    data = peaks.dataset()
+    assert data.peak_beam_speed.attrs["units"] == "m s-1"
+    np.testing.assert_array_equal(data.peak_jump, peaks.peak_jump)
+    spectrum = rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, [4.0, 8.0], [2.0, 3.0], options=OWN)
+    assert spectrum.peak_beam_speed.shape == spectrum.peak_rotation.shape
+    assert (spectrum.peak_beam_speed > 0).all()
+
+
+@pytest.mark.parametrize("name", ["peak_shear", "not a name"])
+def test_own_outputs_need_a_name_of_their_own(name):
+    named = type("Named", (rj.AbstractOutput,), {"name": name, "quantity": lambda self, moment: moment.t})
+    with pytest.raises(ValueError, match="needs its own name"):
+        rj.Options(outputs=("peak_rotation", named()))
+
+
+def test_unknown_outputs_are_refused():
+    with pytest.raises(ValueError, match="some of"):
+        rj.Options(outputs=("peak_rotatoin",))
+    with pytest.raises(ValueError, match="some of"):
+        rj.Options(outputs=(3,))
