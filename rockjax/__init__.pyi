@@ -33,6 +33,7 @@ from ._motions.synthetic import synthetic_motions as synthetic_motions
 from ._options import Options as Options
 from ._outputs.base import AbstractOutput as AbstractOutput
 from ._outputs.base import Variable as Variable
+from ._responses.estimate import Errors as Errors
 from ._responses.history import Energies as Energies
 from ._responses.peak import Peak as Peak
 from ._responses.response import Response as Response
@@ -43,7 +44,6 @@ from ._restrainers.damper import Damper as Damper
 from ._restrainers.inerter import Inerter as Inerter
 from ._restrainers.tendon import Tendon as Tendon
 from ._results import RESULTS as RESULTS
-from ._results import Errors as Errors
 from ._results import Interrupted as Interrupted
 from ._results import State as State
 from ._results import Stats as Stats

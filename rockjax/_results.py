@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from rockjax._tree import Module
 
@@ -132,32 +132,3 @@ class Stats(Module):
     steps: Int[Array, "*batch"]
     rejected: Int[Array, "*batch"]
     end_time: Float[Array, "*batch"]
-
-
-def by_name(holder: Any, name: str) -> Any:
-    """Return one of the values of a holder by its name; None for an output of the registry that it does not
-    have. Raises `AttributeError` for other names."""
-    if not name.startswith("_") and "values" in holder.__dict__:
-        from rockjax._outputs.registry import VARIABLES
-
-        if name in holder.values or name in VARIABLES:
-            return holder.values.get(name)
-    raise AttributeError(f"{type(holder).__name__} has no attribute {name!r}")
-
-
-class Errors(Module):
-    """Estimated errors of the answers of a scene, and whether its outcome is undecided.
-
-    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], …: estimated absolute errors of the
-      answers of these names, held by `values`; inf for scenes without an answer, NaN for outputs that were
-      not requested, None for outputs that the podium does not have
-    - `undecided`: an error of ten times the estimate would change whether the columns overturn; or the
-      rocking is so sensitive that two solutions differ in impacts from which columns can overturn, in the
-      time of overturning, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of it
-    """
-
-    values: dict[str, Any]
-    undecided: Bool[Array, "*batch"]
-
-    def __getattr__(self, name: str) -> Any:
-        return by_name(self, name)

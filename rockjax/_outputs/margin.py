@@ -56,12 +56,12 @@ class Margin(AbstractOutput):
         return record
 
     def over_sample(self, sample: Sample, record: Value) -> bool:
-        """The rotation is monotone over the sample: its turning point is in another trial."""
+        # The rotation is monotone over the sample: its turning point is in another trial.
         del sample, record
         return True
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        """Gravity alone turns the columns back."""
+        # Gravity alone turns the columns back.
         return record <= margin.at_rest(bounces.c, bounces.overturn_angle, bounces.height)
 
     def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:

@@ -62,7 +62,7 @@ class PeakRotation(AbstractOutput):
         return record
 
     def over_sample(self, sample: Sample, record: Value) -> bool:
-        """The rotation is monotone over the sample: a new record is seen by the next trial."""
+        # The rotation is monotone over the sample: a new record is seen by the next trial.
         del sample, record
         return True
 

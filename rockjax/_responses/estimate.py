@@ -12,12 +12,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool
 
 from rockjax import _results as results
 from rockjax._checks import float_type
 from rockjax._options import LEAST_ATOL, Options
 from rockjax._outputs.registry import VARIABLES, variables_of
-from rockjax._results import Errors
+from rockjax._outputs.values import by_name
+from rockjax._tree import Module
 
 # The true error is below this times the estimate, except for one scene in a hundred (docs/verification.md).
 SAFETY = 10.0
@@ -29,6 +31,24 @@ PARTED = 0.005  # difference of energetic impacts, 1/16 % of the speed of one fr
 AMPLIFIED, LARGE = 1e5, 1e-3
 FALL_APART = 0.01  # difference of overturning times [1/p]: 1 % in the distance to the boundary
 SHORTER = 0.7  # factor on steps that the tolerance does not limit
+
+
+class Errors(Module):
+    """Estimated errors of the answers of a scene, and whether its outcome is undecided.
+
+    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], …: estimated absolute errors of the
+      answers of these names, held by `values`; inf for scenes without an answer, NaN for outputs that were
+      not requested, None for outputs that the podium does not have
+    - `undecided`: an error of ten times the estimate would change whether the columns overturn; or the
+      rocking is so sensitive that two solutions differ in impacts from which columns can overturn, in the
+      time of overturning, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of it
+    """
+
+    values: dict[str, Any]
+    undecided: Bool[Array, "*batch"]
+
+    def __getattr__(self, name: str) -> Any:
+        return by_name(self, name)
 
 
 def companion(options: Options) -> Options:

@@ -19,11 +19,13 @@ from rockjax._files import CONVENTIONS
 from rockjax._options import OUTPUTS, Options
 from rockjax._outputs.base import AbstractOutput, Variable
 from rockjax._outputs.registry import VARIABLES, variables_of
-from rockjax._results import RESULTS, Errors, Stats, by_name
+from rockjax._outputs.values import by_name
+from rockjax._results import RESULTS, Stats
 from rockjax._text import tables
 from rockjax._tree import Module
 
 from .datasets import describe_versions
+from .estimate import Errors
 from .sensitivities import Sensitivities, slope_name
 
 if TYPE_CHECKING:

@@ -18,10 +18,10 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.registry import variables_of
+from rockjax._outputs.values import by_name
 from rockjax._parameters.sensitivities import check_parameters
 from rockjax._parameters.sensitivities import with_factors as varied
 from rockjax._parameters.table import STRUCTURE
-from rockjax._results import by_name
 from rockjax._structures import Podium
 from rockjax._tree import Module
 

@@ -18,11 +18,11 @@ from rockjax._motions.motion import Motions
 from rockjax._motions.provenance import describe_origin as origin
 from rockjax._options import Options
 from rockjax._programs.program import nans_allowed
-from rockjax._results import REST, Errors, State
+from rockjax._results import REST, State
 from rockjax._structures import Podium
 
 from .arguments import as_end, as_start, check_range, check_types, doubt_amplitude
-from .estimate import companion, errors
+from .estimate import Errors, companion, errors
 from .peak import Peak, peak_fields
 from .response import Response
 
