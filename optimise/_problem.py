@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from pydantic import Discriminator, Field, Tag, create_model, model_validator
 
 import rockjax as rj
-from rockjax._outputs.registry import REGISTRY
 from rockjax._excitations.pulses import PULSES
+from rockjax._outputs.registry import REGISTRY
 from rockjax._problem import models
 from rockjax._problem.models import key
 from rockjax._problem.reading import Reader, load_table, pulse_periods
@@ -46,7 +46,7 @@ from ._variables import Dimensions, Structure, as_podium, make_variables
 EXPECTED_LOSS = "expected-loss"
 # Outputs that a limit can be set to, by their kind in a problem file.
 PEAKS = {name.replace("_", "-"): name for name, y in REGISTRY.items() if y.until_overturning and y.variables}
-WORST: dict[str, Callable[..., AbstractObjective]] = {
+WORST: dict[str, Any] = {
     kind: functools.partial(WorstPeak, output) for kind, output in PEAKS.items()
 } | {"peak-rotation": WorstRotation, "peak-shear": WorstShear}
 Positive = models.Positive

@@ -159,9 +159,7 @@ def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
     found = output if isinstance(output, AbstractOutput) else REGISTRY.get(output)
     if found is None or not any(y.name == found.name and y.until_overturning for y in found.variables):
         peaks = [name for name, y in REGISTRY.items() if any(z.until_overturning for z in y.variables)]
-        raise ValueError(
-            f"{owner}: output must be one of {peaks}, or an output of your own; got {output!r}"
-        )
+        raise ValueError(f"{owner}: output must be one of {peaks}, or an output of your own; got {output!r}")
     return found
 
 
