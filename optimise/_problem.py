@@ -26,6 +26,9 @@ from ._failure import FailureProbability
 from ._objectives import (
     AbstractObjective,
     ExpectedLoss,
+    WorstDeformation,
+    WorstDrift,
+    WorstFloorAcceleration,
     WorstPeak,
     WorstRotation,
     WorstShear,
@@ -37,6 +40,9 @@ from ._targets import (
     OverturningAcceleration,
     OverturningProbability,
     OverturningScale,
+    PeakDeformation,
+    PeakDrift,
+    PeakFloorAcceleration,
     PeakLimit,
     PeakRotation,
     PeakShear,
@@ -46,9 +52,13 @@ from ._variables import Dimensions, Structure, as_podium, make_variables
 EXPECTED_LOSS = "expected-loss"
 # Outputs that a limit can be set to, by their kind in a problem file.
 PEAKS = {name.replace("_", "-"): name for name, y in REGISTRY.items() if y.until_overturning and y.variables}
-WORST: dict[str, Any] = {
-    kind: functools.partial(WorstPeak, output) for kind, output in PEAKS.items()
-} | {"peak-rotation": WorstRotation, "peak-shear": WorstShear}
+WORST: dict[str, Any] = {kind: functools.partial(WorstPeak, output) for kind, output in PEAKS.items()} | {
+    "peak-rotation": WorstRotation,
+    "peak-shear": WorstShear,
+    "peak-deformation": WorstDeformation,
+    "peak-drift": WorstDrift,
+    "peak-floor-acceleration": WorstFloorAcceleration,
+}
 Positive = models.Positive
 _SET, _WIDTH = (
     "Name of a set of motions.",
@@ -106,6 +116,9 @@ TARGETS: dict[str, tuple[Callable[..., AbstractTarget], str, str]] = {
     **{kind: (functools.partial(PeakLimit, output), "limit motions", "") for kind, output in PEAKS.items()},
     "peak-rotation": (PeakRotation, "limit motions", ""),
     "peak-shear": (PeakShear, "limit motions", ""),
+    "peak-deformation": (PeakDeformation, "limit motions", ""),
+    "peak-drift": (PeakDrift, "limit motions", ""),
+    "peak-floor-acceleration": (PeakFloorAcceleration, "limit motions", ""),
     "no-overturning": (NoOverturning, "motions", ""),
     "overturning-acceleration": (
         OverturningAcceleration,

@@ -38,17 +38,17 @@ class Plan:
 
     @property
     def refines(self) -> bool:
-        """Whether the method is of higher order than the Hermite polynomial, so that peaks are landed on."""
+        """True if the method is of higher order than the Hermite polynomial, so that peaks are landed on."""
         return self.tableau.order > 5
 
     @property
     def follows_contact(self) -> bool:
-        """Whether full contact is followed step by step; a rigid podium goes to its next uplift otherwise."""
+        """True if full contact is followed step by step; a rigid podium goes to its next uplift otherwise."""
         return "rest" not in self.fast_forwards
 
     @property
     def follows_impacts(self) -> bool:
-        """Whether every impact counts, however slow."""
+        """True if every impact counts, however slow."""
         return any(output.follows_impacts for output in self.outputs)
 
 

@@ -1,4 +1,4 @@
-"""What an output is: its name and units, and how its record follows a scene."""
+"""The base class of outputs: name, unit, and the methods by which a record follows a scene."""
 
 from __future__ import annotations
 

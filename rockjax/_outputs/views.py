@@ -137,7 +137,7 @@ class Step:
 
     @property
     def has_peak(self) -> Flag:
-        """Whether |θ| has a maximum inside the step, at the guard's turning point."""
+        """True if |θ| has a maximum inside the step, at the guard's turning point."""
         return (self.sigma != 0) & self.guard.rising & self.guard.turned
 
     def course(self, quantity: Quantity) -> Course:

@@ -9,6 +9,8 @@ import matplotlib.pyplot as plt
 import pytest
 import typer
 
+from rockjax._motions import formats
+
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 PAGES = sorted(ROOT.glob("docs/*.md"))
@@ -36,11 +38,12 @@ def test_code_of_the_readme_runs(capsys):
     assert "peak rotation" in capsys.readouterr().out
 
 
-@pytest.mark.slow(but=["getting-started"])
+@pytest.mark.slow(but=["getting-started", "extending"])
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
 def test_code_of_the_pages_runs(page, tmp_path, monkeypatch):
     """The blocks of a page follow one another."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(formats, "FORMATS", formats.FORMATS)  # one page adds to them
     names: dict = {}
     for block in blocks(page):
         exec(compile(block, page, "exec"), names)

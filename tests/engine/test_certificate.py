@@ -154,10 +154,11 @@ class Bounds:
         """Whether an output alone is certain where these are the records."""
         names = {"peak": "peak_rotation", "margin": "margin", "drifts": "peak_drift"}
         names["floors"] = "peak_floor_acceleration"
-        options = rj.Options(outputs=(names.get(output, f"peak_{output}"),))
+        name_of = lambda short: names.get(short, f"peak_{short}")
+        options = rj.Options(outputs=(name_of(output),))
         plan = plan_for(self.podium.split(), options, history=False)
-        kept = {"peak": self.state.peak, "deformation": None, "shear": None, "drifts": None, "floors": None}
-        state = self.state._replace(**kept | {k: jnp.asarray(y) for k, y in records.items()})
+        known = {"peak_rotation": self.state.peak} | {name_of(k): jnp.asarray(y) for k, y in records.items()}
+        state = self.state._replace(records=tuple(known[each.name] for each in plan.outputs))
         ground = self.motion.piece(state.piece)(state.t)
         return bool(certificate(self.scene, plan, state, state.piece, ground))
 

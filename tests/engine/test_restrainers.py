@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import brentq
 
 import rockjax as rj
-from rockjax._engine import energy, model, settled
+from rockjax._engine import bounds, energy, model
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import potential, potential_slope
 from rockjax._problem.models import ByRatios
@@ -281,7 +281,7 @@ def test_a_podium_without_restrainers_does_not_look_at_them(monkeypatch):
 
     for name in ("elongation", "_restraint"):
         monkeypatch.setattr(model, name, never)
-    monkeypatch.setattr(settled, "restraint_at_most", never)
+    monkeypatch.setattr(bounds, "restraint_at_most", never)
     monkeypatch.setattr(energy, "elongation", never)
     from rockjax._engine.solve import _solve
 

@@ -122,6 +122,15 @@ def start(motion, options=USUAL):
     return plan, *prepare(podium, motion, rj.State(), None, options, plan)
 
 
+def with_shear(plan, state, shear):
+    """Records with another shear."""
+    names = [output.name for output in plan.outputs]
+    return tuple(
+        jnp.asarray(shear) if name == "peak_shear" else record
+        for name, record in zip(names, state.records, strict=True)
+    )
+
+
 def rocking(motion, options=USUAL):
     """The scene some trials after its uplift, where samples can be passed."""
     plan, scene, state = start(motion, options)
@@ -134,7 +143,7 @@ def rocking(motion, options=USUAL):
         v=(jnp.asarray(0.2),),
         sigma=jnp.asarray(1.0),
         piece=jnp.asarray(i + 1, state.piece.dtype),
-        shear=jnp.asarray(9.0),
+        records=with_shear(plan, state, 9.0),
         passing=jnp.asarray(True),
     )
     return plan, scene, state
@@ -179,8 +188,11 @@ def test_samples_at_which_something_happens_are_not_passed(change):
     values = {
         name: (jnp.asarray(y),) if name in "xv" else jnp.asarray(y, jnp.asarray(getattr(state, name)).dtype)
         for name, y in change.items()
+        if name != "shear"
     }
     state = state._replace(**values)
+    if "shear" in change:
+        state = state._replace(records=with_shear(plan, state, change["shear"]))
     if "v" in change and change["v"] == 1e-4:  # from rising to falling, whichever way the ground moves
         a = trial(scene, plan, state)[0].v[0] - 1e-4
         state = state._replace(v=(-jnp.sign(a) * 1e-4,))

@@ -11,7 +11,7 @@ import pytest
 
 import rockjax as rj
 from rockjax import _results as results
-from rockjax._engine import model, settled
+from rockjax._engine import bounds, model
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import restoring_moment, vertical_impulse
 from rockjax._excitations.base import Shaking
@@ -267,7 +267,7 @@ def test_a_scene_without_vertical_motion_does_not_look_at_it(monkeypatch):
         raise AssertionError("vertical motion was looked at")
 
     monkeypatch.setattr(model, "_relief", never)
-    monkeypatch.setattr(settled, "vertical_impulse", never)
+    monkeypatch.setattr(bounds, "vertical_impulse", never)
     for name in ("parts", "tie"):
         monkeypatch.setattr(GroundMotion, name, never)
     from rockjax._engine.solve import _solve
