@@ -55,7 +55,8 @@ def test_every_story_has_a_margin(peaks):
 )
 def test_a_scene_that_overturned_holds_no_target(peaks, target, objective, output):
     """Its peaks stop at the fall, here far below the limit."""
-    fell = dataclasses.replace(peaks, overturned=jnp.array([True, False]), margin=jnp.array([-0.3, 0.5]))
+    values = peaks.values | {"margin": jnp.array([-0.3, 0.5])}
+    fell = dataclasses.replace(peaks, overturned=jnp.array([True, False]), values=values)
     values = np.asarray(getattr(peaks, output)).reshape(2, -1)
     margins = np.reshape(target(10 * values.max(), MOTIONS).read(fell, OPTIONS), values.shape)
     assert (margins[0] == -0.3).all()
