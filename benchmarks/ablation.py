@@ -38,9 +38,7 @@ from rockjax._engine.once import once
 from rockjax._engine.step import trial
 from rockjax._results import REST
 
-from .measure import Family, family, options, podium, show
-from .measure import store_rows as keep
-from .measure import stored_rows_if_any as kept_so_far
+from .measure import Family, family, options, podium, show, store_rows, stored_rows_if_any
 from .records import Suite
 
 RUNS = 7
@@ -271,12 +269,12 @@ def main() -> None:
         work(given.worker)
         return
     whole = Worker("")
-    rows = {row["piece"]: row for row in kept_so_far("ablation")}
+    rows = {row["piece"]: row for row in stored_rows_if_any("ablation")}
     try:
         for name in given.pieces or PIECES:
             rows[name] = ratios(name, PIECES[name], whole)
             print(json.dumps(rows[name]), flush=True)
-            keep("ablation", list(rows.values()))
+            store_rows("ablation", list(rows.values()))
     finally:
         whole.close()
     columns = {

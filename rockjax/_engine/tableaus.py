@@ -126,8 +126,8 @@ def _kept() -> dict[str, dict[str, Any]]:
 
 def write() -> None:
     """Write the numbers of the installed Diffrax."""
-    from rockjax._files import write_atomically as write_whole
+    from rockjax._files import write_atomically
 
     known = {name: numbers_of(solver_of(name)) for name in EXPLICIT}
     lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(numbers)}" for name, numbers in known.items())
-    write_whole(KEPT, lambda name: Path(name).write_text(f"{{\n{lines}\n}}\n", encoding="utf-8"))
+    write_atomically(KEPT, lambda name: Path(name).write_text(f"{{\n{lines}\n}}\n", encoding="utf-8"))

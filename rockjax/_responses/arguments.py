@@ -8,15 +8,14 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from rockjax._checks import as_float, check_dtype, concrete, float_type, require
-from rockjax._checks import require_instance as of_kind
+from rockjax._checks import as_float, check_dtype, concrete, float_type, require, require_instance
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
 from rockjax._results import REST, State
 from rockjax._structures import STANDARD_GRAVITY, Podium
 from rockjax._structures.modes import as_many, parts, with_fields
-from rockjax._unit_warnings import warn_about_units as doubt
+from rockjax._unit_warnings import warn_about_units
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:
@@ -26,8 +25,8 @@ def check_types(owner: str, podium, options, name: str = "podium") -> None:
     - `podium`, `options`: a `Podium` and `Options`
     - `name`: name of the argument `podium` in messages
     """
-    of_kind(owner, name, podium, Podium, "a rockjax.Podium")
-    of_kind(owner, "options", options, Options, "rockjax.Options")
+    require_instance(owner, name, podium, Podium, "a rockjax.Podium")
+    require_instance(owner, "options", options, Options, "rockjax.Options")
     for part, value in ((name, podium), ("options", options)):
         check_dtype(owner, part, value)
     check_precision(options)
@@ -58,7 +57,7 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     Displacements and velocities of several modes are split along their axis; a single number applies to all
     of them, as if all floors moved by it.
     """
-    of_kind(owner, "initial", initial, State, "a rockjax.State")
+    require_instance(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
     if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.several):
         return initial  # unchanged, because transfers to the device dominate in small batches
@@ -135,7 +134,7 @@ def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) 
         return
     lifts, g = concrete(podium.uplift_ground_acceleration), concrete(podium.g)
     if lifts is not None and g is not None and abs(size) < lifts <= abs(size) * g:
-        doubt(
+        warn_about_units(
             f"{owner}: a_p = {float(size):g} m/s² is {abs(float(size / g)):.3g} g, and the columns lift at "
             f"{float(lifts / g):.3g} g; was it meant in g? rockjax takes m/s²: "
             f"a_p = {float(size):g} * {STANDARD_GRAVITY}",

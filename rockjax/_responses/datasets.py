@@ -19,8 +19,7 @@ from rockjax._motions.provenance import describe_record
 from rockjax._motions.record import Record
 from rockjax._options import Options
 from rockjax._parameters import variants
-from rockjax._parameters.table import attribute_name as attribute
-from rockjax._parameters.table import motion_parameter as of_motion
+from rockjax._parameters.table import attribute_name, motion_parameter
 from rockjax._programs.program import ARRAYS, KeptProgram
 from rockjax._restrainers import KINDS
 from rockjax._restrainers.base import AbstractRestrainer
@@ -67,7 +66,7 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
     law, derived = podium.restitution, derived_numbers(podium)
     kept = [parameter for parameter in variants.parameters_of(podium).values() if parameter.place]
     return {
-        **{attribute(parameter): float(variants.read(podium, parameter.name)) for parameter in kept},
+        **{attribute_name(parameter): float(variants.read(podium, parameter.name)) for parameter in kept},
         **_described(top),
         **({"T_s_s": 0.0} if isinstance(top, Rigid) else {}),
         **({} if isinstance(law, GivenRestitution) else {"restitution": repr(law).strip("'")}),
@@ -149,7 +148,7 @@ def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
 
 
 def _of_motion(name: str) -> str:
-    named = attribute(of_motion(name))
+    named = attribute_name(motion_parameter(name))
     return f"pulse_{name}" if named == name else named  # a ratio could be of the podium
 
 

@@ -19,8 +19,7 @@ from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.registry import variables_of
 from rockjax._outputs.values import by_name
-from rockjax._parameters.sensitivities import check_parameters
-from rockjax._parameters.sensitivities import with_factors as varied
+from rockjax._parameters.sensitivities import check_parameters, with_factors
 from rockjax._parameters.table import STRUCTURE
 from rockjax._structures import Podium
 from rockjax._tree import Module
@@ -123,7 +122,7 @@ def moved(
     scale = factor.pop("scale", None)
     changed = with_numbers(motion, {place: y * _kept(motion, place) for place, y in fields.items()})
     changed = changed if scale is None else changed.scaled(scale)
-    structure = varied(podium, list(factor), jnp.asarray(list(factor.values()))) if factor else podium
+    structure = with_factors(podium, list(factor), jnp.asarray(list(factor.values()))) if factor else podium
     return _as_is(podium, structure), _as_is(motion, changed)
 
 

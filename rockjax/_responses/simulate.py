@@ -15,7 +15,7 @@ from rockjax._engine.solve import solve
 from rockjax._excitations.ground import check_weight
 from rockjax._motions.convert import AnyMotion, as_excitation
 from rockjax._motions.motion import Motions
-from rockjax._motions.provenance import describe_origin as origin
+from rockjax._motions.provenance import describe_origin
 from rockjax._options import Options
 from rockjax._programs.program import nans_allowed
 from rockjax._results import REST, State
@@ -98,7 +98,7 @@ def simulate(
         excitation=arguments[1],
         nodes=nodes,
         options=options,
-        origin=origin(motion),
+        origin=describe_origin(motion),
     )
 
 
