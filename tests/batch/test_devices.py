@@ -198,7 +198,8 @@ def test_scenes_are_dealt_out_in_turn():
 
 
 def test_a_default_device_is_where_batches_run(monkeypatch):
-    (device, *_) = jax.local_devices()
+    (device, *_) = jax.local_devices(backend="cpu")
+    monkeypatch.setattr(jax, "default_backend", lambda: "cpu")
     assert isinstance(executor(""), ThreadExecutor)
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     monkeypatch.setattr(
