@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 import rockjax as rj
 from rockjax._outputs.base import AbstractOutput
+from rockjax._units import displayed_or_empty
 from rockjax.internal import Module, require_instance
 
 from ._annual import AnnualFrequency
@@ -23,7 +24,6 @@ from ._targets import (
     overturning_depths,
     requested,
     severity,
-    unit_of,
     words_of,
 )
 
@@ -107,7 +107,7 @@ class WorstPeak(AbstractWorst):
         return jnp.where(overturned, (1 + depth) * values, values)
 
     def describe(self) -> str:
-        unit = unit_of(self.output).strip()
+        unit = displayed_or_empty(self.output.unit)
         return f"worst {words_of(self.output)}" + (f" [{unit}]" if unit else "")
 
 

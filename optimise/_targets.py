@@ -17,7 +17,8 @@ from jaxtyping import Array, Float
 
 import rockjax as rj
 from rockjax._outputs.base import AbstractOutput
-from rockjax._outputs.registry import REGISTRY
+from rockjax._outputs.registry import REGISTRY, name_if_registered
+from rockjax._units import displayed_or_empty
 from rockjax.internal import DEFAULT_WIDTH, Module, concrete, fit_capacities
 
 from ._suite import Margins, Suite
@@ -151,7 +152,7 @@ class PeakLimit(AbstractResponseTarget):
         return jnp.where(overturned, jnp.minimum(margins, -depth), margins)
 
     def describe(self) -> str:
-        return f"{words_of(self.output)} ≤ {self.limit:g}{unit_of(self.output)}"
+        return f"{words_of(self.output)} ≤ {self.limit:g} {displayed_or_empty(self.output.unit)}".rstrip()
 
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
@@ -165,17 +166,12 @@ def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
 
 def requested(output: AbstractOutput) -> tuple[str | AbstractOutput, ...]:
     """Return the requested outputs with the overturning margin, as in `rockjax.Options`."""
-    return (output.name if REGISTRY.get(output.name) == output else output), "margin"
+    return name_if_registered(output), "margin"
 
 
 def words_of(output: AbstractOutput) -> str:
     """Return an output in words, for reports."""
     return output.name.replace("_", " ")
-
-
-def unit_of(output: AbstractOutput) -> str:
-    """Return the unit of an output, to be written after a number."""
-    return {"1": "", "m s-2": " m/s²", "m s-1": " m/s"}.get(output.unit, f" {output.unit}")
 
 
 def of_output(wanted: AbstractResponses, output: AbstractOutput, peaks: rj.Peak) -> Float[Array, " k"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import equinox as eqx
 
@@ -12,7 +12,7 @@ from rockjax._tree import Module
 from ._checks import require, texts
 from ._engine.methods import EXPLICIT, solver_of
 from ._outputs.base import AbstractOutput
-from ._outputs.registry import REGISTRY
+from ._outputs.registry import REGISTRY, name_if_registered
 from ._text.cards import card
 
 if TYPE_CHECKING:
@@ -26,11 +26,8 @@ HISTORY = 4096
 
 def _names(outputs) -> tuple[str | AbstractOutput, ...]:
     """Return the requested outputs: names of the registry, and outputs of the user's own."""
-    own: list[str | AbstractOutput] = list(texts("Options", "outputs", outputs))
-    for k, y in enumerate(own):
-        if isinstance(y, AbstractOutput) and REGISTRY.get(y.name) == y:
-            own[k] = y.name
-    return tuple(own)
+    requested: tuple[Any, ...] = texts("Options", "outputs", outputs)
+    return tuple(name_if_registered(y) if isinstance(y, AbstractOutput) else y for y in requested)
 
 
 class Options(Module):

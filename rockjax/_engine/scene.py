@@ -73,7 +73,7 @@ def _as_compiled(structure, applicable: frozenset[str]):
     options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
     own = tuple(y for y in options.outputs if not isinstance(y, str))
     there = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
-    outputs = there(options.outputs) or options.outputs
+    outputs = there(options.outputs) or (() if own else options.outputs)
     if outputs == there(PEAKS):
         outputs = PEAKS
     return jax.tree.structure(options.replace(outputs=(*outputs, *own), history=HISTORY, throw=True))

@@ -35,7 +35,6 @@ from .fast_forward.bounces import skipped_bounces
 from .fast_forward.rest import advance_to_uplift
 from .fast_forward.samples import may_pass, past_all
 from .guard import Guard, watch
-from .maxima import WELL_INSIDE
 from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .transitions import past_breakpoint, restart, transition
@@ -139,9 +138,8 @@ def _classify(
         output.over_step(view, record) for output, record in zip(plan.outputs, state.records, strict=True)
     )
     # If the demand turns just below the threshold, the step is shortened to end at that turning point.
-    well_inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
     doubtful = ~rocking & guard.turned & ~guard.breaks_before_turn & (jnp.abs(guard.top) > NEARLY * c.uplift)
-    turning = jnp.where(doubtful & well_inside, guard.turn, jnp.inf)
+    turning = view.cut_at_turn(doubtful)
     for each in found:
         if each is not None:
             turning = jnp.minimum(turning, jnp.min(each.cut, axis=-1) if each.cut.ndim else each.cut)

@@ -52,7 +52,8 @@ class AbstractOutput:
             name, unit, description = "peak_beam_speed", "m s-1", "peak speed of the beam"
 
             def quantity(self, moment):
-                return 2 * moment.c.two_R / 2 * moment.v[0]
+                psi = moment.sigma * moment.c.alpha - moment.x[0]
+                return moment.c.two_R * moment.v[0] * jnp.cos(psi)
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
     value of the quantity over the scene, with its derivatives. That is all that is needed. The other methods
@@ -160,3 +161,39 @@ class AbstractOutput:
     def passes(self, method: str) -> bool:
         """Return whether one of `over_rest`, `over_sample`, `over_bounces` is written."""
         return getattr(type(self), method) is not getattr(AbstractOutput, method)
+
+
+class AbstractEventOutput(AbstractOutput):
+    """An output whose record changes at turning points of the rotation and at events only: neither in full
+    contact of a rigid podium, nor over a sample where the rotation is monotone."""
+
+    def over_rest(self, rest: Rest, record: Any) -> Any:
+        del rest
+        return record
+
+    def over_sample(self, sample: Sample, record: Any) -> bool:
+        del sample, record
+        return True
+
+
+class AbstractWithoutAnswer(AbstractEventOutput):
+    """An output that is followed for others, and is no answer of a scene. It has nothing inside steps."""
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        return ()
+
+    def start(self, start: Start) -> tuple[Any, Any]:
+        del start
+        return None, None
+
+    def over_step(self, step: Step, record: Any) -> None:
+        del step, record
+
+    def answer(self, ended: Ended, record: Any, note: Any) -> dict[str, Any]:
+        del ended, record, note
+        return {}
+
+    def absent(self, ended: Ended) -> dict[str, Any]:
+        del ended
+        return {}

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
 from rockjax._engine.maxima import WELL_INSIDE_QUINTIC, Maximum
-from rockjax._engine.model import beam
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 
@@ -39,7 +38,7 @@ class PeakDeformation(AbstractOutput):
         return PeakDeformation(podium.vibrates, top is not None and top.several)
 
     def quantity(self, moment: Moment) -> Values:
-        return moment.x[1] - beam(moment.c, moment.sigma, moment.x[0], moment.v[0])[0]
+        return moment.deformation
 
     def start(self, start: Start) -> tuple[Values, None]:
         modes = start.scene.c.vibration

@@ -11,22 +11,16 @@ import jax.numpy as jnp
 from rockjax._engine.bounds import Bounds, every
 from rockjax._engine.coefficients import Coefficients, present
 from rockjax._engine.maxima import WELL_INSIDE_QUINTIC, Maximum
-from rockjax._engine.model import beam, drift_weights
-from rockjax._structures import Podium, ShearBuilding
+from rockjax._engine.model import drift_weights
+from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 
-from .base import STORIES, AbstractOutput
+from .stories import AbstractOfStories
 from .views import Ended, Moment, Start, Step
 
 
-def stories_of(podium: Podium) -> int:
-    """Return the number of stories of a building, 0 for other superstructures."""
-    top = podium.superstructure
-    return top.stories if isinstance(top, ShearBuilding) else 0
-
-
 @dataclasses.dataclass(frozen=True)
-class PeakDrift(AbstractOutput):
+class PeakDrift(AbstractOfStories):
     """The peak drift of each story of a building [m]."""
 
     name = "peak_drift"
@@ -34,20 +28,12 @@ class PeakDrift(AbstractOutput):
     description = "peak drift of the stories"
     symbol = "drift"
     by_default = True
-    axis = STORIES
-
-    stories: int = 0
-    elastic: bool = True
 
     def applies(self, podium: Podium) -> bool:
-        return podium.vibrates and stories_of(podium) > 0
-
-    def of(self, podium: Podium) -> PeakDrift:
-        return PeakDrift(stories_of(podium), podium.vibrates)
+        return podium.vibrates and super().applies(podium)
 
     def quantity(self, moment: Moment) -> Values:
-        deformation = moment.x[1] - beam(moment.c, moment.sigma, moment.x[0], moment.v[0])[0]
-        return jnp.sum(_weights(moment.c) * deformation[None, :], axis=-1)
+        return jnp.sum(_weights(moment.c) * moment.deformation[None, :], axis=-1)
 
     def start(self, start: Start) -> tuple[Values, None]:
         return jnp.zeros(self.stories, start.t.dtype), None
@@ -63,10 +49,7 @@ class PeakDrift(AbstractOutput):
         return every(bound < record)
 
     def absent(self, ended: Ended) -> dict[str, Any]:
-        if not self.stories:
-            return {}
-        absent = jnp.nan if self.elastic else 0.0
-        return {self.name: jnp.broadcast_to(jnp.full_like(ended.t, absent), (self.stories,))}
+        return self.in_all_stories(jnp.full_like(ended.t, jnp.nan if self.elastic else 0.0))
 
 
 def _weights(c: Coefficients) -> Values:

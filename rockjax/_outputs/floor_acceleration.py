@@ -12,17 +12,15 @@ from rockjax._engine.bounds import Bounds, every
 from rockjax._engine.coefficients import present
 from rockjax._engine.maxima import Maximum
 from rockjax._engine.model import beam_absolute, floor_accelerations
-from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 
-from .base import STORIES, AbstractOutput
-from .drift import stories_of
 from .shear import PeakShear
+from .stories import AbstractOfStories
 from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 
 
 @dataclasses.dataclass(frozen=True)
-class PeakFloorAcceleration(AbstractOutput):
+class PeakFloorAcceleration(AbstractOfStories):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
     building move with the beam, as its shear does."""
 
@@ -31,16 +29,6 @@ class PeakFloorAcceleration(AbstractOutput):
     description = "peak absolute horizontal acceleration of the floors"
     symbol = "|ü_j + ü_g|"
     by_default = True
-    axis = STORIES
-
-    stories: int = 0
-    elastic: bool = True
-
-    def applies(self, podium: Podium) -> bool:
-        return stories_of(podium) > 0
-
-    def of(self, podium: Podium) -> PeakFloorAcceleration:
-        return PeakFloorAcceleration(stories_of(podium), podium.vibrates)
 
     def quantity(self, moment: Moment) -> Values:
         view = moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a
@@ -71,14 +59,7 @@ class PeakFloorAcceleration(AbstractOutput):
         return every(jax.vmap(bounds.carried)(present(present(bounds.c.several).floors)) < record)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        if not self.elastic:
-            record = jnp.broadcast_to(record * ended.scene.c.g, (self.stories,))
-        return {self.name: record}
-
-    def absent(self, ended: Ended) -> dict[str, Any]:
-        if not self.stories:
-            return {}
-        return {self.name: jnp.broadcast_to(jnp.full_like(ended.t, jnp.nan), (self.stories,))}
+        return {self.name: record} if self.elastic else self.in_all_stories(record * ended.scene.c.g)
 
 
 _BASE = PeakShear()  # of a rigid building: the beam's acceleration over g

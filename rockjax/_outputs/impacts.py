@@ -12,44 +12,12 @@ from rockjax import _results as results
 from rockjax._engine.bounds import Bounds
 from rockjax._types import Flag, Value
 
-from .base import AbstractOutput, Variable
-from .views import Ended, Rest, Sample, Start, Step, StepEnd
+from .base import AbstractWithoutAnswer
+from .views import Ended, Start, StepEnd
 
 
 @dataclasses.dataclass(frozen=True)
-class _AtImpacts(AbstractOutput):
-    """An output that has nothing inside steps."""
-
-    @property
-    def variables(self) -> tuple[Variable, ...]:
-        return ()
-
-    def start(self, start: Start) -> tuple[Any, Any]:
-        del start
-        return None, None
-
-    def over_step(self, step: Step, record: Any) -> None:
-        del step, record
-
-    def over_rest(self, rest: Rest, record: Any) -> Any:
-        del rest
-        return record
-
-    def over_sample(self, sample: Sample, record: Any) -> bool:
-        del sample, record
-        return True
-
-    def answer(self, ended: Ended, record: Any, note: Any) -> dict[str, Any]:
-        del ended, record, note
-        return {}
-
-    def absent(self, ended: Ended) -> dict[str, Any]:
-        del ended
-        return {}
-
-
-@dataclasses.dataclass(frozen=True)
-class Impacts(_AtImpacts):
+class Impacts(AbstractWithoutAnswer):
     """All impacts until rest: every scene counts those that it follows, but only this output follows all."""
 
     name = "impacts"
@@ -69,7 +37,7 @@ class Energetic(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class EnergeticImpacts(_AtImpacts):
+class EnergeticImpacts(AbstractWithoutAnswer):
     """The sum over energetic impacts, in which two solutions of a chaotic scene differ. It belongs to the
     request "errors"."""
 

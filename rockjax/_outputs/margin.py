@@ -10,15 +10,15 @@ import jax.numpy as jnp
 from rockjax._engine import margin
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.energy import potential
-from rockjax._engine.maxima import NEAR_RECORD, WELL_INSIDE, Maximum
+from rockjax._engine.maxima import NEAR_RECORD, Maximum
 from rockjax._types import Flag, Value
 
-from .base import AbstractOutput, Variable
-from .views import Bounces, Rest, Sample, Start, Step, StepEnd, Turn
+from .base import AbstractEventOutput, AbstractWithoutAnswer
+from .views import Bounces, Start, Step, StepEnd, Turn
 
 
 @dataclasses.dataclass(frozen=True)
-class Margin(AbstractOutput):
+class Margin(AbstractEventOutput):
     """The overturning margin: least of all turning points, negative for a scene that overturned."""
 
     name = "margin"
@@ -34,11 +34,9 @@ class Margin(AbstractOutput):
         return margin.at_rest(scene.c, scene.overturn_angle, jnp.abs(start.initial.theta)), None
 
     def over_step(self, step: Step, record: Value) -> Maximum:
-        guard, value = step.guard, step.turn.margin
-        inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
+        value = step.turn.margin
         near = jax.lax.stop_gradient(value) < record + NEAR_RECORD * (1 - record)
-        lands = step.refines & step.has_peak & near & inside
-        return Maximum(value, jnp.where(lands, guard.turn, jnp.inf))
+        return Maximum(value, step.cut_at_turn(step.refines & step.has_peak & near))
 
     def update(self, end: StepEnd, record: Value, note: None, largest: Value | None) -> tuple[Value, None]:
         del largest
@@ -51,15 +49,6 @@ class Margin(AbstractOutput):
         least = jnp.where(rises & (here < least), here, least)
         return jnp.where(end.toppled, margin.at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
-    def over_rest(self, rest: Rest, record: Value) -> Value:
-        del rest
-        return record
-
-    def over_sample(self, sample: Sample, record: Value) -> bool:
-        # The rotation is monotone over the sample: its turning point is in another trial.
-        del sample, record
-        return True
-
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
         # Gravity alone turns the columns back.
         return record <= margin.at_rest(bounces.c, bounces.overturn_angle, bounces.height)
@@ -70,22 +59,15 @@ class Margin(AbstractOutput):
 
 
 @dataclasses.dataclass(frozen=True)
-class TurningPoints(AbstractOutput):
-    """The turning point of the last trial, from which the distance to the overturning boundary is estimated.
-    It is no answer of a scene."""
+class TurningPoints(AbstractWithoutAnswer):
+    """The turning point of the last trial, from which the distance to the overturning boundary is
+    estimated."""
 
     name = "turning_points"
-
-    @property
-    def variables(self) -> tuple[Variable, ...]:
-        return ()
 
     def start(self, start: Start):
         inf = jnp.full_like(start.t, jnp.inf)
         return Turn(inf, inf), None
-
-    def over_step(self, step: Step, record):
-        del step, record
 
     def update(self, end: StepEnd, record, note, largest):
         del record, largest
@@ -94,14 +76,6 @@ class TurningPoints(AbstractOutput):
     def after_rejection(self, record):
         return jax.tree.map(lambda y: jnp.full_like(y, jnp.inf), record)
 
-    def over_rest(self, rest: Rest, record):
-        del rest
-        return record
-
-    def over_sample(self, sample: Sample, record):
-        del sample, record
-        return True
-
     def over_bounces(self, bounces: Bounces, record):
         del bounces, record
         return True
@@ -109,7 +83,3 @@ class TurningPoints(AbstractOutput):
     def is_final(self, bounds: Bounds, record):
         del bounds, record
         return True
-
-    def answer(self, ended, record, note):
-        del ended, record, note
-        return {}

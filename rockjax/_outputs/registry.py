@@ -35,3 +35,8 @@ def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
     """Return the answers of outputs by name: names of the registry, and outputs of the user's own."""
     listed = [REGISTRY[y] if isinstance(y, str) else y for y in outputs]
     return {each.name: (each, output.name) for output in listed for each in output.variables}
+
+
+def name_if_registered(output: AbstractOutput) -> str | AbstractOutput:
+    """Return the name of an output of the registry, and an output of the user's own as it is."""
+    return output.name if REGISTRY.get(output.name) == output else output

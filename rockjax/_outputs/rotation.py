@@ -10,16 +10,16 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.energy import potential
-from rockjax._engine.maxima import NEAR_RECORD, WELL_INSIDE, Maximum
+from rockjax._engine.maxima import NEAR_RECORD, Maximum
 from rockjax._engine.once import once
 from rockjax._types import Flag, Value
 
-from .base import AbstractOutput, Variable
-from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step, StepEnd
+from .base import AbstractEventOutput, Variable
+from .views import Bounces, Ended, Moment, Start, Step, StepEnd
 
 
 @dataclasses.dataclass(frozen=True)
-class PeakRotation(AbstractOutput):
+class PeakRotation(AbstractEventOutput):
     """The peak rotation max|θ|/α and its time."""
 
     name = "peak_rotation"
@@ -44,10 +44,10 @@ class PeakRotation(AbstractOutput):
         return jnp.minimum(jnp.abs(start.initial.theta), start.scene.overturn_angle), start.t
 
     def over_step(self, step: Step, record: Value) -> Maximum:
-        guard = step.guard
-        inside = (guard.turn > WELL_INSIDE) & (guard.turn < 1 - WELL_INSIDE)
-        lands = step.refines & step.has_peak & (guard.top > record * (1 - NEAR_RECORD)) & inside
-        return Maximum(guard.top, jnp.where(lands, guard.turn, jnp.inf))
+        top = step.guard.top
+        return Maximum(
+            top, step.cut_at_turn(step.refines & step.has_peak & (top > record * (1 - NEAR_RECORD)))
+        )
 
     def update(self, end: StepEnd, record: Value, note: Value, largest: Any) -> tuple[Value, Value]:
         del largest
@@ -56,15 +56,6 @@ class PeakRotation(AbstractOutput):
             highest, time = jax.lax.stop_gradient((highest, time))
         raises = once(end.accepted & (end.step.sigma != 0) & (highest > record))
         return jnp.where(raises, highest, record), jnp.where(raises, time, note)
-
-    def over_rest(self, rest: Rest, record: Value) -> Value:
-        del rest
-        return record
-
-    def over_sample(self, sample: Sample, record: Value) -> bool:
-        # The rotation is monotone over the sample: a new record is seen by the next trial.
-        del sample, record
-        return True
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
         return bounces.height < record

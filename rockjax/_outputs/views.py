@@ -19,6 +19,7 @@ from rockjax._engine.coefficients import Coefficients, Vibration, present, summe
 from rockjax._engine.guard import Guard
 from rockjax._engine.hermite import Quintic, is_long, quintic
 from rockjax._engine.maxima import (
+    WELL_INSIDE,
     WELL_INSIDE_CUBIC,
     WELL_INSIDE_QUINTIC,
     End,
@@ -53,6 +54,11 @@ class Moment(NamedTuple):
     x: Vector
     v: Vector
     a: Vector
+
+    @property
+    def deformation(self) -> Values:
+        """Deformation u_t − u_b of the superstructure [m], of each mode if there are several."""
+        return self.x[1] - beam(self.c, self.sigma, self.x[0], self.v[0])[0]
 
 
 Quantity = Callable[[Moment], Values]
@@ -212,6 +218,12 @@ class Step:
 
         return carried
 
+    def cut_at_turn(self, lands: Flag) -> Value:
+        """Return the fraction of the step at which to end it where `lands` holds: at the guard's turning
+        point, unless that is so close to an end that the polynomial is accurate enough; inf elsewhere."""
+        turn = self.guard.turn
+        return jnp.where(lands & (turn > WELL_INSIDE) & (turn < 1 - WELL_INSIDE), turn, jnp.inf)
+
     def largest(
         self, course: Course, record: Values, inside: float = WELL_INSIDE_CUBIC, lands: bool = True
     ) -> Maximum:
@@ -225,11 +237,6 @@ class Step:
         """
         ends = End(*course.first, self.span.before), End(*course.last, self.span.after)
         return largest(course.path, self.span.h, self.span.long, record, ends, inside, lands)
-
-    @functools.cached_property
-    def turning_time(self) -> Value:
-        """Time from the start of the step to the guard's turning point [s]; it moves with the parameters."""
-        return self.time_to_turn(self.guard.turn)
 
     def time_to_turn(self, z: Value) -> Value:
         """Return the time from the start of the step to its turning point of θ near `z`, which moves with the
@@ -251,7 +258,7 @@ class Step:
     def turn(self) -> Turn:
         """Margin and deceleration of the maximum of |θ|; inf without one."""
         h, sigma, trial = self.span.h, self.sigma, self.trial
-        span = self.turning_time
+        span = self.time_to_turn(self.guard.turn)
         z = safe_ratio(span, h, h > 0)
         theta = self.guard.path.value(z)
         x, v = (sigma * theta,), (jnp.zeros_like(h),)

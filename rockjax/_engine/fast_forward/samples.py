@@ -73,8 +73,8 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     goes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.pass_below
     goes &= _goes_on(scene, state, a, end, h)
     sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (last, end.x, end.v, end.a))
-    for output, record in zip(plan.outputs, state.records, strict=True):
-        goes &= output.over_sample(sample, record)
+    for output, so_far in zip(plan.outputs, state.records, strict=True):
+        goes &= output.over_sample(sample, so_far)
     goes = once(goes)
     # The field is continuous at a sample: if the sample moves, the state at the stamp does not.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)

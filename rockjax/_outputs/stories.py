@@ -1,0 +1,37 @@
+"""The base class of outputs of the stories and floors of a building."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Self
+
+import jax.numpy as jnp
+
+from rockjax._structures import Podium, ShearBuilding
+
+from .base import STORIES, AbstractOutput
+from .views import Ended
+
+
+@dataclasses.dataclass(frozen=True)
+class AbstractOfStories(AbstractOutput):
+    """An output of a building with a number for each story or floor."""
+
+    axis = STORIES
+
+    stories: int = 0
+    elastic: bool = True
+
+    def applies(self, podium: Podium) -> bool:
+        return self.of(podium).stories > 0
+
+    def of(self, podium: Podium) -> Self:
+        top = podium.superstructure
+        return type(self)(top.stories if isinstance(top, ShearBuilding) else 0, podium.vibrates)
+
+    def absent(self, ended: Ended) -> dict[str, Any]:
+        return self.in_all_stories(jnp.full_like(ended.t, jnp.nan))
+
+    def in_all_stories(self, value: Any) -> dict[str, Any]:
+        """Return an answer that is the same in all stories; none of a podium without stories."""
+        return {self.name: jnp.broadcast_to(value, (self.stories,))} if self.stories else {}
