@@ -165,7 +165,8 @@ class KeptProgram:
             with _tracing():
                 lowered = self._jit(static).lower(*passed)
             if stored and not text:  # user-defined classes: identified by the trace
-                text = f"{compile_key}\n{keys.describe_machine()}\n{lowered.as_text()}"
+                # Empty branches of the answers' tree leave no trace in the text of the program.
+                text = f"{compile_key}\n{keys.describe_machine()}\n{lowered.out_tree}\n{lowered.as_text()}"
                 found = _load(text)
             if found is not None:
                 return found

@@ -259,6 +259,17 @@ def test_an_answer_of_modules_is_not_stored(stored):
     assert not store.entries()
 
 
+@pytest.mark.parametrize("extra", [(), {}], ids=["tuple", "dictionary"])
+def test_answers_of_another_form_are_another_program(stored, extra):
+    """Functions of the user are identified by their trace, which does not show empty branches of answers."""
+    made = KeptProgram(lambda law, x: law(x), name="tests.forms")
+    assert made(lambda x: (2 * x,), 3.0) == (6.0,)
+    finish_writing()
+    made.forget()
+    assert made(lambda x: (2 * x, extra), 3.0) == (6.0, extra)
+    program._PROGRAMS.remove(made)
+
+
 def test_compiling_that_takes_long_is_said_once(stored, monkeypatch, caplog):
     monkeypatch.setattr(program, "_ANNOUNCE_AFTER", 0.0)
     program._ANNOUNCED.clear()
