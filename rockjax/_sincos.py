@@ -12,7 +12,7 @@ from fractions import Fraction
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._types import Value
 
 _LIMIT = Fraction(5, 2)  # of ψ², a little over (π/2)²
@@ -63,8 +63,8 @@ def sincos(psi: Value) -> tuple[Value, Value]:
 @sincos.defjvp
 def _sincos_jvp(primals, tangents):
     (psi,), (psi_dot,) = primals, tangents
-    psi = once(psi)
-    s, c = once(sincos(psi))
+    psi = barrier(psi)
+    s, c = barrier(sincos(psi))
     return (s, c), (c * psi_dot, -s * psi_dot)
 
 

@@ -14,12 +14,12 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from rockjax._engine.derivatives import pushed, which_move
+from rockjax._engine.barrier import barrier
+from rockjax._engine.derivatives import depend_on_argument, pushed
 from rockjax._engine.fast_forward.rest import advance_to_uplift
 from rockjax._engine.flat import runs
-from rockjax._engine.once import once
 from rockjax._engine.scene import plan_for, prepare
-from rockjax._engine.state import LoopState, Plan, Scene, moving
+from rockjax._engine.state import LoopState, Plan, Scene, differentiated_fields
 from rockjax._engine.step import trial
 from rockjax._options import Options
 from rockjax._outputs.margin import TurningPoints
@@ -49,7 +49,7 @@ class Slopes(NamedTuple):
     """Derivatives beside the scenes and states of lanes, with a row for each parameter."""
 
     parts: list[Any]  # of `Scene`: None beside leaves that do not depend on the parameters
-    lane: dict[str, Any]  # of `moving` in a `LoopState`
+    lane: dict[str, Any]  # the `differentiated_fields` of a `LoopState`
 
 
 def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
@@ -64,7 +64,7 @@ def automaton(plan: Plan, options: Options):
     uplift of a rigid podium in full contact."""
 
     def moves(scene: Scene, lane: LoopState) -> LoopState:
-        going = once(makes_trials(plan, options, lane))
+        going = barrier(makes_trials(plan, options, lane))
         after, _ = trial(scene, plan, lane)
         return jax.tree.map(lambda new, old: jnp.where(going, new, old), after, lane)
 
@@ -107,7 +107,7 @@ class Chunk(NamedTuple):
         if self.slopes is None:
             return state, None
         beside = lambda rows, differs: jax.vmap(lambda row: start(row, differs))(rows)
-        lane = jax.tree.map(beside, self.slopes.lane, moving(self.lane_differs))
+        lane = jax.tree.map(beside, self.slopes.lane, differentiated_fields(self.lane_differs))
         return state, Slopes([None if y is None else y[:, :lanes] for y in self.slopes.parts], lane)
 
     def in_lanes(
@@ -167,13 +167,13 @@ def prepared(leaves, layout: LaneLayout, options: Options) -> Chunk:
     ]
     if names:
         one = [y if axis is None else y[0] for y, axis in zip(leaves, axes[1:], strict=True)]
-        moves = jax.tree.leaves(which_move(lambda factors: ready(factors, *one), factors)[0])
+        moves = jax.tree.leaves(depend_on_argument(lambda factors: ready(factors, *one), factors)[0])
 
         def of_factors(factors):
             scenes, lane = every(factors, *leaves)
             flat = jax.tree.leaves(scenes)
             flat = [y if flag else None for y, flag in zip(flat, moves, strict=True)]
-            return (flat, moving(lane)), (scenes, lane)
+            return (flat, differentiated_fields(lane)), (scenes, lane)
 
         _, (rows, of_lane), (scenes, lane) = pushed(
             of_factors, (factors,), (jnp.eye(len(names)),), loops=True
@@ -240,7 +240,7 @@ def _own(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chun
     lane, lane_structure = jax.tree.flatten(chunk.lane)
     differs = jax.tree.leaves(chunk.lane_differs)
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.parts, chunk.slopes.lane))
-    differ = chunk.slopes and moving(chunk.lane_differs)
+    differ = chunk.slopes and differentiated_fields(chunk.lane_differs)
     moves = jax.tree.leaves(chunk.slopes and (chunk.slopes.parts, differ))
     keeps = [*(True for _ in chunk.parts), *differs, *(flag is not False for flag in moves)]
     every = [*chunk.parts, *lane, *slopes]

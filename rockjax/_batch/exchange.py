@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.state import LoopState, moving
+from rockjax._engine.state import LoopState, differentiated_fields
 from rockjax._types import Flag
 
 from .chunk import Chunk, Slopes
@@ -150,7 +150,7 @@ def _loaded(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
         return state
     # A row for each parameter comes before the lanes.
     beside = lambda store, differs, current: load(store, differs, current, 1)
-    differs = moving(chunk.lane_differs)
+    differs = differentiated_fields(chunk.lane_differs)
     rows = jax.tree.map(beside, chunk.slopes.lane, differs, state.slopes.lane)
     of_parts = over(chunk.slopes.parts, state.slopes.parts, 1) if refill else state.slopes.parts
     return state._replace(slopes=Slopes(of_parts, rows))

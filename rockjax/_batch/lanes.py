@@ -20,7 +20,7 @@ from rockjax._engine.coefficients import present
 from rockjax._engine.fast_forward.samples import past_sample
 from rockjax._engine.flat import closed, runs
 from rockjax._engine.solve import answers
-from rockjax._engine.state import LoopState, Plan, Scene, moving
+from rockjax._engine.state import LoopState, Plan, Scene, differentiated_fields
 from rockjax._options import Options
 from rockjax._programs.program import KeptProgram
 from rockjax._responses.sensitivities import slope_name
@@ -134,7 +134,7 @@ def _past_samples(plan: Plan, options: Options, onward: Callable[[Lanes], Lanes]
 
 def _followed(lane: LoopState, state: Lanes) -> dict[str, Any]:
     """Return the fields of a lane that have slopes."""
-    return {} if state.slopes is None else moving(lane)
+    return {} if state.slopes is None else differentiated_fields(lane)
 
 
 def _unlimited(layout: LaneLayout) -> jax.Array | None:

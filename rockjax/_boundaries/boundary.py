@@ -27,7 +27,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax import _results as results
 from rockjax._checks import array_module, as_array, as_float, float_type, require
-from rockjax._engine.derivatives import along, known, numbers_of, value_of
+from rockjax._engine.derivatives import directional_derivative, is_concrete, scalar_positions, value_of
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion, ScaledByAmplitude
@@ -222,14 +222,14 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
     def rule(primals, tangents):
         live = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
         live_tangents = [tangent for tangent, is_live in zip(tangents, live, strict=True) if is_live]
-        numbers = numbers_of(primals[: arguments_structure.num_leaves])
+        numbers = scalar_positions(primals[: arguments_structure.num_leaves])
         live_indices = [k for k, is_live in enumerate(live) if is_live]
-        if all(map(known, primals)) and set(live_indices) <= set(numbers):
+        if all(map(is_concrete, primals)) and set(live_indices) <= set(numbers):
             arguments = jax.tree.unflatten(structure, primals)
             boundary_gradient.ahead(arguments, np.zeros((), float_type()), numbers=numbers, margin=margin)
             first = search(*primals)
             slopes = boundary_gradient(arguments, first.scale, numbers=numbers, margin=margin)
-            change = along(
+            change = directional_derivative(
                 np.asarray(slopes), dict(zip(map(numbers.index, live_indices), live_tangents, strict=True))
             )
         else:
@@ -253,7 +253,7 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
 def _without_tangents(tree):
     """Return concrete numbers without derivatives; outside jit, every jnp operation would compile
     separately."""
-    return jax.tree.map(value_of, tree) if all(map(known, jax.tree.leaves(tree))) else tree
+    return jax.tree.map(value_of, tree) if all(map(is_concrete, jax.tree.leaves(tree))) else tree
 
 
 def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:

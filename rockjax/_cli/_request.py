@@ -200,7 +200,7 @@ class Request:
             etas = [ratio * gamma for ratio in ratios]
         stories = _equal_stories(self.problem.structure) or self.values.get("stories")
         changed = [name for name in ("T_s", "zeta", "eta", "eta_over_gamma") if name in given]
-        if has_structure and changed and not stories and top is not None and top.several:
+        if has_structure and changed and not stories and top is not None and top.has_mode_axis:
             raise ValueError(
                 f"--{changed[0].replace('_', '-')}: the superstructure has several modes or stories, which "
                 "no single number can change; give stories that are alike, or change the file"

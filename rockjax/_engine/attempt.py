@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._excitations.sampled import AbstractSampled
 from rockjax._types import Flag, Value, Vector
 
@@ -89,11 +89,11 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     h, reaches = _length(scene, state, constant(a0[0]), jerk, fresh, constant(stop))
     if replayed is not None:
         h, reaches = replayed.h, replayed.reaches
-    h, reaches, a0, stop, last = once((h, reaches, a0, stop, last))
-    end = once(runge_kutta(plan.tableau, field, t, h, state.x, state.v, a0))
+    h, reaches, a0, stop, last = barrier((h, reaches, a0, stop, last))
+    end = barrier(runge_kutta(plan.tableau, field, t, h, state.x, state.v, a0))
     error = constant(over_tolerance(scene, state.x, state.v, end))
-    if scene.estimated is not None:
-        error = error * scene.estimated
+    if scene.estimate_factor is not None:
+        error = error * scene.estimate_factor
     finite = jnp.isfinite(error)
     return Attempt(
         h,
@@ -104,7 +104,7 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
         a0,
         end,
         error,
-        once(factor(plan, error)),
+        barrier(factor(plan, error)),
         finite,
         finite & ((error <= 1) | (h < tiny)),
         tiny,
@@ -116,8 +116,8 @@ def _length(
 ) -> tuple[Value, Flag]:
     """Return the length of the trial [s], and whether it reaches the stop."""
     room = stop - state.t
-    fits = (state.h > 0.999 * room) & ((state.h < 1.001 * room) | (state.h > scene.whole * room))
-    h = jnp.where(fits, room, jnp.where(state.h > 0.5 * room, scene.split * room, state.h))
+    takes_all = (state.h > 0.999 * room) & ((state.h < 1.001 * room) | (state.h > scene.unsplit_limit * room))
+    h = jnp.where(takes_all, room, jnp.where(state.h > 0.5 * room, scene.split_fraction * room, state.h))
     # After an impact θ̈ is nearly constant over a short hop, which lasts 2|θ̇/θ̈| …
     speed = jax.lax.stop_gradient(state.v[0])
     returns = fresh & (speed * angular < 0)
@@ -129,9 +129,9 @@ def _length(
     h = jnp.minimum(h, jnp.minimum(state.cut, hop))
     if jerk is not None:
         h = jnp.where(jnp.isinf(state.cut), _to_impact(state, angular, jerk, h), h)
-    held = scene.c.restraint
-    if held is not None and held.steep:
-        steady = jax.lax.stop_gradient(steady_for(scene.c, held, speed, angular))
+    restraint = scene.c.restraint
+    if restraint is not None and restraint.steep:
+        steady = jax.lax.stop_gradient(steady_for(scene.c, restraint, speed, angular))
         h = jnp.where(state.sigma == 0, h, jnp.minimum(h, steady))
     return h, h >= room
 
@@ -142,7 +142,7 @@ def _to_impact(state: LoopState, angular: Value, jerk: Value, h: Value) -> Value
     one, zero = jnp.ones_like(h), jnp.zeros_like(h)
     theta, speed = jax.lax.stop_gradient((state.x[0], state.v[0]))
     left, speed, angular, jerk = (state.sigma * y for y in (theta, speed, angular, jerk))
-    ahead = once(Quintic(left, h * speed, h**2 * angular / 2, h**3 * jerk / 6, zero, zero))
+    ahead = barrier(Quintic(left, h * speed, h**2 * angular / 2, h**3 * jerk / 6, zero, zero))
     meets = (left > 0) & (ahead.value(one) < 0)
     return jnp.where(meets, h * crossing(ahead, zero, one), h)
 
@@ -150,8 +150,8 @@ def _to_impact(state: LoopState, angular: Value, jerk: Value, h: Value) -> Value
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
     """Return d³θ/dt³ at the start of the step, which predicts the next impact. It is used under records, and
     under pulses where all impacts are requested: a bouncing column has many."""
-    moving = jnp.ones_like(state.t), state.v, a0
-    _, jerks = jax.jvp(field, (state.t, state.x, state.v), moving)
+    rates = jnp.ones_like(state.t), state.v, a0
+    _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)
     return jax.lax.stop_gradient(jerks[0])
 
 
@@ -207,7 +207,7 @@ def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Val
     proposed = trial.h * trial.growth
     shortened = (trial.h < 0.99 * state.h) & (trial.error < 0.5)
     proposed = jnp.where(shortened, jnp.maximum(proposed, state.h), proposed)
-    return jnp.minimum(proposed, jnp.where(t < scene.quiet, scene.longest_excited, scene.longest))
+    return jnp.minimum(proposed, jnp.where(t < scene.excitation_end, scene.max_excited_step, scene.max_step))
 
 
 def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> tuple[Vector, Vector]:
@@ -225,9 +225,9 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
     for x0, v0, a0, x1, v1, a1 in zip(
         state.x, state.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True
     ):
-        path, long = quintic(x0, v0, a0, x1, v1, a1, h), is_long(h, scene.longest)
+        path, long = quintic(x0, v0, a0, x1, v1, a1, h), is_long(h, scene.max_step)
         # Third to fifth derivative at the end, over 3!, 4!, 5!; the step itself gives the lower ones.
-        d3 = third_at_end(path, a0, a1, h, scene.longest)
+        d3 = third_at_end(path, a0, a1, h, scene.max_step)
         d4, d5 = jnp.where(long, path.c4 + 5 * path.c5, 0.0), jnp.where(long, path.c5, 0.0)
         x.append(x1 + after * (v1 + 0.5 * after * a1) + z**3 * (d3 + z * (d4 + z * d5)))
         v.append(v1 + after * a1 + safe_ratio(z**2 * (3 * d3 + z * (4 * d4 + z * 5 * d5)), h, h > 0))

@@ -135,7 +135,7 @@ class Bounds:
         """Bound forces of springs and of the mass that moves with the beam, Σ w_i F_i + (Σ w_i − 1) a_b
         [m/s²]."""
         found = self.springs(weights)
-        if present(self.c.several).residual is None:
+        if present(self.c.modal).residual is None:
             return found
         return found + jnp.abs(1 - summed(weights)) * self.beam
 

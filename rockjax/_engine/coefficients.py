@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.combined import apparent_mass, stiffness
 from rockjax._structures import Podium
@@ -18,7 +18,7 @@ from rockjax._types import Value, Values
 T = TypeVar("T")
 
 
-class Several(NamedTuple):
+class ModalConstants(NamedTuple):
     """Constants of several modes, of the residual mass and of the floors."""
 
     eta: Values  # η_i
@@ -35,7 +35,7 @@ class Vibration(NamedTuple):
     omega2: Values  # ω_i²
     damping: Values  # 2ζ_iω_i
     uplifted_frequency: Value  # Eq. (31), the largest of (C15)
-    several: Several | None  # None for a single mode that is the whole superstructure
+    modal: ModalConstants | None  # None for a single mode that is the whole superstructure
 
 
 class Restraint(NamedTuple):
@@ -78,13 +78,13 @@ class Coefficients(NamedTuple):
     tilt: Value | None  # K = tan α (1+2γ+2η)/(1+2γ), (C10); None without vertical ground motion
 
     @property
-    def several(self) -> Several | None:
-        return None if self.vibration is None else self.vibration.several
+    def modal(self) -> ModalConstants | None:
+        return None if self.vibration is None else self.vibration.modal
 
     @property
     def etas(self) -> Values:
         """Mass ratios η_i of the modes."""
-        return self.eta if self.several is None else self.several.eta
+        return self.eta if self.modal is None else self.modal.eta
 
 
 def over_inertia(c: Coefficients) -> Coefficients:
@@ -92,7 +92,7 @@ def over_inertia(c: Coefficients) -> Coefficients:
     a division in each stage of a step."""
     if c.vibration is not None or c.restraint is not None:
         return c
-    gravity, ground = once((c.gravity / c.inertia, c.ground / c.inertia))
+    gravity, ground = barrier((c.gravity / c.inertia, c.ground / c.inertia))
     return c._replace(gravity=gravity, ground=ground, inertia=1.0)
 
 
@@ -125,7 +125,7 @@ def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = Fa
     - `vertical`: whether the ground moves vertically as well
     """
     podium = podium.resolved()
-    gamma, moving = podium.apart
+    gamma, vibrating = podium.mass_ratios
     lam, R, g, p = podium.lam, podium.R, podium.g, podium.p
     spin = 1 + lam + 4 * gamma
     return Coefficients(
@@ -138,17 +138,17 @@ def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = Fa
         uplift=podium.uplift_acceleration * (1 + 64 * jnp.finfo(R.dtype).eps),
         two_R=2 * R,
         inertia=3 * gamma + 0.75 * (1 + lam),
-        centrifugal=3 * moving,
-        gravity=p**2 * (2 * moving + 2 * gamma + 1),
+        centrifugal=3 * vibrating,
+        gravity=p**2 * (2 * vibrating + 2 * gamma + 1),
         ground=p**2 * (2 * gamma + 1) / g,
-        weight=2 * R * g * (moving + gamma + 0.5),
+        weight=2 * R * g * (vibrating + gamma + 0.5),
         spin=spin * R**2,
-        impulse=jnp.sqrt((1 + 2 * gamma) ** 2 / (2 * spin) + moving / 2),
+        impulse=jnp.sqrt((1 + 2 * gamma) ** 2 / (2 * spin) + vibrating / 2),
         g=g,
-        eta=moving,
+        eta=vibrating,
         vibration=_vibration(podium),
         restraint=_restraint(podium, slip),
-        tilt=jnp.tan(podium.alpha) * (1 + 2 * (gamma + moving)) / (1 + 2 * gamma) if vertical else None,
+        tilt=jnp.tan(podium.alpha) * (1 + 2 * (gamma + vibrating)) / (1 + 2 * gamma) if vertical else None,
     )
 
 
@@ -156,23 +156,23 @@ def _vibration(podium: Podium) -> Vibration | None:
     modes = None if podium.superstructure is None else podium.superstructure.oscillators
     if modes is None:
         return None
-    gamma, _ = podium.apart
+    gamma, _ = podium.mass_ratios
     return Vibration(
         coupling=1.5 * modes.eta / podium.R,
         demand=2 * modes.eta / (1 + 2 * gamma),
         omega2=modes.omega_s**2,
         damping=2 * modes.zeta * modes.omega_s,
         uplifted_frequency=podium.fastest_frequency(),
-        several=_several(modes) if isinstance(modes, Oscillators) else None,
+        modal=_modal(modes) if isinstance(modes, Oscillators) else None,
     )
 
 
-def _several(modes: Oscillators) -> Several:
-    whole = modes.mass_ratio
+def _modal(modes: Oscillators) -> ModalConstants:
+    mass = modes.mass_ratio
     # Modes without any mass count equally.
-    weighs = whole > 0
-    shares = jnp.where(weighs, modes.eta, 1 / modes.count) / jnp.where(weighs, whole, 1.0)
-    return Several(modes.eta, shares, modes.residual, modes.shapes)
+    has_mass = mass > 0
+    shares = jnp.where(has_mass, modes.eta, 1 / modes.count) / jnp.where(has_mass, mass, 1.0)
+    return ModalConstants(modes.eta, shares, modes.residual, modes.shapes)
 
 
 def _restraint(podium: Podium, slip: Value | float) -> Restraint | None:
@@ -180,7 +180,7 @@ def _restraint(podium: Podium, slip: Value | float) -> Restraint | None:
     if not restrainers:
         return None
     sin_alpha, kappa = jnp.sin(podium.alpha), stiffness(restrainers)
-    gamma, _ = podium.apart
+    gamma, _ = podium.mass_ratios
     k = None if kappa is None else 4 * kappa * sin_alpha**2 / (3 * gamma + 0.75 * (1 + podium.lam))
     return Restraint(
         restrainers=restrainers,

@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.custom_derivatives import SymbolicZero
 
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._programs.program import KeptProgram
 
 
@@ -46,16 +46,16 @@ def pushed(
 
     directions = [rows[i] for i in live]
     if loops:
-        along = lambda *row: jax.jvp(of_live, point, list(row), has_aux=True)
-        return jax.vmap(along, out_axes=(None, 0, None))(*directions)
+        tangent = lambda *row: jax.jvp(of_live, point, list(row), has_aux=True)
+        return jax.vmap(tangent, out_axes=(None, 0, None))(*directions)
     floats, linear, rest = jax.linearize(of_live, *point, has_aux=True)
     # Without the barrier every row would compute the coefficients again.
     coefficients, form = jax.tree.flatten(linear)
-    linear = jax.tree.unflatten(form, once(coefficients))
+    linear = jax.tree.unflatten(form, barrier(coefficients))
     return floats, jax.vmap(linear)(*directions), rest
 
 
-def which_move(function: Callable, at: Any) -> Any:
+def depend_on_argument(function: Callable, at: Any) -> Any:
     """Return, for each output of a function, whether it depends on the argument."""
     found: list[Any] = []
 
@@ -72,7 +72,7 @@ def which_move(function: Callable, at: Any) -> Any:
     return found[-1]
 
 
-def known(leaf: Any) -> bool:
+def is_concrete(leaf: Any) -> bool:
     """Return whether the value of a leaf is concrete, possibly inside a derivative."""
     if not isinstance(leaf, Tracer):
         return True
@@ -106,13 +106,13 @@ def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any,
     def rule(primals, tangents):
         live = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
         podium, excitation, *_ = structure.children()
-        numbers = numbers_of(primals[: podium.num_leaves + excitation.num_leaves])
+        numbers = scalar_positions(primals[: podium.num_leaves + excitation.num_leaves])
         if not set(live) <= set(numbers) or any(isinstance(y, Tracer) for y in primals):
             return _traced(program, structure, history, primals, tangents, live)
         answer, slopes = slopes_of(*jax.tree.unflatten(structure, primals), numbers=numbers, history=history)
         directions = {numbers.index(i): tangents[i] for i in live}
         _, integers = answer
-        floats_dot = jax.tree.map(lambda slope: along(np.asarray(slope), directions), slopes)
+        floats_dot = jax.tree.map(lambda slope: directional_derivative(np.asarray(slope), directions), slopes)
         return answer, (
             floats_dot,
             jax.tree.map(lambda y: np.zeros(np.shape(y), jax.dtypes.float0), integers),
@@ -122,7 +122,7 @@ def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any,
     return evaluate
 
 
-def numbers_of(leaves) -> tuple[int, ...]:
+def scalar_positions(leaves) -> tuple[int, ...]:
     """Return the positions of the leaves that are single floating-point numbers, which may be
     differentiated."""
     return tuple(
@@ -132,7 +132,7 @@ def numbers_of(leaves) -> tuple[int, ...]:
     )
 
 
-def along(slope: np.ndarray, directions: dict[int, Any]):
+def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
     """Return the derivative of one answer along directions, by few and small operations, since each is
     compiled."""
     terms = []

@@ -70,7 +70,7 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     return total + summed(0.5 * c.etas * (top + c.vibration.omega2 * deformation**2))
 
 
-def damper_power(c: Coefficients, held: Restraint, sigma: Value, x: Vector, v: Vector) -> Value:
+def damper_power(c: Coefficients, restraint: Restraint, sigma: Value, x: Vector, v: Vector) -> Value:
     """Return the power that restrainers dissipate, (C/m_c)|ℓ̇|^(1+ν) for dampers, per N m_c [m²/s³].
 
     - `c`, `held`: constants of the podium and of its restrainers
@@ -78,7 +78,7 @@ def damper_power(c: Coefficients, held: Restraint, sigma: Value, x: Vector, v: V
     - `x`, `v`: positions and velocities
     """
     rate = elongation(c, sigma, x[0]).lever * v[0] / c.p
-    taken = sum((each.power(rate, held.slip) for each in held.restrainers), jnp.zeros_like(rate))
+    taken = sum((each.power(rate, restraint.slip) for each in restraint.restrainers), jnp.zeros_like(rate))
     return 0.5 * c.two_R * c.g * c.p * taken
 
 
@@ -138,7 +138,7 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
 
 def _with_restrainers(
     c: Coefficients,
-    held: Restraint,
+    restraint: Restraint,
     sigma: Value,
     theta: Value,
     theta_dot: Value,
@@ -150,11 +150,11 @@ def _with_restrainers(
     stretch, lever = elongation(c, sigma, theta)
     rate = lever * theta_dot / c.p
     zero = jnp.zeros_like(stretch)
-    forces = sum((each.force(stretch, rate, held.slip) for each in held.restrainers), zero)
-    pressed = sum((each.force(zero, zero, held.slip) for each in held.restrainers), zero)
-    if held.apparent_mass is not None:
+    forces = sum((each.force(stretch, rate, restraint.slip) for each in restraint.restrainers), zero)
+    pressed = sum((each.force(zero, zero, restraint.slip) for each in restraint.restrainers), zero)
+    if restraint.apparent_mass is not None:
         lengthening = lever * theta_ddot - 0.25 * stretch * theta_dot**2  # ℓ̈/R
-        forces = forces + 0.5 * c.two_R / c.g * held.apparent_mass * lengthening
+        forces = forces + 0.5 * c.two_R / c.g * restraint.apparent_mass * lengthening
     weight = c.weight / (c.two_R * c.g)  # w
     return (weight * rocking + 0.5 * forces * lever / c.sin_alpha) / (weight + pressed)
 

@@ -128,9 +128,9 @@ def record_decisions(
     decisions = jax.tree.map(lambda y: jnp.zeros((max_steps,), y.dtype), like)
 
     def keep(
-        state: LoopState, kept: tuple[Decision, Index], info: StepInfo
+        state: LoopState, stored: tuple[Decision, Index], info: StepInfo
     ) -> tuple[LoopState, tuple[Decision, Index]]:
-        decisions, count = kept
+        decisions, count = stored
         decisions = _put(decisions, jnp.where(info.accepted, count, max_steps), info.decision)
         return state, (decisions, count + info.accepted.astype(jnp.int32))
 
@@ -140,7 +140,7 @@ def record_decisions(
     return state, decisions, count
 
 
-def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, kept):
+def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, stored):
     """Integrate a scene and return its final state, and the data that `keep(state, kept, info)` stores for
     every step.
 
@@ -150,16 +150,16 @@ def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, k
     """
 
     def body(carry):
-        state, kept = carry
+        state, stored = carry
         goes_on = runs(state, max_steps)
         after, info = step(scene, plan, state)
-        after, kept = keep(after, kept, info._replace(accepted=info.accepted & goes_on))
-        return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, state), kept
+        after, stored = keep(after, stored, info._replace(accepted=info.accepted & goes_on))
+        return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, state), stored
 
-    state, kept = jax.lax.while_loop(
-        lambda carry: eqxi.unvmap_any(runs(carry[0], max_steps)), body, (state, kept)
+    state, stored = jax.lax.while_loop(
+        lambda carry: eqxi.unvmap_any(runs(carry[0], max_steps)), body, (state, stored)
     )
-    return closed(scene, state), kept
+    return closed(scene, state), stored
 
 
 def replay(
@@ -191,7 +191,7 @@ def replay(
         goes_on = k < count
         state = jax.tree.map(lambda now, at_first: jnp.where(goes_on, now, at_first), state, first)
         replayed = jax.tree.map(lambda y: y[jnp.where(goes_on, k, 0)], decisions)
-        replayed = replayed._replace(h=jnp.where(count > 0, replayed.h, scene.longest))
+        replayed = replayed._replace(h=jnp.where(count > 0, replayed.h, scene.max_step))
         state, info = step(scene, plan, state, replayed)
         if nodes is not None:
             nodes = _append(nodes, state, info.impact_time, info.accepted)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._types import Flag, Value, Vector
 
 from .hermite import (
@@ -66,19 +66,19 @@ def watch(
     """
     constant = jax.lax.stop_gradient
     rocking = state.sigma != 0
-    path, at_end = once(_paths(scene, plan, state, ground_at, h, a0, end))
+    path, at_end = barrier(_paths(scene, plan, state, ground_at, h, a0, end))
     fixed: Quintic = constant(path)
     one = jnp.ones_like(h)
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
     rises_on = constant(at_end.c1) > 0
     turned = rising != rises_on
     # Without the barrier every kernel that needs these would compute them again.
-    rising, rises_on, turned = once((rising, rises_on, turned))
+    rising, rises_on, turned = barrier((rising, rises_on, turned))
     turn, dips = turning_point_or_dip(fixed, turned, rising)
     turn = jnp.where(turned, turn, one)
     last = constant(at_end.c0)
     top = jnp.where(turned, fixed.value(turn), last)
-    turn, top = once((turn, top))
+    turn, top = barrier((turn, top))
     overturn_angle = constant(scene.overturn_angle)
     uplift = constant(scene.c.uplift)
 
@@ -87,7 +87,7 @@ def watch(
 
     breaks_before_turn = turned & broken(top)
     breaks_after_turn = broken(last) & ~breaks_before_turn
-    breaks_before_turn, breaks_after_turn = once((breaks_before_turn, breaks_after_turn))
+    breaks_before_turn, breaks_after_turn = barrier((breaks_before_turn, breaks_after_turn))
     edge = jnp.where(breaks_before_turn, top, last)
     margin = constant(_margin(scene, rocking, path, edge, edge < 0))
     inside = crossing(
@@ -97,8 +97,8 @@ def watch(
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
     time_past_end, converges = _newton_to(ending, 0.5 * h, rounding)
     busy = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)  # else no lift is possible
-    turns_twice = turns_more_than_once(fixed, rising, rises_on, dips & is_long(h, scene.longest)) & busy
-    ending, inside, time_past_end, converges, turns_twice = once(
+    turns_twice = turns_more_than_once(fixed, rising, rises_on, dips & is_long(h, scene.max_step)) & busy
+    ending, inside, time_past_end, converges, turns_twice = barrier(
         (ending, inside, time_past_end, converges, turns_twice)
     )
     return Guard(
@@ -132,7 +132,7 @@ def _paths(
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
     if not plan.follows_contact:
-        return _through(angle, h, scene.longest)
+        return _through(angle, h, scene.max_step)
 
     def jet(t, x, v, a):
         one = jnp.ones_like(t)
@@ -145,17 +145,17 @@ def _paths(
 
     demand = (*jet(state.t, state.x, state.v, a0), *jet(state.t + h, end.x, end.v, end.a))
     return _through(
-        (jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h, scene.longest
+        (jnp.where(sigma != 0, y, q) for y, q in zip(angle, demand, strict=True)), h, scene.max_step
     )
 
 
-def _through(ends: Iterable[Value], h: Value, longest: Value) -> tuple[Quintic, Quintic]:
+def _through(ends: Iterable[Value], h: Value, max_step: Value) -> tuple[Quintic, Quintic]:
     """Return the quintic through (value, slope, curvature) at both ends of a step, and the cubic at
     its end."""
     x0, v0, a0, x1, v1, a1 = ends
     zero = jnp.zeros_like(x1)
     path = quintic(x0, v0, a0, x1, v1, a1, h)
-    third = safe_ratio(third_at_end(path, a0, a1, h, longest), h**3, h > 0)
+    third = safe_ratio(third_at_end(path, a0, a1, h, max_step), h**3, h > 0)
     return path, Quintic(x1, v1, 0.5 * a1, third, zero, zero)
 
 
@@ -163,10 +163,10 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: F
     """Return the distance to breaking of the guard: to impact or overturning while rocking, to uplift in full
     contact."""
     sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(edge))
-    sign = once(sign)
+    sign = barrier(sign)
     limit = jnp.where(rocking, jnp.where(falling, 0.0, scene.overturn_angle), scene.c.uplift)
     scaled = Quintic(*(sign * k for k in guard))
-    return once(scaled._replace(c0=scaled.c0 + limit))
+    return barrier(scaled._replace(c0=scaled.c0 + limit))
 
 
 def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Flag]:
@@ -178,7 +178,7 @@ def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Fl
     for _ in range(3):
         slope = margin.slope(time_past_end)
         time_past_end = time_past_end - safe_ratio(margin.value(time_past_end), slope, falls & (slope < 0))
-        time_past_end = once(jnp.clip(time_past_end, -most, most))
+        time_past_end = barrier(jnp.clip(time_past_end, -most, most))
     # Newton converges slowly to a margin that only touches zero.
     arrives = jnp.abs(margin.value(time_past_end)) <= 1e-3 * jnp.abs(margin.c0) + rounding
     return time_past_end, falls & arrives

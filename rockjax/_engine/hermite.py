@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._types import Flags, Value, Values
 
 # Iterations of the safeguarded Newton searches. Derivatives of peaks need a turning point to about 1e-6; a
@@ -53,7 +53,7 @@ def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Valu
     rise = x1 - x0 - v0 - 0.5 * a0
     steepening = v1 - v0 - a0
     bending = a1 - a0
-    v0, a0, rise, steepening, bending = once((v0, a0, rise, steepening, bending))
+    v0, a0, rise, steepening, bending = barrier((v0, a0, rise, steepening, bending))
     return Quintic(
         x0,
         v0,
@@ -64,7 +64,7 @@ def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Valu
     )
 
 
-def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, longest: Value) -> Values:
+def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, max_step: Value) -> Values:
     """Return h³/3! times the third derivative at the end of a step.
 
     - `path`: quintic of the step
@@ -75,13 +75,13 @@ def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, longest: Value
     Over a very short step the quintic is a difference of nearly equal numbers, and the mean of the third
     derivative is used.
     """
-    return jnp.where(is_long(h, longest), path.c3 + 4 * path.c4 + 10 * path.c5, (a1 - a0) * h**2 / 6)
+    return jnp.where(is_long(h, max_step), path.c3 + 4 * path.c4 + 10 * path.c5, (a1 - a0) * h**2 / 6)
 
 
-def is_long(h: Value, longest: Value) -> Flags:
+def is_long(h: Value, max_step: Value) -> Flags:
     """Return whether a step is long enough for the higher coefficients of its quintic to be more than
     rounding."""
-    return h > 0.01 * longest
+    return h > 0.01 * max_step
 
 
 def _horner(coefficients: Sequence[Values], z: Values) -> Values:
@@ -100,14 +100,14 @@ def derivative(coefficients: Sequence[Values]) -> list[Values]:
 def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, iterations: int) -> Values:
     """Return the root between `lo`, where the polynomial is positive, and `hi`, where it is negative: Newton
     from z, safeguarded by bisection."""
-    f, df, z = once((list(f), derivative(f), z))
+    f, df, z = barrier((list(f), derivative(f), z))
     for _ in range(iterations):
-        value, slope = once(_horner(f, z)), _horner(df, z)
+        value, slope = barrier(_horner(f, z)), _horner(df, z)
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
         newton = z - value / jnp.where(slope == 0, 1.0, slope)
         z = jnp.where((newton >= lo) & (newton <= hi), newton, 0.5 * (lo + hi))
         # Without the barrier each iteration would be computed again inside every later one.
-        z, lo, hi = once((z, lo, hi))
+        z, lo, hi = barrier((z, lo, hi))
     return z
 
 
@@ -118,7 +118,7 @@ def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> t
     may dip: z is the zero of the curvature, where the slope is least relative to its sign at the ends
     (`rising`). If the slope changes sign there, the quantity turns both before and after it.
     """
-    sign = once(jnp.where(rising, 1.0, -1.0))
+    sign = barrier(jnp.where(rising, 1.0, -1.0))
     slope = [sign * c for c in derivative(polynomial)]
     curvature = [-c for c in derivative(slope)]
     may_dip = ~turned & (curvature[0] > 0) & (sum(curvature[1:], curvature[0]) < 0)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._types import Flag, Value, Values
 
 from .hermite import Quintic, derivative, turning_point_or_dip
@@ -71,7 +71,7 @@ def largest(
         bend = jnp.where(long, safe_ratio(path.curvature(jnp.full_like(h, place)), h * h, h > 0), of_rates)
         size = jnp.abs(end.value + end.past * (end.rate + 0.5 * end.past * bend))
         value = jnp.where(size > value, size, value)
-    value = once(value)
+    value = barrier(value)
     # Over a short hop the quantity is nearly constant: a maximum that equals an end value up to rounding
     # needs no shorter step.
     of_ends = jnp.maximum(*sizes)

@@ -19,18 +19,18 @@ from typing import NamedTuple, overload
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._excitations.base import Shaking
 from rockjax._sincos import sincos
 from rockjax._types import Value, Values, Vector
 
-from .coefficients import Coefficients, Restraint, Several, present, summed, weighted
+from .coefficients import Coefficients, ModalConstants, Restraint, present, summed, weighted
 
 # Longest steps near a moment without motion: fractions of the time until it, and of the time since it.
 SLOWING, GATHERING = 0.75, 3.0
 
 
-def steady_for(c: Coefficients, held: Restraint, theta_dot: Value, theta_ddot: Value) -> Value:
+def steady_for(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_ddot: Value) -> Value:
     """Return the longest step [s] over which the rate of rotation keeps its order of magnitude, for forces
     with an infinite slope at θ̇ = 0.
 
@@ -42,7 +42,7 @@ def steady_for(c: Coefficients, held: Restraint, theta_dot: Value, theta_ddot: V
     forces is infinite there. Derivatives stay accurate too, whose error the step-size control does not see.
     """
     speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
-    rounded = held.slip / (2 * c.sin_alpha)  # over p
+    rounded = restraint.slip / (2 * c.sin_alpha)  # over p
     share = jnp.where(theta_dot * theta_ddot < 0, SLOWING, GATHERING)
     still = 0.5 * jnp.sqrt(rounded / c.alpha) / c.p  # from an uplift on, θ̇ ~ t²
     span = share * (speed + rounded * c.p) / jnp.where(change > 0, change, 1.0)
@@ -70,7 +70,7 @@ def _elongation(c: Coefficients, sigma: Value, s: Value, cos: Value) -> Elongati
 def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, Elongation]:
     """Return sin ψ, cos ψ and the elongation from one sine and cosine, of θ/2. cos ψ is not valid in full
     contact."""
-    s, cos = once(sincos(0.5 * theta))
+    s, cos = barrier(sincos(0.5 * theta))
     sin_theta, cos_theta = 2 * s * cos, 1 - 2 * s * s
     sin_side = sigma * c.sin_alpha
     sin_psi = sin_side * cos_theta - c.cos_alpha * sin_theta
@@ -78,20 +78,22 @@ def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, 
 
 
 def _restraint(
-    c: Coefficients, held: Restraint, open_by: Elongation, theta_dot: Value
+    c: Coefficients, restraint: Restraint, open_by: Elongation, theta_dot: Value
 ) -> tuple[Value, Value | float]:
     """Return the moment of restrainers, which the right side of Eq. (24) loses, and their addition to its
     inertia, (C8)."""
     stretch, lever = open_by
     rate = lever * theta_dot / c.p
-    against = c.p**2 * lever * sum(each.force(stretch, rate, held.slip) for each in held.restrainers)
-    if held.apparent_mass is None:
+    against = (
+        c.p**2 * lever * sum(each.force(stretch, rate, restraint.slip) for each in restraint.restrainers)
+    )
+    if restraint.apparent_mass is None:
         return against, 0.0
-    push = 0.75 * held.apparent_mass * lever
+    push = 0.75 * restraint.apparent_mass * lever
     return against - 0.25 * push * stretch * theta_dot**2, push * lever
 
 
-def restraint_at_most(c: Coefficients, held: Restraint, theta: Value, theta_dot: Value) -> Value:
+def restraint_at_most(c: Coefficients, restraint: Restraint, theta: Value, theta_dot: Value) -> Value:
     """Bound the moment of restrainers in Eq. (24), (C20).
 
     - `c`, `held`: constants of the podium and of its restrainers
@@ -99,10 +101,12 @@ def restraint_at_most(c: Coefficients, held: Restraint, theta: Value, theta_dot:
     """
     s, _ = sincos(0.5 * theta)
     lever = 2 * c.sin_alpha
-    forces = sum(each.force(2 * lever * s, lever * theta_dot / c.p, held.slip) for each in held.restrainers)
+    forces = sum(
+        each.force(2 * lever * s, lever * theta_dot / c.p, restraint.slip) for each in restraint.restrainers
+    )
     most = c.p**2 * lever * forces
-    if held.apparent_mass is not None:
-        most = most + 0.75 * held.apparent_mass * (c.sin_alpha * theta_dot) ** 2
+    if restraint.apparent_mass is not None:
+        most = most + 0.75 * restraint.apparent_mass * (c.sin_alpha * theta_dot) ** 2
     return most
 
 
@@ -172,17 +176,17 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     if c.restraint is not None:
         s, cos, open_by = _angles(c, sigma, x[0])
         against, added = _restraint(c, c.restraint, open_by, v[0])
-        against = once(against)
+        against = barrier(against)
     else:
         s, cos = sincos(sigma * c.alpha - x[0])
     modes = c.vibration
     if modes is None:
         rocks = -jnp.abs(sigma)
         return (rocks * plus(gravity * s + c.ground * ground * cos, against) / plus(c.inertia, added),)
-    s, cos = once((s, cos))
+    s, cos = barrier((s, cos))
     sway, sway_rate = c.two_R * (sigma * c.sin_alpha - s), c.two_R * v[0] * cos
     springs = modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - sway_rate)  # V_i/m_i, Eq. (7)
-    springs = once(springs)
+    springs = barrier(springs)
     pull = weighted(modes.coupling, springs)
     moment = s * (c.centrifugal * v[0] ** 2 * cos - gravity) + cos * (pull - c.ground * ground)
     theta_ddot = jnp.abs(sigma) * plus(moment, -against) / plus(c.inertia + c.centrifugal * s**2, added)
@@ -261,15 +265,15 @@ def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: 
     ground = horizontal(ground)
     if c.vibration is None:
         return -beam_absolute(c, sigma, ground, x, v, a) / c.g
-    several = c.several
-    if several is None:
+    modal = c.modal
+    if modal is None:
         return -(a[1] + ground) / c.g
-    return -_carried(c, several, several.shares, sigma, ground, x, v, a) / c.g
+    return -_carried(c, modal, modal.shares, sigma, ground, x, v, a) / c.g
 
 
 def _carried(
     c: Coefficients,
-    several: Several,
+    modal: ModalConstants,
     weights: Values,
     sigma: Value,
     ground: Value,
@@ -280,7 +284,7 @@ def _carried(
     """Return Σ w_i(ü_i + ü_g) over the retained modes, plus 1 − Σ w_i times the beam's absolute
     acceleration."""
     found = weighted(weights, a[1] + ground)
-    if several.residual is None:
+    if modal.residual is None:
         return found
     return found + (1 - summed(weights)) * beam_absolute(c, sigma, ground, x, v, a)
 
@@ -303,6 +307,6 @@ def floor_accelerations(
 
     They are −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b over the retained modes, with F_i = −(ü_i + ü_g).
     """
-    several, ground = present(c.several), horizontal(ground)
-    of_floor = lambda weights: _carried(c, several, weights, sigma, ground, x, v, a)
-    return jax.vmap(of_floor)(present(several.floors))
+    modal, ground = present(c.modal), horizontal(ground)
+    of_floor = lambda weights: _carried(c, modal, weights, sigma, ground, x, v, a)
+    return jax.vmap(of_floor)(present(modal.floors))

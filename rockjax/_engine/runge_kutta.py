@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._types import Value, Values, Vector
 
 from .tableaus import Tableau
@@ -57,13 +57,13 @@ def step(
         xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _combine(weights_x, k, d) for d in parts)
         vi = tuple(v[d] + h * _combine(weights_v, k, d) for d in parts)
         # All accelerations need the whole state.
-        return once((xi, vi)) if len(x) > 1 else (xi, vi)
+        return barrier((xi, vi)) if len(x) > 1 else (xi, vi)
 
     k = [a]
     for i in range(1, len(tab.c)):
         xi, vi = at(tab.c[i], tab.AA[i], tab.A[i])
         # Without the barrier each stage would be computed again inside every later one.
-        k.append(once(acceleration(t + float(tab.c[i]) * h, xi, vi)))
+        k.append(barrier(acceleration(t + float(tab.c[i]) * h, xi, vi)))
     x1, v1 = at(1.0, tab.bA, tab.b)
     a1 = k[-1] if tab.fsal else acceleration(t + h, x1, v1)
     x_error = tuple(jnp.asarray(h2 * _combine(tab.errorA, k, d)) for d in parts)

@@ -82,13 +82,13 @@ def _as_compiled(structure, applicable: frozenset[str]):
 # The closer solution, which estimates errors, has a lower rest velocity: the speed after this many further
 # impacts, at most half of the usual one. The least fraction of it holds for rigid podiums that hop on for
 # long, where an impact takes less than the last factor times rtol.
-IMPACTS_LATER, LATEST_REST, LEAST_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
+IMPACTS_LATER, MAX_REST, MIN_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
 # Part of a step within which its quintic carries the state on to an event: times √rtol, and at most.
-LANDED, FARTHEST = 10.0, 0.02
+LANDING, MAX_LANDING = 10.0, 0.02
 # Up to a breakpoint the usual solution takes one step or halves it. The closer solution splits at a third,
 # so that its errors differ; after an event too, unless the controller's step is twice as long.
-SPLIT, SPLIT_CLOSER, WHOLE_CLOSER = 0.5, 1 / 3, 2.0
-LANDED_CLOSER = 0.1  # times LANDED in the closer solution, so that its landing errors differ as well
+SPLIT, SPLIT_CLOSER, UNSPLIT_CLOSER = 0.5, 1 / 3, 2.0
+LANDING_CLOSER = 0.1  # times LANDING in the closer solution, so that its landing errors differ as well
 
 
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
@@ -97,8 +97,8 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
     after = 30 / podium.p
     modes = None if podium.superstructure is None else podium.superstructure.oscillators
     if modes is not None:
-        longest = jnp.max(modes.T_s, axis=-1) if isinstance(modes, Oscillators) else modes.T_s
-        after = jnp.maximum(after, 10 * longest)
+        period = jnp.max(modes.T_s, axis=-1) if isinstance(modes, Oscillators) else modes.T_s
+        after = jnp.maximum(after, 10 * period)
     return excitation.support[1] + after
 
 
@@ -107,34 +107,38 @@ def _closer(options: Options, closer: Value | float, usual: Value | float) -> Va
     return jnp.where(options._stride < 1, closer, usual)
 
 
-def _estimated(plan: Plan, options: Options) -> Value | None:
+def _estimate_factor(plan: Plan, options: Options) -> Value | None:
     """Return the factor that corrects an error estimate of lower order than usual at the step length it
     allows; None for an estimate of the usual order."""
     behind = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (behind / plan.tableau.order) if behind else None
 
 
-def _longest_step(c: Coefficients) -> Value:
+def _max_step(c: Coefficients) -> Value:
     """Return the longest step that resolves rocking, and the vibration during it [s]."""
-    longest = 1 / c.p
+    max_step = 1 / c.p
     fastest = None if c.restraint is None else c.restraint.restrained_frequency
     if c.vibration is not None:
         fastest = c.vibration.uplifted_frequency
-    return longest if fastest is None else jnp.minimum(longest, 3 / fastest)
+    return max_step if fastest is None else jnp.minimum(max_step, 3 / fastest)
 
 
-def _longest_excited(excitation: AbstractExcitation, longest: Value, options: Options) -> Value:
+def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: Options) -> Value:
     """Return the longest step that resolves the ground motion while it lasts [s]."""
-    start, quiet = excitation.support
-    duration = excitation.shorter if isinstance(excitation, GroundMotion) else quiet - start
-    excited = jnp.where(duration > 0, jnp.minimum(longest, options._stride * duration / 16), longest)
+    start, excitation_end = excitation.support
+    duration = excitation.shorter if isinstance(excitation, GroundMotion) else excitation_end - start
+    max_excited_step = jnp.where(
+        duration > 0, jnp.minimum(max_step, options._stride * duration / 16), max_step
+    )
     pair = isinstance(excitation, GroundMotion)
     parts = (excitation.horizontal, excitation.vertical) if pair else (excitation,)
     intervals = [part.sampling.dt for part in parts if isinstance(part, AbstractSampled)]
     if len(intervals) == len(parts):  # steps end on every sample, so the longest are the sampling interval
         shortest = functools.reduce(jnp.minimum, intervals)
-        excited = _closer(options, jnp.minimum(excited, (1 - SPLIT_CLOSER) * shortest), excited)
-    return excited
+        max_excited_step = _closer(
+            options, jnp.minimum(max_excited_step, (1 - SPLIT_CLOSER) * shortest), max_excited_step
+        )
+    return max_excited_step
 
 
 def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
@@ -144,23 +148,23 @@ def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> A
     return excitation.lookahead(threshold)
 
 
-def _landing(options: Options) -> Value:
+def _landing_fraction(options: Options) -> Value:
     """Return the part of a step within which it lands on an event."""
-    part = jnp.minimum(LANDED * jnp.sqrt(options.rtol), FARTHEST)
-    return part * _closer(options, LANDED_CLOSER, 1.0)
+    part = jnp.minimum(LANDING * jnp.sqrt(options.rtol), MAX_LANDING)
+    return part * _closer(options, LANDING_CLOSER, 1.0)
 
 
-def _rest_velocity(c: Coefficients, options: Options) -> Value:
+def _rest_speed(c: Coefficients, options: Options) -> Value:
     """Return the speed below which columns come to rest after an impact [rad/s].
 
     The closer solution lets them rest some impacts later, which reveals the error of the rest velocity.
     """
-    rest = options.rtol if options.rest_velocity is None else options.rest_velocity
+    relative = options.rtol if options.rest_velocity is None else options.rest_velocity
     left = jnp.clip(c.restitution, 0.0, 1.0)
-    later = jnp.clip(left**IMPACTS_LATER, LEAST_REST, LATEST_REST)
+    later = jnp.clip(left**IMPACTS_LATER, MIN_REST, MAX_REST)
     if c.vibration is None:  # with vibration, the superstructure takes up the speed that impacts leave
-        later = jnp.where(1 - left < LITTLE_LOSS * options.rtol, LEAST_REST, later)
-    return rest * c.p * c.alpha * _closer(options, later, 1.0)
+        later = jnp.where(1 - left < LITTLE_LOSS * options.rtol, MIN_REST, later)
+    return relative * c.p * c.alpha * _closer(options, later, 1.0)
 
 
 def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
@@ -169,14 +173,14 @@ def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
         return (initial.theta,), (initial.theta_dot,)
 
     def of_modes(given: Any) -> Values:
-        if modes.several is None:
+        if modes.modal is None:
             return given[0] if isinstance(given, tuple) else given
         return joined(as_many(given, modes.omega2.size))
 
     return (initial.theta, of_modes(initial.u_t)), (initial.theta_dot, of_modes(initial.u_t_dot))
 
 
-def _whole(values: Values) -> Value:
+def _total(values: Values) -> Value:
     """Return one number that is finite if all numbers of a row are."""
     return jnp.sum(values) if values.ndim else values
 
@@ -210,11 +214,11 @@ def _scene(
     constant = jax.lax.stop_gradient
     podium = podium.resolved()
     c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
-    start, quiet = excitation.support
+    start, excitation_end = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
-    longest = options._stride * _longest_step(c)
-    excited = _longest_excited(excitation, longest, options)
-    rest = constant(_rest_velocity(c, options))
+    max_step = options._stride * _max_step(c)
+    max_excited_step = _max_excited_step(excitation, max_step, options)
+    rest_speed = constant(_rest_speed(c, options))
     return Scene(
         c=c,
         excitation=excitation,
@@ -222,19 +226,19 @@ def _scene(
         start=start,
         end=end,
         overturn_angle=options.overturn_ratio * c.alpha,
-        rest=rest,
-        estimated=_estimated(plan, options),
+        rest_speed=rest_speed,
+        estimate_factor=_estimate_factor(plan, options),
         pass_below=_closer(options, 0.0, 1.0),  # none in the closer solution, to reveal their error
-        lost=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
-        slowest=constant(rest / jnp.maximum(c.restitution, jnp.finfo(rest.dtype).tiny)),
-        landing=_landing(options),
-        split=_closer(options, SPLIT_CLOSER, SPLIT),
-        whole=_closer(options, WHOLE_CLOSER, 1.0),
+        log_restitution=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
+        min_impact_speed=constant(rest_speed / jnp.maximum(c.restitution, jnp.finfo(rest_speed.dtype).tiny)),
+        landing_fraction=_landing_fraction(options),
+        split_fraction=_closer(options, SPLIT_CLOSER, SPLIT),
+        unsplit_limit=_closer(options, UNSPLIT_CLOSER, 1.0),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
-        longest=constant(longest),
-        longest_excited=constant(excited),
-        quiet=constant(quiet),
+        max_step=constant(max_step),
+        max_excited_step=constant(max_excited_step),
+        excitation_end=constant(excitation_end),
     )
 
 
@@ -243,14 +247,14 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
     c, excitation, start, end = scene.c, scene.excitation, scene.start, scene.end
     t = constant(start)
     piece = excitation.locate(t)
-    moves = (initial.theta != 0) | (initial.theta_dot != 0)
+    is_rocking = (initial.theta != 0) | (initial.theta_dot != 0)
     x, v = _start(c.vibration, initial)
     q = uplift_demand(c, excitation.piece(piece)(t), x, v)
     side = jnp.where(initial.theta != 0, jnp.sign(initial.theta), jnp.sign(initial.theta_dot))
-    sigma = constant(jnp.where(moves, side, contact_mode(c, q)))
+    sigma = constant(jnp.where(is_rocking, side, contact_mode(c, q)))
     # An initial rotation gives the mode; at θ = 0 an initial velocity gives it.
     toppled = jnp.abs(initial.theta) >= scene.overturn_angle
-    sane = jnp.all(jnp.isfinite(jnp.stack([*map(_whole, jax.tree.leaves((c, start, end, x, v)))])))
+    sane = jnp.all(jnp.isfinite(jnp.stack([*map(_total, jax.tree.leaves((c, start, end, x, v)))])))
     sane &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
     begins = jnp.where(start >= end, results.END_OF_TIME, results.RUNNING)
     code = jnp.where(toppled, results.OVERTURNED, begins)
@@ -270,7 +274,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         v=v,
         sigma=sigma,
         piece=piece,
-        h=0.05 * scene.longest_excited,
+        h=0.05 * scene.max_excited_step,
         cut=inf,
         code=jnp.where(sane, code, results.NOT_FINITE).astype(jnp.int32),
         records=tuple(record for record, _ in records),
@@ -279,8 +283,8 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),
         impacts=jnp.zeros((), jnp.int32),
-        slowest=inf,
-        slowest_before_peak=inf,
+        min_impact_speed=inf,
+        min_impact_speed_before_peak=inf,
         steps=jnp.zeros((), jnp.int32),
         rejected=jnp.zeros((), jnp.int32),
         passing=jnp.zeros((), bool) if passes_samples(scene, plan) else None,

@@ -161,11 +161,11 @@ def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Cal
     fresh = mode.rocking & (state.x[0] == 0)
     returns = fresh & (state.v[0] * a0[0] < 0)
     hop = jnp.where(returns, -0.5 * state.v[0] / jnp.where(returns, a0[0], 1.0), jnp.inf)
-    first = jnp.minimum(jnp.minimum(0.05 * scene.longest_excited, hop), stop - t0)
+    first = jnp.minimum(jnp.minimum(0.05 * scene.max_excited_step, hop), stop - t0)
     controller = diffrax.PIDController(
         rtol=scene.rtol,
         atol=scene.atol,
-        dtmax=jnp.where(t0 < scene.quiet, scene.longest_excited, scene.longest) / 4,
+        dtmax=jnp.where(t0 < scene.excitation_end, scene.max_excited_step, scene.max_step) / 4,
     )
     term, solver = diffrax.ODETerm(mode.field), options.solver
 
@@ -245,13 +245,13 @@ class _Path(NamedTuple):
         k = jnp.argmax(values)
         here = self.times[k]
 
-        def along(t):
+        def at_time(t):
             return quantity(t, *self.mode.natural(self.solution.evaluate(t)))
 
-        rate = lambda t: jax.jvp(along, (t,), (jnp.ones_like(t),))[1]
+        rate = lambda t: jax.jvp(at_time, (t,), (jnp.ones_like(t),))[1]
         spacing = (self.reached - self.start) / (SAMPLES - 1)
         lo, hi = jnp.maximum(here - spacing, self.start), jnp.minimum(here + spacing, self.reached)
-        sign = jnp.sign(along(here))
+        sign = jnp.sign(at_time(here))
         inside = (sign * rate(lo) > 0) & (sign * rate(hi) < 0)
 
         def halve(_, bracket):
@@ -366,8 +366,12 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
         uplift_time=jnp.where(starts & ~state.uplifted, end.t, state.uplift_time),
         overturn_time=jnp.where(end.toppled, end.t, state.overturn_time),
         impacts=state.impacts + end.hit.astype(jnp.int32),
-        slowest=jnp.where(end.hit, jnp.minimum(state.slowest, end.speed), state.slowest),
-        slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
+        min_impact_speed=jnp.where(
+            end.hit, jnp.minimum(state.min_impact_speed, end.speed), state.min_impact_speed
+        ),
+        min_impact_speed_before_peak=jnp.where(
+            raises, state.min_impact_speed, state.min_impact_speed_before_peak
+        ),
         steps=state.steps + jnp.maximum(stats["num_accepted_steps"], 1).astype(state.steps.dtype),
         rejected=state.rejected + stats["num_rejected_steps"].astype(state.steps.dtype),
     )

@@ -25,7 +25,7 @@ from rockjax._programs.program import KeptProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
-from .derivatives import differentiable, known, pushed
+from .derivatives import differentiable, is_concrete, pushed
 from .flat import Nodes, record_decisions, replay, run, run_with_history
 from .scene import as_compiled, plan_for, prepare
 from .state import LoopState, Plan, Scene
@@ -53,7 +53,7 @@ def solve(
     podium = podium.split().without_idle_restrainers()
     arguments = podium, excitation, initial, t_end, options
     leaves = jax.tree.leaves(arguments)
-    if options.engine != "flat" or not all(map(known, leaves)):
+    if options.engine != "flat" or not all(map(is_concrete, leaves)):
         return PROGRAM(*arguments, history=history)
     arguments = podium, excitation.common_form(), initial, t_end, as_compiled(podium, options)
     if any(isinstance(y, Tracer) for y in leaves):
@@ -138,7 +138,7 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
     floats = {
         "overturn_time": state.overturn_time,
         "uplift_time": state.uplift_time,
-        "smallest_impact_speed": state.slowest_before_peak,
+        "smallest_impact_speed": state.min_impact_speed_before_peak,
         "end_time": state.t,
     }
     ended = Ended(scene, state.t, state.x, state.v, state.code, state.overturn_time)

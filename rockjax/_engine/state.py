@@ -61,19 +61,19 @@ class Scene(NamedTuple):
     start: Value
     end: Value
     overturn_angle: Value  # overturn_ratio·α [rad]
-    rest: Value  # rest velocity [rad/s]
-    lost: Value  # −ln e
-    slowest: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
-    estimated: Value | None  # factor on error estimates of lower order than usual; None for none
+    rest_speed: Value  # rest velocity [rad/s]
+    log_restitution: Value  # −ln e
+    min_impact_speed: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
+    estimate_factor: Value | None  # factor on error estimates of lower order than usual; None for none
     pass_below: Value  # error over tolerance up to which samples are passed
-    landing: Value  # part of a step within which it lands on an event
-    split: Value  # first of two steps up to a breakpoint, as a part of the distance to it …
-    whole: Value  # … if the controller's step is at most this times the distance
+    landing_fraction: Value  # part of a step within which it lands on an event
+    split_fraction: Value  # first of two steps up to a breakpoint, as a part of the distance to it …
+    unsplit_limit: Value  # … if the controller's step is at most this times the distance
     rtol: Value
     atol: Value
-    longest: Value  # longest step [s] …
-    longest_excited: Value  # … and while the ground moves
-    quiet: Value  # end of the excitation
+    max_step: Value  # longest step [s] …
+    max_excited_step: Value  # … and while the ground moves
+    excitation_end: Value  # end of the excitation
 
 
 class LoopState(NamedTuple):
@@ -95,8 +95,8 @@ class LoopState(NamedTuple):
     uplift_time: Value
     overturn_time: Value
     impacts: Index
-    slowest: Value  # least impact speed so far …
-    slowest_before_peak: Value  # … and up to the largest rotation
+    min_impact_speed: Value  # least impact speed so far …
+    min_impact_speed_before_peak: Value  # … and up to the largest rotation
     steps: Index
     rejected: Index
     passing: Flag | None = None  # samples may be passed from here; None where they never are
@@ -109,10 +109,10 @@ class LoopState(NamedTuple):
 
 # Fields that carry tangents from step to step. Modes, times and step lengths are constants for derivatives,
 # and recorded event times and impact speeds affect nothing else.
-MOVING = ("event_time", "x", "v", "records")
+DIFFERENTIATED = ("event_time", "x", "v", "records")
 
 # Other fields that have a tangent after the first step.
-_REPORTED = ("notes", "uplift_time", "overturn_time", "slowest", "slowest_before_peak")
+_REPORTED = ("notes", "uplift_time", "overturn_time", "min_impact_speed", "min_impact_speed_before_peak")
 
 
 @jax.custom_jvp
@@ -142,12 +142,12 @@ def ready_for_tangents(state: LoopState) -> LoopState:
     JAX differentiates and batches the body of a loop again whenever it finds another field with a tangent.
     With all tangents from the start it does so only once.
     """
-    return state._replace(**_given({name: getattr(state, name) for name in (*MOVING, *_REPORTED)}))
+    return state._replace(**_given({name: getattr(state, name) for name in (*DIFFERENTIATED, *_REPORTED)}))
 
 
-def moving(state: LoopState) -> dict[str, Any]:
+def differentiated_fields(state: LoopState) -> dict[str, Any]:
     """Return the fields of a state that carry tangents from step to step."""
-    return {name: getattr(state, name) for name in MOVING}
+    return {name: getattr(state, name) for name in DIFFERENTIATED}
 
 
 class Decision(NamedTuple):

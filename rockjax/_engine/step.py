@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
-from rockjax._engine.once import once
+from rockjax._engine.barrier import barrier
 from rockjax._outputs.views import Impact, Step, StepEnd
 
 from .attempt import (
@@ -59,8 +59,8 @@ def step(
         # Under `vmap` both branches are computed anyway, and `cond` would copy the samples of records into
         # every lane in every step.
         ahead = past_all(scene, plan, state)
-        ways = advance_to_uplift(scene, plan, state), trial(scene, plan, ahead)
-        return jax.tree.map(lambda a, b: jnp.where(state.sigma == 0, a, b), *ways)
+        branches = advance_to_uplift(scene, plan, state), trial(scene, plan, ahead)
+        return jax.tree.map(lambda a, b: jnp.where(state.sigma == 0, a, b), *branches)
     return jax.lax.cond(
         state.sigma == 0,
         lambda state: advance_to_uplift(scene, plan, state),
@@ -103,12 +103,16 @@ def _classify(
     """Return the step as outputs see it, and its outcome from its error, its guard and its maxima."""
     constant = jax.lax.stop_gradient
     c, h, tiny, rocking = scene.c, trial.h, trial.tiny, state.sigma != 0
-    near = jnp.maximum(scene.landing * h, tiny)
+    near = jnp.maximum(scene.landing_fraction * h, tiny)
     in_time = state.t + h + guard.time_past_end <= constant(trial.stop) + tiny
     left, slope = guard.ending.value(guard.time_past_end), guard.ending.slope(guard.time_past_end)
-    known = jnp.abs(constant(safe_ratio(left, slope, guard.converges))) <= near
+    is_near = jnp.abs(constant(safe_ratio(left, slope, guard.converges))) <= near
     lands = (
-        guard.converges & (jnp.abs(guard.time_past_end) <= near) & known & ~guard.breaks_before_turn & in_time
+        guard.converges
+        & (jnp.abs(guard.time_past_end) <= near)
+        & is_near
+        & ~guard.breaks_before_turn
+        & in_time
     )
     # Events at the end of the scene or just before it are ignored, except overturning: answers there move
     # with the end, not with the event.
@@ -153,7 +157,7 @@ def _classify(
     lands, false_uplift = lands & accepted, false_uplift & accepted
     if replayed is not None:
         accepted, lands, false_uplift = jnp.ones_like(accepted), replayed.lands, replayed.false_uplift
-    return view, once(StepOutcome(accepted, cut, lands, after, false_uplift, largest))
+    return view, barrier(StepOutcome(accepted, cut, lands, after, false_uplift, largest))
 
 
 def _advance(
@@ -176,14 +180,14 @@ def _advance(
     )
 
     # The state at the end of the step or at the event, whose time moves with the parameters.
-    x, v = once(state_past(scene, state, trial, outcome.after))
-    hit, toppled, lifted = once((hit, toppled, lifted))
+    x, v = barrier(state_past(scene, state, trial, outcome.after))
+    hit, toppled, lifted = barrier((hit, toppled, lifted))
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
     delta = jnp.where(lands | trial.reaches, now - constant(now), 0.0)
     passed = stamp >= constant(scene.excitation.breakpoint(state.piece))
     piece = scene.excitation.past(state.piece, passed)
-    piece, stamp, now, delta = once((piece, stamp, now, delta))
+    piece, stamp, now, delta = barrier((piece, stamp, now, delta))
     ground = scene.excitation.piece(piece)(stamp)
 
     at_impact = x, v
@@ -193,7 +197,7 @@ def _advance(
         scene, sigma, x, v, ground, hit, lifted, guard.last, false_uplift, skipped.to_rest
     )
     mode = constant(mode) if replayed is None else replayed.mode
-    x, v, mode = once((x, v, mode))
+    x, v, mode = barrier((x, v, mode))
     starts = accepted & ~rocking & (mode != 0)
 
     impact = Impact(scene.c, sigma, now, ground, *at_impact, v, mode)
@@ -218,8 +222,14 @@ def _advance(
         uplift_time=jnp.where(first, now, state.uplift_time),
         overturn_time=jnp.where(toppled, now, state.overturn_time),
         impacts=state.impacts + hit.astype(jnp.int32) + skipped.impacts,
-        slowest=jnp.where(accepted & hit, jnp.minimum(state.slowest, skipped.slowest), state.slowest),
-        slowest_before_peak=jnp.where(raises, state.slowest, state.slowest_before_peak),
+        min_impact_speed=jnp.where(
+            accepted & hit,
+            jnp.minimum(state.min_impact_speed, skipped.min_impact_speed),
+            state.min_impact_speed,
+        ),
+        min_impact_speed_before_peak=jnp.where(
+            raises, state.min_impact_speed, state.min_impact_speed_before_peak
+        ),
         steps=state.steps + 1,
     )
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)

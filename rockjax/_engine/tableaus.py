@@ -20,7 +20,7 @@ from .methods import EXPLICIT, solver_of
 if TYPE_CHECKING:
     import diffrax
 
-KEPT = Path(__file__).with_suffix(".json")
+STORED = Path(__file__).with_suffix(".json")
 OF_ORDER_8 = "dopri8"
 
 
@@ -44,8 +44,8 @@ class Tableau:
 @functools.cache
 def tableau(method: str | diffrax.AbstractERK) -> Tableau:
     """Return the tableau of an explicit method of [`rockjax.Options`][]."""
-    kept = _kept().get(method) if isinstance(method, str) else None
-    numbers = numbers_of(solver_of(method)) if kept is None else kept
+    stored = _stored().get(method) if isinstance(method, str) else None
+    numbers = coefficients_of(solver_of(method)) if stored is None else stored
     stages = len(numbers["a"]) + 1
     A = np.zeros((stages, stages))
     for i, row in enumerate(numbers["a"], start=1):
@@ -102,7 +102,7 @@ def nystrom() -> Tableau:
     return Tableau(8, 6, c, np.zeros((9, 9)), stages, velocities, positions, *errors, fsal=True)
 
 
-def numbers_of(solver: diffrax.AbstractSolver) -> dict[str, Any]:
+def coefficients_of(solver: diffrax.AbstractSolver) -> dict[str, Any]:
     """Return the tableau of an explicit Diffrax solver as numbers and lists of numbers."""
     import diffrax
 
@@ -120,14 +120,14 @@ def numbers_of(solver: diffrax.AbstractSolver) -> dict[str, Any]:
 
 
 @functools.cache
-def _kept() -> dict[str, dict[str, Any]]:
-    return json.loads(KEPT.read_text(encoding="utf-8"))
+def _stored() -> dict[str, dict[str, Any]]:
+    return json.loads(STORED.read_text(encoding="utf-8"))
 
 
 def write() -> None:
     """Write the numbers of the installed Diffrax."""
     from rockjax._files import write_atomically
 
-    known = {name: numbers_of(solver_of(name)) for name in EXPLICIT}
-    lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(numbers)}" for name, numbers in known.items())
-    write_atomically(KEPT, lambda name: Path(name).write_text(f"{{\n{lines}\n}}\n", encoding="utf-8"))
+    tables = {name: coefficients_of(solver_of(name)) for name in EXPLICIT}
+    lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(numbers)}" for name, numbers in tables.items())
+    write_atomically(STORED, lambda name: Path(name).write_text(f"{{\n{lines}\n}}\n", encoding="utf-8"))

@@ -81,9 +81,9 @@ def after_impact(
     Columns rock on the other side; below the rest velocity, or with `to_rest`, full contact or a new uplift
     follows.
     """
-    onward = impact(scene.c, theta_dot)
-    moves = (jnp.abs(onward) > scene.rest) & ~jnp.asarray(to_rest)
-    return jnp.where(moves, onward, 0.0), jnp.where(moves, -sigma, contact_mode(scene.c, q))
+    theta_dot_after = impact(scene.c, theta_dot)
+    rocks_on = (jnp.abs(theta_dot_after) > scene.rest_speed) & ~jnp.asarray(to_rest)
+    return jnp.where(rocks_on, theta_dot_after, 0.0), jnp.where(rocks_on, -sigma, contact_mode(scene.c, q))
 
 
 def past_breakpoint(
@@ -102,10 +102,10 @@ def past_breakpoint(
     """
     before, after = pieces
     if isinstance(scene.excitation, GroundMotion):
-        apart, between = scene.excitation.tie(before)
-        apart = jnp.where(after != before, apart, 0.0)
-        x, v = restart(scene, stamp, apart, x, v, sigma, between)
-        delta = delta - apart
+        difference, between = scene.excitation.tie(before)
+        difference = jnp.where(after != before, difference, 0.0)
+        x, v = restart(scene, stamp, difference, x, v, sigma, between)
+        delta = delta - difference
     return restart(scene, stamp, delta, x, v, sigma, after)
 
 

@@ -35,7 +35,7 @@ class PeakDeformation(AbstractOutput):
 
     def of(self, podium: Podium) -> PeakDeformation:
         top = podium.superstructure
-        return PeakDeformation(podium.vibrates, top is not None and top.several)
+        return PeakDeformation(podium.vibrates, top is not None and top.has_mode_axis)
 
     def quantity(self, moment: Moment) -> Values:
         return moment.deformation

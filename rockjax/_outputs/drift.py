@@ -53,4 +53,4 @@ class PeakDrift(AbstractOfStories):
 
 
 def _weights(c: Coefficients) -> Values:
-    return drift_weights(present(present(c.several).floors))
+    return drift_weights(present(present(c.modal).floors))

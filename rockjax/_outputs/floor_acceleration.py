@@ -41,7 +41,7 @@ class PeakFloorAcceleration(AbstractOfStories):
         if not self.elastic:
             return _BASE.over_step(step, record)
         carried = step.carrier()
-        floors = jax.vmap(carried)(present(present(step.c.several).floors))
+        floors = jax.vmap(carried)(present(present(step.c.modal).floors))
         return step.largest(floors, record, step.inside_of_forces)
 
     def over_rest(self, rest: Rest, record: Values) -> Values:
@@ -56,7 +56,7 @@ class PeakFloorAcceleration(AbstractOfStories):
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         if not self.elastic:
             return _BASE.is_final(bounds, record)
-        return every(jax.vmap(bounds.carried)(present(present(bounds.c.several).floors)) < record)
+        return every(jax.vmap(bounds.carried)(present(present(bounds.c.modal).floors)) < record)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         return {self.name: record} if self.elastic else self.in_all_stories(record * ended.scene.c.g)

@@ -8,10 +8,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from rockjax._engine.barrier import barrier
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.energy import potential
 from rockjax._engine.maxima import NEAR_RECORD, Maximum
-from rockjax._engine.once import once
 from rockjax._types import Flag, Value
 
 from .base import AbstractEventOutput, Variable
@@ -51,10 +51,10 @@ class PeakRotation(AbstractEventOutput):
 
     def update(self, end: StepEnd, record: Value, note: Value, largest: Any) -> tuple[Value, Value]:
         del largest
-        highest, time = once(_highest(end))
+        highest, time = barrier(_highest(end))
         if not self.requested:  # nobody needs its derivatives
             highest, time = jax.lax.stop_gradient((highest, time))
-        raises = once(end.accepted & (end.step.sigma != 0) & (highest > record))
+        raises = barrier(end.accepted & (end.step.sigma != 0) & (highest > record))
         return jnp.where(raises, highest, record), jnp.where(raises, time, note)
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
@@ -81,7 +81,7 @@ def _highest(end: StepEnd) -> tuple[Value, Value]:
     step, guard = end.step, end.step.guard
     at_stop = guard.at_end.value(end.after)
     end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))
-    peak, end_angle = once((guard.path.value(guard.turn), end_angle))
+    peak, end_angle = barrier((guard.path.value(guard.turn), end_angle))
     at_turn = step.has_peak & (peak >= end_angle)
     # A record at an end that is not an event is a turning point up to rounding.
     at_event = (end.lands | step.trial.ends) & ~at_turn

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
-from rockjax._engine.coefficients import Coefficients, Several
+from rockjax._engine.coefficients import Coefficients, ModalConstants
 from rockjax._engine.maxima import WELL_INSIDE_CUBIC, WELL_INSIDE_QUINTIC, Maximum
 from rockjax._engine.model import shear
 from rockjax._structures import Podium
@@ -47,11 +47,11 @@ class PeakShear(AbstractOutput):
         if step.c.vibration is None:
             return step.largest(step.course(self.quantity), record, WELL_INSIDE_CUBIC)
         # Forces use a derivative of the polynomial, so they are landed on for methods of any order.
-        several: Several | None = step.c.several
-        if several is None:
+        modal: ModalConstants | None = step.c.modal
+        if modal is None:
             course, inside = step.spring_forces, WELL_INSIDE_QUINTIC
         else:
-            course, inside = step.carrier()(several.shares), step.inside_of_forces
+            course, inside = step.carrier()(modal.shares), step.inside_of_forces
         force = step.largest(course, record * step.c.g, inside)
         return force._replace(value=force.value / step.c.g)
 
@@ -65,9 +65,9 @@ class PeakShear(AbstractOutput):
         return _beam_at_most(bounces) < record * bounces.c.g
 
     def is_final(self, bounds: Bounds, record: Value) -> Flag:
-        several = bounds.c.several
-        if several is not None:
-            return bounds.carried(several.shares) < record * bounds.c.g
+        modal = bounds.c.modal
+        if modal is not None:
+            return bounds.carried(modal.shares) < record * bounds.c.g
         return bounds.force() < record * bounds.c.g
 
     def absent(self, ended: Ended) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from rockjax._engine import margin
 from rockjax._engine.attempt import Attempt
+from rockjax._engine.barrier import barrier
 from rockjax._engine.coefficients import Coefficients, Vibration, present, summed, weighted
 from rockjax._engine.guard import Guard
 from rockjax._engine.hermite import Quintic, is_long, quintic
@@ -29,7 +30,6 @@ from rockjax._engine.maxima import (
     spring,
 )
 from rockjax._engine.model import acceleration, beam, beam_absolute, beam_acceleration
-from rockjax._engine.once import once
 from rockjax._engine.ratio import safe_ratio
 from rockjax._engine.state import LoopState, Scene
 from rockjax._excitations.base import Shaking
@@ -129,7 +129,7 @@ class Step:
     ):
         self.scene, self.refines, self.ground_at = scene, refines, ground_at
         self.state, self.trial, self.guard = state, trial, guard
-        self.span = Span(trial.h, is_long(trial.h, scene.longest), before, after)
+        self.span = Span(trial.h, is_long(trial.h, scene.max_step), before, after)
 
     @property
     def c(self) -> Coefficients:
@@ -150,14 +150,14 @@ class Step:
         """Return a quantity over the step as a cubic. Automatic differentiation gives its rates in time."""
         state, trial, c, sigma = self.state, self.trial, self.c, self.sigma
 
-        def along(t, x, v):
+        def at_state(t, x, v):
             ground = self.ground_at(t)
             return quantity(Moment(c, sigma, t, ground, x, v, acceleration(c, sigma, ground, x, v)))
 
         one = jnp.ones_like(trial.h)
-        first = jax.jvp(along, (state.t, state.x, state.v), (one, state.v, trial.a0))
+        first = jax.jvp(at_state, (state.t, state.x, state.v), (one, state.v, trial.a0))
         end = trial.end
-        last = jax.jvp(along, (state.t + trial.h, end.x, end.v), (one, end.v, end.a))
+        last = jax.jvp(at_state, (state.t + trial.h, end.x, end.v), (one, end.v, end.a))
         return Course(cubic(first[0], first[1], last[0], last[1], trial.h), first, last)
 
     @functools.cached_property
@@ -170,7 +170,7 @@ class Step:
             u_b_ddot = beam_acceleration(c, sigma, x[0], v[0], a[0])
             return x[1] - u_b, v[1] - u_b_dot, a[1] - u_b_ddot
 
-        return once((jet(self.state.x, self.state.v, self.trial.a0), jet(end.x, end.v, end.a)))
+        return barrier((jet(self.state.x, self.state.v, self.trial.a0), jet(end.x, end.v, end.a)))
 
     @functools.cached_property
     def deformations(self) -> Course:
@@ -182,7 +182,7 @@ class Step:
     def spring_forces(self) -> Course:
         """Force of the spring and damper of each mode over its mass, Eq. (7) [m/s²]."""
         modes: Vibration = present(self.c.vibration)
-        first, last = once(
+        first, last = barrier(
             [
                 (modes.omega2 * d + modes.damping * r, modes.omega2 * r + modes.damping * s)
                 for d, r, s in self._jets
@@ -194,8 +194,8 @@ class Step:
     @functools.cached_property
     def _base(self) -> Course | None:
         """Absolute acceleration of the mass that moves with the beam; None without such mass."""
-        several = self.c.several
-        if several is None or several.residual is None:
+        modal = self.c.modal
+        if modal is None or modal.residual is None:
             return None
         return self.course(lambda m: beam_absolute(m.c, m.sigma, m.ground, m.x, m.v, m.a))
 
@@ -271,7 +271,7 @@ class Step:
             x, v = (*x, sway.value(z)), (*v, jnp.where(self.span.long, slope, rate))
         slowing = -sigma * acceleration(self.c, sigma, self.ground_at(self.state.t + span), x, v)[0]
         here = margin.at_turn(self.c, self.scene.overturn_angle, theta, slowing)
-        return once(Turn(*(jnp.where(self.has_peak, y, jnp.inf) for y in (here, slowing))))
+        return barrier(Turn(*(jnp.where(self.has_peak, y, jnp.inf) for y in (here, slowing))))
 
 
 class Impact(NamedTuple):

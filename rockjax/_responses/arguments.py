@@ -59,10 +59,10 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     """
     require_instance(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
-    if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.several):
+    if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.has_mode_axis):
         return initial  # unchanged, because transfers to the device dominate in small batches
     initial = jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
-    if top is None or not top.several:
+    if top is None or not top.has_mode_axis:
         return initial
     count = top.count
     rows = {name: parts(as_many(getattr(initial, name), count)) for name in ("u_t", "u_t_dot")}

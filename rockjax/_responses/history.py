@@ -87,8 +87,8 @@ def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vect
         "mode": sigma + none,
         "restoring_moment": restoring_moment(c, sigma, ground, x, v),
     }
-    if c.several is not None and c.several.floors is not None:
-        weights = drift_weights(c.several.floors)
+    if c.modal is not None and c.modal.floors is not None:
+        weights = drift_weights(c.modal.floors)
         found["drift"] = jnp.sum(weights * found["deformation"][None, :], axis=-1)
         found["floor_acceleration"] = floor_accelerations(c, sigma, ground, x, v, a)
     return found
@@ -193,8 +193,8 @@ def balance(scene: Solved, t, left):
         here = _sample(
             c, excitation, nodes, method, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k]))
         )
-        held = c.restraint
-        by_dampers = () if held is None else (damper_power(c, held, here.sigma, here.x, here.v),)
+        restraint = c.restraint
+        by_dampers = () if restraint is None else (damper_power(c, restraint, here.sigma, here.x, here.v),)
         return here, (*power(c, *here), *by_dampers, energy(c, here.sigma, here.x, here.v))
 
     # One compiled step serves all of them, because compilation dominates.

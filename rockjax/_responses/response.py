@@ -128,7 +128,7 @@ class Response(AbstractPeak):
     def _over_modes(self, values: Array) -> Array:
         """Add an axis of modes if a superstructure that may have several has only one."""
         top = self.podium.superstructure
-        alone = top is not None and top.several and not top.resolved().several
+        alone = top is not None and top.has_mode_axis and not top.resolved().has_mode_axis
         return values[..., None] if alone else values
 
     def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:

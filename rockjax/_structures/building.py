@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
@@ -174,7 +175,13 @@ class ShearBuilding(AbstractSuperstructure):
         return self.retained > 0
 
     @property
-    def several(self) -> bool:
+    def kept(self) -> int:
+        """Former name of `retained`."""
+        warnings.warn("ShearBuilding.kept is called retained now", DeprecationWarning, stacklevel=2)
+        return self.retained
+
+    @property
+    def has_mode_axis(self) -> bool:
         return self.retained > 0
 
     @property

@@ -160,7 +160,7 @@ class Modes(AbstractSuperstructure):
         return vibrating_mass if self.carried is None else vibrating_mass + self.carried
 
     @property
-    def several(self) -> bool:
+    def has_mode_axis(self) -> bool:
         return True
 
     def split(self) -> Self:

@@ -8,6 +8,7 @@ concrete.
 from __future__ import annotations
 
 import dataclasses
+import warnings
 
 import equinox as eqx
 import jax
@@ -210,7 +211,7 @@ class Podium(Module):
         return self.superstructure is not None and self.superstructure.elastic
 
     @property
-    def apart(self) -> tuple[Number, Number]:
+    def mass_ratios(self) -> tuple[Number, Number]:
         """Mass ratios that move with the beam, and that vibrate [–]."""
         top = self.superstructure
         found = None if top is None else top.oscillators
@@ -218,6 +219,12 @@ class Podium(Module):
             return (self.gamma if top is None else self.gamma + self.eta), jnp.zeros_like(self.eta)
         carried = top.carried
         return (self.gamma if carried is None else self.gamma + carried), found.vibrating_mass
+
+    @property
+    def apart(self) -> tuple[Number, Number]:
+        """Former name of `mass_ratios`."""
+        warnings.warn("Podium.apart is called mass_ratios now", DeprecationWarning, stacklevel=2)
+        return self.mass_ratios
 
     @property
     def uplift_ground_acceleration(self) -> Number:
@@ -249,7 +256,7 @@ class Podium(Module):
         """
         threshold = self.uplift_ground_acceleration
         if self.vibrates:
-            gamma, eta = self.apart
+            gamma, eta = self.mass_ratios
             threshold = threshold * (1 + 2 * gamma + 2 * eta) / (1 + 2 * gamma)
         return threshold
 
@@ -266,7 +273,7 @@ class Podium(Module):
 
         The laws are those of [`rockjax.Podium`][]; a rigid superstructure is part of the beam in all of them.
         """
-        gamma, eta = self.apart
+        gamma, eta = self.mass_ratios
         return self.restitution.factor(
             jnp.sin(self.alpha) ** 2, gamma, eta, self.lam, apparent_mass(self.restrainers)
         )
@@ -321,7 +328,7 @@ class Podium(Module):
 
     def _uplifted_constants(self) -> tuple[Number, Number, Number]:
         """Return Λ, k and cos α of (C15)."""
-        gamma, eta = self.apart
+        gamma, eta = self.mass_ratios
         sin2 = jnp.sin(self.alpha) ** 2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
         inertia = 3 * gamma + 0.75 * (1 + self.lam) + 3 * (eta + (0.0 if mu is None else mu)) * sin2

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import math
+import warnings
 from typing import ClassVar, Self
 
 import equinox as eqx
@@ -54,9 +55,17 @@ class AbstractSuperstructure(Module):
         return 0 if found is None else found.count
 
     @property
-    def several(self) -> bool:
+    def has_mode_axis(self) -> bool:
         """True if displacements and deformations have an axis of modes, known before tracing."""
         return False
+
+    @property
+    def several(self) -> bool:
+        """Former name of `has_mode_axis`."""
+        warnings.warn(
+            "AbstractSuperstructure.several is called has_mode_axis now", DeprecationWarning, stacklevel=2
+        )
+        return self.has_mode_axis
 
     @property
     def floors(self) -> Array | None:
@@ -118,6 +127,12 @@ class Elastic(AbstractSuperstructure):
     def vibrating_mass(self) -> Number:
         """Mass ratio of the vibrating mass [–]."""
         return self.eta
+
+    @property
+    def moving(self) -> Number:
+        """Former name of `vibrating_mass`."""
+        warnings.warn("Elastic.moving is called vibrating_mass now", DeprecationWarning, stacklevel=2)
+        return self.vibrating_mass
 
     @property
     def carried(self) -> None:
@@ -193,7 +208,7 @@ class Oscillators(AbstractSuperstructure):
         return self.vibrating_mass if self.residual is None else self.vibrating_mass + self.residual
 
     @property
-    def several(self) -> bool:
+    def has_mode_axis(self) -> bool:
         return True
 
     @property

@@ -320,7 +320,7 @@ def test_arrows_of_the_automaton(name):
     demand."""
     podium = PODIUMS[name]
     scene, _ = prepared(podium)
-    e, rest, up = float(podium.restitution_factor), float(scene.rest), float(scene.c.uplift)
+    e, rest, up = float(podium.restitution_factor), float(scene.rest_speed), float(scene.c.uplift)
     assert rest == pytest.approx(1e-8 * float(podium.p * podium.alpha))
     fast, slow = 3 * rest / e, 0.5 * rest / e
     for side in (1.0, -1.0):

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from rockjax._engine.barrier import barrier
 from rockjax._engine.model import horizontal
-from rockjax._engine.once import once
 from rockjax._engine.state import Decision, LoopState, Plan, Scene
 from rockjax._excitations.base import Shaking
 from rockjax._outputs.views import Bounces
@@ -27,7 +27,7 @@ class Skipped(NamedTuple):
 
     to_rest: Flag  # bounces are skipped, and the columns rest
     impacts: Index  # number of skipped impacts
-    slowest: Value  # least |θ̇| of them and of the impact before them
+    min_impact_speed: Value  # least |θ̇| of them and of the impact before them
 
 
 def skipped_bounces(
@@ -58,9 +58,9 @@ def skipped_bounces(
         to_rest = _bounces_to_rest(scene, plan, state, now, scene.c.restitution * speed)
     if to_rest is None:
         return Skipped(jnp.zeros_like(hit), jnp.zeros_like(state.impacts), speed)
-    to_rest = once(hit & to_rest)
-    impacts = once(jnp.where(to_rest, _bounces_from(scene, scene.c.restitution * speed), 0))
-    return Skipped(to_rest, impacts, jnp.where(to_rest, jnp.minimum(speed, scene.slowest), speed))
+    to_rest = barrier(hit & to_rest)
+    impacts = barrier(jnp.where(to_rest, _bounces_from(scene, scene.c.restitution * speed), 0))
+    return Skipped(to_rest, impacts, jnp.where(to_rest, jnp.minimum(speed, scene.min_impact_speed), speed))
 
 
 def _bounces_to_rest(
@@ -107,5 +107,5 @@ def _bounces_to_rest(
 def _bounces_from(scene: Scene, speed: Value) -> Index:
     """Return the number of impacts after which restitution has reduced |θ̇| to the rest velocity."""
     speed = jax.lax.stop_gradient(speed)
-    count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest, 1.0)) / scene.lost)
+    count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest_speed, 1.0)) / scene.log_restitution)
     return jnp.where(jnp.isfinite(count), count, 0.0).astype(jnp.int32)

@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.attempt import over_tolerance
+from rockjax._engine.barrier import barrier
 from rockjax._engine.coefficients import over_inertia, present
 from rockjax._engine.model import acceleration
-from rockjax._engine.once import once
 from rockjax._engine.runge_kutta import Step
 from rockjax._engine.runge_kutta import step as runge_kutta
 from rockjax._engine.state import LoopState, Plan, Scene
@@ -35,7 +35,7 @@ def passes_samples(scene: Scene, plan: Plan) -> bool:
 
 def may_pass(scene: Scene, mode: Value, t: Value) -> Flag:
     """Return whether samples may be passed after an accepted step."""
-    return (mode != 0) & (t >= jax.lax.stop_gradient(scene.start)) & (t < scene.quiet)
+    return (mode != 0) & (t >= jax.lax.stop_gradient(scene.start)) & (t < scene.excitation_end)
 
 
 def past_all(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
@@ -59,27 +59,27 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         return acceleration(c, sigma, ground, x, v)
 
     before, after = (jnp.clip(piece - 1 + k, 0, count - 1) for k in (0, 1))
-    first, last = once([scale * record.among(record.table, place) for place in (before, after)])
-    slope = once((last - first) / dt)
-    ground = once(first + slope * (state.t - record.sample_time(before)))
+    first, last = barrier([scale * record.among(record.table, place) for place in (before, after)])
+    slope = barrier((last - first) / dt)
+    ground = barrier(first + slope * (state.t - record.sample_time(before)))
     now = record.sample_time(piece)  # it moves with the parameters, its stamp does not
     stamp = constant(now)
     h = stamp - state.t
-    a = once(field(ground, state.x, state.v))
-    along = lambda s, x, v: field(ground + slope * s, x, v)
-    end = once(runge_kutta(nystrom(), along, 0.0, h, state.x, state.v, a))
+    a = barrier(field(ground, state.x, state.v))
+    moving_field = lambda s, x, v: field(ground + slope * s, x, v)
+    end = barrier(runge_kutta(nystrom(), moving_field, 0.0, h, state.x, state.v, a))
     # The last sample is not passed: the motion may jump to zero there.
-    goes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
-    goes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.pass_below
-    goes &= _goes_on(scene, state, a, end, h)
+    passes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
+    passes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.pass_below
+    passes &= _goes_on(scene, state, a, end, h)
     sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (last, end.x, end.v, end.a))
     for output, so_far in zip(plan.outputs, state.records, strict=True):
-        goes &= output.over_sample(sample, so_far)
-    goes = once(goes)
+        passes &= output.over_sample(sample, so_far)
+    passes = barrier(passes)
     # The field is continuous at a sample: if the sample moves, the state at the stamp does not.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)
-    moved = jax.tree.map(lambda new, old: jnp.where(goes, new, old), moved, state)
-    return moved._replace(passing=goes)
+    moved = jax.tree.map(lambda new, old: jnp.where(passes, new, old), moved, state)
+    return moved._replace(passing=passes)
 
 
 def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
@@ -91,7 +91,7 @@ def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> 
     angle, speeds, changes = jax.lax.stop_gradient(
         (state.sigma * end.x[0], (state.v[0], end.v[0]), (a[0], end.a[0]))
     )
-    slowest = jnp.minimum(*map(jnp.abs, speeds))
-    steady = (changes[0] * changes[1] >= 0) | (slowest > h * jnp.maximum(*map(jnp.abs, changes)))
+    min_speed = jnp.minimum(*map(jnp.abs, speeds))
+    steady = (changes[0] * changes[1] >= 0) | (min_speed > h * jnp.maximum(*map(jnp.abs, changes)))
     inside = (angle > 0) & (angle < jax.lax.stop_gradient(scene.overturn_angle))
     return inside & steady & (speeds[0] * speeds[1] > 0)

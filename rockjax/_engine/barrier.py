@@ -13,6 +13,6 @@ import jax
 T = TypeVar("T")
 
 
-def once(values: T) -> T:
+def barrier(values: T) -> T:
     """Return the values behind an optimisation barrier, so that later kernels do not compute them again."""
     return jax.lax.optimization_barrier(values)
