@@ -34,9 +34,9 @@ from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
 
 from .chunk import LaneLayout
+from .edge_distance import SCALE
 from .exchange import Done
-from .executors import AbstractExecutor, executor
-from .reach import SCALE
+from .executors import AbstractExecutor, executor_for
 from .scenes import NOTHING, Numbers, SceneBatch, broadcast
 
 # As many lanes as fit the first-level cache and fill the vector unit.
@@ -117,7 +117,7 @@ def _warn_of_codes(codes: np.ndarray, stacklevel: int) -> None:
     failed = codes[codes > results.OVERTURNED]
     if failed.size:
         kinds = {results.NAMES[k] for k in np.unique(failed)}
-        message = f"{failed.size} of {codes.size} scenes ended without an answer: {kinds}"
+        message = f"{failed.size} of {codes.size} scenes did not finish: {kinds}"
         warnings.warn(message, RuntimeWarning, stacklevel)
 
 
@@ -156,10 +156,10 @@ def responses(
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     twice = 2 if "errors" in options.outputs else 1
     require_memory("peak_responses", scenes.total, twice * BYTES + len(names) * BYTES_OF_SLOPES)
-    who = executor("peak_responses", devices, threads)
-    solutions = [run_batch(scenes, options, progress, stop, who, names)[:2]]
+    lane_executor = executor_for("peak_responses", devices, threads)
+    solutions = [run_batch(scenes, options, progress, stop, lane_executor, names)[:2]]
     if "errors" in options.outputs and not stop.is_set():
-        solutions.append(run_batch(scenes, companion(options), False, stop, who)[:2])
+        solutions.append(run_batch(scenes, companion(options), False, stop, lane_executor)[:2])
     if stop.is_set() and not all("code" in integers for _, integers in solutions):
         raise Interrupted("stopped before any scene had ended", None)
     if len(solutions) > 1:
@@ -169,32 +169,32 @@ def responses(
         for name, values in answer.items():
             answer[name] = values.reshape((*shape, *values.shape[1:]))
     floats, integers = solutions[0]
-    doubt = errors(solutions[0], solutions[1], options, np) if len(solutions) > 1 else None
+    estimates = errors(solutions[0], solutions[1], options, np) if len(solutions) > 1 else None
     slopes = sensitivities_of(floats, names, options.outputs)
     left = int(np.sum(integers["code"] == results.INTERRUPTED))
     if left or stop.is_set():
         message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
         fields = peak_fields(floats, integers, options)
-        raise Interrupted(message, Peak(**fields, errors=doubt, sensitivities=slopes))
-    return Peak(**peak_fields(floats, integers, options), errors=doubt, sensitivities=slopes)
+        raise Interrupted(message, Peak(**fields, errors=estimates, sensitivities=slopes))
+    return Peak(**peak_fields(floats, integers, options), errors=estimates, sensitivities=slopes)
 
 
 def bare_responses(
-    podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any, reach: bool
+    podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any, edge_distance: bool
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return floats and integers of a batch of shape (n,), as computed for `peak_responses`.
 
     - `podiums`, `excitations`: structures and ground motions
     - `options`: options of the solver
     - `progress`: as in `peak_responses`
-    - `reach`: whether the floats include the `reach` of each scene
+    - `edge_distance`: whether the floats include the `edge_distance` of each scene
     """
     check_range("peak_responses", podiums, excitations, None, options)
     scenes, _ = broadcast("peak_responses", podiums, excitations, REST, None)
-    require_memory("peak_responses", scenes.total, BYTES + reach * BYTES_OF_SLOPES)
+    require_memory("peak_responses", scenes.total, BYTES + edge_distance * BYTES_OF_SLOPES)
     stop = threading.Event()
-    names = (SCALE,) if reach else ()
-    floats, integers, _ = run_batch(scenes, options, progress, stop, None, names, reach)
+    names = (SCALE,) if edge_distance else ()
+    floats, integers, _ = run_batch(scenes, options, progress, stop, None, names, edge_distance)
     if stop.is_set():
         raise Interrupted("stopped while scenes were looked at", None)
     _warn_of_codes(integers["code"], stacklevel=3)
@@ -214,9 +214,9 @@ def run_batch(
     options: Options,
     progress: Any,
     stop: threading.Event | None = None,
-    who: AbstractExecutor | None = None,
+    executor: AbstractExecutor | None = None,
     sensitivities: tuple[str, ...] = (),
-    reach: bool = False,
+    edge_distance: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
     """Return floats and integers of every scene, and the utilisation of the lanes.
 
@@ -225,33 +225,33 @@ def run_batch(
     - `progress`: as in `peak_responses`
     - `stop`: event that stops the batch, set by Ctrl-C as well: no further scene begins, and unfinished
       scenes have the code INTERRUPTED. If None, Ctrl-C raises
-    - `who`: executor of the lanes; by default on all cores or devices
+    - `executor`: executor of the lanes; by default on all cores or devices
     - `sensitivities`: parameters for derivatives with respect to their logarithms, which the floats hold
       along a last axis
-    - `reach`: whether the floats include the `reach`; then `sensitivities` must be the scale alone
+    - `edge_distance`: whether the floats include it; then `sensitivities` must be the scale alone
     """
-    who = executor("run_batch") if who is None else who
+    executor = executor_for("run_batch") if executor is None else executor
     # Python and NumPy numbers in the options get one type, so that searches with other tolerances use the
     # same program.
     options = jax.tree.map(lambda y: np.asarray(y, float_type()), options)
     options = as_compiled(scenes.podium, options)
-    lane_layout = layout(scenes, who, sensitivities)._replace(reach=reach)
-    idle, advance = who.program(scenes, options, lane_layout)
+    lane_layout = layout(scenes, executor, sensitivities)._replace(edge_distance=edge_distance)
+    idle, advance = executor.program(scenes, options, lane_layout)
     answers = _Answers(scenes, lane_layout.lanes)
     lock = threading.Lock()
     stopped = threading.Event() if stop is None else stop
-    todo = deque(_chunks(scenes, lane_layout, who))
+    todo = deque(_chunks(scenes, lane_layout, executor))
 
     def ends() -> Iterator[Done]:
         lanes = idle
         while not stopped.is_set():
-            if who.hosts > 1 and len(todo) < 2 * who.hosts:
+            if executor.hosts > 1 and len(todo) < 2 * executor.hosts:
                 # Calls return at once: without waiting, one thread would take the last chunks from idle ones.
                 jax.block_until_ready(lanes)
             with lock:
                 numbers = todo.popleft() if todo else NOTHING
                 # With no further chunk for this thread, the lanes run to their ends.
-                last = len(todo) < who.hosts
+                last = len(todo) < executor.hosts
             lanes, done = advance(lanes, numbers, last)
             yield done
             if last and not todo and not np.any(np.asarray(done.left)):
@@ -266,7 +266,7 @@ def run_batch(
 
     from rockjax._progress import bar as bar_of
 
-    threads = min(who.hosts, len(todo))
+    threads = min(executor.hosts, len(todo))
     futures: list[Future] = []
     with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar:
         try:
@@ -300,9 +300,13 @@ class _Answers:
         """Store the scenes that ended and return their number."""
         done = jax.tree.map(np.asarray, ended)
         used = np.reshape(done.used, (-1, 1))
-        several = used.size > 1  # devices, one after another; the rows of one are the first
-        rows = (np.arange(done.which.size // used.size) < used).ravel() if several else slice(used.item())
-        index = self.scenes.in_grid(np.asarray(done.which)[rows])
+        has_devices = used.size > 1  # devices, one after another; the rows of one are the first
+        rows = (
+            (np.arange(done.scene_index.size // used.size) < used).ravel()
+            if has_devices
+            else slice(used.item())
+        )
+        index = self.scenes.in_grid(np.asarray(done.scene_index)[rows])
         with self._lock:
             if self._closed:
                 return 0
@@ -310,13 +314,13 @@ class _Answers:
             self.useful += int(np.sum(done.useful))
             self.possible += int(np.max(done.trials)) * self.lanes
             # The code is written last: after Ctrl-C in between, the scene still counts as unfinished.
-            for whole, part, fill in ((self.floats, done.floats, np.nan), (self.integers, done.integers, 0)):
+            for store, part, fill in ((self.floats, done.floats, np.nan), (self.integers, done.integers, 0)):
                 for name in sorted(part, key="code".__eq__):
                     values = part[name]
-                    if name not in whole:
+                    if name not in store:
                         blank = results.INTERRUPTED if name == "code" else fill
-                        whole[name] = np.full((self.scenes.total, *values.shape[1:]), blank, values.dtype)
-                    whole[name][index] = values[rows]
+                        store[name] = np.full((self.scenes.total, *values.shape[1:]), blank, values.dtype)
+                    store[name][index] = values[rows]
         return index.size
 
     def close(self) -> None:
@@ -325,13 +329,13 @@ class _Answers:
             self._closed = True
 
 
-def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) -> Iterator[Numbers]:
+def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, executor: AbstractExecutor) -> Iterator[Numbers]:
     """Yield chunks of scenes, interleaved between threads. Neighbouring scenes cost about the same, so all
     threads have equal work and end at about the same time."""
     # Fewer scenes than lanes take as long as a full set, and waking a thread costs more than a few scenes.
-    least = lane_layout.lanes * who.devices * (QUICK if scenes.quick else 1)
-    hosts = min(who.hosts, -(-scenes.total // least))
-    most = lane_layout.size * who.devices * hosts
+    least = lane_layout.lanes * executor.devices * (QUICK if scenes.quick else 1)
+    hosts = min(executor.hosts, -(-scenes.total // least))
+    most = lane_layout.size * executor.devices * hosts
     for start in range(0, scenes.total, most):
         yield from (
             Numbers(start + k, hosts, len(range(start + k, min(start + most, scenes.total), hosts)))
@@ -339,17 +343,17 @@ def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, who: AbstractExecutor) 
         )
 
 
-def layout(scenes: SceneBatch, who: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
+def layout(scenes: SceneBatch, executor: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
     """Return the layout of lanes on a device: their number, and the number of scenes prepared at once."""
     refill = not scenes.wide
-    if who.platform == "cpu":
+    if executor.platform == "cpu":
         lanes, size = LANES, CHUNK if refill else LANES  # one program for any number of scenes
     else:
         least, most = ACCELERATOR_LANES
-        share = -(-scenes.total // who.devices)
+        share = -(-scenes.total // executor.devices)
         lanes = min(most, max(least, 1 << (share - 1).bit_length()))
         while lanes > LANES and lanes * scenes.numbers > ACCELERATOR_NUMBERS:
             lanes //= 2
-        many = scenes.total > max(2, who.devices) * lanes
+        many = scenes.total > max(2, executor.devices) * lanes
         size = ACCELERATOR_CHUNK * lanes if refill and many else lanes
     return LaneLayout(scenes.axes, scenes.structure, lanes, size, refill, sensitivities)

@@ -37,12 +37,12 @@ class LaneLayout(NamedTuple):
     # Lanes take further scenes; otherwise a chunk holds one scene for each lane, and ends with the last one.
     refill: bool
     sensitivities: tuple[str, ...] = ()  # parameters for derivatives with respect to their logarithms
-    reach: bool = False  # whether the reach is requested; the only parameter is the scale then
+    edge_distance: bool = False  # whether it is requested; the only parameter is the scale then
 
     def plan(self, leaves, options: Options) -> Plan:
         """Return the choices made before tracing, from the leaves of a chunk."""
         podium = jax.tree.unflatten(self.structure, leaves)[0]
-        return plan_for(podium, options, history=False, more=(TurningPoints(),) if self.reach else ())
+        return plan_for(podium, options, history=False, more=(TurningPoints(),) if self.edge_distance else ())
 
 
 class Slopes(NamedTuple):
@@ -55,27 +55,27 @@ class Slopes(NamedTuple):
 def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
     """Return whether a lane has trials to make. A rigid podium leaves full contact directly, at the next
     exchange."""
-    going = runs(lane, options.max_steps)
-    return going if plan.follows_contact else going & (lane.sigma != 0)
+    is_running = runs(lane, options.max_steps)
+    return is_running if plan.follows_contact else is_running & (lane.sigma != 0)
 
 
 def automaton(plan: Plan, options: Options):
     """Return two functions of scene and lane: one trial of a moving lane, and the direct step to the next
     uplift of a rigid podium in full contact."""
 
-    def moves(scene: Scene, lane: LoopState) -> LoopState:
-        going = barrier(makes_trials(plan, options, lane))
+    def try_step(scene: Scene, lane: LoopState) -> LoopState:
+        is_running = barrier(makes_trials(plan, options, lane))
         after, _ = trial(scene, plan, lane)
-        return jax.tree.map(lambda new, old: jnp.where(going, new, old), after, lane)
+        return jax.tree.map(lambda new, old: jnp.where(is_running, new, old), after, lane)
 
-    def settle(scene: Scene, lane: LoopState) -> LoopState:
+    def lift_off(scene: Scene, lane: LoopState) -> LoopState:
         if plan.follows_contact:
             return lane
         waits = (lane.sigma == 0) & runs(lane, options.max_steps)
         lifted, _ = advance_to_uplift(scene, plan, lane)
         return jax.tree.map(lambda new, old: jnp.where(waits, new, old), lifted, lane)
 
-    return moves, settle
+    return try_step, lift_off
 
 
 class _ChunkSlopes(NamedTuple):
@@ -142,18 +142,18 @@ class Chunk(NamedTuple):
         return pushed(every, (parts, self.common, lane), beside, loops=loops or single)
 
 
-def prepared(leaves, layout: LaneLayout, options: Options) -> Chunk:
+def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
     """Return the scenes of a chunk, prepared at their starts."""
     structure, names = layout.structure, layout.sensitivities
     plan = layout.plan(leaves, options)
-    _, settle = automaton(plan, options)
+    _, lift_off = automaton(plan, options)
 
     def ready(factors, *leaves) -> tuple[Scene, LoopState]:
         podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
         if names:
             podium, excitation = moved(podium, excitation, names, factors)
         scene, lane = prepare(podium, excitation, initial, t_end, options, plan)
-        return scene, settle(scene, lane)
+        return scene, lift_off(scene, lane)
 
     factors = jnp.ones(len(names)) if names else None
     leaves, axes = _with_own_states(leaves, layout) if names else (leaves, layout.axes)
@@ -161,30 +161,30 @@ def prepared(leaves, layout: LaneLayout, options: Options) -> Chunk:
     differs = _differing(ready, axes, (factors, *leaves))
     out_axes = jax.tree.map(lambda flag: 0 if flag else None, differs)
     every = jax.vmap(ready, in_axes=axes, out_axes=out_axes)
-    own = jax.tree.leaves(differs[0])
-    apart = lambda scenes, differ: [
-        y if flag == differ else None for y, flag in zip(scenes, own, strict=True)
+    has_rows = jax.tree.leaves(differs[0])
+    selected = lambda scenes, differ: [
+        y if flag == differ else None for y, flag in zip(scenes, has_rows, strict=True)
     ]
     if names:
         one = [y if axis is None else y[0] for y, axis in zip(leaves, axes[1:], strict=True)]
-        moves = jax.tree.leaves(depend_on_argument(lambda factors: ready(factors, *one), factors)[0])
+        depends = jax.tree.leaves(depend_on_argument(lambda factors: ready(factors, *one), factors)[0])
 
         def of_factors(factors):
             scenes, lane = every(factors, *leaves)
             flat = jax.tree.leaves(scenes)
-            flat = [y if flag else None for y, flag in zip(flat, moves, strict=True)]
+            flat = [y if flag else None for y, flag in zip(flat, depends, strict=True)]
             return (flat, differentiated_fields(lane)), (scenes, lane)
 
         _, (rows, of_lane), (scenes, lane) = pushed(
             of_factors, (factors,), (jnp.eye(len(names)),), loops=True
         )
-        of_parts = [y for y, flag in zip(rows, own, strict=True) if flag]
-        slopes = _ChunkSlopes(of_parts, apart(rows, False), of_lane)
+        of_parts = [y for y, flag in zip(rows, has_rows, strict=True) if flag]
+        slopes = _ChunkSlopes(of_parts, selected(rows, False), of_lane)
     else:
         (scenes, lane), slopes = every(factors, *leaves), None
     flat, scene_structure = jax.tree.flatten(scenes)
-    parts = [y for y, flag in zip(flat, own, strict=True) if flag]
-    return Chunk(parts, apart(flat, False), scene_structure, lane, differs[1], slopes)
+    parts = [y for y, flag in zip(flat, has_rows, strict=True) if flag]
+    return Chunk(parts, selected(flat, False), scene_structure, lane, differs[1], slopes)
 
 
 def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int | None, ...]]:
@@ -194,15 +194,15 @@ def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int |
     of `restart` would have another shape than its value.
     """
     _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
-    own = jax.tree.leaves(initial)
+    positions = jax.tree.leaves(initial)
     wide = [
-        jnp.broadcast_to(y, (layout.size,)) if k in own and layout.axes[k] is None else y
+        jnp.broadcast_to(y, (layout.size,)) if k in positions and layout.axes[k] is None else y
         for k, y in enumerate(leaves)
     ]
-    return wide, tuple(0 if k in own else axis for k, axis in enumerate(layout.axes))
+    return wide, tuple(0 if k in positions else axis for k, axis in enumerate(layout.axes))
 
 
-def made_ready(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
+def prepare_in_blocks(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
     """Prepare the first `count` scenes of a chunk in blocks that fit the cache.
 
     - `leaves`: arguments of the scenes, with a row for each scene where `layout.axes` is 0
@@ -217,45 +217,45 @@ def made_ready(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
             y if axis is None else jax.lax.dynamic_slice_in_dim(y, start, lanes)
             for y, axis in zip(leaves, layout.axes, strict=True)
         ]
-        return prepared(some, layout._replace(size=lanes), options)
+        return prepare_chunk(some, layout._replace(size=lanes), options)
 
     # With several blocks only the common quantities of this one are used; the loop below prepares all scenes.
     first = block(0)
     if layout.size == lanes:
         return first
-    own, axes, put_back = _own(first)
+    rows, axes, put_back = _rows_of_scenes(first)
     room = lambda y, axis: jnp.zeros((*y.shape[:axis], layout.size, *y.shape[axis + 1 :]), y.dtype)
 
-    def more(k, stores):
+    def fill_block(k, stores):
         write = lambda store, y, axis: jax.lax.dynamic_update_slice_in_dim(store, y, k * lanes, axis)
-        return [write(*each) for each in zip(stores, _own(block(k * lanes))[0], axes, strict=True)]
+        return [write(*each) for each in zip(stores, _rows_of_scenes(block(k * lanes))[0], axes, strict=True)]
 
-    stores = [room(*each) for each in zip(own, axes, strict=True)]
-    return put_back(jax.lax.fori_loop(0, -(-count // lanes), more, stores))
+    stores = [room(*each) for each in zip(rows, axes, strict=True)]
+    return put_back(jax.lax.fori_loop(0, -(-count // lanes), fill_block, stores))
 
 
-def _own(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chunk]]:
+def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chunk]]:
     """Return all arrays with a row for each scene, the axes of these rows, and a function that puts such
     arrays back into a chunk."""
     lane, lane_structure = jax.tree.flatten(chunk.lane)
     differs = jax.tree.leaves(chunk.lane_differs)
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.parts, chunk.slopes.lane))
     differ = chunk.slopes and differentiated_fields(chunk.lane_differs)
-    moves = jax.tree.leaves(chunk.slopes and (chunk.slopes.parts, differ))
-    keeps = [*(True for _ in chunk.parts), *differs, *(flag is not False for flag in moves)]
+    slope_differs = jax.tree.leaves(chunk.slopes and (chunk.slopes.parts, differ))
+    has_rows = [*(True for _ in chunk.parts), *differs, *(flag is not False for flag in slope_differs)]
     every = [*chunk.parts, *lane, *slopes]
     axes = [*(0 for _ in chunk.parts), *(0 for _ in lane), *(1 for _ in slopes)]
 
     def put_back(stores: list[Any]) -> Chunk:
         stored = iter(stores)
-        whole = [next(stored) if keep else y for y, keep in zip(every, keeps, strict=True)]
-        parts, rest = whole[: len(chunk.parts)], whole[len(chunk.parts) :]
-        state = jax.tree.unflatten(lane_structure, rest[: len(lane)])
-        beside = jax.tree.unflatten(slope_structure, rest[len(lane) :])
+        arrays = [next(stored) if keep else y for y, keep in zip(every, has_rows, strict=True)]
+        parts, others = arrays[: len(chunk.parts)], arrays[len(chunk.parts) :]
+        state = jax.tree.unflatten(lane_structure, others[: len(lane)])
+        beside = jax.tree.unflatten(slope_structure, others[len(lane) :])
         rows = chunk.slopes and chunk.slopes._replace(parts=beside[0], lane=beside[1])
         return chunk._replace(parts=parts, lane=state, slopes=rows)
 
-    chosen = [k for k, keep in enumerate(keeps) if keep]
+    chosen = [k for k, keep in enumerate(has_rows) if keep]
     return [every[k] for k in chosen], [axes[k] for k in chosen], put_back
 
 

@@ -26,15 +26,15 @@ class Lanes(NamedTuple):
 
     lane: LoopState
     parts: list[Any]  # of `Scene`: leaves that differ between scenes
-    held: jax.Array  # number in the batch of the scene that each lane holds, −1 for none
+    scene_index: jax.Array  # number in the batch of the scene that each lane holds, −1 for none
     slopes: Slopes | None = None  # None without sensitivities
-    reach: jax.Array | None = None  # of each scene so far; None if not requested
+    edge_distance: jax.Array | None = None  # of each scene so far; None if not requested
 
 
 class Done(NamedTuple):
     """Scenes that have ended, in the order of their ends; the first `used` rows are valid."""
 
-    which: jax.Array
+    scene_index: jax.Array
     floats: dict[str, jax.Array]
     integers: dict[str, jax.Array]
     used: jax.Array
@@ -54,14 +54,14 @@ class Loop(NamedTuple):
 Answers = tuple[dict[str, jax.Array], dict[str, jax.Array]]  # floats and integers of every lane
 
 
-def room_for(rows: int, answers: Answers, index_type: Any) -> Done:
+def empty_storage(rows: int, answers: Answers, index_type: Any) -> Done:
     """Return empty storage for the answers of `rows` scenes."""
     floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
     none = jnp.zeros((), index_type)
     return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none, left=none)
 
 
-def exchanged(
+def exchange_scenes(
     chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
     """Serve all lanes that have ended or hold no scene.
@@ -74,7 +74,7 @@ def exchanged(
 
     Returns the new state of the loop.
     """
-    serve = _one_by_one if ended.size <= ONE_BY_ONE else _together
+    serve = _one_by_one if ended.size <= ONE_BY_ONE else _in_parallel
     return serve(chunk, numbers, loop, ended, answers, refill)
 
 
@@ -100,27 +100,27 @@ def _one_by_one(
         (state, following, done), waits = carry
         k = jnp.min(jnp.where(waits, count, count.size))
         write = lambda stores, values: put(stores, row(values, k), done.used)
-        done = _written(done, write, state.held, answers, row(ended, k))
+        done = _store_answers(done, write, state.scene_index, answers, row(ended, k))
         loads = following < numbers.scenes
 
         def load(store, differs, current, axis=0):
             new = row(store, jnp.where(loads, following, 0), axis) if differs else store
             return put(current, jnp.where(loads, new, row(current, k, axis)), k, axis)
 
-        held = put(state.held, jnp.where(loads, numbers.of(following), -1), k)
-        state = _loaded(chunk, state, load, refill)._replace(held=held)
+        scene_index = put(state.scene_index, jnp.where(loads, numbers.of(following), -1), k)
+        state = _load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index)
         return Loop(state, following + loads.astype(following.dtype), done), put(waits, False, k)
 
-    waits = ended | ((loop.lanes.held < 0) & (loop.following < numbers.scenes))
+    waits = ended | ((loop.lanes.scene_index < 0) & (loop.following < numbers.scenes))
     return jax.lax.while_loop(lambda carry: jnp.any(carry[1]), one, (loop, waits))[0]
 
 
-def _together(
+def _in_parallel(
     chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
     state, following, done = loop
-    done = _kept(done, ended, state.held, answers)
-    free = ended | (state.held < 0)
+    done = _append_answers(done, ended, state.scene_index, answers)
+    free = ended | (state.scene_index < 0)
     place = following + jnp.cumsum(free, dtype=following.dtype) - 1
     loads = free & (place < numbers.scenes)
     local = jnp.where(loads, place, 0)
@@ -130,12 +130,14 @@ def _together(
         new = jnp.take(store, local, axis=axis) if differs else jnp.expand_dims(store, axis)
         return jnp.where(flag, new, current)
 
-    held = jnp.where(loads, numbers.of(place), jnp.where(free, -1, state.held)).astype(state.held.dtype)
+    scene_index = jnp.where(loads, numbers.of(place), jnp.where(free, -1, state.scene_index)).astype(
+        state.scene_index.dtype
+    )
     following = jnp.minimum(following + jnp.sum(free, dtype=following.dtype), numbers.scenes)
-    return Loop(_loaded(chunk, state, load, refill)._replace(held=held), following, done)
+    return Loop(_load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index), following, done)
 
 
-def _loaded(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
+def _load_scenes(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
     """Return the lanes with their next scenes. `load(stored, differs, current, axis)` returns the new values
     of one array of the lanes, from its values in the chunk and whether they differ between scenes."""
 
@@ -144,8 +146,8 @@ def _loaded(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
 
     lane = jax.tree.map(load, chunk.lane, chunk.lane_differs, state.lane)
     state = state._replace(lane=lane, parts=over(chunk.parts, state.parts) if refill else state.parts)
-    if state.reach is not None:
-        state = state._replace(reach=load(jnp.inf, False, state.reach))
+    if state.edge_distance is not None:
+        state = state._replace(edge_distance=load(jnp.inf, False, state.edge_distance))
     if state.slopes is None or chunk.slopes is None:
         return state
     # A row for each parameter comes before the lanes.
@@ -156,7 +158,7 @@ def _loaded(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
     return state._replace(slopes=Slopes(of_parts, rows))
 
 
-def _kept(done: Done, ended: Flag, which: jax.Array, answers: Answers) -> Done:
+def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: Answers) -> Done:
     """Append the answers of the lanes whose scenes have ended.
 
     All lanes are written, those that have ended first; the others are overwritten later, or not used.
@@ -172,14 +174,14 @@ def _kept(done: Done, ended: Flag, which: jax.Array, answers: Answers) -> Done:
             values,
         )
 
-    return _written(done, write, which, answers, number[-1])
+    return _store_answers(done, write, scene_index, answers, number[-1])
 
 
-def _written(done: Done, write, which: jax.Array, answers: Answers, number: jax.Array) -> Done:
+def _store_answers(done: Done, write, scene_index: jax.Array, answers: Answers, number: jax.Array) -> Done:
     """Store the answers of `number` scenes with `write(stores, values of the lanes)`."""
     floats, integers = answers
     return done._replace(
-        which=write(done.which, which),
+        scene_index=write(done.scene_index, scene_index),
         floats=write(done.floats, floats),
         integers=write(done.integers, integers),
         used=done.used + number.astype(done.used.dtype),

@@ -18,7 +18,7 @@ from rockjax._programs.program import KeptProgram
 
 from .chunk import LaneLayout
 from .exchange import Done, Lanes
-from .lanes import advance, idle
+from .lanes import advance, idle_lanes
 from .scenes import Numbers, SceneBatch
 
 # (lanes, numbers of the next scenes, whether none follow) → lanes, scenes that ended.
@@ -62,13 +62,13 @@ class ThreadExecutor(AbstractExecutor):
         self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        def go(lanes: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
-            most = (MANY_TRIALS if last else 0) if layout.refill else ALL_TRIALS
+        def advance_lanes(lanes: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
+            max_trials = (MANY_TRIALS if last else 0) if layout.refill else ALL_TRIALS
             leaves = scenes.part(numbers, layout.size)
             with self._cores():
-                return _on_one(lanes, leaves, *numbers, most, options, layout=layout)
+                return _on_one(lanes, leaves, *numbers, max_trials, options, layout=layout)
 
-        return idle(scenes, options, layout), go
+        return idle_lanes(scenes, options, layout), advance_lanes
 
 
 class DeviceExecutor(AbstractExecutor):
@@ -92,15 +92,20 @@ class DeviceExecutor(AbstractExecutor):
         places = [common if rows is None else dealt for rows in scenes.rows]
         call = _on_mesh(self.mesh)
 
-        def go(lanes: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
-            own, parts = numbers.dealt(self.devices), scenes.part(numbers, layout.size, self.devices)
-            parts, first, count = jax.device_put((parts, own.first, own.scenes), (places, dealt, dealt))
-            most = ALL_TRIALS if last or not layout.refill else 0
-            return call(lanes, parts, first, own.stride, count, most, options, layout=layout)
+        def advance_lanes(lanes: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
+            dealt_numbers, parts = (
+                numbers.dealt(self.devices),
+                scenes.part(numbers, layout.size, self.devices),
+            )
+            parts, first, count = jax.device_put(
+                (parts, dealt_numbers.first, dealt_numbers.scenes), (places, dealt, dealt)
+            )
+            max_trials = ALL_TRIALS if last or not layout.refill else 0
+            return call(lanes, parts, first, dealt_numbers.stride, count, max_trials, options, layout=layout)
 
-        blank = idle(scenes, options, layout)
+        blank = idle_lanes(scenes, options, layout)
         blank = jax.tree.map(lambda y: np.concatenate([y] * self.devices), blank)  # one after another
-        return jax.device_put(blank, dealt), go
+        return jax.device_put(blank, dealt), advance_lanes
 
 
 _on_one = KeptProgram(
@@ -115,11 +120,11 @@ _on_one = KeptProgram(
 def _on_mesh(mesh: Mesh):
     """Return the program of all devices of a mesh. None of its loops waits for another device."""
 
-    def advance_all(held, leaves, first, stride, count, most, options, layout: LaneLayout):
-        def on_each(held, leaves, first, stride, count, most, options):
-            held, done = advance(held, leaves, first[0], stride, count[0], most, options, layout)
-            own = {name: getattr(done, name)[None] for name in ("used", "trials", "useful", "left")}
-            return held, done._replace(**own)
+    def advance_all(lanes, leaves, first, stride, count, max_trials, options, layout: LaneLayout):
+        def on_each(lanes, leaves, first, stride, count, max_trials, options):
+            lanes, done = advance(lanes, leaves, first[0], stride, count[0], max_trials, options, layout)
+            counters = {name: getattr(done, name)[None] for name in ("used", "trials", "useful", "left")}
+            return lanes, done._replace(**counters)
 
         dealt, common = P("scenes"), P()
         places = [common if axis is None else dealt for axis in layout.axes]
@@ -130,13 +135,13 @@ def _on_mesh(mesh: Mesh):
             out_specs=dealt,
             check_vma=False,
         )
-        return run(held, leaves, first, stride, count, most, options)
+        return run(lanes, leaves, first, stride, count, max_trials, options)
 
     options = _COMPILER.get(mesh.devices.flat[0].platform)
     return jax.jit(advance_all, static_argnames="layout", donate_argnums=0, compiler_options=options)
 
 
-def executor(owner: str, devices: Sequence | None = None, threads: int | None = None) -> AbstractExecutor:
+def executor_for(owner: str, devices: Sequence | None = None, threads: int | None = None) -> AbstractExecutor:
     """Return the executor for the requested devices or threads; by default all accelerators, else threads.
 
     Raises `ValueError`, in the name of `owner`, for invalid devices or threads.

@@ -26,9 +26,9 @@ from rockjax._programs.program import KeptProgram
 from rockjax._responses.sensitivities import slope_name
 from rockjax._types import Flag
 
-from .chunk import Chunk, LaneLayout, automaton, made_ready, makes_trials, prepared
-from .exchange import Answers, Done, Lanes, Loop, exchanged, room_for
-from .reach import least_reach
+from .chunk import Chunk, LaneLayout, automaton, makes_trials, prepare_chunk, prepare_in_blocks
+from .edge_distance import least_edge_distance
+from .exchange import Answers, Done, Lanes, Loop, empty_storage, exchange_scenes
 from .scenes import Numbers, SceneBatch
 
 PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
@@ -36,127 +36,129 @@ MANY = 2  # samples are passed while more than one in this many running lanes ca
 
 
 def advance(
-    held: Lanes, leaves, first, stride, count, most, options: Options, layout: LaneLayout
+    lanes: Lanes, leaves, first, stride, count, max_trials, options: Options, layout: LaneLayout
 ) -> tuple[Lanes, Done]:
     """Advance until the last scene of a chunk is handed out, and then until every lane has ended or made
-    `most` trials.
+    `max_trials` trials.
 
-    - `held`: lanes after the chunk before
+    - `lanes`: lanes after the chunk before
     - `leaves`: arguments of the scenes, with a row for each scene where `layout.axes` is 0
     - `first`, `stride`, `count`: numbers of the scenes in the batch: `first`, `first + stride`, …, `count` of
       them
-    - `most`: number of trials after which the call returns
+    - `max_trials`: number of trials after which the call returns
     - `options`: options of the solver
     - `layout`: layout of the lanes
 
     Returns the lanes, and the scenes that have ended.
     """
-    lanes, size, refill = layout.lanes, layout.size, layout.refill
+    lane_count, size, refill = layout.lanes, layout.size, layout.refill
     plan = layout.plan(leaves, options)
-    chunk = made_ready(leaves, layout, options, count)
-    moves, settle = automaton(plan, options)
-    patience = max(1, round(PATIENCE * lanes))
-    held = _turned(held)
+    chunk = prepare_in_blocks(leaves, layout, options, count)
+    try_step, lift_off = automaton(plan, options)
+    patience = max(1, round(PATIENCE * lane_count))
+    lanes = _with_swapped_axes(lanes)
 
-    def through(function, state: Lanes) -> Lanes:
+    def apply(function, state: Lanes) -> Lanes:
         """Apply a function of scene and state to the lanes."""
 
         def after(scene: Scene, lane: LoopState):
             lane = function(scene, lane)
-            return _followed(lane, state), lane
+            return _fields_with_slopes(lane, state), lane
 
         _, rows, lane = chunk.in_lanes(after, state.parts, state.lane, state.slopes)
         slopes = None if state.slopes is None else state.slopes._replace(lane=rows)
-        reach = state.reach
-        if reach is not None and rows is not None:
-            reach = least_reach(reach, lane, rows)
-        return state._replace(lane=lane, slopes=slopes, reach=reach)
+        distance = state.edge_distance
+        if distance is not None and rows is not None:
+            distance = least_edge_distance(distance, lane, rows)
+        return state._replace(lane=lane, slopes=slopes, edge_distance=distance)
 
-    index_type = held.held.dtype
+    index_type = lanes.scene_index.dtype
     if not refill:
-        index = jnp.arange(lanes, dtype=index_type)
+        index = jnp.arange(lane_count, dtype=index_type)
         number = jnp.where(index < count, first + stride * index, -1)
-        lane, slopes = chunk.starts(lanes)
-        held = Lanes(lane, [y[:lanes] for y in chunk.parts], number, slopes, _unlimited(layout))
+        lane, slopes = chunk.starts(lane_count)
+        lanes = Lanes(
+            lane, [y[:lane_count] for y in chunk.parts], number, slopes, _first_edge_distance(layout)
+        )
 
     def exchange(loop: Loop) -> Loop:
-        state = through(settle, loop.lanes)
-        ended = (state.held >= 0) & ~runs(state.lane, options.max_steps)
-        found, numbers = _answered(chunk, plan, state), Numbers(first, stride, count)
-        return exchanged(chunk, numbers, loop._replace(lanes=state), ended, found, refill)
+        state = apply(lift_off, loop.lanes)
+        ended = (state.scene_index >= 0) & ~runs(state.lane, options.max_steps)
+        found, numbers = _answers_of(chunk, plan, state), Numbers(first, stride, count)
+        return exchange_scenes(chunk, numbers, loop._replace(lanes=state), ended, found, refill)
 
     def waiting(loop: Loop) -> jax.Array:
         """Return the number of lanes that an exchange would help."""
-        more = (loop.lanes.held >= 0) | (loop.following < count)
-        return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & more)
+        can_load = (loop.lanes.scene_index >= 0) | (loop.following < count)
+        return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & can_load)
 
     def unfinished(loop: Loop) -> Flag:
-        return (loop.following < count) | (loop.done.trials < most)
+        return (loop.following < count) | (loop.done.trials < max_trials)
 
     def busy(loop: Loop) -> Flag:
         """Return whether to go on with trials. An exchange costs about a trial, so it waits for a few lanes,
         unless no lane has trials to make."""
-        going = (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
-        return going & unfinished(loop)
+        few_wait = (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
+        return few_wait & unfinished(loop)
 
     def trials(loop: Loop) -> Loop:
         done = loop.done
         useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.lane))
-        onward = functools.partial(through, lambda scene, lane: past_sample(scene, plan, lane))
-        state = through(moves, _past_samples(plan, options, onward, loop.lanes))
+        pass_sample = functools.partial(apply, lambda scene, lane: past_sample(scene, plan, lane))
+        state = apply(try_step, _pass_samples(plan, options, pass_sample, loop.lanes))
         return loop._replace(lanes=state, done=done._replace(trials=done.trials + 1, useful=useful))
 
     def body(loop: Loop) -> Loop:
         return jax.lax.while_loop(busy, trials, exchange(loop))
 
-    blank = jax.eval_shape(lambda state: _answered(chunk, plan, state), held)
+    blank = jax.eval_shape(lambda state: _answers_of(chunk, plan, state), lanes)
     # Room for the scenes of the chunk, for those that the lanes held before, and for a block of all lanes
     # after the last of them.
-    done = room_for(size + 2 * lanes, blank, index_type)
-    start = jnp.where(refill, 0, jnp.minimum(count, lanes)).astype(index_type)
+    done = empty_storage(size + 2 * lane_count, blank, index_type)
+    start = jnp.where(refill, 0, jnp.minimum(count, lane_count)).astype(index_type)
     loop = jax.lax.while_loop(
-        lambda loop: unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.held >= 0)),
+        lambda loop: unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.scene_index >= 0)),
         body,
-        Loop(held, start, done),
+        Loop(lanes, start, done),
     )
-    left = jnp.sum(loop.lanes.held >= 0, dtype=index_type)
-    return _turned(loop.lanes), loop.done._replace(left=left)
+    left = jnp.sum(loop.lanes.scene_index >= 0, dtype=index_type)
+    return _with_swapped_axes(loop.lanes), loop.done._replace(left=left)
 
 
-def _past_samples(plan: Plan, options: Options, onward: Callable[[Lanes], Lanes], state: Lanes) -> Lanes:
+def _pass_samples(plan: Plan, options: Options, pass_sample: Callable[[Lanes], Lanes], state: Lanes) -> Lanes:
     """Pass samples at which no event occurs, as long as many lanes can."""
     if state.lane.passing is None:
         return state
-    going = jnp.sum(makes_trials(plan, options, state.lane))
-    many = lambda state: MANY * jnp.sum(present(state.lane.passing)) > going
-    return jax.lax.while_loop(many, onward, state)
+    running = jnp.sum(makes_trials(plan, options, state.lane))
+    many = lambda state: MANY * jnp.sum(present(state.lane.passing)) > running
+    return jax.lax.while_loop(many, pass_sample, state)
 
 
-def _followed(lane: LoopState, state: Lanes) -> dict[str, Any]:
+def _fields_with_slopes(lane: LoopState, state: Lanes) -> dict[str, Any]:
     """Return the fields of a lane that have slopes."""
     return {} if state.slopes is None else differentiated_fields(lane)
 
 
-def _unlimited(layout: LaneLayout) -> jax.Array | None:
-    """Return the reach of lanes that have not passed a turning point."""
-    return jnp.full(layout.lanes, jnp.inf) if layout.reach else None
+def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
+    """Return the edge distance of lanes that have not passed a turning point."""
+    return jnp.full(layout.lanes, jnp.inf) if layout.edge_distance else None
 
 
-def _turned(state: Lanes) -> Lanes:
+def _with_swapped_axes(state: Lanes) -> Lanes:
     """Swap the first two axes of the slopes, rows and lanes. Lanes are innermost in the loop, where they fill
     a vector."""
     return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
 
 
-def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
-    """Return the outputs of the scenes in the lanes at their present state, with the reach or the
+def _answers_of(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
+    """Return the outputs of the scenes in the lanes at their present state, with the edge distance or the
     sensitivities."""
-    slopes = state.slopes if state.reach is None else None
+    slopes = state.slopes if state.edge_distance is None else None
     floats, slopes, integers = chunk.in_lanes(
         lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, state.lane, slopes
     )
-    if state.reach is not None:
-        return floats | {"reach": state.reach}, integers
+    if state.edge_distance is not None:
+        return floats | {"edge_distance": state.edge_distance}, integers
     if slopes is None:
         return floats, integers
     rows_last = lambda y: jnp.moveaxis(y, 0, -1)
@@ -168,7 +170,7 @@ def _answered(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
     }, integers
 
 
-def idle(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lanes:
+def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lanes:
     """Return lanes without scenes, for a program that takes chunks of these scenes."""
     shapes = tuple(
         (y.shape if axis is None else (layout.size, *y.shape[1:]), y.dtype)
@@ -190,14 +192,16 @@ def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) ->
     """Return lanes without scenes; a program of its own, since tracing determines their shapes."""
 
     def hold(leaves, numbers):
-        chunk = prepared(leaves, layout, jax.tree.unflatten(option_structure, numbers))
+        chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, numbers))
         parts = [y[: layout.lanes] for y in chunk.parts]
         lane, slopes = chunk.starts(layout.lanes)
         number = jnp.zeros(layout.lanes, jnp.result_type(int))
-        return _turned(Lanes(lane, parts, number, slopes, _unlimited(layout)))
+        return _with_swapped_axes(Lanes(lane, parts, number, slopes, _first_edge_distance(layout)))
 
     numbers = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
     lanes = jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], numbers)
     lanes = jax.tree.map(lambda y: jnp.zeros(y.shape, y.dtype), lanes)
     code = jnp.full_like(lanes.lane.code, results.END_OF_TIME)
-    return lanes._replace(lane=lanes.lane._replace(code=code), held=jnp.full_like(lanes.held, -1))
+    return lanes._replace(
+        lane=lanes.lane._replace(code=code), scene_index=jnp.full_like(lanes.scene_index, -1)
+    )

@@ -173,8 +173,8 @@ def scan(
 def margins(
     plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progress: Any = False, reaches: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return overturning margins (see `signed_margin`), impacts and reaches of scenes (x, y), solved on all
-    cores.
+    """Return overturning margins (see `signed_margin`), impacts and edge distances of scenes (x, y), solved
+    on all cores.
 
     - `plane`: (x, y) → podium and excitation
     - `x`, `y`: of the scenes, (n,)
@@ -182,7 +182,7 @@ def margins(
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
     - `reaches`: also compute the distance in y over which each motion continues unchanged; otherwise 0
 
-    The margin is NaN, and the reach 0, where a scene does not finish.
+    The margin is NaN, and the edge distance 0, where a scene does not finish.
     """
     if x.size == 0:
         return np.zeros(0), np.zeros(0, int), np.zeros(0)
@@ -191,20 +191,27 @@ def margins(
     search_options = margin_options(options, margin)
     floats, integers = bare_responses(podiums, motions, search_options, progress, reaches)
     overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
-    reach = np.zeros(x.shape)
+    edge_distance = np.zeros(x.shape)
     if reaches:
         with np.errstate(invalid="ignore"):
-            reach = np.where(np.isnan(floats["reach"]), 0.0, floats["reach"]) * np.abs(y)
+            edge_distance = np.where(
+                np.isnan(floats["edge_distance"]), 0.0, floats["edge_distance"]
+            ) * np.abs(y)
     value = signed_margin(floats, overturned, float(options.overturn_ratio), margin, np)
     failed = codes > results.OVERTURNED
-    value, reach = np.where(failed, np.nan, value), np.where(failed, 0.0, np.nan_to_num(reach, posinf=np.inf))
+    value, edge_distance = (
+        np.where(failed, np.nan, value),
+        np.where(failed, 0.0, np.nan_to_num(edge_distance, posinf=np.inf)),
+    )
     # Copies, because scenes that are solved again at full accuracy overwrite them.
-    value, impacts, reach = (np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, reach))
-    return value, impacts, reach
+    value, impacts, edge_distance = (
+        np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, edge_distance)
+    )
+    return value, impacts, edge_distance
 
 
 def _scales_motion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
-    """Return whether there is a margin and y only scales the motion; only then are reaches valid for y."""
+    """Return whether there is a margin and y only scales the motion: edge distances are valid for y."""
     one, other = plane(x, np.full(1, top)), plane(x, np.full(1, 0.5 * top))
     if not has_margin(options, one[0]):
         return False

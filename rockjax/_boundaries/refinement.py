@@ -1,10 +1,10 @@
 """Places along lines of scenes: their spacing, and the refinement of changes between them.
 
-Two neighbours that both survive may be `REACH_SHARE` of their reaches apart (the distance over which the
-motion of each continues unchanged, see `rockjax._batch.reach`): a window between them would have to open and
-close against the derivatives of all turning points of both. Some windows are a few widths wide and
-neighbouring scenes show no sign of them, so neighbours are at most `MAX_SPACINGS` apart. Where reaches are
-short or unknown, places are as close as the requested width. This is an estimate, not a proof;
+Two neighbours that both survive may be `DISTANCE_SHARE` of their edge distances apart (the distance over
+which the motion of each continues unchanged, see `rockjax._batch.edge_distance`): a window between them would
+have to open and close against the derivatives of all turning points of both. Some windows are a few widths
+wide and neighbouring scenes show no sign of them, so neighbours are at most `MAX_SPACINGS` apart. Where edge
+distances are short or unknown, places are as close as the requested width. This is an estimate, not a proof;
 `benchmarks/boundaries.py` tries every scale.
 
 Places are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
@@ -22,7 +22,7 @@ import numpy as np
 from .first import DIPS
 
 SPACING_SHARE = 0.95  # of the requested width, because the tolerance may move the ends of a window
-REACH_SHARE = 0.25  # share of the reaches of two neighbours by which they may be apart
+DISTANCE_SHARE = 0.25  # share of the edge distances of two neighbours by which they may be apart
 MAX_SPACINGS = 6  # greatest distance of neighbours, in spacings
 MAX_PARTS = 16  # parts into which an interval is divided at once
 ROUND_SCENES = 2048  # scenes of a round, of all lines side by side …
@@ -38,7 +38,7 @@ class SolvedScenes(NamedTuple):
     y: np.ndarray
     margin: np.ndarray  # NaN where a scene did not finish
     impacts: np.ndarray
-    reach: np.ndarray  # distance in y over which the motion continues unchanged, 0 if unknown
+    edge_distance: np.ndarray  # distance in y over which the motion continues unchanged, 0 if unknown
     sharp: np.ndarray  # whether solved at full accuracy
 
     def merged_with(self, other: SolvedScenes) -> SolvedScenes:
@@ -105,8 +105,8 @@ def resolve_windows(
         if rows.size == 0:
             return solved
         confirmed = solve(solved.line[rows], solved.y[rows], True)
-        reach = np.where(solved.margin[rows] > 0, solved.reach[rows], confirmed.reach)
-        for old, new in zip(solved, confirmed._replace(reach=reach), strict=True):
+        edge_distance = np.where(solved.margin[rows] > 0, solved.edge_distance[rows], confirmed.edge_distance)
+        for old, new in zip(solved, confirmed._replace(edge_distance=edge_distance), strict=True):
             old[rows] = new
 
 
@@ -116,7 +116,7 @@ def widest_gaps(solved: SolvedScenes, spacing: float, top: float) -> np.ndarray:
     for part in solved.below_first_change():
         y, finished = solved.y[part], ~np.isnan(solved.margin[part])
         allowed = np.diff(y) <= _allowed_steps(solved, part, spacing) * (1 + 1e-9)
-        # A step that its reaches allow may hide a window of one spacing, any other one of its own length.
+        # A step that edge distances allow may hide a window of one spacing, others one of their own length.
         widest_hidden = np.where(allowed, np.minimum(np.diff(y), spacing), np.diff(y))
         at = np.flatnonzero(finished)
         through = np.flatnonzero(np.diff(at) > 1)
@@ -129,8 +129,10 @@ def widest_gaps(solved: SolvedScenes, spacing: float, top: float) -> np.ndarray:
 
 def _allowed_steps(solved: SolvedScenes, part: slice, spacing: float) -> np.ndarray:
     """Return the allowed length of each step between neighbours, in whole spacings."""
-    reach = np.where(solved.margin[part] > 0, solved.reach[part], 0.0)
-    return spacing * np.clip(np.floor(REACH_SHARE * (reach[1:] + reach[:-1]) / spacing), 1, MAX_SPACINGS)
+    edge_distance = np.where(solved.margin[part] > 0, solved.edge_distance[part], 0.0)
+    return spacing * np.clip(
+        np.floor(DISTANCE_SHARE * (edge_distance[1:] + edge_distance[:-1]) / spacing), 1, MAX_SPACINGS
+    )
 
 
 def _next_points(solved: SolvedScenes, spacing: float) -> tuple[np.ndarray, np.ndarray]:

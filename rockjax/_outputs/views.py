@@ -213,8 +213,10 @@ class Step:
             of_springs = springs.summed(weights)
             if base is None:
                 return of_springs
-            rest = summed(weights) - 1.0
-            return jax.tree.map(lambda of_spring, of_base: of_spring + rest * of_base, of_springs, base)
+            base_weight = summed(weights) - 1.0
+            return jax.tree.map(
+                lambda of_spring, of_base: of_spring + base_weight * of_base, of_springs, base
+            )
 
         return carried
 

@@ -64,9 +64,12 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
     """Return the parameters of a podium, for the attributes of a file."""
     top = podium.superstructure
     law, derived = podium.restitution, derived_numbers(podium)
-    kept = [parameter for parameter in variants.parameters_of(podium).values() if parameter.place]
+    parameters = [parameter for parameter in variants.parameters_of(podium).values() if parameter.place]
     return {
-        **{attribute_name(parameter): float(variants.read(podium, parameter.name)) for parameter in kept},
+        **{
+            attribute_name(parameter): float(variants.read(podium, parameter.name))
+            for parameter in parameters
+        },
         **_described(top),
         **({"T_s_s": 0.0} if isinstance(top, Rigid) else {}),
         **({} if isinstance(law, GivenRestitution) else {"restitution": repr(law).strip("'")}),

@@ -64,17 +64,17 @@ def companion(options: Options) -> Options:
     return eqx.tree_at(lambda o: (o.rtol, o.atol, o._stride), options, (*tolerances, SHORTER))
 
 
-def _parted(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
+def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
     """Return whether the two solutions have diverged after impacts from which columns can overturn.
 
     In chaotic rocking both may survive by chance with the same earlier peak. The longer solution may have one
     more impact. If both overturn, their times are compared.
     """
-    apart, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
-    one_more = xp.minimum(abs(apart - last[0]), abs(apart + last[1]))
+    difference, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
+    one_more = xp.minimum(abs(difference - last[0]), abs(difference + last[1]))
     # Equal sums, although the last impacts of the two differ.
     by_chance = (abs(last[0] - last[1]) > PARTED) & (xp.minimum(*last) > PARTED)
-    as_many = xp.where(by_chance, xp.inf, abs(apart))
+    as_many = xp.where(by_chance, xp.inf, abs(difference))
     falls = abs(a["fall_time"] - b["fall_time"]) > FALL_APART  # False if one of them is NaN
     return falls | (xp.minimum(as_many, one_more) > PARTED)
 
@@ -92,19 +92,23 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
     (a, flags), (b, others) = first, second
     unknown = (flags["code"] > results.OVERTURNED) | (others["code"] > results.OVERTURNED)
 
-    def apart(name):
+    def difference_of(name):
         difference = abs(a[name] - b[name])
-        lost = unknown[(..., *[None] * (difference.ndim - unknown.ndim))]
-        return xp.where(lost & ~xp.isnan(a[name]), xp.inf, difference)
+        unfinished = unknown[(..., *[None] * (difference.ndim - unknown.ndim))]
+        return xp.where(unfinished & ~xp.isnan(a[name]), xp.inf, difference)
 
-    rotation = apart("peak_rotation")
+    rotation = difference_of("peak_rotation")
     falls = flags["overturned"]
     # The excess energy of a column at the overturning angle vanishes on the boundary.
     close = xp.where(
-        falls, a["fall"] < SAFETY * apart("fall"), a["peak_rotation"] + SAFETY * rotation >= overturn_ratio
+        falls,
+        a["fall"] < SAFETY * difference_of("fall"),
+        a["peak_rotation"] + SAFETY * rotation >= overturn_ratio,
     )
     sensitive = rotation > xp.maximum(AMPLIFIED * rtol, LARGE) * a["peak_rotation"]
-    undecided = unknown | (falls != others["overturned"]) | close | sensitive | _parted(a, b, xp)
-    known = VARIABLES | variables_of(options.outputs)
-    values = {name: apart(name) for name, (each, _) in known.items() if each.estimated and name in a}
+    undecided = unknown | (falls != others["overturned"]) | close | sensitive | _have_diverged(a, b, xp)
+    variables = VARIABLES | variables_of(options.outputs)
+    values = {
+        name: difference_of(name) for name, (each, _) in variables.items() if each.estimated and name in a
+    }
     return Errors(values, undecided)

@@ -157,7 +157,7 @@ def ground_acceleration(excitation: AbstractExcitation, t):
 
 
 @KeptProgram
-def along(scene: Solved, t, left) -> dict[str, Array]:
+def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
     """Return all quantities at times t (n,), just before them where `left` (n,)."""
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = _coefficients(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
@@ -200,23 +200,23 @@ def balance(scene: Solved, t, left):
     # One compiled step serves all of them, because compilation dominates.
     nodes_of_rule, weights = np.polynomial.legendre.leggauss(POINTS)
     places = jnp.asarray(np.append(0.5 + 0.5 * nodes_of_rule, 1.0), t.dtype)
-    states, (given, *taken, held) = jax.vmap(lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places))(
-        starts, stops
-    )
+    states, (given, *taken, stored) = jax.vmap(
+        lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places)
+    )(starts, stops)
     lengths = stops - nodes.t[starts]
     given, *taken = (lengths * (y[:, :-1] @ jnp.asarray(0.5 * weights, t.dtype)) for y in (given, *taken))
-    mechanical = held[:, -1]
+    mechanical = stored[:, -1]
     leaving = jax.vmap(lambda sigma, *y: energy(c, sigma, y[: len(nodes.x)], y[len(nodes.x) :]))(
         nodes.sigma, *nodes.x, *nodes.v
     )
     struck = jnp.isfinite(nodes.impact_time)
-    lost = jnp.cumsum(jnp.where(struck, jnp.roll(mechanical[:size], 1) - leaving, 0.0))
+    at_impacts = jnp.cumsum(jnp.where(struck, jnp.roll(mechanical[:size], 1) - leaving, 0.0))
     given, *taken = (y[size:] + (jnp.cumsum(y[:size]) - y[:size])[before] for y in (given, *taken))
     samples = jax.vmap(lambda here: _quantities(c, *here))(jax.tree.map(lambda y: y[size:, -1], states))
     inside = (t >= nodes.t[0]) & (t <= end)
-    parts = samples, mechanical[size:], given, lost[before], *taken
+    parts = samples, mechanical[size:], given, at_impacts[before], *taken
 
-    def known(y):
+    def inside_only(y):
         return jnp.where(inside.reshape(-1, *(1,) * (y.ndim - 1)), y, jnp.nan)
 
-    return *jax.tree.map(known, parts), leaving[0]
+    return *jax.tree.map(inside_only, parts), leaving[0]

@@ -148,10 +148,10 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
     if throw:
         raise_without_answer(code)
     stats = Stats(steps=integers["steps"], rejected=integers["rejected"], end_time=floats["end_time"])
-    held = {name: floats[name] for name in all_variables(options.outputs) if name in floats}
-    always = {name: held.pop(name) for name in ("overturn_time", "uplift_time", "smallest_impact_speed")}
+    values = {name: floats[name] for name in all_variables(options.outputs) if name in floats}
+    always = {name: values.pop(name) for name in ("overturn_time", "uplift_time", "smallest_impact_speed")}
     return {
-        "values": held,
+        "values": values,
         **always,
         **{name: integers[name] for name in ("exceeded_alpha", "overturned", "uplifted")},
         "impacts": _impacts(floats, integers, options, history),
@@ -172,13 +172,13 @@ def _impacts(floats, integers, options: Options, history: bool):
     traced, of_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
     # In NumPy, because outside jit every jnp operation compiles separately.
     code, count, uplifted = flags if traced else map(np.asarray, flags)
-    stands = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
+    is_final = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
     if history or "impacts" in options.outputs:
-        stands |= code == results.SETTLED
+        is_final |= code == results.SETTLED
     elif {"peak_rotation", "margin"} & set(options.outputs):
-        stands |= (code == results.SETTLED) & ~uplifted
+        is_final |= (code == results.SETTLED) & ~uplifted
     numpy = jnp if traced else np
-    found = numpy.where(stands, count.astype(floats["end_time"].dtype), np.nan)
+    found = numpy.where(is_final, count.astype(floats["end_time"].dtype), np.nan)
     return as_array(found) if of_jax and not traced else found
 
 
@@ -203,14 +203,14 @@ def peak_variables(
 ) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
     """Return (name, values, attributes) of the requested scalars of a peak or a batch of them."""
     requested = {y if isinstance(y, str) else y.name for y in outputs}
-    known = all_variables(outputs)
-    for name, (each, output) in known.items():
+    variables = all_variables(outputs)
+    for name, (each, output) in variables.items():
         values = getattr(peaks, name)
         if values is not None and (output is None or output in requested):
             about = {"units": each.unit, "long_name": each.description, **_until(each)}
             yield name, np.asarray(values), about
     if peaks.errors is not None:
-        for name, (each, output) in known.items():
+        for name, (each, output) in variables.items():
             error = peaks.errors.values.get(name)
             if error is not None and output in requested:
                 error = np.asarray(error)

@@ -195,7 +195,7 @@ class Response(AbstractPeak):
         """Return the quantities of these names at times t, with modes or stories along further axes."""
         t = as_float(t)
         times, flags = history.filled(t.ravel(), np.full(t.size, left))
-        found = history.along(self._scene(), times, flags)
+        found = history.quantities_at(self._scene(), times, flags)
         with nans_allowed():
             values = [found[name] for name in names]
             return [_first(y, t.size).reshape(*t.shape, *y.shape[1:]) for y in values]
@@ -225,8 +225,8 @@ class Response(AbstractPeak):
 def _first(values: Array, count: int) -> Array:
     """Return the first `count` entries of an array; in NumPy if concrete, because JAX would compile a program
     for every count."""
-    known = concrete(values)
-    return values[:count] if known is None else as_array(known[:count])
+    numbers = concrete(values)
+    return values[:count] if numbers is None else as_array(numbers[:count])
 
 
 def _motion(excitation: AbstractExcitation, t: np.ndarray) -> np.ndarray:

@@ -57,13 +57,13 @@ def slope_name(answer: str) -> str:
     return f"{answer}_sensitivity"
 
 
-def numbers_of(motion: AbstractExcitation) -> dict[str, str]:
+def number_fields(motion: AbstractExcitation) -> dict[str, str]:
     """Return where a motion holds its single numbers, by parameter name.
 
     Numbers of the vertical motion of a pair are named `vertical.…`.
     """
     if isinstance(motion, GroundMotion):
-        of_each = {part: numbers_of(getattr(motion, part)) for part in PARTS}
+        of_each = {part: number_fields(getattr(motion, part)) for part in PARTS}
         places = {name: f"horizontal.{field}" for name, field in of_each["horizontal"].items()}
         return places | {f"vertical.{field}": f"vertical.{field}" for field in of_each["vertical"].values()}
     left_out = {*motion.own_dimensions, "which", "scale"}
@@ -83,8 +83,8 @@ def with_numbers(motion: AbstractExcitation, values: Mapping[str, Any]) -> Abstr
         if part:
             changed = dataclasses.replace(getattr(motion, part), **{field: value})
             motion = dataclasses.replace(motion, **{part: changed})
-    own = {place: value for place, value in values.items() if "." not in place}
-    return dataclasses.replace(motion, **own)
+    fields = {place: value for place, value in values.items() if "." not in place}
+    return dataclasses.replace(motion, **fields)
 
 
 def of_scenes(
@@ -102,7 +102,7 @@ def of_scenes(
     names = _checks.texts(owner, "sensitivities", names)
     if not names:
         return names
-    check_parameters(owner, podium, names, more=[*numbers_of(motion), "scale"])
+    check_parameters(owner, podium, names, more=[*number_fields(motion), "scale"])
     if len(set(names)) < len(names):
         raise ValueError(f"{owner}: sensitivities name a parameter twice: {list(names)}")
     return names
@@ -118,15 +118,15 @@ def moved(
     - `factors`: factor on each, equal to 1, for derivatives, (n,)
     """
     factor = dict(zip(names, factors, strict=True))
-    fields = {field: factor.pop(name) for name, field in numbers_of(motion).items() if name in factor}
+    fields = {field: factor.pop(name) for name, field in number_fields(motion).items() if name in factor}
     scale = factor.pop("scale", None)
-    changed = with_numbers(motion, {place: y * _kept(motion, place) for place, y in fields.items()})
+    changed = with_numbers(motion, {place: y * _value_at(motion, place) for place, y in fields.items()})
     changed = changed if scale is None else changed.scaled(scale)
     structure = with_factors(podium, list(factor), jnp.asarray(list(factor.values()))) if factor else podium
     return _as_is(podium, structure), _as_is(motion, changed)
 
 
-def _kept(motion: AbstractExcitation, place: str) -> Any:
+def _value_at(motion: AbstractExcitation, place: str) -> Any:
     return functools.reduce(getattr, place.split("."), motion)
 
 

@@ -80,8 +80,8 @@ def simulate(
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
     # Every capacity compiles its own program, so start with one that few scenes exceed; none exceeds `most`.
     most = options.max_steps + 2
-    is_known = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
-    capacity = min(max(options.history, CAPACITY), most) if is_known else options.history
+    is_concrete = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
+    capacity = min(max(options.history, CAPACITY), most) if is_concrete else options.history
     while True:
         floats, integers, nodes = _solved(*arguments, capacity)
         full = concrete(integers["code"]) == results.HISTORY_FULL
@@ -118,8 +118,8 @@ def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
 
 
 def _solved(podium, excitation, initial, t_end, options, history):
-    (floats, smooth), (integers, rest) = solve(podium, excitation, initial, t_end, options, history)
-    nodes = None if smooth is None else smooth._replace(piece=rest[0], used=rest[1])
+    (floats, smooth), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, history)
+    nodes = None if smooth is None else smooth._replace(piece=node_integers[0], used=node_integers[1])
     return floats, integers, nodes
 
 

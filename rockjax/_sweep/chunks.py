@@ -12,7 +12,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses
-from rockjax._batch.executors import executor
+from rockjax._batch.executors import executor_for
 from rockjax._machine.threads import precision
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_versions
@@ -110,7 +110,7 @@ def _worker_arguments(devices: Devices, threads: int | None) -> dict[str, Any]:
 
 
 def count_cores(devices: Devices, threads: int | None) -> int:
-    pool = executor("sweep", **_worker_arguments(devices, threads))
+    pool = executor_for("sweep", **_worker_arguments(devices, threads))
     return pool.hosts * pool.devices
 
 

@@ -26,7 +26,7 @@ from rockjax._parameters.variants import (
     pulse_period,
     with_values,
 )
-from rockjax._responses.sensitivities import numbers_of, with_numbers
+from rockjax._responses.sensitivities import number_fields, with_numbers
 from rockjax._structures import Podium
 
 Coords = dict[str, np.ndarray]
@@ -134,7 +134,7 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 
 
 def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
-    motion_numbers = numbers_of(motion) if single else {}
+    motion_numbers = number_fields(motion) if single else {}
     pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
     ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
     valid = [*parameters_of(structure), *motion_numbers, *ratios, "scale"]
@@ -154,7 +154,7 @@ def _vary_motion(
     base: AbstractExcitation, podium: Podium, axis_values: dict[str, np.ndarray]
 ) -> AbstractExcitation:
     changes: dict[str, Any] = {
-        place: axis_values[name] for name, place in numbers_of(base).items() if name in axis_values
+        place: axis_values[name] for name, place in number_fields(base).items() if name in axis_values
     }
     check_values("grid", {name: axis_values[name] for name in _RATIOS if name in axis_values})
     part = "horizontal." if isinstance(base, GroundMotion) else ""

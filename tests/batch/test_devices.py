@@ -17,8 +17,8 @@ import pytest
 
 import rockjax as rj
 from rockjax._batch.batch import layout, responses
-from rockjax._batch.executors import DeviceExecutor, ThreadExecutor, _on_mesh, executor
-from rockjax._batch.lanes import idle
+from rockjax._batch.executors import DeviceExecutor, ThreadExecutor, _on_mesh, executor_for
+from rockjax._batch.lanes import idle_lanes
 from rockjax._batch.scenes import NOTHING, Numbers, broadcast
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
@@ -91,7 +91,7 @@ def report() -> dict:
     device_results: dict = {"devices": len(devices)}
     for name, (podium, motion, how, numbers) in CASES.items():
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "[0-9]+ of .* scenes ended without an answer", RuntimeWarning)
+            warnings.filterwarnings("ignore", "[0-9]+ of .* scenes did not finish", RuntimeWarning)
             run = lambda chosen, p=podium, m=motion, o=how: rj.peak_responses(p, m, options=o, devices=chosen)
             alone = run(None)
             device_results[name] = {k: largest_difference(run(devices[:k]), alone) for k in numbers}
@@ -178,8 +178,8 @@ def test_threads_and_devices_that_cannot_be():
     ):
         with pytest.raises(ValueError, match=words):
             run(**who)
-    assert executor("", threads=3).hosts == 3
-    assert executor("", devices=[device]).hosts == 1
+    assert executor_for("", threads=3).hosts == 3
+    assert executor_for("", devices=[device]).hosts == 1
 
 
 def test_scenes_are_dealt_out_in_turn():
@@ -200,17 +200,17 @@ def test_scenes_are_dealt_out_in_turn():
 def test_a_default_device_is_where_batches_run(monkeypatch):
     (device, *_) = jax.local_devices(backend="cpu")
     monkeypatch.setattr(jax, "default_backend", lambda: "cpu")
-    assert isinstance(executor(""), ThreadExecutor)
+    assert isinstance(executor_for(""), ThreadExecutor)
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     monkeypatch.setattr(
         jax, "local_devices", lambda backend=None: {"gpu": ["a", "b"], "cpu": [device]}[backend]
     )
     monkeypatch.setattr(rj._batch.executors, "DeviceExecutor", list)
-    assert executor("") == ["a", "b"]
-    assert executor("", threads=2).hosts == 2
+    assert executor_for("") == ["a", "b"]
+    assert executor_for("", threads=2).hosts == 2
     for chosen in (device, "cpu"):
         with jax.default_device(chosen):
-            threads = executor("")
+            threads = executor_for("")
             assert isinstance(threads, ThreadExecutor)
     # Threads keep to the CPU although accelerators are the default.
     with threads._cores():
@@ -247,7 +247,7 @@ def test_a_program_for_accelerators_is_made_of_what_they_have(name):
     assert plan.lanes >= 1024
     leaves, numbers = scenes.part(Numbers(0, 1, scenes.total), plan.size), np.zeros(1, int)
     program = _on_mesh(who.mesh).trace(
-        idle(scenes, how, plan), leaves, numbers, 1, numbers, 0, how, layout=plan
+        idle_lanes(scenes, how, plan), leaves, numbers, 1, numbers, 0, how, layout=plan
     )
     text = program.lower(lowering_platforms=("cuda",)).as_text()
     assert "stablehlo.while" in text
@@ -264,7 +264,7 @@ on_a_gpu = pytest.mark.skipif(not GPUS, reason="no GPU here")
 def test_gpus_answer_as_threads_do(name):
     podium, motion, how, _ = CASES[name]
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "[0-9]+ of .* scenes ended without an answer", RuntimeWarning)
+        warnings.filterwarnings("ignore", "[0-9]+ of .* scenes did not finish", RuntimeWarning)
         there, here = (rj.peak_responses(podium, motion, options=how, threads=k) for k in (None, 2))
     np.testing.assert_array_equal(there.overturned, here.overturned)
     np.testing.assert_allclose(there.peak_rotation, here.peak_rotation, atol=1e-7)

@@ -5,7 +5,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._batch.batch import bare_responses
-from rockjax._batch.reach import SMALL
+from rockjax._batch.edge_distance import SMALL
 
 COUNT = 150
 STEP = 1e-7  # of the scale, for differences
@@ -32,18 +32,18 @@ def test_the_reach_is_that_of_the_margin_or_of_another_turning_point(motion, str
     options = rj.Options(outputs=("margin", "impacts"), rtol=1e-11, atol=1e-13)
     at, above, below = (
         bare_responses(
-            podium, motions_of(motion, scales, np.full(COUNT, 1 + step)), options, False, reach=True
+            podium, motions_of(motion, scales, np.full(COUNT, 1 + step)), options, False, edge_distance=True
         )
         for step in (0.0, STEP, -STEP)
     )
     floats, integers = at
-    assert np.all(np.isinf(floats["reach"][~integers["uplifted"]]))
-    # Where the reach is short derivatives change within a step.
-    counts = integers["uplifted"] & (floats["margin"] < SMALL) & (floats["reach"] > 1000 * STEP)
+    assert np.all(np.isinf(floats["edge_distance"][~integers["uplifted"]]))
+    # Where the edge distance is short derivatives change within a step.
+    counts = integers["uplifted"] & (floats["margin"] < SMALL) & (floats["edge_distance"] > 1000 * STEP)
     for _, same in (above, below):  # no impact comes or goes
         counts &= ~same["overturned"] & (same["impacts"] == integers["impacts"])
     assert counts.sum() >= 15
     slope = ((above[0]["margin"] - below[0]["margin"]) / (2 * STEP))[counts]
-    reach, told = floats["reach"][counts], floats["margin"][counts] / np.abs(slope)
-    assert np.all(reach <= told * (1 + 1e-3))
-    assert np.mean(reach > told * (1 - 1e-3)) > 0.1
+    distance, expected = floats["edge_distance"][counts], floats["margin"][counts] / np.abs(slope)
+    assert np.all(distance <= expected * (1 + 1e-3))
+    assert np.mean(distance > expected * (1 - 1e-3)) > 0.1
