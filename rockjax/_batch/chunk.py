@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
 from rockjax._engine.barrier import barrier
-from rockjax._engine.derivatives import depend_on_argument, pushed
+from rockjax._engine.derivatives import find_dependent_outputs, pushed
 from rockjax._engine.fast_forward.rest import advance_to_uplift
 from rockjax._engine.flat import runs
 from rockjax._engine.scene import plan_for, prepare
@@ -42,10 +42,12 @@ class LaneLayout(NamedTuple):
     def plan(self, leaves, options: Options) -> Plan:
         """Return the choices made before tracing, from the leaves of a chunk."""
         podium = jax.tree.unflatten(self.structure, leaves)[0]
-        return plan_for(podium, options, history=False, more=(TurningPoints(),) if self.edge_distance else ())
+        return plan_for(
+            podium, options, history=False, extra_outputs=(TurningPoints(),) if self.edge_distance else ()
+        )
 
 
-class Slopes(NamedTuple):
+class LaneDerivatives(NamedTuple):
     """Derivatives beside the scenes and states of lanes, with a row for each parameter."""
 
     parts: list[Any]  # of `Scene`: None beside leaves that do not depend on the parameters
@@ -78,7 +80,7 @@ def automaton(plan: Plan, options: Options):
     return try_step, lift_off
 
 
-class _ChunkSlopes(NamedTuple):
+class _ChunkDerivatives(NamedTuple):
     """Derivatives beside the scenes and states of a chunk."""
 
     parts: list[Any]
@@ -95,9 +97,9 @@ class Chunk(NamedTuple):
     structure: Any
     lane: LoopState  # at the start
     lane_differs: Any
-    slopes: _ChunkSlopes | None
+    slopes: _ChunkDerivatives | None
 
-    def starts(self, lanes: int) -> tuple[LoopState, Slopes | None]:
+    def starts(self, lanes: int) -> tuple[LoopState, LaneDerivatives | None]:
         """Return initial states of the first scenes, one for each lane, and the slopes beside them."""
 
         def start(y, differs):
@@ -108,14 +110,14 @@ class Chunk(NamedTuple):
             return state, None
         beside = lambda rows, differs: jax.vmap(lambda row: start(row, differs))(rows)
         lane = jax.tree.map(beside, self.slopes.lane, differentiated_fields(self.lane_differs))
-        return state, Slopes([None if y is None else y[:, :lanes] for y in self.slopes.parts], lane)
+        return state, LaneDerivatives([None if y is None else y[:, :lanes] for y in self.slopes.parts], lane)
 
     def in_lanes(
         self,
         function: Callable,
         parts: list[Any],
         lane: LoopState,
-        slopes: Slopes | None,
+        slopes: LaneDerivatives | None,
         loops: bool = False,
     ):
         """Return (floats, their slopes, rest) of `function(scene, lane)` → (floats, rest) in every lane.
@@ -167,7 +169,7 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
     ]
     if names:
         one = [y if axis is None else y[0] for y, axis in zip(leaves, axes[1:], strict=True)]
-        depends = jax.tree.leaves(depend_on_argument(lambda factors: ready(factors, *one), factors)[0])
+        depends = jax.tree.leaves(find_dependent_outputs(lambda factors: ready(factors, *one), factors)[0])
 
         def of_factors(factors):
             scenes, lane = every(factors, *leaves)
@@ -179,7 +181,7 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
             of_factors, (factors,), (jnp.eye(len(names)),), loops=True
         )
         of_parts = [y for y, flag in zip(rows, has_rows, strict=True) if flag]
-        slopes = _ChunkSlopes(of_parts, selected(rows, False), of_lane)
+        slopes = _ChunkDerivatives(of_parts, selected(rows, False), of_lane)
     else:
         (scenes, lane), slopes = every(factors, *leaves), None
     flat, scene_structure = jax.tree.flatten(scenes)

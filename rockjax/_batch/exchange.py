@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from rockjax._engine.state import LoopState, differentiated_fields
 from rockjax._types import Flag
 
-from .chunk import Chunk, Slopes
+from .chunk import Chunk, LaneDerivatives
 from .scenes import Numbers
 
 ONE_BY_ONE = 64  # largest number of lanes that are served one after another
@@ -27,7 +27,7 @@ class Lanes(NamedTuple):
     lane: LoopState
     parts: list[Any]  # of `Scene`: leaves that differ between scenes
     scene_index: jax.Array  # number in the batch of the scene that each lane holds, −1 for none
-    slopes: Slopes | None = None  # None without sensitivities
+    slopes: LaneDerivatives | None = None  # None without sensitivities
     edge_distance: jax.Array | None = None  # of each scene so far; None if not requested
 
 
@@ -155,7 +155,7 @@ def _load_scenes(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
     differs = differentiated_fields(chunk.lane_differs)
     rows = jax.tree.map(beside, chunk.slopes.lane, differs, state.slopes.lane)
     of_parts = over(chunk.slopes.parts, state.slopes.parts, 1) if refill else state.slopes.parts
-    return state._replace(slopes=Slopes(of_parts, rows))
+    return state._replace(slopes=LaneDerivatives(of_parts, rows))
 
 
 def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: Answers) -> Done:

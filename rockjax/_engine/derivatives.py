@@ -55,7 +55,7 @@ def pushed(
     return floats, jax.vmap(linear)(*directions), rest
 
 
-def depend_on_argument(function: Callable, at: Any) -> Any:
+def find_dependent_outputs(function: Callable, at: Any) -> Any:
     """Return, for each output of a function, whether it depends on the argument."""
     found: list[Any] = []
 

@@ -73,7 +73,7 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
 def damper_power(c: Coefficients, restraint: Restraint, sigma: Value, x: Vector, v: Vector) -> Value:
     """Return the power that restrainers dissipate, (C/m_c)|ℓ̇|^(1+ν) for dampers, per N m_c [m²/s³].
 
-    - `c`, `held`: constants of the podium and of its restrainers
+    - `c`, `restraint`: constants of the podium and of its restrainers
     - `sigma`: mode σ ∈ {−1, 0, 1}
     - `x`, `v`: positions and velocities
     """

@@ -141,7 +141,7 @@ def record_decisions(
 
 
 def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, stored):
-    """Integrate a scene and return its final state, and the data that `keep(state, kept, info)` stores for
+    """Integrate a scene and return its final state, and the data that `keep(state, stored, info)` stores for
     every step.
 
     Lanes that have ended store nothing more. If each lane decided for itself when the loop ends, JAX would

@@ -70,7 +70,7 @@ def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, max_step: Valu
     - `path`: quintic of the step
     - `a0`, `a1`: curvatures at both ends
     - `h`: length of the step [s]
-    - `longest`: longest step of the scene [s]
+    - `max_step`: longest step of the scene [s]
 
     Over a very short step the quintic is a difference of nearly equal numbers, and the mean of the third
     derivative is used.

@@ -34,7 +34,7 @@ def steady_for(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_dd
     """Return the longest step [s] over which the rate of rotation keeps its order of magnitude, for forces
     with an infinite slope at θ̇ = 0.
 
-    - `c`, `held`: constants of the podium and of its restrainers
+    - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
 
     The step is a fraction of the time until the columns stop, or since they started from rest. Steps then
@@ -96,7 +96,7 @@ def _restraint(
 def restraint_at_most(c: Coefficients, restraint: Restraint, theta: Value, theta_dot: Value) -> Value:
     """Bound the moment of restrainers in Eq. (24), (C20).
 
-    - `c`, `held`: constants of the podium and of its restrainers
+    - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta`, `theta_dot`: largest |θ| [rad], inside the well, and largest |θ̇| [rad/s]
     """
     s, _ = sincos(0.5 * theta)
@@ -194,12 +194,12 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
 
 
 @overload
-def plus(value: Value, more: Value | float) -> Value: ...
+def plus(value: Value, addend: Value | float) -> Value: ...
 @overload
-def plus(value: float, more: float) -> float: ...
-def plus(value: Value | float, more: Value | float) -> Value | float:
+def plus(value: float, addend: float) -> float: ...
+def plus(value: Value | float, addend: Value | float) -> Value | float:
     """Return the sum, or the value alone if nothing is to be added, which is known before tracing."""
-    return value if isinstance(more, float) else value + more
+    return value if isinstance(addend, float) else value + addend
 
 
 def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector) -> Value:

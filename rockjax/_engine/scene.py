@@ -32,12 +32,14 @@ from .tableaus import tableau_for
 from .transitions import contact_mode, restart
 
 
-def plan_for(podium: Podium, options: Options, history: bool, more: tuple[AbstractOutput, ...] = ()) -> Plan:
+def plan_for(
+    podium: Podium, options: Options, history: bool, extra_outputs: tuple[AbstractOutput, ...] = ()
+) -> Plan:
     """Return the choices that are made before tracing.
 
     - `podium`, `options`: of the scenes
     - `history`: whether the accepted steps are kept
-    - `more`: outputs that are followed besides those of the options
+    - `extra_outputs`: outputs that are followed besides those of the options
     """
     elastic = podium.vibrates
     velocities = elastic or bool(podium.restrainers) or options.engine != "flat"
@@ -45,7 +47,7 @@ def plan_for(podium: Podium, options: Options, history: bool, more: tuple[Abstra
     requested = {output.name: output.of(podium) for output in options.requested if output.applies(podium)}
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
-    outputs = (rotation, *others, *more)
+    outputs = (rotation, *others, *extra_outputs)
     # A history keeps every step; a requested method of lower order makes a trial of every sample.
     short = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
     names = allowed(outputs, short)
@@ -71,12 +73,12 @@ def as_compiled(podium: Podium, options: Options) -> Options:
 def _as_compiled(structure, applicable: frozenset[str]):
     """Return the tree structure of the options for `as_compiled`."""
     options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
-    own = tuple(y for y in options.outputs if not isinstance(y, str))
-    there = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
-    outputs = there(options.outputs) or (() if own else options.outputs)
-    if outputs == there(PEAKS):
+    user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
+    applicable_of = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
+    outputs = applicable_of(options.outputs) or (() if user_outputs else options.outputs)
+    if outputs == applicable_of(PEAKS):
         outputs = PEAKS
-    return jax.tree.structure(options.replace(outputs=(*outputs, *own), history=HISTORY, throw=True))
+    return jax.tree.structure(options.replace(outputs=(*outputs, *user_outputs), history=HISTORY, throw=True))
 
 
 # The closer solution, which estimates errors, has a lower rest velocity: the speed after this many further

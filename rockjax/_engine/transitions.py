@@ -55,10 +55,10 @@ def transition(
     x = (jnp.where(hit | rests, 0.0, x[0]), *x[1:])
     v = (jnp.where(rests, 0.0, v[0]), *v[1:])
     q = uplift_demand(c, ground, x, v)
-    onward, other = after_impact(scene, sigma, v[0], q, to_rest)
-    v = (jnp.where(hit, onward, v[0]), *v[1:])
+    theta_dot_after, mode_after = after_impact(scene, sigma, v[0], q, to_rest)
+    v = (jnp.where(hit, theta_dot_after, v[0]), *v[1:])
     stays = jnp.where(rocking, sigma, contact_mode(c, q))
-    mode = jnp.where(hit, other, jnp.where(lifted, -jnp.sign(demand), stays))
+    mode = jnp.where(hit, mode_after, jnp.where(lifted, -jnp.sign(demand), stays))
     return Transition(x, v, jnp.where(halted, 0.0, mode))
 
 

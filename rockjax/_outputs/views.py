@@ -350,9 +350,9 @@ class Rest:
         stays = (last > first) & (first < constant(excitation.support[1]))
         time = jnp.clip(constant(self.scene.lookahead.highest_time(first, last)), first, last)
         edge = excitation.breakpoint(excitation.before(excitation.locate(time)))
-        moves = jnp.where(constant(edge) == time, edge, time)
-        moves = jnp.where(time == first, self.start, jnp.where(time == last, self.end, moves))
-        size = jnp.abs(excitation(time + (moves - constant(moves))))
+        moving_time = jnp.where(constant(edge) == time, edge, time)
+        moving_time = jnp.where(time == first, self.start, jnp.where(time == last, self.end, moving_time))
+        size = jnp.abs(excitation(time + (moving_time - constant(moving_time))))
         return jnp.where(stays, size, 0.0)
 
 

@@ -103,19 +103,19 @@ def filled(t, left):
     """Return times (n,) and flags (n,), padded by repeating the last."""
     if concrete(t) is None or not t.size:
         return t, left
-    more = (FEW_TIMES if t.size <= FEW_TIMES else common_size(t.size, *TIMES)) - t.size
-    return np.pad(np.asarray(t), (0, more), mode="edge"), np.pad(np.asarray(left), (0, more), mode="edge")
+    padding = (FEW_TIMES if t.size <= FEW_TIMES else common_size(t.size, *TIMES)) - t.size
+    return tuple(np.pad(np.asarray(y), (0, padding), mode="edge") for y in (t, left))
 
 
 def padded(nodes: Nodes) -> Nodes:
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)) or nodes.t.ndim != 1:
         return nodes
-    more = common_size(nodes.t.size, *NODES) - nodes.t.size
-    longer = lambda y: np.pad(np.asarray(y), [(0, more), *[(0, 0)] * (y.ndim - 1)], mode="edge")
+    padding = common_size(nodes.t.size, *NODES) - nodes.t.size
+    longer = lambda y: np.pad(np.asarray(y), [(0, padding), *[(0, 0)] * (y.ndim - 1)], mode="edge")
     filled = jax.tree.map(lambda y: longer(y) if jnp.ndim(y) else y, nodes)
     return filled._replace(
-        t=np.pad(np.asarray(nodes.t), (0, more), constant_values=np.inf),
-        impact_time=np.pad(np.asarray(nodes.impact_time), (0, more), constant_values=np.nan),
+        t=np.pad(np.asarray(nodes.t), (0, padding), constant_values=np.inf),
+        impact_time=np.pad(np.asarray(nodes.impact_time), (0, padding), constant_values=np.nan),
     )
 
 

@@ -268,20 +268,20 @@ def _squares_of_jvp(primals, tangents):
     squares, masses, inertia, _, cos_alpha = primals
     values, vectors = eigh(_bordered(*primals))
     turn, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]
-    weighs = masses[..., :, None] > 0
+    has_mass = masses[..., :, None] > 0
     detuning = squares[..., :, None] - values[..., None, :]
     # A massless oscillator follows the beam, or vibrates alone.
     follows = (
         (cos_alpha * turn)[..., None, :] * squares[..., :, None] / jnp.where(detuning == 0, 1.0, detuning)
     )
-    moves = shapes / jnp.sqrt(jnp.where(weighs, masses[..., :, None], 1.0))
-    moves = jnp.where(weighs, moves, jnp.where(detuning == 0, 0.0, follows))
-    own_motion = jnp.where(weighs, 0.0, shapes**2)
+    motions = shapes / jnp.sqrt(jnp.where(has_mass, masses[..., :, None], 1.0))
+    motions = jnp.where(has_mass, motions, jnp.where(detuning == 0, 0.0, follows))
+    own_motion = jnp.where(has_mass, 0.0, shapes**2)
 
     def quotient(squares, masses, inertia, stiffness, cos_alpha):
         squares, masses = squares[..., :, None], masses[..., :, None]
-        stretch = masses * (moves - (cos_alpha * turn)[..., None, :]) ** 2 + own_motion
+        stretch = masses * (motions - (cos_alpha * turn)[..., None, :]) ** 2 + own_motion
         potential_energy = stiffness * turn**2 + jnp.sum(squares * stretch, axis=-2)
-        return potential_energy / (inertia * turn**2 + jnp.sum(masses * moves**2 + own_motion, axis=-2))
+        return potential_energy / (inertia * turn**2 + jnp.sum(masses * motions**2 + own_motion, axis=-2))
 
     return jnp.asarray(values), jax.jvp(quotient, primals, tangents)[1]

@@ -27,7 +27,7 @@ def motions_of(kind: str, scales: tuple[float, float], factor: np.ndarray):
 @pytest.mark.slow(but=["pulse-elastic", "record-rigid"])
 @pytest.mark.parametrize("structure", PODIUMS)
 @pytest.mark.parametrize("motion", ["pulse", "record"])
-def test_the_reach_is_that_of_the_margin_or_of_another_turning_point(motion, structure):
+def test_the_edge_distance_is_that_of_the_margin_or_of_another_turning_point(motion, structure):
     podium, scales = PODIUMS[structure]
     options = rj.Options(outputs=("margin", "impacts"), rtol=1e-11, atol=1e-13)
     at, above, below = (

@@ -42,8 +42,8 @@ def past_all(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     """Return the state at the first sample that needs a trial, for one scene alone."""
     if state.passing is None:
         return state
-    onward = functools.partial(past_sample, scene, plan)
-    return jax.lax.while_loop(lambda state: present(state.passing), onward, state)
+    pass_sample = functools.partial(past_sample, scene, plan)
+    return jax.lax.while_loop(lambda state: present(state.passing), pass_sample, state)
 
 
 def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
