@@ -63,6 +63,7 @@ from ._risk.rocking import DesignPoint as DesignPoint
 from ._risk.rocking import design_points as design_points
 from ._risk.rocking import failure_probability as failure_probability
 from ._structures import Elastic as Elastic
+from ._structures import Elevation as Elevation
 from ._structures import Modes as Modes
 from ._structures import Podium as Podium
 from ._structures import Rigid as Rigid

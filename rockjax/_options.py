@@ -47,7 +47,8 @@ class Options(Module):
       default `rtol`
     - `max_steps`: largest number of trial steps of a scene
     - `outputs`: requested outputs, out of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`,
-      `"peak_drift"` and `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"`.
+      `"peak_drift"` and `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"`,
+      and of the joints `"peak_friction"`, `"axial_force"`, `"peak_foundation_shear"`, `"impact_friction"`.
       The scene ends as soon as none of the requested outputs can change; other outputs are not computed
       (NaN). Impacts are counted completely only if `"impacts"` is requested or the columns overturn.
       `"errors"` estimates the errors of the peaks by a second solution. An instance of a subclass of
@@ -128,6 +129,11 @@ class Options(Module):
     def requested(self) -> tuple[AbstractOutput, ...]:
         """The requested outputs."""
         return tuple(y if isinstance(y, AbstractOutput) else REGISTRY[y] for y in self.outputs)
+
+    @property
+    def of_joints(self) -> bool:
+        """True if forces in the joints are requested."""
+        return any(output.of_joints for output in self.requested)
 
     @property
     def solver(self) -> diffrax.AbstractSolver:

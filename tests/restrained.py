@@ -149,8 +149,13 @@ def simulate(
     state=(),
     limit=None,
     rest=1e-12,
+    watch: Any = None,
 ) -> Answer:
-    """One scene from `start` to `end`, or until |θ| = `limit` (α)."""
+    """One scene from `start` to `end`, or until |θ| = `limit` (α).
+
+    `watch.stretch(mode, found, clip)` is called after every stretch between events with SciPy's solution and
+    a function that clips times to its inside, `watch.impact(mode, state)` before every impact.
+    """
     m, f, out = _Motion(frame, horizontal, vertical), frame, Answer()
     y = np.zeros(3 + 2 * m.n)
     y[: len(state)] = state
@@ -181,8 +186,10 @@ def simulate(
             first, flow = min(1e-3, stop - t), lambda time, yy, clip=clip: m.contact(clip(time), yy)
         found = solve_ivp(
             flow, (t, stop), y, method="DOP853", rtol=3e-14, atol=1e-16, events=events, first_step=first,
-            max_step=0.02, dense_output=m.n > 0,
+            max_step=0.02, dense_output=m.n > 0 or watch is not None,
         )  # fmt: skip
+        if watch is not None:
+            watch.stretch(s, found, clip)
         if s:
             _turns(out, f, found)
         _extremes(out, m, s, found, clip)
@@ -200,6 +207,8 @@ def simulate(
             break
         elif len(found.t_events[0]):
             out.impacts.append(t)
+            if watch is not None:
+                watch.impact(s, y)
             y[0], y[1] = 0.0, max(f.restitution, 0.0) * y[1]
             s = int(np.sign(y[1])) if abs(y[1]) > rest * f.p * f.alpha else 0
             y[1] = y[1] if s else 0.0

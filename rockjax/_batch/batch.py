@@ -25,7 +25,7 @@ from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._machine.threads import submit
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options
-from rockjax._parameters.table import STRUCTURE
+from rockjax._parameters.variants import place_of
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import companion, errors
 from rockjax._responses.peak import Peak, peak_fields
@@ -151,8 +151,11 @@ def responses(
             "segments engine"
         )
     names = of_scenes("peak_responses", podiums, excitations, sensitivities)
-    if not any(STRUCTURE[name].place.startswith("restrainers.") for name in names if name in STRUCTURE):
+    varied = {place_of(name).partition(".")[0] for name in names}
+    if "restrainers" not in varied:
         podiums = podiums.without_idle_restrainers()
+    if not options.of_joints and "elevation" not in varied:
+        podiums = podiums.without_elevation()
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     twice = 2 if "errors" in options.outputs else 1
     require_memory("peak_responses", scenes.total, twice * BYTES + len(names) * BYTES_OF_SLOPES)

@@ -185,7 +185,7 @@ def overturning_boundary(
     """
     owner = "overturning_boundary"
     check_types(owner, podium, options)
-    podium = podium.split().without_idle_restrainers()
+    podium = podium.split().without_idle_restrainers().without_elevation()
     excitation = as_excitation(owner, excitation)
     check_range(owner, podium, excitation, None, options)
     positive_limit(owner, "max_scale", max_scale)

@@ -80,7 +80,7 @@ class Bounds:
         self.vertical = 0.0
         if isinstance(scene.lookahead, PairLookahead):
             self.vertical = scene.lookahead.vertical_peak(t, piece)
-            counts = vertical_impulse(c, self._steepest)
+            counts = vertical_impulse(c, self.steepest)
             most = energy_after(c, now, impulse + counts * scene.lookahead.vertical_impulse(t, piece))
         self.energy = most
         self.stays_inside = (jnp.abs(x[0]) <= self.well) & (most < potential(c, one, self.well))
@@ -98,7 +98,7 @@ class Bounds:
         self.rests = (sigma == 0) & (demand < c.uplift)
         return self
 
-    def _either(self, at_rest: Values, rocking: Values) -> Values:
+    def either(self, at_rest: Values, rocking: Values) -> Values:
         """Return one of two bounds: that of columns that rest for good, or of others."""
         return rocking if isinstance(self.rests, bool) else jnp.where(self.rests, at_rest, rocking)
 
@@ -106,13 +106,13 @@ class Bounds:
         """Bound Σ w_i y_i for |y_i| ≤ √(u̇_i² + ω_i²d_i²); `beam` adds to Σ w_i²/η_i while the columns
         rock."""
         rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _some(self.c.etas)) + beam))
-        return self._either(weighted(jnp.abs(weights), present(self.swing)), rocking)
+        return self.either(weighted(jnp.abs(weights), present(self.swing)), rocking)
 
     def deformations(self) -> Values:
         """Bound the deformation of each mode [m]."""
         omega2 = present(self.c.vibration).omega2
         rocking = jnp.sqrt(2 * self.energy / (_some(self.c.etas) * omega2))
-        return self._either(present(self.swing) / jnp.sqrt(omega2), rocking)
+        return self.either(present(self.swing) / jnp.sqrt(omega2), rocking)
 
     def springs(self, weights: Values) -> Value:
         """Bound Σ w_i F_i [m/s²], by Cauchy–Schwarz; at rest u̇_b = 0."""
@@ -124,8 +124,8 @@ class Bounds:
     def beam(self) -> Value:
         """Bound of the beam's absolute acceleration |a_b| [m/s²]."""
         springs = None if self.c.vibration is None else self.springs(self.c.etas)
-        rocking = self.c.two_R * self._angular_at_most(springs)
-        return self.ground + self._either(jnp.zeros_like(rocking), rocking)
+        rocking = self.c.two_R * self.angular_at_most(springs)
+        return self.ground + self.either(jnp.zeros_like(rocking), rocking)
 
     def force(self) -> Value:
         """Bound the shear of a superstructure of one mode or none over its mass [m/s²]."""
@@ -140,18 +140,18 @@ class Bounds:
         return found + jnp.abs(1 - summed(weights)) * self.beam
 
     @property
-    def _steepest(self) -> Value:
+    def steepest(self) -> Value:
         """Largest |sin ψ| up to the top of the well."""
         c = self.c
         return c.sin_alpha if c.restraint is None else jnp.maximum(c.sin_alpha, jnp.sin(self.well - c.alpha))
 
-    def _angular_at_most(self, springs: Value | None) -> Value:
+    def angular_at_most(self, springs: Value | None) -> Value:
         """Bound |θ̈| + θ̇²|sin ψ| inside the well, (C20) [rad/s²].
 
         `springs`: bound of Σ η_iF_i [m/s²]; None without springs. With it |ü_b| ≤ 2R(|θ̈| + θ̇²|sin ψ|), Eq.
         (14), and |sin ψ| ≤ sin α there. (C20) omits the sine.
         """
-        c, most, steepest = self.c, self.energy, self._steepest
+        c, most, steepest = self.c, self.energy, self.steepest
         weight = c.gravity if isinstance(self.vertical, float) else c.gravity * (1 + self.vertical / c.g)
         angular = (weight * steepest + c.ground * self.ground) / c.inertia + steepest * 2 * most / c.spin
         if c.restraint is not None:

@@ -12,6 +12,7 @@ from rockjax._engine.barrier import barrier
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.combined import apparent_mass, stiffness
 from rockjax._structures import Podium
+from rockjax._structures.elevation import Arms
 from rockjax._structures.superstructures import Oscillators
 from rockjax._types import Value, Values
 
@@ -53,6 +54,22 @@ class Restraint(NamedTuple):
         return any(each.steep for each in self.restrainers)
 
 
+class Joints(NamedTuple):
+    """Constants of forces in the joints.
+
+    - `gamma`, `lam`: mass ratio of what moves with the beam, and the inertia factor of a column
+    - `inertances`: μ_b and μ_t of the inerters that press on the bottom and the top joint, (F12);
+      `inertance`: μ of all of them
+    - `arms`: positions of the columns and first moments of the masses; None without an elevation
+    """
+
+    gamma: Value
+    lam: Value
+    inertances: tuple[Value, Value]
+    inertance: Value
+    arms: Arms | None
+
+
 class Coefficients(NamedTuple):
     """Constants of the equations of a podium, computed once per scene. Quantities with mass are per N m_c.
     Parts that the podium does not have are None, known before tracing."""
@@ -76,6 +93,7 @@ class Coefficients(NamedTuple):
     vibration: Vibration | None
     restraint: Restraint | None
     tilt: Value | None  # K = tan α (1+2γ+2η)/(1+2γ), (C10); None without vertical ground motion
+    joints: Joints | None  # None unless forces in the joints are requested
 
     @property
     def modal(self) -> ModalConstants | None:
@@ -116,13 +134,16 @@ SLIP = 1e-8  # default tolerance for the rounding of forces with an infinite slo
 ROUNDED = 10.0  # times the tolerance: the rate of rotation over pα below which they are rounded
 
 
-def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = False) -> Coefficients:
+def coefficients(
+    podium: Podium, slip: Value | float = SLIP, vertical: bool = False, joints: bool = False
+) -> Coefficients:
     """Return the constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; use `vmap` for
     batches).
 
     - `podium`: the podium, with scalar numbers
     - `slip`: relative tolerance; dampers with ν < 1 are rounded below |θ̇|/(pα) = 10 `slip`
     - `vertical`: whether the ground moves vertically as well
+    - `joints`: whether forces in the joints are requested
     """
     podium = podium.resolved()
     gamma, vibrating = podium.mass_ratios
@@ -149,7 +170,17 @@ def coefficients(podium: Podium, slip: Value | float = SLIP, vertical: bool = Fa
         vibration=_vibration(podium),
         restraint=_restraint(podium, slip),
         tilt=jnp.tan(podium.alpha) * (1 + 2 * (gamma + vibrating)) / (1 + 2 * gamma) if vertical else None,
+        joints=_joints(podium) if joints else None,
     )
+
+
+def _joints(podium: Podium) -> Joints:
+    gamma, _ = podium.mass_ratios
+    bottom, top = podium.inertances
+    arms = podium.elevation
+    assert arms is None or isinstance(arms, Arms)
+    # μ = μ_2 + μ_1 of the equivalents over both joints, where μ_b = μ_2 + 2μ_1 and μ_t = μ_2.
+    return Joints(gamma, podium.lam, (bottom, top), 0.5 * (bottom + top), arms)
 
 
 def _vibration(podium: Podium) -> Vibration | None:

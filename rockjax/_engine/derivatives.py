@@ -69,7 +69,8 @@ def find_dependent_outputs(function: Callable, at: Any) -> Any:
 
     probe.defjvp(rule, symbolic_zeros=True)
     jax.eval_shape(lambda x: jax.jvp(lambda y: probe(function(y)), (x,), (x,)), at)
-    return found[-1]
+    # Without any dependence the rule is not asked.
+    return found[-1] if found else jax.tree.map(lambda _: False, jax.eval_shape(function, at))
 
 
 def is_concrete(leaf: Any) -> bool:

@@ -40,7 +40,7 @@ class End(NamedTuple):
     past: Value
 
 
-@functools.partial(jax.jit, static_argnames=("inside", "lands"))
+@functools.partial(jax.jit, static_argnames=("inside", "lands", "signed"))
 def largest(
     path: Quintic,
     h: Value,
@@ -49,6 +49,7 @@ def largest(
     ends: tuple[End, End],
     inside: float = WELL_INSIDE_QUINTIC,
     lands: bool = True,
+    signed: bool = False,
 ) -> Maximum:
     """Return max|f| over a step of length h, and where to shorten the step to land on it.
 
@@ -58,25 +59,32 @@ def largest(
     - `ends`: f and its rate at both ends; an end that is an event or a breakpoint moves with the parameters
     - `inside`: part of the step at both ends where an extremum need not be landed on
     - `lands`: whether extrema are landed on
+    - `signed`: whether max f is wanted instead; record and values may be negative then
 
     A step over which f turns twice is cut between both extrema where they could raise the record.
     """
-    rates, sizes = [end.rate for end in ends], [jnp.abs(end.value) for end in ends]
+    size_of = (lambda y: y) if signed else jnp.abs
+    rates, sizes = [end.rate for end in ends], [size_of(end.value) for end in ends]
     turned = rates[0] * rates[1] < 0
     z, dips = turning_point_or_dip(jax.lax.stop_gradient(path), turned, rates[0] > 0)
-    at_z = jnp.abs(path.value(z))
+    at_z = size_of(path.value(z))
     value = jnp.where(turned, at_z, -jnp.inf)
     of_rates = safe_ratio(rates[1] - rates[0], h, h > 0)
     for place, end in zip((0.0, 1.0), ends, strict=True):
         bend = jnp.where(long, safe_ratio(path.curvature(jnp.full_like(h, place)), h * h, h > 0), of_rates)
-        size = jnp.abs(end.value + end.past * (end.rate + 0.5 * end.past * bend))
+        size = size_of(end.value + end.past * (end.rate + 0.5 * end.past * bend))
         value = jnp.where(size > value, size, value)
     value = barrier(value)
     # Over a short hop the quantity is nearly constant: a maximum that equals an end value up to rounding
     # needs no shorter step.
     of_ends = jnp.maximum(*sizes)
-    stands_out = jax.lax.stop_gradient(value > of_ends * (1 + ROUNDING * jnp.finfo(h.dtype).eps))
-    near = record * (1 - NEAR_RECORD)
+    rounding = ROUNDING * jnp.finfo(h.dtype).eps
+    if signed:
+        stands_out = jax.lax.stop_gradient(value > of_ends + rounding * jnp.abs(of_ends))
+        near = record - jnp.where(jnp.isfinite(record), NEAR_RECORD * jnp.abs(record), 0.0)
+    else:
+        stands_out = jax.lax.stop_gradient(value > of_ends * (1 + rounding))
+        near = record * (1 - NEAR_RECORD)
     raises = lands & turned & stands_out & (value > near)
     raises |= long & dips & (jnp.maximum(of_ends, at_z + jnp.abs(path.slope(z))) > near)
     raises &= (z > inside) & (z < 1 - inside)

@@ -215,7 +215,7 @@ def _scene(
 ) -> Scene:
     constant = jax.lax.stop_gradient
     podium = podium.resolved()
-    c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion))
+    c = coefficients(podium, options.rtol, isinstance(excitation, GroundMotion), plan.of_joints)
     start, excitation_end = excitation.support
     end = default_end(podium, excitation) if t_end is None else t_end
     max_step = options._stride * _max_step(c)

@@ -51,6 +51,7 @@ def solve(
     without derivatives, stored programs are used.
     """
     podium = podium.split().without_idle_restrainers()
+    podium = podium if options.of_joints else podium.without_elevation()
     arguments = podium, excitation, initial, t_end, options
     leaves = jax.tree.leaves(arguments)
     if options.engine != "flat" or not all(map(is_concrete, leaves)):

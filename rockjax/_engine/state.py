@@ -51,6 +51,11 @@ class Plan:
         """True if every impact counts, however slow."""
         return any(output.follows_impacts for output in self.outputs)
 
+    @property
+    def of_joints(self) -> bool:
+        """True if forces in the joints are requested."""
+        return any(output.of_joints for output in self.outputs)
+
 
 class Scene(NamedTuple):
     """One podium under one excitation, with everything the loop needs computed once."""

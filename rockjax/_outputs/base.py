@@ -15,14 +15,16 @@ from rockjax._types import Flag, Values
 
 from .views import Bounces, Ended, Impact, Moment, Rest, Sample, Start, Step, StepEnd
 
-MODES, STORIES = "vibration_mode", "story"  # axes of outputs, numbered from 1 at the bottom
+# Axes of outputs: modes and stories are numbered from 1 at the bottom; joints are the bottom and the top one.
+MODES, STORIES, JOINTS = "vibration_mode", "story", "joint"
+JOINT_NAMES = ("bottom", "top")
 
 
 class Variable(NamedTuple):
     """One answer of an output, for datasets, pictures and tables.
 
     - `name`, `unit`, `description`, `symbol`: of the answer
-    - `axis`: None for one number, or `MODES`, `STORIES`
+    - `axis`: None for one number, or `MODES`, `STORIES`, `JOINTS`
     - `sensitive`: whether batches give its derivatives
     - `estimated`: whether the estimate of errors covers it
     - `until_overturning`: whether it covers a scene that overturned only until then
@@ -67,6 +69,7 @@ class AbstractOutput:
     - `by_default`: whether it is requested by default
     - `needs_flat`: whether only the flat engine has it
     - `follows_impacts`: whether every impact counts, however slow
+    - `of_joints`: whether it reads constants of the joints, `moment.c.joints`
     """
 
     name: ClassVar[str]
@@ -80,6 +83,7 @@ class AbstractOutput:
     estimated: ClassVar[bool] = True
     until_overturning: ClassVar[bool] = True
     follows_impacts: ClassVar[bool] = False
+    of_joints: ClassVar[bool] = False
 
     @property
     def variables(self) -> tuple[Variable, ...]:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from .axial_force import AxialForce
 from .base import AbstractOutput, Variable
 from .deformation import PeakDeformation
 from .drift import PeakDrift
 from .floor_acceleration import PeakFloorAcceleration
+from .foundation_shear import PeakFoundationShear
+from .friction import PeakFriction
+from .impact_friction import ImpactFriction
 from .impacts import EnergeticImpacts, Impacts
 from .margin import Margin
 from .rotation import PeakRotation
@@ -21,6 +25,10 @@ REGISTRY: dict[str, AbstractOutput] = {
         PeakFloorAcceleration(),
         Impacts(),
         Margin(),
+        PeakFriction(),
+        AxialForce(),
+        PeakFoundationShear(),
+        ImpactFriction(),
         EnergeticImpacts(),
     )
 }

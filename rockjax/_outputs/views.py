@@ -129,6 +129,7 @@ class Step:
     ):
         self.scene, self.refines, self.ground_at = scene, refines, ground_at
         self.state, self.trial, self.guard = state, trial, guard
+        self._courses: dict[Quantity, Course] = {}
         self.span = Span(trial.h, is_long(trial.h, scene.max_step), before, after)
 
     @property
@@ -148,6 +149,8 @@ class Step:
 
     def course(self, quantity: Quantity) -> Course:
         """Return a quantity over the step as a cubic. Automatic differentiation gives its rates in time."""
+        if quantity in self._courses:  # outputs share it
+            return self._courses[quantity]
         state, trial, c, sigma = self.state, self.trial, self.c, self.sigma
 
         def at_state(t, x, v):
@@ -158,7 +161,15 @@ class Step:
         first = jax.jvp(at_state, (state.t, state.x, state.v), (one, state.v, trial.a0))
         end = trial.end
         last = jax.jvp(at_state, (state.t + trial.h, end.x, end.v), (one, end.v, end.a))
-        return Course(cubic(first[0], first[1], last[0], last[1], trial.h), first, last)
+        path = cubic(first[0], first[1], last[0], last[1], trial.h)
+        found = self._courses[quantity] = Course(path, first, last)
+        return found
+
+    def through(self, course: Course, function: Callable[[Values], Values]) -> Course:
+        """Return a function of a quantity over the step as a cubic."""
+        first, last = (jax.jvp(function, end[:1], end[1:]) for end in (course.first, course.last))
+        path = cubic(first[0], first[1], last[0], last[1], self.trial.h)
+        return Course(path, first, last)
 
     @functools.cached_property
     def _jets(self) -> tuple[Jet, Jet]:
@@ -227,7 +238,12 @@ class Step:
         return jnp.where(lands & (turn > WELL_INSIDE) & (turn < 1 - WELL_INSIDE), turn, jnp.inf)
 
     def largest(
-        self, course: Course, record: Values, inside: float = WELL_INSIDE_CUBIC, lands: bool = True
+        self,
+        course: Course,
+        record: Values,
+        inside: float = WELL_INSIDE_CUBIC,
+        lands: bool = True,
+        signed: bool = False,
     ) -> Maximum:
         """Return the largest absolute value of a quantity over the step, and where to shorten the step to
         land on it.
@@ -236,9 +252,10 @@ class Step:
         - `record`: largest absolute value so far
         - `inside`: part of the step at both ends within which a maximum need not be landed on
         - `lands`: whether maxima are landed on at all
+        - `signed`: whether the quantity itself counts, not its absolute value
         """
         ends = End(*course.first, self.span.before), End(*course.last, self.span.after)
-        return largest(course.path, self.span.h, self.span.long, record, ends, inside, lands)
+        return largest(course.path, self.span.h, self.span.long, record, ends, inside, lands, signed)
 
     def time_to_turn(self, z: Value) -> Value:
         """Return the time from the start of the step to its turning point of θ near `z`, which moves with the

@@ -96,6 +96,8 @@ _COLUMN = ("alpha", "tan_alpha", "R")
 _PERIOD, _RIGID = "period of the superstructure", "without it the superstructure is rigid"
 _TENDON, _DAMPER, _INERTER = "restrainers.Tendon.", "restrainers.Damper.", "restrainers.Inerter."
 _STORIES, _UNIFORM = "number of stories of a building whose stories are alike", "superstructure.stories"
+_HEIGHT = "height of the superstructure above the beam"
+_RESIDUAL_HEIGHT = "height of the residual mass above the beam"
 _LINEAR = "1 is a linear damper"
 
 # Parameters of a podium. Stored ones have a place; the others are computed in variants.py.
@@ -117,9 +119,12 @@ STRUCTURE = _by_name(
     _ratio("coefficient", "δ", "damper coefficient", _DAMPER + "coefficient", "C(Rp)^ν/(m_c g)"),
     Parameter("exponent", "ν", "1", POWER, "damper exponent", _DAMPER + "exponent", note=_LINEAR),
     _ratio("inertance_ratio", "μ", "inertance", _INERTER + "inertance", "b/m_c"),
+    Parameter("beam_depth", "D", "m", NOT_NEGATIVE, "depth of the beam", "elevation.beam_depth"),
+    Parameter("top_height", "h", "m", ANY, _HEIGHT, "elevation.top_height"),
+    Parameter("residual_height", "h_r", "m", ANY, _RESIDUAL_HEIGHT, "elevation.residual_height"),
 )
 
-# Parameters of superstructures with one number for each mode or story, numbered from 1, as `T_2`.
+# Parameters with one number for each mode, story or column, numbered from 1, as `T_2`.
 ROWS = _by_name(
     _ratio("eta", "η", "mass ratio of the mode", "superstructure.eta"),
     Parameter("T", "T", "s", POSITIVE, "period of the mode", "superstructure.T"),
@@ -129,6 +134,8 @@ ROWS = _by_name(
         "story_stiffness", "k", "s-2", POSITIVE, "stiffness of the story", "superstructure.stiffnesses"
     ),
     _ratio("story_damping", "ζ", "damping ratio of the mode", "superstructure.damping"),
+    Parameter("position", "x", "m", ANY, "position of the column", "elevation.columns"),
+    Parameter("top_height", "h", "m", ANY, "height of the mode or floor", "elevation.top_height"),
 )
 # Parameters of the same superstructures as a whole.
 OVERALL = _by_name(

@@ -37,21 +37,49 @@ def find_parameter(name: str) -> Parameter | None:
     return next((entry for entry in STRUCTURE.values() if entry.place == name), None)
 
 
+def place_of(name: str) -> str:
+    """Return the place of a parameter in a structure; empty for other names and for derived parameters."""
+    found = find_parameter(name)
+    return "" if found is None else found.place
+
+
 def parameters_of(podium: Podium) -> dict[str, Parameter]:
     """Return the parameters of this podium by name, including derived ones."""
     entries = (STRUCTURE | OVERALL).items()
     found = {name: entry for name, entry in entries if not entry.is_integer and has_parameter(podium, entry)}
-    top = podium.superstructure
-    for entry in ROWS.values() if top is not None and top.rows else ():
-        values = getattr(top, entry.place.rpartition(".")[2], None)
-        row = members(values) if values is not None else ()
-        each = [numbered_parameter(entry, k + 1) for k in range(len(row) if isinstance(row, tuple) else 0)]
+    for entry in ROWS.values():
+        row = _row(podium, entry)
+        each = [numbered_parameter(entry, k + 1) for k in range(len(row))]
         found |= {parameter.name: parameter for parameter in each}
     return found
 
 
+def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
+    """Return the members of a row of parameters; none if the podium has one number instead, or no such
+    parameter."""
+    path, _, field = entry.place.partition(".")
+    holder = getattr(podium, path)
+    if field not in getattr(holder, "rows", ()) or (entry.place == _HEIGHTS and not _has_rows(podium)):
+        return ()
+    values = getattr(holder, field)
+    row = () if values is None else members(values)
+    return row if isinstance(row, tuple) else ()
+
+
+def _has_rows(podium: Podium) -> bool:
+    """Return whether heights of an elevation are a row. The superstructure decides: a row of heights of
+    single masses is a batch."""
+    top = podium.superstructure
+    return top is not None and top.height_count is not None
+
+
+_HEIGHTS = STRUCTURE["top_height"].place
+
+
 def has_parameter(podium: Podium, parameter: Parameter) -> bool:
     """Return whether this podium has a parameter."""
+    if parameter.place == _HEIGHTS:
+        return podium.elevation is not None and not _has_rows(podium)
     try:
         _stored_value(podium, parameter.place)
     except AttributeError:
@@ -131,7 +159,7 @@ def _stored_value(holder: Any, place: str) -> Any:
         elif isinstance(holder, tuple):
             holder = holder[_index_of_class(holder, step)]
         else:
-            rows = getattr(holder, "rows", ())
+            rows = [] if place == _HEIGHTS else getattr(holder, "rows", ())
             holder = getattr(holder, step)
             if step in rows and place.endswith(step) and members(holder) is not holder:
                 raise AttributeError(f"{step} is a row of numbers")
@@ -167,7 +195,7 @@ def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
     for step, inner in by_step.items():
         if () in inner:
             new[step] = inner[()]
-        elif step in getattr(holder, "rows", ()):
+        elif all(len(rest) == 1 and rest[0].isdecimal() for rest in inner):
             new[step] = _with_members(getattr(holder, step), {int(k): y for (k,), y in inner.items()})
         else:
             new[step] = _with_changes(_stored_value(holder, step), inner)

@@ -119,7 +119,7 @@ def padded(nodes: Nodes) -> Nodes:
     )
 
 
-def _sample(
+def sample(
     c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, method, k: Int[Array, ""], t: Value
 ) -> _Sample:
     """Return the state at time t by one step of the method from node k."""
@@ -138,7 +138,7 @@ def _sample(
     return _Sample(sigma, ground_at(t), trial.x, trial.v)
 
 
-def _before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
+def node_before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
     """Return the node from which the motion at t starts; if `left`, the one before a node at t itself."""
     passed = jnp.where(
         left, jnp.searchsorted(nodes.t, t, side="left"), jnp.searchsorted(nodes.t, t, side="right")
@@ -163,7 +163,7 @@ def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
     c, nodes = _coefficients(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
     def at(s, left):
-        here = _sample(c, excitation, nodes, method, _before(nodes, s, left), s)
+        here = sample(c, excitation, nodes, method, node_before(nodes, s, left), s)
         inside = (s >= nodes.t[0]) & (s <= end)
         x, v = (tuple(jnp.where(inside, y, jnp.nan) for y in ys) for ys in (here.x, here.v))
         return _quantities(c, here.sigma, here.ground, x, v)
@@ -185,12 +185,12 @@ def balance(scene: Solved, t, left):
     k = jnp.where(every < nodes.used, every, 0)
     last = k + 1 >= nodes.used
     stops = jnp.where(last | (every >= nodes.used), nodes.t[k], nodes.t[jnp.minimum(k + 1, size - 1)])
-    before = jax.vmap(lambda s, left: _before(nodes, s, left))(t, left)
+    before = jax.vmap(lambda s, left: node_before(nodes, s, left))(t, left)
     starts, stops = jnp.concatenate([k, before]), jnp.concatenate([stops, t])
 
     def advance(z, k, stop):
         """Return state, powers and energy at the fraction z of a step."""
-        here = _sample(
+        here = sample(
             c, excitation, nodes, method, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k]))
         )
         restraint = c.restraint

@@ -17,7 +17,7 @@ from rockjax import _results as results
 from rockjax._checks import as_array, concrete
 from rockjax._files import CONVENTIONS
 from rockjax._options import OUTPUTS, Options
-from rockjax._outputs.base import AbstractOutput, Variable
+from rockjax._outputs.base import JOINT_NAMES, JOINTS, AbstractOutput, Variable
 from rockjax._outputs.registry import VARIABLES, variables_of
 from rockjax._outputs.values import by_name
 from rockjax._results import RESULTS, Stats
@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 # Peaks of a scene that overturned cover the time until overturning; they do not describe the fall.
 UNTIL_OVERTURNING = "until overturning"
+
+# A scene in which the joints do not hold as the model assumes.
+OPEN = "a joint pulls or the beam lifts off at an impact: outside the model from then on"
 
 # What every scene answers, whatever was requested.
 ALWAYS = {
@@ -74,6 +77,11 @@ class AbstractPeak(Module):
     - `peak_drift`: largest drift of each story of a building [m], `peak_floor_acceleration`: largest absolute
       horizontal acceleration of each floor [m/s²], from the bottom along a last axis; None without stories.
       All peaks of a scene that overturned cover the time until then; they do not describe the fall
+    - `peak_friction`: largest friction demand max|T|/N of the joints [–], inf if a joint pulls;
+      `least_axial_force`, `peak_axial_force`: least and largest N of a joint over m_c g [–];
+      `peak_foundation_shear`: max|V| over the total weight [–]; `peak_impact_friction`: max|J_T|/J_N at
+      impacts [–]; `least_impulse_share`: least J_N of a column over the mean of all [–]. They are of the
+      worst column, with a last axis of the bottom and the top joint; None unless requested
     - `margin`: the overturning margin [–], if requested (else NaN): energy to spare over the depth of the
       well, 1 if the columns never lift, 0 on the overturning boundary, negative the faster they fall
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any).
@@ -99,6 +107,18 @@ class AbstractPeak(Module):
 
     def __getattr__(self, name: str) -> Any:
         return by_name(self, name)
+
+    @property
+    def joints_closed(self) -> Bool[Array, "*batch"]:
+        """True if no joint pulls and no impact lifts the beam off a column, as far as the requested outputs
+        show it."""
+        found = jnp.ones(jnp.shape(self.overturned), bool)
+        for name in ("least_axial_force", "least_impulse_share"):
+            values = self.values.get(name)
+            if values is not None:
+                found &= ~jnp.any(values < 0, axis=-1)
+        demand = self.values.get("peak_friction")
+        return found if demand is None else found & ~jnp.any(jnp.isinf(demand), axis=-1)
 
     def __repr__(self):
         return _text(self)
@@ -324,12 +344,26 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     until = f" {UNTIL_OVERTURNING}" if peak.overturned else ""
     rows.append(("deformation", f"{_numbers(peak.peak_deformation)} m{until}"))
     rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}{until}"))
+    rows += _of_joints(peak)
     if peak.peak_drift is not None and peak.peak_floor_acceleration is not None:
         rows.append(("drifts", f"{_numbers(peak.peak_drift)} m{until}"))
         rows.append(("floors", f"{_numbers(peak.peak_floor_acceleration)} m/s²{until}"))
     rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
     at = f", t = {float(peak.stats.end_time):.6g} s" if codes == results.END_OF_TIME else ""
     return f"{kind}: {results.NAMES[int(codes)]}{at}", rows
+
+
+def _of_joints(peak: AbstractPeak) -> list[tuple[str, str]]:
+    """Return rows of the requested outputs of joints."""
+    requested = [(y, VARIABLES[name][0]) for name, y in peak.values.items() if name in VARIABLES]
+    rows = [
+        (each.symbol, f"{_numbers(value)} ({', '.join(JOINT_NAMES)})")
+        for value, each in requested
+        if each.axis == JOINTS
+    ]
+    shear = peak.values.get("peak_foundation_shear")
+    rows += [] if shear is None else [(VARIABLES["peak_foundation_shear"][0].symbol, _numbers(shear))]
+    return [*rows, ("joints", "closed" if peak.joints_closed else OPEN)] if rows else []
 
 
 def _numbers(values) -> str:

@@ -21,9 +21,10 @@ from rockjax._programs.program import nans_allowed
 from rockjax._results import RESULTS, State
 from rockjax._structures import Podium
 
-from . import history
+from . import history, joint_forces
 from .datasets import describe_excitation, describe_options, describe_podium
 from .history import Energies
+from .joint_forces import JointForces
 from .peak import AbstractPeak, own_axis, peak_variables
 
 if TYPE_CHECKING:
@@ -157,6 +158,65 @@ class Response(AbstractPeak):
         """
         return self.energies(self.stats.end_time if t is None else t).dampers
 
+    def joint_forces(self, t: Float[ArrayLike, "*times"], left: bool = False) -> JointForces:
+        """Return the forces in the joints of all columns over m_c g at times t [s], (F3) to (F11); with
+        `left=True` before an impact.
+
+        Without an elevation there is one column, the mean of all. Forces follow from the motion and do not
+        act back on it: from the first time on at which a joint pulls or needs more friction than there is,
+        they are conditional.
+        """
+        of = self._of_joints(t, left)
+        return JointForces(of["joint_shear"], of["joint_axial_force"])
+
+    def friction(
+        self, t: Float[ArrayLike, "*times"], left: bool = False
+    ) -> Float[Array, "*times columns joints"]:
+        """Return the friction demand |T|/N of all joints [–]; inf where a joint pulls."""
+        return self._of_joints(t, left)["joint_friction"]
+
+    def eccentricity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
+        """Return where the resultants act at every joint, over half the width of a column [–]: ξ of (F10) in
+        full contact, the whole width is pressed up to ⅓; σ while rocking."""
+        return self._of_joints(t, left)["joint_eccentricity"]
+
+    def foundation_shear(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
+        """Return the horizontal force on the foundation over the total weight V/W_0 [–], (F5)."""
+        return self._of_joints(t, left)["foundation_shear"]
+
+    def foundation_reaction(
+        self, t: Float[ArrayLike, "*times"], left: bool = False
+    ) -> Float[Array, "*times"]:
+        """Return the vertical force on the foundation over the total weight W/W_0 [–], (F5)."""
+        return self._of_joints(t, left)["foundation_reaction"]
+
+    def overturning_moment(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
+        """Return the overturning moment on the columns, clockwise, over N m_c g [m], (F6).
+
+        Raises `ValueError` without an elevation.
+        """
+        if self.podium.elevation is None:
+            raise ValueError("Response.overturning_moment: the podium needs an elevation, Elevation(...)")
+        return self._of_joints(t, left)["overturning_moment"]
+
+    @property
+    def impulses(self) -> Float[Array, "impacts columns joints 2"]:
+        """Impulses (J_T, J_N) of the joints at the impacts over m_c [m/s], (F12) to (F14), with axes of
+        impacts, columns, joints (bottom, top) and the two; NaN after the last impact under `jit`."""
+        times = self.impact_times
+        more, _ = history.filled(times, np.zeros(times.size, bool))
+        found = joint_forces.at_impacts(self._scene(with_elevation=True), more)
+        with nans_allowed():
+            return _first(found, times.size)
+
+    def _of_joints(self, t: Float[ArrayLike, "*times"], left: bool) -> dict[str, Array]:
+        """Return all quantities of the joints at times t."""
+        t = as_float(t)
+        times, flags = history.filled(t.ravel(), np.full(t.size, left))
+        found = joint_forces.along(self._scene(with_elevation=True), times, flags)
+        with nans_allowed():
+            return {name: _first(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in found.items()}
+
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
         """Return the balance of energy at times t [s], integrated over every step of the history."""
         t = as_float(t)
@@ -212,13 +272,14 @@ class Response(AbstractPeak):
             samples |= {name: self._over_modes(samples[name]) for name in ("u_t", "u_t_dot", "deformation")}
         return samples, Energies(*parts, initial=initial)
 
-    def _scene(self) -> history.Solved:
+    def _scene(self, with_elevation: bool = False) -> history.Solved:
         # The segments engine may have any solver; between its nodes an explicit one is used.
         explicit = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
         rtol = self.options.rtol if self.podium.restrainers else None
         podium = self.podium.split()
+        podium = podium if with_elevation else podium.without_elevation()
         return podium, self.excitation.common_form(), history.padded(self.nodes), end, explicit, rtol
 
 
@@ -269,6 +330,13 @@ def _dataset(
         "flag_values": [-1.0, 0.0, 1.0],
         "flag_meanings": "rocking_left full_contact rocking_right",
     }
+    if response.options.of_joints:
+        found = response._of_joints(t, False)
+        for name, (unit, description) in joint_forces.SERIES.items():
+            if name in found:
+                dims = joint_forces.series_dims(name, found[name].ndim)
+                data[name] = dims, np.asarray(found[name]), _about(unit, description)
+        data = data.assign_coords(joint_forces.coordinates(found["joint_shear"].shape[1]))
     for name, (unit, description) in _IMPACTS.items():
         data[name] = ("impact", np.asarray(impacts[name]), {"units": unit, "long_name": description})
     unit = {"units": "m2 s-2", "long_name": "mechanical energy at the start per N m_c"}

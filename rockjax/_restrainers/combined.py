@@ -38,6 +38,13 @@ def check_restrainers(value: tuple) -> None:
             )
 
 
+def devices_by_joints(
+    restrainers: Sequence[AbstractRestrainer],
+) -> tuple[list[AbstractRestrainer], list[AbstractRestrainer]]:
+    """Return the devices over both joints of a column, and those over its bottom joint alone."""
+    return [y for y in restrainers if y.joints == 2], [y for y in restrainers if y.joints == 1]
+
+
 def prestress(restrainers: Sequence[AbstractRestrainer], like: Number) -> Number:
     """Return τ, the sum of all forces at uplift over m_c g."""
     zero = jnp.zeros_like(like)

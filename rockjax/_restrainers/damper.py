@@ -41,7 +41,7 @@ class Damper(AbstractRestrainer):
     - `coefficient`: δ = C (Rp)^ν/(m_c g), ≥ 0 [–]
     - `exponent`: ν, 0 < ν ≤ 1 [–]. A plain 1 is a linear damper, decided before tracing; an array of 1 is a
       general one
-    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only one of them
+    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only the bottom one
 
     The force is 0 at zero rate: a damper never holds the column. For ν < 1 its slope is infinite there; it is
     rounded below a rate that is tied to the tolerance, see docs/control.md. Raises `ValueError` for concrete

@@ -14,7 +14,7 @@ class Inerter(AbstractRestrainer):
     """An inerter beside every column: force b ℓ̈ against the acceleration of the elongation ℓ.
 
     - `inertance`: μ = b/m_c, ≥ 0 [–]
-    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only one of them
+    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only the bottom one
 
     A rigid link in both directions, without play or clutch. It transmits an impulse at impacts, which lowers
     the restitution factor of the laws `"paper"` and `"compatible"`, [`rockjax.Podium.restitution_factor`][].

@@ -18,7 +18,7 @@ class Tendon(AbstractRestrainer):
       column
     - `stiffness`: axial stiffness κ = K R/(m_c g), ≥ 0 [–]. From [`rockjax.Podium.critical_stiffness`][] on
       it makes the rocking stiffness positive
-    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only one of them
+    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only the bottom one
 
     Raises `ValueError` for concrete numbers outside these ranges.
     """

@@ -4,6 +4,7 @@ from rockjax._units import STANDARD_GRAVITY
 
 from .building import ShearBuilding, superstructure_of
 from .column import g_tan_alpha, slenderness_and_size
+from .elevation import Elevation
 from .modes import Modes
 from .podium import Podium
 from .restitution import GivenRestitution
@@ -19,6 +20,7 @@ __all__ = [
     "SUPERSTRUCTURES",
     "AbstractSuperstructure",
     "Elastic",
+    "Elevation",
     "GivenRestitution",
     "Modes",
     "Podium",

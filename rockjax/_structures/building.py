@@ -9,7 +9,14 @@ from typing import Any, ClassVar, NamedTuple, Self
 import equinox as eqx
 import numpy as np
 
-from rockjax._checks import array_module, as_float, require_not_negative, require_positive, require_whole
+from rockjax._checks import (
+    array_module,
+    as_float,
+    require,
+    require_not_negative,
+    require_positive,
+    require_whole,
+)
 from rockjax._types import Array, Number
 
 from .modes import Modes, Row, as_many, joined, members, parts, row, with_fields
@@ -187,6 +194,27 @@ class ShearBuilding(AbstractSuperstructure):
     @property
     def floors(self) -> Array:
         return self.shapes
+
+    @property
+    def height_count(self) -> int:
+        return self.stories
+
+    @property
+    def own_heights(self) -> Array | None:
+        return None if self.heights is None else joined(self.heights).cumsum(axis=-1)
+
+    def check_heights(self, owner: str, heights: Number) -> None:
+        ascending = lambda v: np.diff(v, axis=-1, prepend=-np.inf) > 0
+        require(owner, "elevation.top_height", heights, ascending, "ascending from floor to floor")
+
+    def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
+        del residual_height
+        of_floors = joined(self.masses) * heights
+        total = of_floors.sum(axis=-1)
+        if not self.retained:
+            return None, total
+        of_modes = (of_floors[..., None] * self.shapes).sum(axis=-2)
+        return of_modes, None if self.retained == self.stories else total - of_modes.sum(axis=-1)
 
     def split(self) -> Self:
         values: dict[str, Any] = {name: parts(getattr(self, name)) for name in ("masses", "stiffnesses")}

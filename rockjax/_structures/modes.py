@@ -163,6 +163,17 @@ class Modes(AbstractSuperstructure):
     def has_mode_axis(self) -> bool:
         return True
 
+    @property
+    def height_count(self) -> int:
+        return self.count
+
+    def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
+        of_modes, carried = super().first_moments(heights, residual_height)
+        # One mode without other mass is resolved to `Elastic`, without an axis of modes.
+        if of_modes is not None and carried is None and self.count == 1:
+            return of_modes[..., 0], None
+        return of_modes, carried
+
     def split(self) -> Self:
         values = {"eta": parts(self.eta), "T": parts(self.T), "zeta": members(self.zeta)}
         values["residual"] = self.carried

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
+from collections.abc import Mapping
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -31,6 +33,7 @@ from rockjax._restrainers.combined import (
     apparent_mass,
     as_restrainers,
     check_restrainers,
+    devices_by_joints,
     prestress,
     stability_angle,
     stiffness,
@@ -43,6 +46,9 @@ from rockjax._units import STANDARD_GRAVITY
 
 from .building import ShearBuilding
 from .column import check_column_units, g_tan_alpha, slenderness_and_size
+from .elevation import Arms, Elevation
+from .impulses import impulse_eccentricity, impulses
+from .modes import is_plain_zero, with_fields
 from .restitution import Restitution, as_restitution
 from .superstructures import (
     AbstractSuperstructure,
@@ -67,6 +73,8 @@ class Podium(Module):
     - `g`: acceleration of gravity, > 0 [m/s²]
     - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][] of every column,
       side by side
+    - `elevation`: where the columns stand and how high the masses lie, an [`rockjax.Elevation`][], for forces
+      in the joints of each column; None for those of the mean column only
 
     Numbers may be arrays: a podium with arrays is a batch of podiums, for `jax.vmap` and
     `rockjax.peak_responses`. Raises `ValueError` for concrete numbers outside these ranges.
@@ -80,6 +88,7 @@ class Podium(Module):
     restitution: Restitution = eqx.field(converter=as_restitution, default="paper")
     g: Number = eqx.field(converter=as_number("Podium: g"), default=STANDARD_GRAVITY)
     restrainers: tuple[AbstractRestrainer, ...] = eqx.field(converter=as_restrainers, default=())
+    elevation: Elevation | Arms | None = None
 
     def __check_init__(self):
         require(
@@ -97,6 +106,23 @@ class Podium(Module):
                 f"ShearBuilding(...), got {self.superstructure!r}"
             )
         check_restrainers(self.restrainers)
+        self._check_elevation()
+
+    def _check_elevation(self) -> None:
+        elevation = self.elevation
+        if elevation is None:
+            return
+        if not isinstance(elevation, Elevation):
+            raise ValueError(
+                f"Podium: elevation must be None or Elevation(...), got {format_value(elevation)}"
+            )
+        gamma = concrete(self.gamma)
+        if self.superstructure is None and not self.restrainers and gamma is not None and not np.any(gamma):
+            raise ValueError(
+                "Podium: an elevation needs a beam, a superstructure or restrainers on the columns; this "
+                "is a solitary block with gamma = 0"
+            )
+        elevation.check(self.superstructure, self.width)
 
     @classmethod
     def from_dimensions(
@@ -105,7 +131,7 @@ class Podium(Module):
         height,
         column_mass,
         beam_mass=0.0,
-        columns: int = 2,
+        columns: int | None = None,
         top_mass=0.0,
         period=None,
         damping=0.05,
@@ -122,13 +148,17 @@ class Podium(Module):
         story_stiffnesses=None,
         story_heights=None,
         modes: int | None = None,
+        positions=None,
+        beam_depth=0.0,
+        top_height=0.0,
+        residual_height=0.0,
     ) -> Podium:
         """Return a podium from dimensions and masses.
 
         - `width`, `height`: full column width 2B and height 2H, > 0 [m]
         - `column_mass`: mass of one column m_c, > 0 [kg]
         - `beam_mass`, `top_mass`: masses of the beam m_b and of the superstructure m_t, ≥ 0 [kg]
-        - `columns`: number of columns N
+        - `columns`: number of columns N; by default that of the positions, or 2
         - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` makes it
           rigid
         - `lam`, `restitution`, `g`: as for [`rockjax.Podium`][]
@@ -142,6 +172,8 @@ class Podium(Module):
           building, from the bottom, instead of `top_mass` and `period`
         - `story_heights`, `modes`: heights [m] and number of modes of a building, as in
           [`rockjax.ShearBuilding`][]
+        - `positions`: positions of the columns along the motion [m], for forces in their joints; with
+          `beam_depth`, `top_height` and `residual_height` [m] as in [`rockjax.Elevation`][]
 
         Tendons, dampers and inerters act between the ground and the beam; a plain 0 leaves the device out.
 
@@ -150,6 +182,8 @@ class Podium(Module):
         invalid or inconsistent numbers.
         """
         owner = "Podium.from_dimensions"
+        heights = {"beam_depth": beam_depth, "top_height": top_height, "residual_height": residual_height}
+        columns, elevation = _elevation(owner, columns, positions, heights)
         for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
             as_float(value, f"{owner}: {name}")
         require_positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
@@ -183,6 +217,7 @@ class Podium(Module):
             restitution=restitution,
             g=g,
             restrainers=devices,
+            elevation=elevation,
         )
 
     @property
@@ -277,6 +312,61 @@ class Podium(Module):
         return self.restitution.factor(
             jnp.sin(self.alpha) ** 2, gamma, eta, self.lam, apparent_mass(self.restrainers)
         )
+
+    @property
+    def inertances(self) -> tuple[Number, Number]:
+        """μ_b and μ_t of the inerters that press on the bottom and the top joint, over m_c [–]. A device over
+        one joint sits in the bottom joint, with twice the force of its equivalent over both, (F2)."""
+        over_both, over_one = map(apparent_mass, devices_by_joints(self.restrainers))
+        top = jnp.zeros_like(self.gamma) + (0.0 if over_both is None else over_both)
+        return (top if over_one is None else top + 2 * over_one), top
+
+    @property
+    def dead_load(self) -> Number:
+        """Axial force N of the mean column at rest, at the bottom and the top joint along a last axis [m_c
+        g], (F3)."""
+        over_both, over_one = devices_by_joints(self.restrainers)
+        carried = self.gamma + self.eta
+        top = carried + prestress(over_both, carried)
+        return jnp.stack([top + 1 + 2 * prestress(over_one, carried), top], axis=-1)
+
+    @property
+    def impact_eccentricity(self) -> Number:
+        """ξ_J of (F13): where the impulses of an impact act, over half the width of a column [–].
+
+        1 if all of them act at the new edges, as angular momentum about these requires (`"compatible"`, and
+        every rigid superstructure with `"paper"`). Less if the old edges are pressed as well. Above 1 they
+        would have to pull: no impact between rigid faces leaves so little speed.
+        """
+        gamma, eta = self.mass_ratios
+        sin2, (bottom, top) = jnp.sin(self.alpha) ** 2, self.inertances
+        return impulse_eccentricity(sin2, gamma, eta, self.lam, 0.5 * (bottom + top), self._e)
+
+    @property
+    def impact_friction(self) -> Number:
+        """Friction demand |J_T|/J_N of an impact at the bottom and the top joint of the mean column, along a
+        last axis [–], (F12). 0 at the top if nothing lies there."""
+        gamma, eta = self.mass_ratios
+        sizes = 2 * self.R, jnp.sin(self.alpha), jnp.cos(self.alpha)
+        found = impulses(*sizes, gamma, eta, self.inertances, self._e)
+        ratios = (
+            jnp.where(axial > 0, across / jnp.where(axial > 0, axial, 1.0), 0.0)
+            for across, axial in zip(found.horizontal, found.axial, strict=True)
+        )
+        return jnp.stack(jnp.broadcast_arrays(*ratios), axis=-1)
+
+    @property
+    def core_distance(self) -> Number:
+        """Core distance ℓ_p of the group of columns [m]: a resultant within ±ℓ_p of their mean presses on
+        every column. Raises `ValueError` without an elevation."""
+        if not isinstance(self.elevation, Elevation):
+            raise ValueError("Podium.core_distance needs an elevation: Podium(..., elevation=Elevation(...))")
+        return self.elevation.core_distance
+
+    @property
+    def _e(self) -> Number:
+        """Velocity factor of an impact, 0 where rocking ends at it."""
+        return jnp.maximum(self.restitution_factor, 0.0)
 
     @property
     def stability_angle(self) -> Number:
@@ -385,10 +475,12 @@ class Podium(Module):
         )
 
     def split(self) -> Podium:
-        """Return the podium with arrays over modes or stories split into tuples, so that each leaf has a
-        number for every podium of a batch."""
-        top = self.superstructure
-        return self if top is None or top.split() is top else self._with_top(top.split())
+        """Return the podium with arrays over columns, modes or stories split into tuples, so that each leaf
+        has a number for every podium of a batch."""
+        top, elevation = self.superstructure, self.elevation
+        if isinstance(elevation, Elevation):
+            elevation = elevation.split(top)
+        return self._with_parts(None if top is None else top.split(), elevation)
 
     def without_idle_restrainers(self) -> Podium:
         """Return the podium without restrainers of zero strength, which then costs no more than a podium
@@ -398,13 +490,22 @@ class Podium(Module):
             return self
         return eqx.tree_at(lambda podium: podium.restrainers, self, working)
 
+    def without_elevation(self) -> Podium:
+        """Return the podium without its elevation, which does not affect the motion."""
+        return self._with_parts(self.superstructure, None)
+
     def resolved(self) -> Podium:
         """Return the podium in the form of the engine, with the superstructure as oscillators."""
-        top = self.superstructure
-        return self if top is None or top.resolved() is top else self._with_top(top.resolved())
+        top, elevation = self.superstructure, self.elevation
+        if isinstance(elevation, Elevation):
+            elevation = elevation.resolved(self.gamma, top)
+        return self._with_parts(None if top is None else top.resolved(), elevation)
 
-    def _with_top(self, top: AbstractSuperstructure) -> Podium:
-        return eqx.tree_at(lambda podium: podium.superstructure, self, top)
+    def _with_parts(self, top: AbstractSuperstructure | None, elevation: Elevation | Arms | None) -> Podium:
+        """Return a copy with another superstructure and elevation, which are not checked."""
+        if top is self.superstructure and elevation is self.elevation:
+            return self
+        return with_fields(self, {"superstructure": top, "elevation": elevation})
 
     def replace(self, **changes) -> Podium:
         """Return a variant with some fields changed, as `dataclasses.replace`."""
@@ -423,6 +524,28 @@ class Podium(Module):
                 "uplift_ground_acceleration": "Slow ground acceleration that lifts the columns [m/s²]",
             },
         )
+
+
+def _elevation(
+    owner: str, columns: int | None, positions, heights: Mapping[str, Any]
+) -> tuple[int, Elevation | None]:
+    """Return the number of columns and the elevation of `Podium.from_dimensions`. Raises `ValueError`, in the
+    name of `owner`, for heights without positions, and for another number of columns than positions."""
+    if positions is None:
+        for name, value in heights.items():
+            if not is_plain_zero(as_float(value, f"{owner}: {name}")):
+                raise ValueError(
+                    f"{owner}: {name} needs the positions of the columns as well, got {name} = "
+                    f"{format_value(value)} alone"
+                )
+        return (2 if columns is None else columns), None
+    elevation = Elevation(positions, **heights)
+    if columns is not None and columns != elevation.count:
+        raise ValueError(
+            f"{owner}: columns must be the number of positions, {elevation.count}, or be left out; got "
+            f"{columns!r}"
+        )
+    return elevation.count, elevation
 
 
 def _without_building(owner: str, **given: object) -> None:

@@ -72,6 +72,32 @@ class AbstractSuperstructure(Module):
         """Γ_i φ_ji of the floors j and, along the last axis, the modes i, (C11); None without floors."""
         return None
 
+    @property
+    def height_count(self) -> int | None:
+        """Number of heights that an elevation gives it: one for each mode or floor; None for a single one."""
+        return None
+
+    @property
+    def own_heights(self) -> Array | None:
+        """Heights above the beam that it has itself [m]; None if an elevation gives them."""
+        return None
+
+    def check_heights(self, owner: str, heights: Number) -> None:
+        """Raise `ValueError`, in the name of `owner`, for heights of an elevation that do not fit."""
+        del owner, heights
+
+    def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
+        """Return η_i h_i of the oscillators, None if nothing vibrates, and η_r h_r of the mass that moves
+        with the beam, None if there is none, (F7) [m].
+
+        - `heights`: heights above the tops of the columns, as many as `height_count` says [m]
+        - `residual_height`: that of mass in no mode [m]
+        """
+        found, carried = self.oscillators, self.carried
+        if found is None:
+            return None, None if carried is None else carried * heights
+        return found.eta * heights, None if carried is None else carried * residual_height
+
     def split(self) -> Self:
         """Return the superstructure with arrays over modes or stories split into tuples, so that each leaf
         has a number for every podium of a batch."""

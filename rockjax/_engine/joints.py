@@ -1,0 +1,202 @@
+"""Forces in the joints of the columns, and impulses at impacts; equations (F1) … of docs/forces.md.
+
+A force (T, N) acts at a joint on the body above it: T along the motion, N upwards, so that N > 0 is
+compression. Forces are per column over m_c [m/s²] here. They follow from a state of the motion and do not act
+back on it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from rockjax._excitations.base import Shaking
+from rockjax._sincos import sincos
+from rockjax._structures.impulses import Impulses, impulse_eccentricity, impulses
+from rockjax._types import Value, Values, Vector
+
+from .coefficients import Coefficients, present, summed, weighted
+from .model import beam, elongation, horizontal
+from .ratio import safe_ratio
+
+
+class DeviceForces(NamedTuple):
+    """Forces of the restrainers that press on the bottom and the top joint, over m_c (F2) [m/s²]."""
+
+    bottom: Value | float
+    top: Value | float
+
+
+class MeanForces(NamedTuple):
+    """Forces of the mean column over m_c [m/s²].
+
+    - `bottom`, `top`: (T, N) at the joints, (F3)
+    - `foundation`: (V, W), what the foundation feels, (F5)
+    - `eccentricity`: place of the resultants over half the width of a column: ξ in full contact, (F10), σ
+      while rocking
+    - `lean`: −dT_i/dN_i over the columns: ξ tan α in full contact, (F11), tan ψ while rocking, (F9)
+    """
+
+    bottom: tuple[Value, Value]
+    top: tuple[Value, Value]
+    foundation: tuple[Value, Value]
+    eccentricity: Value
+    lean: Value
+
+
+def device_forces(c: Coefficients, sigma: Value, x: Vector, v: Vector, a: Vector) -> DeviceForces:
+    """Return the forces of the restrainers at the joints, (F2).
+
+    - `c`: constants of the podium; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `x`, `v`, `a`: positions, velocities and accelerations
+    """
+    if c.restraint is None:
+        return DeviceForces(0.0, 0.0)
+    stretch, lever = elongation(c, sigma, x[0])
+    rate, slip = lever * v[0] / c.p, c.restraint.slip
+    lengthening = lever * a[0] - 0.25 * stretch * v[0] ** 2  # ℓ̈/R
+    over_both = over_one = jnp.zeros_like(stretch)
+    for each in c.restraint.restrainers:
+        force = c.g * each.force(stretch, rate, slip)
+        if each.apparent_mass is not None:
+            force = force + 0.5 * c.two_R * each.apparent_mass * lengthening
+        if each.joints == 2:
+            over_both = over_both + force
+        else:
+            over_one = over_one + force
+    return DeviceForces(over_both + 2 * over_one, over_both)
+
+
+def springs(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Values:
+    """Return F_i = ω_i²(u_i−u_b) + 2ζ_iω_i(u̇_i−u̇_b) of the modes, Eq. (7) [m/s²]."""
+    modes = present(c.vibration)
+    sway, rate = beam(c, sigma, x[0], v[0])
+    return modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - rate)
+
+
+def mean_forces(
+    c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
+) -> MeanForces:
+    """Return the forces of the mean column, (F1) to (F5), (F10).
+
+    - `c`: constants of the podium, with those of the joints; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`, `a`: positions, velocities and accelerations
+    """
+    joints = present(c.joints)
+    gamma, eta = joints.gamma, c.eta
+    s, cos = sincos(sigma * c.alpha - x[0])
+    sway = c.two_R * (a[0] * cos + v[0] ** 2 * s)  # ü_b, v̈_b, Eqs. (14), (15)
+    rise = c.two_R * (a[0] * s - v[0] ** 2 * cos)
+    over, weight = horizontal(ground), c.g + _vertical(ground)
+    of_bottom, of_top = device_forces(c, sigma, x, v, a)
+    half, cos_half = sincos(0.5 * x[0])
+    pushed = 0.0 if c.vibration is None else weighted(c.etas, springs(c, sigma, x, v))
+    v_top = gamma * (over + sway) - pushed
+    w_top = (gamma + eta) * (weight + rise)
+    v_bottom, w_bottom = v_top + over + 0.5 * sway, w_top + weight + 0.5 * rise
+    top = v_top + of_top * half, w_top + of_top * cos_half
+    bottom = v_bottom + of_bottom * half, w_bottom + of_bottom * cos_half
+    tan_alpha = c.sin_alpha / c.cos_alpha
+    in_contact = -safe_ratio(bottom[0] + top[0], tan_alpha * (bottom[1] + top[1]), bottom[1] + top[1] != 0)
+    contact = sigma == 0
+    return MeanForces(
+        bottom,
+        top,
+        (v_bottom, w_bottom),
+        jnp.where(contact, in_contact, sigma),
+        jnp.where(contact, in_contact * tan_alpha, s / jnp.where(contact, 1.0, cos)),
+    )
+
+
+def overturning_moment(
+    c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
+) -> Value:
+    """Return the overturning moment on the columns over N m_c, clockwise, (F6) [m²/s²].
+
+    - `c`: constants of a podium with an elevation; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`, `a`: positions, velocities and accelerations
+    """
+    arms = present(present(c.joints).arms)
+    s, cos = sincos(sigma * c.alpha - x[0])
+    beam_moment = -arms.beam * (horizontal(ground) + c.two_R * (a[0] * cos + v[0] ** 2 * s))
+    if c.vibration is None:
+        return beam_moment
+    rise = c.two_R * (a[0] * s - v[0] ** 2 * cos)
+    deformation = x[1] - beam(c, sigma, x[0], v[0])[0]
+    lifted = (c.g + _vertical(ground) + rise) * weighted(c.etas, deformation)
+    return beam_moment + weighted(present(arms.modes), springs(c, sigma, x, v)) + lifted
+
+
+def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, offsets: Values) -> Values:
+    """Return the axial force that columns at `offsets` [m] carry above the mean, (F8); rows over columns.
+
+    - `moment`: M over N m_c [m²/s²]
+    - `eccentricity`: χ, over half the width of a column
+    - `axial`: N_t of the mean column [m/s²]
+    """
+    arms = present(present(c.joints).arms)
+    width = 0.5 * c.two_R * c.sin_alpha
+    return offsets * ((moment + eccentricity * width * axial) / jnp.mean(arms.offsets**2))
+
+
+def column_forces(
+    c: Coefficients,
+    sigma: Value,
+    ground: Value | Shaking,
+    x: Vector,
+    v: Vector,
+    a: Vector,
+    offsets: Values | None,
+) -> tuple[Values, Values]:
+    """Return (T, N) at the joints of columns, each of shape (2, columns), the bottom joint first, (F8) to
+    (F11) [m/s²].
+
+    - `c`: constants of the podium, with those of the joints; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`, `a`: positions, velocities and accelerations
+    - `offsets`: positions of the columns from their mean [m]; None for the mean column
+    """
+    mean = mean_forces(c, sigma, ground, x, v, a)
+    over, axial = (jnp.stack(y)[:, None] for y in zip(mean.bottom, mean.top, strict=True))
+    if offsets is None:
+        return over, axial
+    moment = overturning_moment(c, sigma, ground, x, v, a)
+    more = transfer(c, moment, mean.eccentricity, mean.top[1], offsets)[None, :]
+    return over - more * mean.lean, axial + more
+
+
+def impulses_of_columns(
+    c: Coefficients, sigma: Value, x: Vector, theta_dot: Value, offsets: Values | None
+) -> tuple[Values, Values]:
+    """Return (J_T, J_N) at the joints of columns at an impact, each of shape (2, columns), over m_c, (F12) to
+    (F14) [m/s].
+
+    - `c`: constants of the podium, with those of the joints
+    - `sigma`, `x`: mode and positions before it
+    - `theta_dot`: θ̇ before it [rad/s]
+    - `offsets`: positions of the columns from their mean [m]; None for the mean column
+    """
+    joints, e = present(c.joints), jnp.maximum(c.restitution, 0.0)
+    sizes = c.two_R, c.sin_alpha, c.cos_alpha
+    found: Impulses = impulses(*sizes, joints.gamma, c.eta, joints.inertances, e)
+    speed = jnp.abs(theta_dot)
+    over, axial = (jnp.stack(jnp.broadcast_arrays(*y))[:, None] for y in (found.horizontal, found.axial))
+    over, axial = sigma * speed * over, speed * axial
+    if offsets is None:
+        return over, axial
+    arms = present(joints.arms)
+    place = -sigma * impulse_eccentricity(
+        c.sin_alpha**2, joints.gamma, c.eta, joints.lam, joints.inertance, e
+    )
+    moment = -arms.beam * found.sway * sigma
+    if c.vibration is not None:
+        moment = moment + found.rise * summed(c.etas * (x[1] - beam(c, sigma, x[0], theta_dot)[0]))
+    more = transfer(c, speed * moment, place, axial[1, 0], offsets)[None, :]
+    return over - place * (c.sin_alpha / c.cos_alpha) * more, axial + more
+
+
+def _vertical(ground: Value | Shaking) -> Value | float:
+    return ground.vertical if isinstance(ground, Shaking) else 0.0

@@ -1,0 +1,53 @@
+"""The least and the largest axial force in the joints over a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.maxima import WELL_INSIDE_CUBIC, Maximum
+from rockjax._types import Flag, Values
+
+from .base import Variable
+from .joints import JOINTS, AbstractOfJoints, JointBounds, answered, end_forces, halves
+from .views import Ended, Start, Step
+
+
+@dataclasses.dataclass(frozen=True)
+class AxialForce(AbstractOfJoints):
+    """The least and the largest axial force N of the bottom and the top joint of the worst column over m_c g,
+    (F8). Below 0 a joint opens, and the scene is outside the model from then on.
+
+    Its record holds −N, then N.
+    """
+
+    name = "axial_force"
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        return (
+            Variable("least_axial_force", "1", "least axial force min N/(m_c g)", "min N/(m_c g)", JOINTS),
+            Variable("peak_axial_force", "1", "largest axial force max N/(m_c g)", "max N/(m_c g)", JOINTS),
+        )
+
+    def start(self, start: Start) -> tuple[Values, None]:
+        return self.zeros(start, 2) - jnp.inf, None
+
+    def over_step(self, step: Step, record: Values) -> Maximum:
+        both = lambda forces: jnp.concatenate([-halves(forces)[1], halves(forces)[1]]) / step.c.g
+        return step.largest(
+            step.through(step.course(end_forces), both), record, WELL_INSIDE_CUBIC, signed=True
+        )
+
+    def is_final(self, bounds: Bounds, record: Values) -> Flag:
+        of_joints, g = JointBounds(bounds), bounds.c.g
+        least, most = map(self.worst, halves(jax.lax.stop_gradient(record)))
+        return every((of_joints.least_axial / g > -least) & (of_joints.most_axial / g < most))
+
+    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
+        pulled, pressed = (answered(ended, self.worst(y)) for y in halves(record))
+        return {"least_axial_force": 0.0 - pulled, "peak_axial_force": pressed}

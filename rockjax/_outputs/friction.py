@@ -1,0 +1,43 @@
+"""The friction that the joints demand: the largest |T|/N over a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.maxima import WELL_INSIDE_CUBIC, Maximum
+from rockjax._types import Flag, Values
+
+from .joints import AbstractOfJoints, JointBounds, angle, answered, end_forces, friction_of, halves
+from .views import Ended, Start, Step
+
+
+@dataclasses.dataclass(frozen=True)
+class PeakFriction(AbstractOfJoints):
+    """The largest friction demand max|T|/N of the bottom and the top joint of the worst column, (F9), (F11).
+
+    Its record is the angle of the force with the axis, which passes N = 0 smoothly.
+    """
+
+    name = "peak_friction"
+    unit = "1"
+    description = "largest friction demand max|T|/N of the joints"
+    symbol = "max |T|/N"
+
+    def start(self, start: Start) -> tuple[Values, None]:
+        return self.zeros(start), None
+
+    def over_step(self, step: Step, record: Values) -> Maximum:
+        angles = step.through(step.course(end_forces), lambda forces: angle(*halves(forces)))
+        found = step.largest(angles, record, WELL_INSIDE_CUBIC)
+        return found._replace(value=jnp.minimum(found.value, jnp.pi))
+
+    def is_final(self, bounds: Bounds, record: Values) -> Flag:
+        return every(JointBounds(bounds).friction < friction_of(jax.lax.stop_gradient(self.worst(record))))
+
+    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
+        return {self.name: answered(ended, friction_of(self.worst(record)))}

@@ -1,0 +1,169 @@
+"""The elevation of a podium: where its columns stand, and the heights of the masses that they carry."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._checks import as_float, concrete, require_finite, require_not_negative
+from rockjax._text.cards import card, format_call
+from rockjax._tree import Module
+from rockjax._types import Array, Number
+
+from .modes import Row, as_many, is_plain_zero, joined, members, parts, row, with_fields
+from .superstructures import AbstractSuperstructure
+
+SAME_LINE = 1e-9  # gap of two positions over their span, below which they are of one line across the plane
+
+
+class Elevation(Module):
+    """Positions of the columns of a podium, and heights of the masses on them.
+
+    - `columns`: positions x_i of the N ≥ 2 columns along the motion [m], along the last axis. Equal positions
+      are columns of one line across the plane of motion. All masses stand over their mean
+    - `beam_depth`: depth D of the beam, ≥ 0 [m]; its mass lies at half of it
+    - `top_height`: height of the superstructure above the top of the beam [m]: of the mass of
+      [`rockjax.Elastic`][] and [`rockjax.Rigid`][]; for each mode of [`rockjax.Modes`][] its arm, which is
+      negative for some higher modes; for each floor of a [`rockjax.ShearBuilding`][] without `heights`
+    - `residual_height`: height of the residual mass of [`rockjax.Modes`][] above the top of the beam [m]
+
+    It changes forces in the joints only, never the motion. Raises `ValueError` for concrete numbers outside
+    these ranges, for fewer than two columns and for columns at one position.
+    """
+
+    rows: ClassVar[tuple[str, ...]] = ("columns", "top_height")
+
+    columns: Row
+    beam_depth: Number
+    top_height: Any  # a number, or a row over modes or floors
+    residual_height: Number
+
+    def __init__(
+        self, columns: Any, beam_depth: Any = 0.0, top_height: Any = 0.0, residual_height: Any = 0.0
+    ):
+        self.columns = row("Elevation", "columns", columns, "column")
+        self.beam_depth = as_float(beam_depth, "Elevation: beam_depth")
+        self.top_height = as_float(top_height, "Elevation: top_height")
+        self.residual_height = as_float(residual_height, "Elevation: residual_height")
+
+    def __check_init__(self):
+        owner = "Elevation"
+        if len(parts(self.columns)) < 2:
+            raise ValueError(f"{owner}: columns must hold the positions of 2 columns or more, got one")
+        require_finite(owner, columns=self.columns, residual_height=self.residual_height)
+        require_finite(owner, top_height=self.top_height)
+        require_not_negative(owner, beam_depth=self.beam_depth)
+        positions = concrete(self.columns)
+        if positions is not None and np.any(np.ptp(positions, axis=-1) <= 0):
+            raise ValueError(
+                f"{owner}: columns must stand in two lines or more, got all of them at "
+                f"{float(positions.reshape(-1)[0]):g} m"
+            )
+
+    @property
+    def count(self) -> int:
+        """The number N of columns."""
+        return len(parts(self.columns))
+
+    @property
+    def offsets(self) -> Array:
+        """Positions of the columns from their mean [m]."""
+        positions = joined(self.columns)
+        return positions - positions.mean(axis=-1, keepdims=True)
+
+    @property
+    def core_distance(self) -> Number:
+        """Core distance ℓ_p = Σx_i²/(N max|x_i|) of the group of columns [m]: a resultant within ±ℓ_p of
+        their mean presses on every column."""
+        x = self.offsets
+        return jnp.mean(x**2, axis=-1) / jnp.max(jnp.abs(x), axis=-1)
+
+    def check(self, top: AbstractSuperstructure | None, width: Number) -> None:
+        """Raise `ValueError` for heights that do not fit the superstructure, and for columns that overlap.
+
+        - `top`: the superstructure
+        - `width`: width of a column [m]
+        """
+        _check_overlap(concrete(self.columns), concrete(width))
+        count = None if top is None else top.height_count
+        if top is None or count is None:
+            return
+        kind, height = type(top).__name__, self.top_height
+        if top.own_heights is not None:
+            if not is_plain_zero(height):
+                raise ValueError(
+                    f"Podium: the {kind} has heights of its own; give either them or elevation.top_height"
+                )
+            return
+        found = len(parts(as_many(height, 1)))
+        if found != count:
+            raise ValueError(
+                f"Podium: elevation.top_height must hold {count} heights, one for each mode or floor of the "
+                f"{kind} (or give a building its own heights), got {found}"
+            )
+        top.check_heights("Podium", height)
+
+    def split(self, top: AbstractSuperstructure | None) -> Elevation:
+        """Return the elevation with arrays over columns, modes or floors split into tuples, so that each leaf
+        has a number for every podium of a batch; with the heights of the building, if it has its own."""
+        if isinstance(self.columns, tuple):
+            return self
+        height = self.top_height
+        if top is not None and top.own_heights is not None:
+            height = top.own_heights
+        if top is not None and top.height_count is not None:
+            height = members(height)
+        return with_fields(self, {"columns": parts(self.columns), "top_height": height})
+
+    def resolved(self, gamma: Number, top: AbstractSuperstructure | None) -> Arms:
+        """Return the elevation in the form of the engine.
+
+        - `gamma`: mass ratio of the beam
+        - `top`: the superstructure
+        """
+        depth, offsets = self.beam_depth, self.offsets
+        beam = 0.5 * gamma * depth
+        if top is None:
+            return Arms(offsets, beam, None)
+        height = self.top_height if top.own_heights is None else top.own_heights
+        if top.height_count is not None:
+            height, depth = joined(as_many(height, top.height_count)), depth[..., None]
+        of_modes, carried = top.first_moments(height + depth, self.residual_height + self.beam_depth)
+        return Arms(offsets, beam if carried is None else beam + carried, of_modes)
+
+    def __repr__(self):
+        return format_call(self)
+
+    def _repr_html_(self):
+        return card(self)
+
+
+class Arms(Module):
+    """An elevation in the form of the engine.
+
+    - `offsets`: positions of the columns from their mean (N,) [m]
+    - `beam`: γ_b h_b + η_r h_r, the first moment of the masses that move with the beam over N m_c [m]
+    - `modes`: η_i h_i of the modes [m]; None if nothing vibrates
+    """
+
+    offsets: Array
+    beam: Number
+    modes: Number | None
+
+
+def _check_overlap(positions: np.ndarray | None, width: np.ndarray | None) -> None:
+    """Raise `ValueError` for two lines of columns that are closer than the width of a column."""
+    if positions is None or width is None:
+        return
+    ordered = np.sort(positions, axis=-1)
+    gaps, span = np.diff(ordered, axis=-1), np.ptp(ordered, axis=-1)[..., None]
+    apart = gaps > SAME_LINE * span
+    close = apart & (gaps < np.asarray(width)[..., None] * (1 - SAME_LINE))
+    if np.any(close):
+        least = float(np.min(np.where(close, gaps, np.inf)))
+        raise ValueError(
+            f"Podium: elevation.columns must be at least the width of a column apart, or equal for columns "
+            f"of one line; got {least:g} m between two lines of columns {float(np.max(width)):g} m wide"
+        )
