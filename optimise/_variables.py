@@ -36,7 +36,7 @@ class Dimensions(Module):
 
     - `width`, `height`: full column width 2B and height 2H [m]
     - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their
-      number N
+      number N, by default that of the positions, or 2
     - `period`, `damping`: T_s [s] and ζ [–] of the superstructure; a top mass with `period=None` is rigid
     - `lam`, `restitution`, `g`: as in `rockjax.Podium`
     - `tendon_force`: initial force P₀ of the tendon of each column [N]; `tendon_stiffness`: its K [N/m]
@@ -45,6 +45,7 @@ class Dimensions(Module):
     - `stories`: number of equal stories of a building, or None; `story_heights`: of a building [m]
     - `story_masses`: of the floors of a building [kg]; `story_stiffnesses`: of its stories [N/m]
     - `modes`: number of modes of the building that are kept; None keeps all
+    - `positions`: of the columns along the motion [m], with `beam_depth`, `top_height`, `residual_height` [m]
 
     A building is as in `rockjax.Podium.from_dimensions`; its variables are `story_mass_1`,
     `story_stiffness_2` …, numbered from the bottom.
@@ -56,7 +57,7 @@ class Dimensions(Module):
     height: Any
     column_mass: Any
     beam_mass: Any = 0.0
-    columns: int = eqx.field(static=True, default=2)
+    columns: int | None = eqx.field(static=True, default=None)
     top_mass: Any = 0.0
     period: Any = None
     damping: Any = 0.05
@@ -77,6 +78,10 @@ class Dimensions(Module):
     )
     story_heights: Any = eqx.field(converter=functools.partial(_row, name="story_heights"), default=None)
     modes: int | None = eqx.field(static=True, default=None)
+    positions: Any = eqx.field(converter=functools.partial(_row, name="positions"), default=None)
+    beam_depth: Any = 0.0
+    top_height: Any = 0.0
+    residual_height: Any = 0.0
 
     def __check_init__(self):
         self.podium()

@@ -179,7 +179,7 @@ class Request:
         if isinstance(given, models.ByDimensions):
             masses = ("column_mass", "beam_mass", "top_mass", "story_masses")
             kilograms = {f"{name}_kg": y for name, y in given.as_arguments().items() if name in masses}
-            attributes = {"columns": given.columns or 2} | kilograms
+            attributes = {"columns": given.columns or len(given.positions or (0, 1))} | kilograms
         MASSES.set(attributes)
         return self.reader.structure(given)
 

@@ -155,7 +155,7 @@ _LAW = "'paper', 'compatible' or a factor in [0, 1]"
 _NOTES = {
     "alpha": ", instead of tan_alpha",
     "restitution": ": paper, Eq. (27); compatible, with Eq. (26); or a number",
-    "columns": "; 2 where not given",
+    "columns": "; that of the positions, or 2, where not given",
 }
 
 
@@ -209,6 +209,20 @@ class Building(Keys):
     heights: Positives | None = key(None, "Heights of the stories [m].")
 
 
+_COLUMNS = "Positions of the columns along the motion [m]; equal for columns of one line across it."
+_HEIGHTS = "Height of the superstructure above the beam, of each mode or floor if it has several [m]."
+_RESIDUAL = "Height of the residual mass of modes above the beam [m]."
+
+
+class Elevation(Keys):
+    """Positions of the columns and heights of the masses, as `rockjax.Elevation`."""
+
+    columns: Numbers = key(..., _COLUMNS)
+    beam_depth: NotNegative | None = key(None, "Depth of the beam [m].")
+    top_height: OneOrMore | None = key(None, _HEIGHTS)
+    residual_height: Number | None = key(None, _RESIDUAL)
+
+
 def _top(given: Any) -> str:
     kinds = {"masses": "Building", "T": "Modes"}  # tags of unions are no keys: messages leave them out
     return next((kinds[name] for name in kinds if isinstance(given, dict) and name in given), "one")
@@ -228,6 +242,7 @@ class ByRatios(
         ]
         | None
     ) = key(None, "What stands on the beam; nothing where not given.")
+    elevation: Elevation | None = key(None, "Where columns stand and masses lie, for forces in the joints.")
 
     @model_validator(mode="after")
     def _check(self) -> ByRatios:
@@ -242,6 +257,10 @@ class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "heigh
     story_stiffnesses: Positives | None = key(None, "Stiffnesses of its stories [N/m].")
     story_heights: Positives | None = key(None, "Heights of its stories [m].")
     modes: Index | None = key(None, "How many modes are kept; all where not given.")
+    positions: Numbers | None = key(None, _COLUMNS)
+    beam_depth: NotNegative | None = key(None, "Depth of the beam, with positions [m].")
+    top_height: OneOrMore | None = key(None, _HEIGHTS)
+    residual_height: Number | None = key(None, _RESIDUAL)
 
 
 def _structure(given: Any) -> str:

@@ -23,7 +23,7 @@ from rockjax._options import Options
 from rockjax._parameters.table import STRUCTURE
 from rockjax._parameters.variants import pulse_acceleration, pulse_period
 from rockjax._restrainers import KINDS
-from rockjax._structures import Modes, Podium, ShearBuilding, superstructure_of
+from rockjax._structures import Elevation, Modes, Podium, ShearBuilding, superstructure_of
 from rockjax._text.reading import read_text
 
 from . import models
@@ -96,7 +96,7 @@ class Reader:
         by_dimensions: Callable[..., Any] = Podium.from_dimensions,
     ) -> Any:
         """Return the podium of a table, or the result of `by_dimensions` for a table by dimensions."""
-        numbers = given.as_arguments("superstructure")
+        numbers = given.as_arguments("superstructure", "elevation")
         with self.at("structure"):
             if isinstance(given, models.ByDimensions):
                 return by_dimensions(**numbers)
@@ -112,8 +112,13 @@ class Reader:
             parts = tuple(
                 KINDS[name](**defaults.get(name, {}) | found[name]) for name in KINDS if name in found
             )
+            with self.at("structure.elevation"):
+                elevation = given.elevation and Elevation(**given.elevation.as_arguments())
             return Podium(
-                **numbers, superstructure=self.superstructure(given.superstructure), restrainers=parts
+                **numbers,
+                superstructure=self.superstructure(given.superstructure),
+                restrainers=parts,
+                elevation=elevation,
             )
 
     def superstructure(self, given: Any) -> Any:

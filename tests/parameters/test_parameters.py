@@ -10,10 +10,11 @@ import pytest
 import rockjax as rj
 from optimise._variables import Dimensions, make_variables
 from rockjax._parameters import table, variants
-from rockjax._problem.models import ByDimensions, ByRatios, Superstructure
+from rockjax._problem.models import ByDimensions, ByRatios, Elevation, Superstructure
 
 DEVICES = rj.Tendon(5.0, 100.0), rj.Damper(4.0, 0.5), rj.Inerter(8.0)
-RESTRAINED = rj.Podium(0.2, 1.5, 10.0, rj.Elastic(50.0, 0.5, 0.03), 0.3, 0.9, 9.7, DEVICES)
+COLUMNS = rj.Elevation((-3.0, 3.0), 0.6, 8.4, 1.0)
+RESTRAINED = rj.Podium(0.2, 1.5, 10.0, rj.Elastic(50.0, 0.5, 0.03), 0.3, 0.9, 9.7, DEVICES, COLUMNS)
 UNRESTRAINED = rj.Podium(0.2, 1.5)
 
 # What changes with a parameter besides.
@@ -39,9 +40,10 @@ def test_a_parameter_is_read_where_it_is_set(name):
 
 
 def test_which_parameters_a_podium_has():
-    assert set(variants.parameters_of(RESTRAINED)) == set(table.STRUCTURE)
+    assert set(variants.parameters_of(RESTRAINED)) == {*table.STRUCTURE, "position_1", "position_2"}
     left_out = {"eta", "T_s", "zeta", "restitution"}
     left_out |= {"prestress", "stiffness", "coefficient", "exponent", "inertance_ratio"}
+    left_out |= {"beam_depth", "top_height", "residual_height"}
     assert set(variants.parameters_of(UNRESTRAINED)) == set(table.STRUCTURE) - left_out
     assert "eta" in variants.parameters_of(rj.Podium(0.2, 1.5, 1.0, rj.Rigid(5.0)))
     with pytest.raises(ValueError, match=r"parameters of this podium are alpha, tan_alpha, .*; got 'T_s'"):
@@ -83,8 +85,9 @@ def test_dimensions_are_the_arguments_of_the_constructor():
 
 
 def test_problem_files_know_all_parameters():
-    of_ratios = {*ByRatios.model_fields, *Superstructure.model_fields}
-    assert {*of_ratios, *table.WIDTH_AND_HEIGHT} == {*table.STRUCTURE, *table.BUILDING, "superstructure"}
+    of_ratios = {*ByRatios.model_fields, *Superstructure.model_fields, *Elevation.model_fields}
+    tables = {"superstructure", "elevation", "columns"}
+    assert {*of_ratios, *table.WIDTH_AND_HEIGHT} == {*table.STRUCTURE, *table.BUILDING, *tables}
     assert set(ByDimensions.model_fields) == set(inspect.signature(rj.Podium.from_dimensions).parameters)
 
 
