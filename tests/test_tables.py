@@ -16,6 +16,7 @@ SHOWN = (
     rj.Podium(0.15, 1.5, 10.0, rj.Elastic(100.0, 0.5)),
     rj.Elastic(100.0, 0.5),
     rj.Rigid(3.0),
+    rj.Elevation((-3.0, 3.0), 0.6, 8.4),
     optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3),
     rj.Options(),
     rj.Ricker(3.7, 1.0),
@@ -62,7 +63,7 @@ def test_dimensions_are_shown_as_numbers():
         width=np.float64(0.45), height=jax.numpy.asarray(3.0), column_mass=1.5e3, period=None
     )
     assert repr(column).startswith(
-        "Dimensions(width=0.45, height=3, column_mass=1500, beam_mass=0, columns=2,"
+        "Dimensions(width=0.45, height=3, column_mass=1500, beam_mass=0, columns=None,"
     )
 
 

@@ -69,7 +69,8 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
 
 def _meaning(module: eqx.Module, name: str) -> str:
     """Return the heading of a field in the tables of parameters, empty if it is no parameter."""
-    places = (name, f"superstructure.{name}", f"restrainers.{type(module).__name__}.{name}")
+    parts = "superstructure", f"restrainers.{type(module).__name__}", "elevation"
+    places = (name, *(f"{part}.{name}" for part in parts))
     entries = (
         table.MOTION if hasattr(module, "support") else table.STRUCTURE | table.DIMENSIONS | table.BUILDING
     )
