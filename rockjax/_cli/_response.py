@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rockjax._problem import models
 
 from ._context import MASSES
+from ._joints import joint_warnings, with_joints
 from ._options import PULSE, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
 from ._outputs import parse_outputs
 from ._request import Request
@@ -52,11 +53,13 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
 
     files = parse_outputs(output, "rockjax-response").check(("",))
     podium = request.podium()
-    excitation, options = request.motion(podium), request.options()
+    excitation, options = request.motion(podium), with_joints(podium, request.options())
     history = rj.simulate(podium, excitation, t_end=request.settings.t_end, options=options)
     data = history.dataset()
     report.say(repr(history))
     for line in _inputs(data.attrs | MASSES.get({})):
+        report.say(f"  {line}")
+    for line in joint_warnings(podium, history, request.settings.friction):
         report.say(f"  {line}")
     share = share_in_no_mode(podium)
     if share > 0:

@@ -406,6 +406,9 @@ class Response(_OneMotion):
     """Table of `rockjax response`."""
 
     t_end: Number | None = key(None, "End [s]; by default 30/p after the motion, or 10 T_s.", GRID)
+    friction: Positive | None = key(
+        None, "Friction coefficient μ of the joints, for a warning [–].", STRUCTURE
+    )
 
 
 class _Panels(Keys):
