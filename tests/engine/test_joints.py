@@ -463,7 +463,7 @@ def test_impulses_of_free_bodies(kind):
             means = np.mean(T, axis=1), np.mean(N, axis=1)
             near(np.abs(means[0]), np.asarray(podium.impact_friction) * means[1], 1e-13, size)
             # (F15): the work of the impulses is the energy that the impact takes.
-            gamma, eta = map(float, podium.apart)
+            gamma, eta = map(float, podium.mass_ratios)
             mu = sum(map(float, podium.inertances)) / 2
             taken = -0.5 * (1 + lam + 4 * gamma + 4 * (eta + mu) * math.sin(alpha) ** 2) * R**2
             taken *= (1 - factor**2) * rate**2
@@ -478,7 +478,7 @@ def test_continuous_at_uplift(kind):
     """At the threshold the forces of full contact are those of rocking, at every joint."""
     podium = KINDS[kind]
     states = random_states(podium, 0, 8)
-    gamma, eta = map(float, podium.apart)
+    gamma, eta = map(float, podium.mass_ratios)
     structure = structure_of(podium)
     prestress = structure.frame.tau
     q_up = math.tan(structure.frame.alpha) * (
@@ -654,7 +654,7 @@ SCENES = {
         ("one_sine", 2.2, 0.8), 1.6,
     ),
     "rough record": Scene(S_R, rough(), 4.5),
-    "never lifts": Scene(S_E, ("ricker", 0.9, 1.0), 3.0),
+    "never lifts": Scene(S_E, ("one_sine", 1.0, 1.3), 3.0),
     "overturns": Scene(S_R.replace(superstructure=rj.Rigid(20.0)), ("ricker", 12.0, 1.0), 4.0),
     "devices in the bottom joint": Scene(S_E.replace(restrainers=SAME_OVER_ONE), ("ricker", 3.0, 1.0), 3.0),
     "mixed devices and vertical motion": Scene(
@@ -692,7 +692,6 @@ def test_peaks_of_an_independent_integrator(name):
 
 
 # ---------------------------------------------------------------------------------------- derivatives
-NUMBERS = "alpha", "gamma", "a_p", "beam_depth", "top_height", "first column"
 # Where a peak lies: least N, friction at the bottom, least N. Others of the same scenes lie inside steps.
 PLACES = {
     "just before an impact": Scene(S_R, RICKER, 3.0),
@@ -759,14 +758,14 @@ def test_derivatives(place):
     error = np.abs(forward - expected) * size
     assert np.all(error <= 1e-6 * scale + 1e-12), (error / scale).max(axis=0)
     np.testing.assert_allclose(reverse * size, forward * size, rtol=0, atol=1e-10 * scale.max())
-    names = "alpha", "gamma", "a_p"
+    names = "alpha", "gamma", "a_p", "beam_depth", "top_height", "position_1"
     pulses = dataclasses.replace(motion, a_p=np.array([y[2], 0.9 * y[2]]))
     batch: Any = rj.peak_responses(
         scene.podium, pulses, t_end=scene.end, options=TIGHT, sensitivities=names
     ).sensitivities
     found = [np.asarray(getattr(batch, name)[0]) for name in JOINT_PEAKS]
     rows = np.concatenate([y.reshape(-1, len(names)) for y in found])
-    assert np.all(np.abs(rows - expected[:, :3] * y[:3]) <= 1e-6 * scale + 1e-12)
+    assert np.all(np.abs(rows - expected * y) <= 1e-6 * scale + 1e-12)
 
 
 # ------------------------------------------------------------------------------------------ histories
@@ -830,7 +829,7 @@ def test_histories(name):
     assert np.all(np.asarray(friction).max(axis=(0, 1)) <= np.asarray(response.peak_friction) + 1e-9)
     assert np.all(np.asarray(forces.axial).min(axis=(0, 1)) >= np.asarray(response.least_axial_force) - 1e-7)
     # (F18)
-    gamma, eta = map(float, podium.apart)
+    gamma, eta = map(float, podium.mass_ratios)
     etas = np.array([k[0] for k in structure.frame.modes])
     alpha, R = float(podium.alpha), float(podium.R)
 
@@ -928,7 +927,7 @@ BOUNDED = {
 
 def bounds_along(scene: Scene, response, podium: rj.Podium) -> dict[str, np.ndarray]:
     """Bounds of (F17) from each node of a history on: whether they hold, and whether the columns rest."""
-    podium = podium.split().reduced(True)
+    podium = podium.split().without_idle_restrainers()
     motion = response.excitation.common_form()
     plan = plan_for(podium, TIGHT, history=False)
     ready, state = prepare(podium, motion, rj.State(), jnp.asarray(scene.end), TIGHT, plan)
