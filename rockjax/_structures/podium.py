@@ -539,7 +539,8 @@ def _elevation(
                     f"{format_value(value)} alone"
                 )
         return (2 if columns is None else columns), None
-    elevation = Elevation(positions, **heights)
+    given = {name: as_float(value, f"{owner}: {name}") for name, value in heights.items()}
+    elevation = Elevation(as_float(positions, f"{owner}: positions"), **given)
     if columns is not None and columns != elevation.count:
         raise ValueError(
             f"{owner}: columns must be the number of positions, {elevation.count}, or be left out; got "
