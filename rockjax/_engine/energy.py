@@ -10,7 +10,7 @@ from rockjax._sincos import sincos
 from rockjax._types import Value, Vector
 
 from .coefficients import Coefficients, Restraint, summed
-from .model import acceleration, beam, elongation, horizontal_demand, plus
+from .model import acceleration, beam, beam_rise, elongation, horizontal_demand, plus
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
@@ -124,9 +124,9 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15). The columns' centres rise half as fast as the beam.
     Both expressions are σ at uplift, where v̈_b = 0. Restrainers add their forces times their levers, (C22).
     """
-    s, cos = sincos(sigma * c.alpha - x[0])
+    s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
-    rises = c.two_R * (theta_ddot * s - v[0] ** 2 * cos)
+    rises = beam_rise(c, sigma, x[0], v[0], theta_ddot)
     share = 1 + (1 - 0.5 * c.p**2 / c.gravity) * rises / c.g
     if isinstance(ground, Shaking):
         share = share + ground.vertical / c.g

@@ -17,7 +17,7 @@ from rockjax._structures.impulses import Impulses, impulse_eccentricity, impulse
 from rockjax._types import Value, Values, Vector
 
 from .coefficients import Coefficients, present, summed, weighted
-from .model import beam, elongation, horizontal
+from .model import beam, beam_absolute, beam_acceleration, beam_rise, elongation, horizontal
 from .ratio import safe_ratio
 
 
@@ -75,6 +75,11 @@ def springs(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Values:
     return modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - rate)
 
 
+def total_weight(c: Coefficients) -> Value:
+    """Return the total weight W_0 per N m_c [m/s²]."""
+    return (1 + present(c.joints).gamma + c.eta) * c.g
+
+
 def mean_forces(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> MeanForces:
@@ -87,8 +92,8 @@ def mean_forces(
     joints = present(c.joints)
     gamma, eta = joints.gamma, c.eta
     s, cos = sincos(sigma * c.alpha - x[0])
-    sway = c.two_R * (a[0] * cos + v[0] ** 2 * s)  # ü_b, v̈_b, Eqs. (14), (15)
-    rise = c.two_R * (a[0] * s - v[0] ** 2 * cos)
+    turning = sigma, x[0], v[0], a[0]
+    sway, rise = beam_acceleration(c, *turning), beam_rise(c, *turning)
     over, weight = horizontal(ground), c.g + _vertical(ground)
     of_bottom, of_top = device_forces(c, sigma, x, v, a)
     half, cos_half = sincos(0.5 * x[0])
@@ -120,11 +125,10 @@ def overturning_moment(
     - `x`, `v`, `a`: positions, velocities and accelerations
     """
     arms = present(present(c.joints).arms)
-    s, cos = sincos(sigma * c.alpha - x[0])
-    beam_moment = -arms.beam * (horizontal(ground) + c.two_R * (a[0] * cos + v[0] ** 2 * s))
+    beam_moment = -arms.beam * beam_absolute(c, sigma, ground, x, v, a)
     if c.vibration is None:
         return beam_moment
-    rise = c.two_R * (a[0] * s - v[0] ** 2 * cos)
+    rise = beam_rise(c, sigma, x[0], v[0], a[0])
     deformation = x[1] - beam(c, sigma, x[0], v[0])[0]
     lifted = (c.g + _vertical(ground) + rise) * weighted(c.etas, deformation)
     return beam_moment + weighted(present(arms.modes), springs(c, sigma, x, v)) + lifted
@@ -139,7 +143,7 @@ def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, 
     """
     arms = present(present(c.joints).arms)
     width = 0.5 * c.two_R * c.sin_alpha
-    return offsets * ((moment + eccentricity * width * axial) / jnp.mean(arms.offsets**2))
+    return offsets * ((moment + eccentricity * width * axial) / arms.mean_square)
 
 
 def column_forces(

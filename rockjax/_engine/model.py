@@ -149,6 +149,17 @@ def beam_acceleration(
     return c.two_R * (theta_ddot * cos + theta_dot**2 * s)
 
 
+def beam_rise(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value) -> Value:
+    """Return the vertical acceleration of the beam relative to the ground v̈_b [m/s²], Eq. (15), upwards.
+
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `theta`, `theta_dot`, `theta_ddot`: θ [rad], θ̇ [rad/s] and θ̈ [rad/s²]
+    """
+    s, cos = sincos(sigma * c.alpha - theta)
+    return c.two_R * (theta_ddot * s - theta_dot**2 * cos)
+
+
 def beam_absolute(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> Value:

@@ -13,7 +13,7 @@ from rockjax._engine.maxima import WELL_INSIDE_CUBIC, Maximum
 from rockjax._types import Flag, Values
 
 from .base import Variable
-from .joints import JOINTS, AbstractOfJoints, JointBounds, answered, end_forces, halves
+from .joints import JOINTS, AbstractOfJoints, JointBounds, end_forces, halves
 from .views import Ended, Start, Step
 
 
@@ -49,5 +49,5 @@ class AxialForce(AbstractOfJoints):
         return every((of_joints.least_axial / g > -least) & (of_joints.most_axial / g < most))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        pulled, pressed = (answered(ended, self.worst(y)) for y in halves(record))
+        pulled, pressed = (self.answered(ended, self.worst(y)) for y in halves(record))
         return {"least_axial_force": 0.0 - pulled, "peak_axial_force": pressed}

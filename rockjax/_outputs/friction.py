@@ -12,7 +12,7 @@ from rockjax._engine.bounds import Bounds, every
 from rockjax._engine.maxima import WELL_INSIDE_CUBIC, Maximum
 from rockjax._types import Flag, Values
 
-from .joints import AbstractOfJoints, JointBounds, angle, answered, end_forces, friction_of, halves
+from .joints import AbstractOfJoints, JointBounds, angle, end_forces, friction_of, halves
 from .views import Ended, Start, Step
 
 
@@ -40,4 +40,4 @@ class PeakFriction(AbstractOfJoints):
         return every(JointBounds(bounds).friction < friction_of(jax.lax.stop_gradient(self.worst(record))))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        return {self.name: answered(ended, friction_of(self.worst(record)))}
+        return {self.name: self.answered(ended, friction_of(self.worst(record)))}

@@ -12,13 +12,13 @@ from rockjax._engine.bounds import Bounds
 from rockjax._engine.joints import impulses_of_columns
 from rockjax._types import Flag, Values
 
-from .base import Variable
-from .joints import JOINTS, AbstractOfJoints, angle, answered, end_offsets, friction_of, halves
-from .views import Bounces, Ended, Impact, Rest, Sample, Start, Step
+from .base import AbstractEventOutput, Variable
+from .joints import JOINTS, AbstractOfJoints, angle, end_offsets, friction_of, halves
+from .views import Bounces, Ended, Impact, Start, Step
 
 
 @dataclasses.dataclass(frozen=True)
-class ImpactFriction(AbstractOfJoints):
+class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
     """The largest friction demand max|J_T|/J_N of the impulses at the joints of the worst column, and the
     least share of J_N over its mean of all columns, (F12), (F14).
 
@@ -59,19 +59,9 @@ class ImpactFriction(AbstractOfJoints):
         unit = jnp.where(speed == 0, 1.0, speed)
         before = c, impact.sigma, impact.x, unit / jnp.abs(jax.lax.stop_gradient(unit))
         across, axial = impulses_of_columns(*before, end_offsets(c))
-        mean = impulses_of_columns(*before, None)[
-            1
-        ]  # of all columns; the ends may stand at unequal distances
+        _, mean = impulses_of_columns(*before, None)  # of all columns, not of the two ends
         share = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)
         return jnp.concatenate([jnp.abs(angle(across, axial)).ravel(), -share.ravel()])
-
-    def over_rest(self, rest: Rest, record: Values) -> Values:
-        del rest
-        return record
-
-    def over_sample(self, sample: Sample, record: Values) -> bool:
-        del sample, record
-        return True
 
     def over_bounces(self, bounces: Bounces, record: Values) -> bool:
         del bounces, record  # of rigid podiums: the bounces have the ratios of the impact before them
@@ -83,5 +73,5 @@ class ImpactFriction(AbstractOfJoints):
         return bounds.rests | jnp.any(halves(record)[0] > 0)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        angles, lifted = (answered(ended, self.worst(y)) for y in halves(record))
+        angles, lifted = (self.answered(ended, self.worst(y)) for y in halves(record))
         return {"peak_impact_friction": friction_of(angles), "least_impulse_share": -lifted}

@@ -48,11 +48,6 @@ def end_forces(moment: Moment) -> Values:
     return jnp.concatenate([y.ravel() for y in found])
 
 
-def answered(ended: Ended, values: Values) -> Values:
-    """Return answers, NaN for a scene in which joints would open vertically."""
-    return jnp.where(ended.code == results.WEIGHTLESS, jnp.nan, values)
-
-
 def halves(row: Values) -> tuple[Values, Values]:
     """Return the two halves of a row."""
     half = row.shape[-1] // 2
@@ -60,13 +55,27 @@ def halves(row: Values) -> tuple[Values, Values]:
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractOfJoints(AbstractOutput):
+class AbstractOfForces(AbstractOutput):
+    """An output that needs forces of the joints. It has no answer unless it is requested."""
+
+    needs_flat = True
+    of_joints = True
+
+    def answered(self, ended: Ended, values: Values) -> Values:
+        """Return answers, NaN for a scene in which joints would open vertically."""
+        return jnp.where(ended.code == results.WEIGHTLESS, jnp.nan, values)
+
+    def absent(self, ended: Ended) -> dict[str, Any]:
+        del ended
+        return {}
+
+
+@dataclasses.dataclass(frozen=True)
+class AbstractOfJoints(AbstractOfForces):
     """An output of the joints. Its record is a row over the end columns of the bottom and the top joint; its
     answers have an axis of joints."""
 
     axis = JOINTS
-    needs_flat = True
-    of_joints = True
     joints: ClassVar[int] = 2
 
     columns: int = 1  # that are followed: both ends, or the mean column
@@ -79,11 +88,8 @@ class AbstractOfJoints(AbstractOutput):
         return jnp.max(record.reshape(self.joints, self.columns), axis=-1)
 
     def zeros(self, start: Start, rows: int = 1) -> Values:
+        """Return zeros for some rows of a record."""
         return jnp.zeros(rows * self.joints * self.columns, start.t.dtype)
-
-    def absent(self, ended: Ended) -> dict[str, Any]:
-        del ended
-        return {}
 
 
 class Devices(NamedTuple):
@@ -170,8 +176,7 @@ class JointBounds:
             lifted = (c.g + self.bounds.vertical + self._rise) * sway
             moment = moment + self.bounds.springs(jnp.abs(present(arms.modes))) + lifted
         pressed = jnp.maximum(*map(jnp.abs, self._mean_top))
-        core = jnp.mean(arms.offsets**2) / jnp.max(jnp.abs(arms.offsets))
-        return (moment + 0.5 * c.two_R * c.sin_alpha * pressed) / core
+        return (moment + 0.5 * c.two_R * c.sin_alpha * pressed) / arms.core_distance
 
     @functools.cached_property
     def least_axial(self) -> Values:

@@ -146,9 +146,12 @@ def node_before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]
     return jnp.clip(passed - 1, 0, nodes.used - 1)
 
 
-def _coefficients(podium: Podium, excitation: AbstractExcitation, rtol: Value | None) -> Coefficients:
+def constants(
+    podium: Podium, excitation: AbstractExcitation, rtol: Value | None, joints: bool = False
+) -> Coefficients:
+    """Return the constants of the equations along a history; with `joints` those of forces in the joints."""
     vertical = isinstance(excitation, GroundMotion)
-    return coefficients(podium, SLIP if rtol is None else rtol, vertical)
+    return coefficients(podium, SLIP if rtol is None else rtol, vertical, joints)
 
 
 @KeptProgram
@@ -160,7 +163,7 @@ def ground_acceleration(excitation: AbstractExcitation, t):
 def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
     """Return all quantities at times t (n,), just before them where `left` (n,)."""
     podium, excitation, nodes, end, method, rtol = scene
-    c, nodes = _coefficients(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
+    c, nodes = constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
     def at(s, left):
         here = sample(c, excitation, nodes, method, node_before(nodes, s, left), s)
@@ -178,7 +181,7 @@ def balance(scene: Solved, t, left):
     Energies are mechanical, input, impacts, damping and, with restrainers, dampers.
     """
     podium, excitation, nodes, end, method, rtol = scene
-    c, nodes = _coefficients(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
+    c, nodes = constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
     size = nodes.t.shape[0]
     # All full steps, and the partial ones from the nodes before t to t. Padded steps have no length.
     every = jnp.arange(size, dtype=nodes.used.dtype)

@@ -9,10 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._engine.coefficients import coefficients, present
-from rockjax._engine.joints import column_forces, impulses_of_columns, mean_forces, overturning_moment
+from rockjax._engine.coefficients import present
+from rockjax._engine.joints import (
+    column_forces,
+    impulses_of_columns,
+    mean_forces,
+    overturning_moment,
+    total_weight,
+)
 from rockjax._engine.model import acceleration
-from rockjax._excitations.ground import GroundMotion
 from rockjax._outputs.base import JOINT_NAMES, JOINTS
 from rockjax._outputs.joints import angle, friction_of
 from rockjax._programs.program import KeptProgram
@@ -55,9 +60,9 @@ class JointForces(Module):
 def along(scene: history.Solved, t, left) -> dict[str, Array]:
     """Return the quantities of `SERIES` at times t (n,), just before them where `left` (n,)."""
     podium, excitation, nodes, end, method, rtol = scene
-    c, nodes = _constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
+    c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
     arms = present(c.joints).arms
-    weight = (1 + present(c.joints).gamma + c.eta) * c.g
+    weight = total_weight(c)
 
     def at(s, left):
         here = history.sample(c, excitation, nodes, method, history.node_before(nodes, s, left), s)
@@ -66,10 +71,11 @@ def along(scene: history.Solved, t, left) -> dict[str, Array]:
         state = c, here.sigma, here.ground, x, v, acceleration(c, here.sigma, here.ground, x, v)
         mean = mean_forces(*state)
         across, axial = column_forces(*state, None if arms is None else arms.offsets)
+        forces = JointForces(across.T / c.g, axial.T / c.g)
         found = {
-            "joint_shear": across.T / c.g,
-            "joint_axial_force": axial.T / c.g,
-            "joint_friction": friction_of(jnp.abs(angle(across.T, axial.T))),
+            "joint_shear": forces.horizontal,
+            "joint_axial_force": forces.axial,
+            "joint_friction": forces.friction,
             "joint_eccentricity": mean.eccentricity,
             "foundation_shear": mean.foundation[0] / weight,
             "foundation_reaction": mean.foundation[1] / weight,
@@ -85,7 +91,7 @@ def at_impacts(scene: history.Solved, times) -> Array:
     """Return (J_T, J_N) over m_c at impacts, with axes of impacts, columns, joints and the two; NaN where
     there is no impact [m/s]."""
     podium, excitation, nodes, _, method, rtol = scene
-    c, nodes = _constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
+    c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
     arms = present(c.joints).arms
 
     def at(s):
@@ -99,14 +105,8 @@ def at_impacts(scene: history.Solved, times) -> Array:
     return jax.vmap(at)(times)
 
 
-def _constants(podium: Any, excitation: Any, rtol: Any):
-    slip = history.SLIP if rtol is None else rtol
-    return coefficients(podium, slip, isinstance(excitation, GroundMotion), joints=True)
-
-
-def series_dims(name: str, dimensions: int) -> tuple[str, ...]:
-    """Return the dims of a quantity of `SERIES` in a dataset."""
-    del name
+def series_dims(dimensions: int) -> tuple[str, ...]:
+    """Return the dims of a quantity of `SERIES` in a dataset, from their number."""
     return ("time",) if dimensions == 1 else ("time", COLUMNS, JOINTS)
 
 

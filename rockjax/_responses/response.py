@@ -334,7 +334,7 @@ def _dataset(
         found = response._of_joints(t, False)
         for name, (unit, description) in joint_forces.SERIES.items():
             if name in found:
-                dims = joint_forces.series_dims(name, found[name].ndim)
+                dims = joint_forces.series_dims(found[name].ndim)
                 data[name] = dims, np.asarray(found[name]), _about(unit, description)
         data = data.assign_coords(joint_forces.coordinates(found["joint_shear"].shape[1]))
     for name, (unit, description) in _IMPACTS.items():

@@ -77,8 +77,7 @@ class Elevation(Module):
     def core_distance(self) -> Number:
         """Core distance ℓ_p = Σx_i²/(N max|x_i|) of the group of columns [m]: a resultant within ±ℓ_p of
         their mean presses on every column."""
-        x = self.offsets
-        return jnp.mean(x**2, axis=-1) / jnp.max(jnp.abs(x), axis=-1)
+        return _core_distance(self.offsets)
 
     def check(self, top: AbstractSuperstructure | None, width: Number) -> None:
         """Raise `ValueError` for heights that do not fit the superstructure, and for columns that overlap.
@@ -151,6 +150,24 @@ class Arms(Module):
     offsets: Array
     beam: Number
     modes: Number | None
+
+    @property
+    def mean_square(self) -> Number:
+        """r_x² = Σx_i²/N [m²]."""
+        return _mean_square(self.offsets)
+
+    @property
+    def core_distance(self) -> Number:
+        """Core distance ℓ_p of the group of columns [m]."""
+        return _core_distance(self.offsets)
+
+
+def _mean_square(offsets: Array) -> Number:
+    return jnp.mean(offsets**2, axis=-1)
+
+
+def _core_distance(offsets: Array) -> Number:
+    return _mean_square(offsets) / jnp.max(jnp.abs(offsets), axis=-1)
 
 
 def _check_overlap(positions: np.ndarray | None, width: np.ndarray | None) -> None:
