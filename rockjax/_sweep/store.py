@@ -403,14 +403,22 @@ def _atomic_folder(path: str) -> Iterator[str]:
         os.chmod(temporary, 0o777 & ~umask)
         _rename(temporary, target)
     except BaseException as error:
-        for _ in range(20):  # other threads of zarr may still be writing into it
-            shutil.rmtree(temporary, ignore_errors=True)
-            if not os.path.exists(temporary):
-                break
-            time.sleep(0.05)
+        _remove(temporary)
         if isinstance(error, OSError):
             raise OSError(f"{path} could not be written: {error.strerror or error}") from error
         raise
+
+
+def _remove(folder: str) -> None:
+    """Remove a folder into which threads of zarr may still be writing: they may create it again, so it has to
+    stay away for a while."""
+    absent = 0
+    for _ in range(60):
+        shutil.rmtree(folder, ignore_errors=True)
+        absent = 0 if os.path.exists(folder) else absent + 1
+        if absent == 6:
+            return
+        time.sleep(0.05)
 
 
 def _rename(temporary: str, target: Path) -> None:
