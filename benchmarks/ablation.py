@@ -34,8 +34,8 @@ import rockjax as rj
 from rockjax import _sincos
 from rockjax._batch import lanes, scenes
 from rockjax._engine import certificate, scene, tableaus
-from rockjax._engine.barrier import barrier
 from rockjax._engine.step import trial
+from rockjax._programs.barrier import barrier
 from rockjax._results import REST
 
 from .measure import Family, family, options, podium, show, store_rows, stored_rows_if_any
@@ -105,7 +105,7 @@ PIECES = {
     "certificate": Piece(_no_certificate, ("_engine/bounds.py", "_engine/certificate.py")),
     "lane refill": Piece(_no_refill, ("_batch/exchange.py",)),
     "lane sorting": Piece(lambda: _replace(scenes._order, lambda *_: None), ("_batch/scenes.py",)),
-    "barriers": Piece(lambda: _replace(barrier, lambda values: values), ("_engine/barrier.py",)),
+    "barriers": Piece(lambda: _replace(barrier, lambda values: values), ("_programs/barrier.py",)),
     "Nyström method": Piece(_no_nystrom, ("_engine/tableaus.py",)),
     "own sine and cosine": Piece(_no_sines, ("_sincos.py",)),
 }

@@ -12,7 +12,7 @@ from fractions import Fraction
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.barrier import barrier
+from rockjax._programs.barrier import barrier
 from rockjax._types import Value
 
 _LIMIT = Fraction(5, 2)  # of ψ², a little over (π/2)²

@@ -14,8 +14,6 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from rockjax._engine.barrier import barrier
-from rockjax._engine.derivatives import find_dependent_outputs, pushed
 from rockjax._engine.fast_forward.rest import advance_to_uplift
 from rockjax._engine.flat import runs
 from rockjax._engine.scene import plan_for, prepare
@@ -23,6 +21,8 @@ from rockjax._engine.state import LoopState, Plan, Scene, differentiated_fields
 from rockjax._engine.step import trial
 from rockjax._options import Options
 from rockjax._outputs.margin import TurningPoints
+from rockjax._programs.barrier import barrier
+from rockjax._programs.derivatives import find_dependent_outputs, pushed
 from rockjax._responses.sensitivities import moved
 from rockjax._types import Flag
 

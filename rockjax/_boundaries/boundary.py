@@ -27,7 +27,6 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from rockjax import _results as results
 from rockjax._checks import array_module, as_array, as_float, float_type, require
-from rockjax._engine.derivatives import directional_derivative, is_concrete, scalar_positions, value_of
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion, ScaledByAmplitude
@@ -36,6 +35,7 @@ from rockjax._motions.record import PaddedRecord
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._parameters.variants import pulse_acceleration
+from rockjax._programs.derivatives import directional_derivative, is_concrete, scalar_positions, value_of
 from rockjax._programs.program import KeptProgram
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._results import REST

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.barrier import barrier
 from rockjax._excitations.sampled import AbstractSampled
+from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value, Vector
 
 from .coefficients import Coefficients, over_inertia, summed

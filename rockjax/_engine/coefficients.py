@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.barrier import barrier
+from rockjax._programs.barrier import barrier
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.combined import apparent_mass, stiffness
 from rockjax._structures import Podium

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.barrier import barrier
+from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value, Vector
 
 from .hermite import (

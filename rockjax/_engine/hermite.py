@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.barrier import barrier
+from rockjax._programs.barrier import barrier
 from rockjax._types import Flags, Value, Values
 
 # Iterations of the safeguarded Newton searches. Derivatives of peaks need a turning point to about 1e-6; a

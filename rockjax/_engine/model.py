@@ -19,8 +19,8 @@ from typing import NamedTuple, overload
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.barrier import barrier
 from rockjax._excitations.base import Shaking
+from rockjax._programs.barrier import barrier
 from rockjax._sincos import sincos
 from rockjax._types import Value, Values, Vector
 

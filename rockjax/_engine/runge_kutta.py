@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._engine.barrier import barrier
+from rockjax._programs.barrier import barrier
 from rockjax._types import Value, Values, Vector
 
 from .tableaus import Tableau

@@ -21,11 +21,11 @@ from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._outputs.views import Ended
+from rockjax._programs.derivatives import differentiable, is_concrete, pushed
 from rockjax._programs.program import KeptProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
-from .derivatives import differentiable, is_concrete, pushed
 from .flat import Nodes, record_decisions, replay, run, run_with_history
 from .scene import as_compiled, plan_for, prepare
 from .state import LoopState, Plan, Scene

@@ -17,8 +17,8 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
-from rockjax._engine.barrier import barrier
 from rockjax._outputs.views import Impact, Step, StepEnd
+from rockjax._programs.barrier import barrier
 
 from .attempt import (
     AT_ONCE,

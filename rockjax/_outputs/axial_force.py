@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
-from rockjax._engine.maxima import WELL_INSIDE_CUBIC, Maximum
+from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Maximum
 from rockjax._types import Flag, Values
 
 from .base import Variable

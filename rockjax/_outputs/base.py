@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
-from rockjax._engine.maxima import Maximum
+from rockjax._outputs.maxima import Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 

@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
-from rockjax._engine.maxima import WELL_INSIDE_QUINTIC, Maximum
+from rockjax._outputs.maxima import WELL_INSIDE_QUINTIC, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
 from rockjax._engine.coefficients import Coefficients, present
-from rockjax._engine.maxima import WELL_INSIDE_QUINTIC, Maximum
 from rockjax._engine.model import drift_weights
+from rockjax._outputs.maxima import WELL_INSIDE_QUINTIC, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 

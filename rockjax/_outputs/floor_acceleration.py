@@ -10,8 +10,8 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
 from rockjax._engine.coefficients import present
-from rockjax._engine.maxima import Maximum
 from rockjax._engine.model import beam_absolute, floor_accelerations
+from rockjax._outputs.maxima import Maximum
 from rockjax._types import Flag, Values
 
 from .shear import PeakShear

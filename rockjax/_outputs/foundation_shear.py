@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from rockjax._engine.bounds import Bounds
-from rockjax._engine.joints import mean_forces, total_weight
+from rockjax._outputs.joint_forces import mean_forces, total_weight
 from rockjax._types import Flag, Value
 
 from .joints import AbstractOfForces, JointBounds

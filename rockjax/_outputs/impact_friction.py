@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
-from rockjax._engine.joints import impulses_of_columns
+from rockjax._outputs.joint_forces import impulses_of_columns
 from rockjax._types import Flag, Values
 
 from .base import AbstractEventOutput, Variable

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax import _results as results
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, Joints, present
-from rockjax._engine.joints import column_forces
+from rockjax._outputs.joint_forces import column_forces
 from rockjax._sincos import sincos
 from rockjax._structures import Podium
 from rockjax._types import Value, Values

@@ -7,13 +7,13 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine import margin
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.energy import potential
-from rockjax._engine.maxima import NEAR_RECORD, Maximum
+from rockjax._outputs.maxima import NEAR_RECORD, Maximum
 from rockjax._types import Flag, Value
 
 from .base import AbstractEventOutput, AbstractWithoutAnswer
+from .turning_points import margin_at_fall, margin_at_rest
 from .views import Bounces, Start, Step, StepEnd, Turn
 
 
@@ -31,7 +31,7 @@ class Margin(AbstractEventOutput):
 
     def start(self, start: Start) -> tuple[Value, None]:
         scene = start.scene
-        return margin.at_rest(scene.c, scene.overturn_angle, jnp.abs(start.initial.theta)), None
+        return margin_at_rest(scene.c, scene.overturn_angle, jnp.abs(start.initial.theta)), None
 
     def over_step(self, step: Step, record: Value) -> Maximum:
         value = step.turn.margin
@@ -45,13 +45,13 @@ class Margin(AbstractEventOutput):
         least = jnp.where(step.has_peak & (turn.margin < record), turn.margin, record)
         # At the end of the scene a column on its way up has the margin of its present rotation.
         rises = (end.stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
-        here = margin.at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
+        here = margin_at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
         least = jnp.where(rises & (here < least), here, least)
-        return jnp.where(end.toppled, margin.at_fall(scene.c, scene.overturn_angle, v[0]), least), note
+        return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
         # Gravity alone turns the columns back.
-        return record <= margin.at_rest(bounces.c, bounces.overturn_angle, bounces.height)
+        return record <= margin_at_rest(bounces.c, bounces.overturn_angle, bounces.height)
 
     def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
         top = potential(bounds.c, jnp.ones_like(record), bounds.overturn_angle)

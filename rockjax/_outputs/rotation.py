@@ -8,10 +8,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.barrier import barrier
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.energy import potential
-from rockjax._engine.maxima import NEAR_RECORD, Maximum
+from rockjax._outputs.maxima import NEAR_RECORD, Maximum
+from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value
 
 from .base import AbstractEventOutput, Variable

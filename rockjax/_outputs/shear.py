@@ -10,8 +10,8 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, ModalConstants
-from rockjax._engine.maxima import WELL_INSIDE_CUBIC, WELL_INSIDE_QUINTIC, Maximum
 from rockjax._engine.model import shear
+from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, WELL_INSIDE_QUINTIC, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Value
 

@@ -13,13 +13,15 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine import margin
 from rockjax._engine.attempt import Attempt
-from rockjax._engine.barrier import barrier
 from rockjax._engine.coefficients import Coefficients, Vibration, present, summed, weighted
 from rockjax._engine.guard import Guard
 from rockjax._engine.hermite import Quintic, is_long, quintic
-from rockjax._engine.maxima import (
+from rockjax._engine.model import acceleration, beam, beam_absolute, beam_acceleration
+from rockjax._engine.ratio import safe_ratio
+from rockjax._engine.state import LoopState, Scene
+from rockjax._excitations.base import Shaking
+from rockjax._outputs.maxima import (
     WELL_INSIDE,
     WELL_INSIDE_CUBIC,
     WELL_INSIDE_QUINTIC,
@@ -29,12 +31,11 @@ from rockjax._engine.maxima import (
     largest,
     spring,
 )
-from rockjax._engine.model import acceleration, beam, beam_absolute, beam_acceleration
-from rockjax._engine.ratio import safe_ratio
-from rockjax._engine.state import LoopState, Scene
-from rockjax._excitations.base import Shaking
+from rockjax._programs.barrier import barrier
 from rockjax._results import State
 from rockjax._types import Flag, Index, Value, Values, Vector
+
+from .turning_points import margin_at_turn
 
 
 class Moment(NamedTuple):
@@ -289,7 +290,7 @@ class Step:
             slope = safe_ratio(sway.slope(z), h, h > 0)
             x, v = (*x, sway.value(z)), (*v, jnp.where(self.span.long, slope, rate))
         slowing = -sigma * acceleration(self.c, sigma, self.ground_at(self.state.t + span), x, v)[0]
-        here = margin.at_turn(self.c, self.scene.overturn_angle, theta, slowing)
+        here = margin_at_turn(self.c, self.scene.overturn_angle, theta, slowing)
         return barrier(Turn(*(jnp.where(self.has_peak, y, jnp.inf) for y in (here, slowing))))
 
 

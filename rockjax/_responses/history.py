@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from rockjax._checks import concrete
 from rockjax._engine.coefficients import SLIP, Coefficients, coefficients
-from rockjax._engine.energy import damper_power, energy, power, restoring_moment
+from rockjax._engine.energy import energy
 from rockjax._engine.flat import Nodes
 from rockjax._engine.model import acceleration, beam, drift_weights, floor_accelerations, shear
 from rockjax._engine.runge_kutta import step
@@ -21,6 +21,7 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.sampled import common_size
 from rockjax._programs.program import KeptProgram
+from rockjax._responses.work import damper_power, power, restoring_moment
 from rockjax._structures import Podium
 from rockjax._tree import Module
 from rockjax._types import Value, Vector

@@ -10,15 +10,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._engine.coefficients import present
-from rockjax._engine.joints import (
+from rockjax._engine.model import acceleration
+from rockjax._outputs.base import JOINT_NAMES, JOINTS
+from rockjax._outputs.joint_forces import (
     column_forces,
     impulses_of_columns,
     mean_forces,
     overturning_moment,
     total_weight,
 )
-from rockjax._engine.model import acceleration
-from rockjax._outputs.base import JOINT_NAMES, JOINTS
 from rockjax._outputs.joints import angle, friction_of
 from rockjax._programs.program import KeptProgram
 from rockjax._tree import Module

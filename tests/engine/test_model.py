@@ -8,11 +8,12 @@ import pytest
 import rockjax as rj
 from rockjax._engine import guard, hermite, model
 from rockjax._engine.coefficients import coefficients
-from rockjax._engine.energy import energy, energy_after, potential, power, restoring_moment
+from rockjax._engine.energy import energy, energy_after, potential
 from rockjax._engine.runge_kutta import Step
 from rockjax._engine.scene import default_end, plan_for, prepare
 from rockjax._engine.transitions import after_impact, contact_mode
 from rockjax._programs.program import ARRAYS
+from rockjax._responses.work import power, restoring_moment
 from tests.scenes import PODIUMS, G
 
 ELASTIC = rj.Podium(alpha=0.25, R=1.7, gamma=3.0, superstructure=rj.Elastic(8.0, 0.6, 0.07), lam=0.29)

@@ -13,9 +13,10 @@ import rockjax as rj
 from rockjax import _results as results
 from rockjax._engine import bounds, model
 from rockjax._engine.coefficients import coefficients
-from rockjax._engine.energy import restoring_moment, vertical_impulse
+from rockjax._engine.energy import vertical_impulse
 from rockjax._excitations.base import Shaking
 from rockjax._excitations.ground import GroundMotion, check_weight
+from rockjax._responses.work import restoring_moment
 from tests import restrained
 from tests.restrained import Frame
 

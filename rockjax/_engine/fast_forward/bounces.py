@@ -12,11 +12,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.barrier import barrier
 from rockjax._engine.model import horizontal
 from rockjax._engine.state import Decision, LoopState, Plan, Scene
 from rockjax._excitations.base import Shaking
 from rockjax._outputs.views import Bounces
+from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Index, Value
 
 AHEAD = 2.0  # the ground motion is bounded over this many times the estimated duration of the bounces

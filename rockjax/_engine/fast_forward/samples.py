@@ -14,7 +14,6 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.attempt import over_tolerance
-from rockjax._engine.barrier import barrier
 from rockjax._engine.coefficients import over_inertia, present
 from rockjax._engine.model import acceleration
 from rockjax._engine.runge_kutta import Step
@@ -23,6 +22,7 @@ from rockjax._engine.state import LoopState, Plan, Scene
 from rockjax._engine.tableaus import nystrom
 from rockjax._excitations.sampled import AbstractSampled
 from rockjax._outputs.views import Sample
+from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value, Vector
 
 

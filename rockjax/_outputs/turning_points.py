@@ -26,16 +26,15 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from rockjax._engine.coefficients import Coefficients
+from rockjax._engine.energy import potential, potential_slope, rotational_inertia
 from rockjax._sincos import sincos
 from rockjax._types import Value
-
-from .coefficients import Coefficients
-from .energy import potential, potential_slope, rotational_inertia
 
 OTHERS = 0.02  # w: limit of the contribution of moments other than gravity
 
 
-def at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value) -> Value:
+def margin_at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value) -> Value:
     """Return the margin M of a turning point.
 
     - `c`: constants of the podium
@@ -51,13 +50,13 @@ def at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value
     return 1 - potential(c, one, theta) / depth + work / (1 + work / OTHERS)
 
 
-def at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> Value:
+def margin_at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> Value:
     """Return the margin M of a column that reaches the overturning angle with the speed θ̇."""
     depth = potential(c, jnp.ones_like(theta_dot), overturn_angle)
     return -0.5 * _moment(c, overturn_angle, theta_dot**2) / depth
 
 
-def at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Value:
+def margin_at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Value:
     """Return the margin M of a column at rest at |θ| = `theta` ≥ 0 under gravity and restrainers alone;
     beyond the overturning angle, 1 − θ/α_o."""
     one = jnp.ones_like(theta)

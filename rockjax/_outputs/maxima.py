@@ -8,11 +8,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.barrier import barrier
+from rockjax._engine.hermite import Quintic, derivative, turning_point_or_dip
+from rockjax._engine.ratio import safe_ratio
+from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value, Values
-
-from .hermite import Quintic, derivative, turning_point_or_dip
-from .ratio import safe_ratio
 
 # A step is shortened to end on an extremum that would raise the record and lies well inside the step. Near
 # the ends the polynomial is as accurate as the step itself.

@@ -11,14 +11,13 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from rockjax._engine.coefficients import Coefficients, present, summed, weighted
+from rockjax._engine.model import beam, beam_absolute, beam_acceleration, beam_rise, elongation, horizontal
+from rockjax._engine.ratio import safe_ratio
 from rockjax._excitations.base import Shaking
 from rockjax._sincos import sincos
 from rockjax._structures.impulses import Impulses, impulse_eccentricity, impulses
 from rockjax._types import Value, Values, Vector
-
-from .coefficients import Coefficients, present, summed, weighted
-from .model import beam, beam_absolute, beam_acceleration, beam_rise, elongation, horizontal
-from .ratio import safe_ratio
 
 
 class DeviceForces(NamedTuple):
