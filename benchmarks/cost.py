@@ -1,8 +1,9 @@
-"""Run time of a scene: `python -m benchmarks.cost motions|restrained|scaling|processors`.
+"""Run time of a scene: `python -m benchmarks.cost motions|restrained|forces|scaling|processors`.
 
 (motions) the grid of Fig. 6 with pulses of every shape in place of Ricker's. (restrained) podiums with a
 tendon and a linear damper beside the same ones without; accelerations are relative to those that lift the
-columns, so that both rock alike. (scaling) time and memory from 10³ to 10⁶ scenes. (processors) the devices
+columns, so that both rock alike. (forces) batches with forces in the joints beside the same ones without, for
+pulses and for records. (scaling) time and memory from 10³ to 10⁶ scenes. (processors) the devices
 that JAX has against the threads of a process on the CPU, with the differences of their answers; without an
 accelerator, `processors --host-devices 2` takes so many parts of the CPU instead.
 """
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
@@ -28,6 +30,7 @@ from rockjax._batch.batch import run_batch
 from rockjax._batch.scenes import broadcast
 
 from .measure import Family, family, options, podium, report, shortest_time, show
+from .records import Suite
 
 FAMILIES = ("rigid", "T_s = 0.5 s")
 MOTIONS: dict[str, Callable[[Family], rj.AbstractExcitation]] = {
@@ -104,6 +107,43 @@ def time_restrained(runs: int = 7) -> None:
         for name in STRUCTURES
     ]
     report("restrained", rows)
+
+
+# -------------------------------------------------------------------------------- forces
+FORCES = "peak_friction", "axial_force", "peak_foundation_shear", "impact_friction"
+
+
+def time_forces(runs: int = 5) -> None:
+    """Time scenes with the default outputs, and with forces besides them, in turn."""
+    cases: dict[tuple[str, str], tuple[rj.Podium, Any]] = {}
+    suite = Suite()
+    for name, plain in STRUCTURES.items():
+        heights = {} if plain.superstructure is None else {"top_height": 9.0}
+        elevation = rj.Elevation([-3.0, 3.0], beam_depth=0.6, **heights)
+        if name != "solitary block":
+            plain = plain.replace(elevation=elevation)
+        lifting = float(plain.g * jnp.tan(plain.alpha))
+        pulses = rj.Ricker(lifting * np.linspace(1, 6, 40)[:, None], np.geomspace(0.2, 3, 40))
+        cases[name, "40 × 40 Ricker pulses"] = plain, pulses
+        cases[name, "20 records × 50 scales"] = plain, suite.scenes
+    rows = []
+    default = rj.Options().outputs
+    for (name, motions), (structure, excitations) in cases.items():
+        wanted = {"default": default, **{each: (*default, each) for each in FORCES}}
+        wanted["all"] = (*default, *FORCES)
+        best, trials = dict.fromkeys(wanted, math.inf), {}
+        for run in range(runs + 1):  # in turn: what slows the machine for a while slows all of them
+            for key, outputs in wanted.items():
+                began = time.perf_counter()
+                peaks = rj.peak_responses(structure, excitations, options=rj.Options(outputs=outputs))
+                trials[key] = float(np.mean(peaks.stats.steps + peaks.stats.rejected))
+                if run:  # the first one compiles
+                    best[key] = min(best[key], time.perf_counter() - began)
+        row: dict[str, Any] = {"structure": name, "motions": motions, "ms without": 1e3 * best["default"]}
+        row |= {f"with {key}": best[key] / best["default"] for key in wanted if key != "default"}
+        rows.append(row | {"trials without": trials["default"], "trials with": trials["all"]})
+        print(rows[-1], flush=True)
+    report("forces", rows)
 
 
 # -------------------------------------------------------------------------------- scaling
@@ -183,6 +223,7 @@ def processors(option: str = "", parts: str = "") -> None:
 COMMANDS = {
     "motions": motions,
     "restrained": time_restrained,
+    "forces": time_forces,
     "scaling": scaling,
     "processors": processors,
     "timed": time_batches,
@@ -190,4 +231,4 @@ COMMANDS = {
 
 if __name__ == "__main__":
     command, *given = sys.argv[1:]
-    COMMANDS[command](*(map(int, given) if command in ("motions", "restrained") else given))
+    COMMANDS[command](*(map(int, given) if command in ("motions", "restrained", "forces") else given))
