@@ -42,6 +42,24 @@ class Quintic(NamedTuple):
         return 2 * self.c2 + z * (6 * self.c3 + z * (12 * self.c4 + z * (20 * self.c5)))
 
 
+class Cubic(NamedTuple):
+    """A polynomial c0 + c1 z + c2 z² + c3 z³ of one quantity, or of several in a row."""
+
+    c0: Values
+    c1: Values
+    c2: Values
+    c3: Values
+
+    def value(self, z: Values | float) -> Values:
+        return self.c0 + z * (self.c1 + z * (self.c2 + z * self.c3))
+
+    def slope(self, z: Values | float) -> Values:
+        return self.c1 + z * (2 * self.c2 + z * (3 * self.c3))
+
+    def curvature(self, z: Values | float) -> Values:
+        return 2 * self.c2 + z * (6 * self.c3)
+
+
 def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Values, h: Value) -> Quintic:
     """Return the quintic with given values, slopes and curvatures in time at both ends of a step.
 
@@ -111,7 +129,7 @@ def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, 
     return z
 
 
-def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
+def turning_point_or_dip(polynomial: Quintic | Cubic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
     """Return the turning point of a quantity over a step, or its dip, and whether it turns twice.
 
     If the slopes at both ends have opposite signs (`turned`), z is the turning point. Otherwise the quantity
@@ -146,7 +164,9 @@ def _first_zero(f: Sequence[Values]) -> Values:
     root = jnp.sqrt(jnp.maximum(f[1] * f[1] - 4 * f[0] * bend, 0.0))
     guess = 2 * f[0] / jnp.where(root > f[1], root - f[1], 1.0)
     lo, hi = jnp.zeros_like(f[0]), jnp.ones_like(f[0])
-    return _safeguarded_newton(f, lo, hi, jnp.clip(guess, 0.0, 1.0), _TO_TURN)
+    # The parabola is a quadratic itself; one iteration takes off the rounding of its root.
+    iterations = 1 if len(f) == 3 else _TO_TURN
+    return _safeguarded_newton(f, lo, hi, jnp.clip(guess, 0.0, 1.0), iterations)
 
 
 def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:

@@ -12,7 +12,7 @@ from rockjax._engine.bounds import Bounds, every
 from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Maximum
 from rockjax._types import Flag, Values
 
-from .joints import AbstractOfJoints, JointBounds, angle, end_forces, friction_of, halves
+from .joints import AbstractOfJoints, JointBounds, end_forces, friction_of, halves, quarter_tangent
 from .views import Ended, Start, Step
 
 
@@ -20,7 +20,7 @@ from .views import Ended, Start, Step
 class PeakFriction(AbstractOfJoints):
     """The largest friction demand max|T|/N of the bottom and the top joint of the worst column, (F9), (F11).
 
-    Its record is the angle of the force with the axis, which passes N = 0 smoothly.
+    Its record is the angle of the force with the axis, as tan(φ/4), which passes N = 0 smoothly.
     """
 
     name = "peak_friction"
@@ -32,9 +32,9 @@ class PeakFriction(AbstractOfJoints):
         return self.zeros(start), None
 
     def over_step(self, step: Step, record: Values) -> Maximum:
-        angles = step.through(step.course(end_forces), lambda forces: angle(*halves(forces)))
+        angles = step.through(step.course(end_forces), lambda forces: quarter_tangent(*halves(forces)))
         found = step.largest(angles, record, WELL_INSIDE_CUBIC)
-        return found._replace(value=jnp.minimum(found.value, jnp.pi))
+        return found._replace(value=jnp.minimum(found.value, 1.0))
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         return every(JointBounds(bounds).friction < friction_of(jax.lax.stop_gradient(self.worst(record))))

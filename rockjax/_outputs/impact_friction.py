@@ -13,7 +13,7 @@ from rockjax._outputs.joint_forces import impulses_of_columns
 from rockjax._types import Flag, Values
 
 from .base import AbstractEventOutput, Variable
-from .joints import JOINTS, AbstractOfJoints, angle, end_offsets, friction_of, halves
+from .joints import JOINTS, AbstractOfJoints, end_offsets, friction_of, halves, quarter_tangent
 from .views import Bounces, Ended, Impact, Start, Step
 
 
@@ -61,7 +61,7 @@ class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
         across, axial = impulses_of_columns(*before, end_offsets(c))
         _, mean = impulses_of_columns(*before, None)  # of all columns, not of the two ends
         share = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)
-        return jnp.concatenate([jnp.abs(angle(across, axial)).ravel(), -share.ravel()])
+        return jnp.concatenate([jnp.abs(quarter_tangent(across, axial)).ravel(), -share.ravel()])
 
     def over_bounces(self, bounces: Bounces, record: Values) -> bool:
         del bounces, record  # of rigid podiums: the bounces have the ratios of the impact before them

@@ -15,6 +15,7 @@ from rockjax._engine.coefficients import Coefficients, present, summed, weighted
 from rockjax._engine.model import beam, beam_absolute, beam_acceleration, beam_rise, elongation, horizontal
 from rockjax._engine.ratio import safe_ratio
 from rockjax._excitations.base import Shaking
+from rockjax._programs.barrier import barrier
 from rockjax._sincos import sincos
 from rockjax._structures.impulses import Impulses, impulse_eccentricity, impulses
 from rockjax._types import Value, Values, Vector
@@ -162,11 +163,11 @@ def column_forces(
     - `x`, `v`, `a`: positions, velocities and accelerations
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
     """
-    mean = mean_forces(c, sigma, ground, x, v, a)
+    mean = barrier(mean_forces(c, sigma, ground, x, v, a))
     over, axial = (jnp.stack(y)[:, None] for y in zip(mean.bottom, mean.top, strict=True))
     if offsets is None:
         return over, axial
-    moment = overturning_moment(c, sigma, ground, x, v, a)
+    moment = barrier(overturning_moment(c, sigma, ground, x, v, a))
     more = transfer(c, moment, mean.eccentricity, mean.top[1], offsets)[None, :]
     return over - more * mean.lean, axial + more
 

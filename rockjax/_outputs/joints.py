@@ -20,17 +20,32 @@ from .base import JOINTS, AbstractOutput
 from .views import Ended, Moment, Start
 
 
-def angle(across: Values, axial: Values) -> Values:
-    """Return the angle of a force with the axis of a column, atan2(T, N) in (−π, π]. It passes N = 0 smoothly
-    and is 0 where there is no force."""
+def quarter_tangent(across: Values, axial: Values) -> Values:
+    """Return tan(φ/4) of the angle φ = atan2(T, N) of a force with the axis of a column, in [−1, 1]; 0 where
+    there is no force.
+
+    It passes N = 0 smoothly as φ does, and takes roots where φ takes an arc tangent, which is a hundred times
+    slower in a batch.
+    """
     none = (across == 0) & (axial == 0)
-    return jnp.where(none, 0.0, jnp.arctan2(jnp.where(none, 0.0, across), jnp.where(none, 1.0, axial)))
+    size = jnp.sqrt(jnp.where(none, 1.0, across**2 + axial**2))
+    large = jnp.sqrt(0.5 * (1 + jnp.abs(axial) / size))  # the larger one of |sin φ/2| and cos φ/2
+    small = 0.5 * across / (size * large)
+    pulls = jnp.where(across < 0, -large, large) / (1 + jnp.abs(small))
+    return jnp.where(axial < 0, pulls, small / (1 + large))
 
 
-def friction_of(angles: Values) -> Values:
-    """Return the friction demand |T|/N of angles; inf from π/2 on, where joints pull; NaN of NaN."""
-    holds = ~(angles >= 0.5 * jnp.pi)
-    return jnp.where(holds, jnp.tan(jnp.where(holds, angles, 0.0)), jnp.inf)
+def angle_of(quarter: Values) -> Values:
+    """Return φ of tan(φ/4) [rad]."""
+    return 4 * jnp.arctan(quarter)
+
+
+def friction_of(quarter: Values) -> Values:
+    """Return the friction demand |T|/N = tan φ of tan(φ/4) ≥ 0; inf from π/2 on, where joints pull; NaN of
+    NaN."""
+    half = 2 * quarter / (1 - jnp.where(quarter < 1, quarter, 0.0) ** 2)
+    holds = ~((quarter >= 1) | (half >= 1))
+    return jnp.where(holds, 2 * half / (1 - jnp.where(holds, half, 0.0) ** 2), jnp.inf)
 
 
 def end_offsets(c: Coefficients) -> Values | None:

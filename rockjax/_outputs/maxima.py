@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.hermite import Quintic, derivative, turning_point_or_dip
+from rockjax._engine.hermite import Cubic, Quintic, derivative, turning_point_or_dip
 from rockjax._engine.ratio import safe_ratio
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value, Values
@@ -41,7 +41,7 @@ class End(NamedTuple):
 
 @functools.partial(jax.jit, static_argnames=("inside", "lands", "signed"))
 def largest(
-    path: Quintic,
+    path: Quintic | Cubic,
     h: Value,
     long: Flag,
     record: Values,
@@ -101,7 +101,7 @@ def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Q
     return Quintic(*(omega2 * c + damping / h * rate for c, rate in zip(deformation, rates, strict=True)))
 
 
-def cubic(f0: Values, rate0: Values, f1: Values, rate1: Values, h: Value) -> Quintic:
+def cubic(f0: Values, rate0: Values, f1: Values, rate1: Values, h: Value) -> Cubic:
     """Return the cubic Hermite polynomial over a step, for a quantity whose curvature is not available.
 
     - `f0`, `rate0`: value and rate in time at the start
@@ -109,5 +109,4 @@ def cubic(f0: Values, rate0: Values, f1: Values, rate1: Values, h: Value) -> Qui
     - `h`: length of the step [s]
     """
     m0, m1, rise = h * rate0, h * rate1, f1 - f0
-    zero = jnp.zeros_like(f0)
-    return Quintic(f0, m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise, zero, zero)
+    return Cubic(f0, m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from rockjax._engine.attempt import Attempt
 from rockjax._engine.coefficients import Coefficients, Vibration, present, summed, weighted
 from rockjax._engine.guard import Guard
-from rockjax._engine.hermite import Quintic, is_long, quintic
+from rockjax._engine.hermite import Cubic, Quintic, is_long, quintic
 from rockjax._engine.model import acceleration, beam, beam_absolute, beam_acceleration
 from rockjax._engine.ratio import safe_ratio
 from rockjax._engine.state import LoopState, Scene
@@ -94,7 +94,7 @@ class Span(NamedTuple):
 class Course(NamedTuple):
     """A quantity over a step: its polynomial, and its value and rate at both ends."""
 
-    path: Quintic
+    path: Quintic | Cubic
     first: tuple[Values, Values]
     last: tuple[Values, Values]
 
@@ -156,12 +156,14 @@ class Step:
 
         def at_state(t, x, v):
             ground = self.ground_at(t)
-            return quantity(Moment(c, sigma, t, ground, x, v, acceleration(c, sigma, ground, x, v)))
+            a = barrier(acceleration(c, sigma, ground, x, v))
+            return quantity(Moment(c, sigma, t, ground, x, v, a))
 
         one = jnp.ones_like(trial.h)
         first = jax.jvp(at_state, (state.t, state.x, state.v), (one, state.v, trial.a0))
         end = trial.end
         last = jax.jvp(at_state, (state.t + trial.h, end.x, end.v), (one, end.v, end.a))
+        first, last = barrier((first, last))
         path = cubic(first[0], first[1], last[0], last[1], trial.h)
         found = self._courses[quantity] = Course(path, first, last)
         return found
@@ -209,7 +211,9 @@ class Step:
         modal = self.c.modal
         if modal is None or modal.residual is None:
             return None
-        return self.course(lambda m: beam_absolute(m.c, m.sigma, m.ground, m.x, m.v, m.a))
+        of_beam = self.course(lambda m: beam_absolute(m.c, m.sigma, m.ground, m.x, m.v, m.a))
+        zero = jnp.zeros_like(self.span.h)
+        return of_beam._replace(path=Quintic(*of_beam.path[:4], zero, zero))
 
     @property
     def inside_of_forces(self) -> float:

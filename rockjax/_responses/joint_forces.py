@@ -19,7 +19,7 @@ from rockjax._outputs.joint_forces import (
     overturning_moment,
     total_weight,
 )
-from rockjax._outputs.joints import angle, friction_of
+from rockjax._outputs.joints import friction_of, quarter_tangent
 from rockjax._programs.program import KeptProgram
 from rockjax._tree import Module
 
@@ -53,7 +53,7 @@ class JointForces(Module):
     @property
     def friction(self) -> Float[Array, "*times columns joints"]:
         """Friction demand |T|/N, inf where a joint pulls, 0 where it carries nothing [–]."""
-        return friction_of(jnp.abs(angle(self.horizontal, self.axial)))
+        return friction_of(jnp.abs(quarter_tangent(self.horizontal, self.axial)))
 
 
 @KeptProgram
