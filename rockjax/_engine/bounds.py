@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from typing import Self
+from collections.abc import Callable
+from typing import Any, Self, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +17,8 @@ from .coefficients import Coefficients, Vibration, present, summed, weighted
 from .energy import energy, energy_after, potential, vertical_impulse
 from .model import horizontal, restraint_at_most
 from .state import LoopState, Scene
+
+T = TypeVar("T")
 
 
 def every(flags: Flags) -> Flag:
@@ -34,6 +37,7 @@ class Bounds:
     - `energy`: bound of the energy per N m_c, (C19) [m²/s²]
     - `stays_inside`: the rotation stays inside the well
     - `rests`: the columns rest for good
+    - `demand`: bound of the demand |q| of Eq. (9) of columns that rest for good [m/s²]
     - `swing`: for each mode, bound of √(u̇_i² + ω_i²u_i²) in full contact; None without modes
     """
 
@@ -45,6 +49,7 @@ class Bounds:
     energy: Value
     stays_inside: Flag
     rests: Flag | bool
+    demand: Value
     swing: Values | None
 
     @classmethod
@@ -66,6 +71,7 @@ class Bounds:
         reduces weights, (C19), (C20).
         """
         self = cls()
+        self._made: dict[Callable, Any] = {}
         scene, state = jax.lax.stop_gradient((scene, state))
         c = self.c = scene.c
         self.overturn_angle = scene.overturn_angle
@@ -87,7 +93,7 @@ class Bounds:
         self.rests, self.swing = False, None
         if not follows_contact:
             return self
-        demand = self.ground
+        demand = self.ground  # of |q| in full contact
         if c.vibration is not None:
             # √(u̇² + ω²u²) grows by ∫|ü_g| dt at most.
             each = c.vibration
@@ -95,8 +101,14 @@ class Bounds:
             demand = demand + weighted(each.demand, jnp.sqrt(each.omega2 + each.damping**2) * self.swing)
         if not isinstance(self.vertical, float):
             demand = demand + present(c.tilt) * self.vertical
-        self.rests = (sigma == 0) & (demand < c.uplift)
+        self.demand, self.rests = demand, (sigma == 0) & (demand < c.uplift)
         return self
+
+    def shared(self, make: Callable[[Self], T]) -> T:
+        """Return what a function makes of the bounds, made once for all outputs."""
+        if make not in self._made:
+            self._made[make] = make(self)
+        return self._made[make]
 
     def either(self, at_rest: Values, rocking: Values) -> Values:
         """Return one of two bounds: that of columns that rest for good, or of others."""

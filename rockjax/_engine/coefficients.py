@@ -13,6 +13,7 @@ from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.combined import apparent_mass, stiffness
 from rockjax._structures import Podium
 from rockjax._structures.elevation import Arms
+from rockjax._structures.impulses import Impulses, impulse_eccentricity, impulses
 from rockjax._structures.superstructures import Oscillators
 from rockjax._types import Value, Values
 
@@ -58,15 +59,14 @@ class Joints(NamedTuple):
     """Constants of forces in the joints.
 
     - `gamma`, `lam`: mass ratio of what moves with the beam, and the inertia factor of a column
-    - `inertances`: μ_b and μ_t of the inerters that press on the bottom and the top joint, (F12);
-      `inertance`: μ of all of them
+    - `impulses`: those of an impact, over its speed, (F12); `impulse_place`: their eccentricity ξ_J, (F13)
     - `arms`: positions of the columns and first moments of the masses; None without an elevation
     """
 
     gamma: Value
     lam: Value
-    inertances: tuple[Value, Value]
-    inertance: Value
+    impulses: Impulses
+    impulse_place: Value
     arms: Arms | None
 
 
@@ -175,12 +175,16 @@ def coefficients(
 
 
 def _joints(podium: Podium) -> Joints:
-    gamma, _ = podium.mass_ratios
+    gamma, eta = podium.mass_ratios
     bottom, top = podium.inertances
     arms = podium.elevation
     assert arms is None or isinstance(arms, Arms)
+    sin, cos = jnp.sin(podium.alpha), jnp.cos(podium.alpha)
+    e = jnp.maximum(podium.restitution_factor, 0.0)
+    found = impulses(2 * podium.R, sin, cos, gamma, eta, (bottom, top), e)
     # μ = μ_2 + μ_1 of the equivalents over both joints, where μ_b = μ_2 + 2μ_1 and μ_t = μ_2.
-    return Joints(gamma, podium.lam, (bottom, top), 0.5 * (bottom + top), arms)
+    place = impulse_eccentricity(sin**2, gamma, eta, podium.lam, 0.5 * (bottom + top), e)
+    return Joints(gamma, podium.lam, found, place, arms)
 
 
 def _vibration(podium: Podium) -> Vibration | None:

@@ -136,6 +136,8 @@ def turning_point_or_dip(polynomial: Quintic | Cubic, turned: Flags, rising: Fla
     may dip: z is the zero of the curvature, where the slope is least relative to its sign at the ends
     (`rising`). If the slope changes sign there, the quantity turns both before and after it.
     """
+    if isinstance(polynomial, Cubic):
+        return _turning_point_or_dip_of_cubic(polynomial, turned, rising)
     sign = barrier(jnp.where(rising, 1.0, -1.0))
     slope = [sign * c for c in derivative(polynomial)]
     curvature = [-c for c in derivative(slope)]
@@ -144,6 +146,20 @@ def turning_point_or_dip(polynomial: Quintic | Cubic, turned: Flags, rising: Fla
     z = _first_zero([jnp.where(turned, a, b) for a, b in pairs])
     noise = 128 * jnp.finfo(sign.dtype).eps * jnp.abs(polynomial.c0)
     return z, may_dip & (_horner(slope, z) < -noise)
+
+
+def _turning_point_or_dip_of_cubic(polynomial: Cubic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
+    """Do the same for a cubic, whose slope a + b z + c z² has roots in closed form."""
+    sign = jnp.where(rising, 1.0, -1.0)
+    a, b, c = (sign * y for y in derivative(polynomial))
+    opens = b > 0  # beyond a zero at z = 0, or before its steepest fall
+    q = -0.5 * (b + jnp.where(opens, 1.0, -1.0) * jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0.0)))
+    may_dip = ~turned & (b < 0) & (b + 2 * c > 0)
+    over = jnp.where(turned, jnp.where(opens, q, a), -b)
+    under = jnp.where(turned, jnp.where(opens, c, q), 2 * c)
+    z = jnp.clip(over / jnp.where(under == 0, 1.0, under), 0.0, 1.0)
+    noise = 128 * jnp.finfo(z.dtype).eps * jnp.abs(polynomial.c0)
+    return z, may_dip & (a + z * (b + z * c) < -noise)
 
 
 def _first_zero(f: Sequence[Values]) -> Values:
@@ -164,9 +180,7 @@ def _first_zero(f: Sequence[Values]) -> Values:
     root = jnp.sqrt(jnp.maximum(f[1] * f[1] - 4 * f[0] * bend, 0.0))
     guess = 2 * f[0] / jnp.where(root > f[1], root - f[1], 1.0)
     lo, hi = jnp.zeros_like(f[0]), jnp.ones_like(f[0])
-    # The parabola is a quadratic itself; one iteration takes off the rounding of its root.
-    iterations = 1 if len(f) == 3 else _TO_TURN
-    return _safeguarded_newton(f, lo, hi, jnp.clip(guess, 0.0, 1.0), iterations)
+    return _safeguarded_newton(f, lo, hi, jnp.clip(guess, 0.0, 1.0), _TO_TURN)
 
 
 def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:

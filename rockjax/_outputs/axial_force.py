@@ -14,7 +14,7 @@ from rockjax._types import Flag, Values
 
 from .base import Variable
 from .joints import JOINTS, AbstractOfJoints, JointBounds, end_forces, halves
-from .views import Ended, Start, Step
+from .views import Bounces, Ended, Start, Step
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,15 +38,19 @@ class AxialForce(AbstractOfJoints):
         return self.zeros(start, 2) - jnp.inf, None
 
     def over_step(self, step: Step, record: Values) -> Maximum:
-        both = lambda forces: jnp.concatenate([-halves(forces)[1], halves(forces)[1]]) / step.c.g
-        return step.largest(
-            step.through(step.course(end_forces), both), record, WELL_INSIDE_CUBIC, signed=True
-        )
+        axial = jax.tree.map(lambda forces: halves(forces)[1] / step.c.g, step.course(end_forces))
+        return step.largest(axial, record, WELL_INSIDE_CUBIC, both=True)
+
+    def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
+        return self._stands(JointBounds.over(bounces), record)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        of_joints, g = JointBounds(bounds), bounds.c.g
-        least, most = map(self.worst, halves(jax.lax.stop_gradient(record)))
-        return every((of_joints.least_axial / g > -least) & (of_joints.most_axial / g < most))
+        return self._stands(JointBounds.of(bounds), record)
+
+    def _stands(self, bounds: JointBounds, record: Values) -> Flag:
+        pulled, pressed = map(self.worst, halves(jax.lax.stop_gradient(record)))
+        g = bounds.c.g
+        return every((bounds.least_axial >= -pulled * g) & (bounds.most_axial <= pressed * g))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         pulled, pressed = (self.answered(ended, self.worst(y)) for y in halves(record))

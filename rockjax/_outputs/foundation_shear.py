@@ -10,7 +10,7 @@ from rockjax._outputs.joint_forces import mean_forces, total_weight
 from rockjax._types import Flag, Value
 
 from .joints import AbstractOfForces, JointBounds
-from .views import Ended, Moment
+from .views import Bounces, Ended, Moment
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,8 +26,11 @@ class PeakFoundationShear(AbstractOfForces):
         c, sigma, _, ground, x, v, a = moment
         return mean_forces(c, sigma, ground, x, v, a).foundation[0] / total_weight(c)
 
+    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
+        return JointBounds.over(bounces).foundation_shear <= record * total_weight(bounces.c)
+
     def is_final(self, bounds: Bounds, record: Value) -> Flag:
-        return JointBounds(bounds).foundation_shear < record * total_weight(bounds.c)
+        return JointBounds.of(bounds).foundation_shear <= record * total_weight(bounds.c)
 
     def answer(self, ended: Ended, record: Value, note: Any) -> dict[str, Any]:
         return {self.name: self.answered(ended, record)}

@@ -13,7 +13,7 @@ from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Maximum
 from rockjax._types import Flag, Values
 
 from .joints import AbstractOfJoints, JointBounds, end_forces, friction_of, halves, quarter_tangent
-from .views import Ended, Start, Step
+from .views import Bounces, Ended, Start, Step
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,8 +36,14 @@ class PeakFriction(AbstractOfJoints):
         found = step.largest(angles, record, WELL_INSIDE_CUBIC)
         return found._replace(value=jnp.minimum(found.value, 1.0))
 
+    def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
+        return self._stands(JointBounds.over(bounces), record)
+
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        return every(JointBounds(bounds).friction < friction_of(jax.lax.stop_gradient(self.worst(record))))
+        return self._stands(JointBounds.of(bounds), record)
+
+    def _stands(self, bounds: JointBounds, record: Values) -> Flag:
+        return every(bounds.friction <= friction_of(jax.lax.stop_gradient(self.worst(record))))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         return {self.name: self.answered(ended, friction_of(self.worst(record)))}

@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import Bounds
-from rockjax._outputs.joint_forces import impulses_of_columns
-from rockjax._types import Flag, Values
+from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.coefficients import Coefficients, present
+from rockjax._outputs.joint_forces import impulses_of_columns, sway_of_modes
+from rockjax._types import Flag, Value, Values
 
 from .base import AbstractEventOutput, Variable
 from .joints import JOINTS, AbstractOfJoints, end_offsets, friction_of, halves, quarter_tangent
 from .views import Bounces, Ended, Impact, Start, Step
+
+
+def _of_columns(c: Coefficients, sigma: Value, sway: Value | float, offsets: Values | None) -> Values:
+    """Return the angles of the impulses of columns as tan(φ/4), then −J_N over the mean of all columns; joint
+    by joint, the bottom first."""
+    across, axial = impulses_of_columns(c, sigma, jnp.ones_like(sigma), sway, offsets)
+    mean = jnp.stack(jnp.broadcast_arrays(*present(c.joints).impulses.axial))[:, None]
+    share = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)
+    return jnp.concatenate([jnp.abs(quarter_tangent(across, axial)).ravel(), -share.ravel()])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,23 +65,30 @@ class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
         del step, record
 
     def at_impact(self, impact: Impact) -> Values:
-        c, speed = impact.c, impact.v[0]
-        # The ratios do not depend on the speed.
-        unit = jnp.where(speed == 0, 1.0, speed)
-        before = c, impact.sigma, impact.x, unit / jnp.abs(jax.lax.stop_gradient(unit))
-        across, axial = impulses_of_columns(*before, end_offsets(c))
-        _, mean = impulses_of_columns(*before, None)  # of all columns, not of the two ends
-        share = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)
-        return jnp.concatenate([jnp.abs(quarter_tangent(across, axial)).ravel(), -share.ravel()])
+        c = impact.c
+        return _of_columns(c, impact.sigma, sway_of_modes(c, impact.sigma, impact.x), end_offsets(c))
 
     def over_bounces(self, bounces: Bounces, record: Values) -> bool:
         del bounces, record  # of rigid podiums: the bounces have the ratios of the impact before them
         return True
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        if bounds.c.vibration is not None:
-            return jnp.asarray(bounds.rests)
-        return bounds.rests | jnp.any(halves(record)[0] > 0)
+        if bounds.c.vibration is None:  # all impacts are alike
+            return bounds.rests | jnp.any(halves(record)[0] > 0)
+        c, found = bounds.c, []
+        arms = present(c.joints).arms
+        if arms is not None:
+            # The worst impact is the one with the largest deformation, on a column at the end of the group.
+            sway = bounds.of_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
+            far = arms.mean_square / arms.core_distance
+            ends = jnp.stack([-far, far]), jnp.ones_like(far)
+            found = [_of_columns(c, ends[1], side * sway, ends[0]) for side in (-1, 1)]
+        else:
+            found = [_of_columns(c, jnp.ones_like(c.alpha), 0.0, None)]
+        worst = [self.worst(y) for each in found for y in halves(each)]
+        angles, lifted = map(self.worst, halves(jax.lax.stop_gradient(record)))
+        stands = [every((a <= angles) & (b <= lifted)) for a, b in zip(worst[::2], worst[1::2], strict=True)]
+        return bounds.rests | functools.reduce(jnp.logical_and, stands)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         angles, lifted = (self.answered(ended, self.worst(y)) for y in halves(record))

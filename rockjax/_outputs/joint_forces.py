@@ -11,13 +11,12 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from rockjax._engine.coefficients import Coefficients, present, summed, weighted
+from rockjax._engine.coefficients import Coefficients, present, weighted
 from rockjax._engine.model import beam, beam_absolute, beam_acceleration, beam_rise, elongation, horizontal
 from rockjax._engine.ratio import safe_ratio
 from rockjax._excitations.base import Shaking
 from rockjax._programs.barrier import barrier
 from rockjax._sincos import sincos
-from rockjax._structures.impulses import Impulses, impulse_eccentricity, impulses
 from rockjax._types import Value, Values, Vector
 
 
@@ -129,8 +128,7 @@ def overturning_moment(
     if c.vibration is None:
         return beam_moment
     rise = beam_rise(c, sigma, x[0], v[0], a[0])
-    deformation = x[1] - beam(c, sigma, x[0], v[0])[0]
-    lifted = (c.g + _vertical(ground) + rise) * weighted(c.etas, deformation)
+    lifted = (c.g + _vertical(ground) + rise) * sway_of_modes(c, sigma, x)
     return beam_moment + weighted(present(arms.modes), springs(c, sigma, x, v)) + lifted
 
 
@@ -173,33 +171,36 @@ def column_forces(
 
 
 def impulses_of_columns(
-    c: Coefficients, sigma: Value, x: Vector, theta_dot: Value, offsets: Values | None
+    c: Coefficients, sigma: Value, speed: Value, sway: Value | float, offsets: Values | None
 ) -> tuple[Values, Values]:
     """Return (J_T, J_N) at the joints of columns at an impact, each of shape (2, columns), over m_c, (F12) to
     (F14) [m/s].
 
-    - `c`: constants of the podium, with those of the joints
-    - `sigma`, `x`: mode and positions before it
-    - `theta_dot`: θ̇ before it [rad/s]
+    - `c`: constants of the podium, with those of the joints; `sigma`: mode before the impact
+    - `speed`: |θ̇| before it [rad/s]
+    - `sway`: Σ η_id_i of the modes, 0.0 without any [m]
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
     """
-    joints, e = present(c.joints), jnp.maximum(c.restitution, 0.0)
-    sizes = c.two_R, c.sin_alpha, c.cos_alpha
-    found: Impulses = impulses(*sizes, joints.gamma, c.eta, joints.inertances, e)
-    speed = jnp.abs(theta_dot)
+    joints = present(c.joints)
+    found = joints.impulses
     over, axial = (jnp.stack(jnp.broadcast_arrays(*y))[:, None] for y in (found.horizontal, found.axial))
     over, axial = sigma * speed * over, speed * axial
     if offsets is None:
         return over, axial
-    arms = present(joints.arms)
-    place = -sigma * impulse_eccentricity(
-        c.sin_alpha**2, joints.gamma, c.eta, joints.lam, joints.inertance, e
-    )
-    moment = -arms.beam * found.sway * sigma
-    if c.vibration is not None:
-        moment = moment + found.rise * summed(c.etas * (x[1] - beam(c, sigma, x[0], theta_dot)[0]))
+    place = -sigma * joints.impulse_place
+    moment = found.rise * sway - present(joints.arms).beam * found.sway * sigma
     more = transfer(c, speed * moment, place, axial[1, 0], offsets)[None, :]
     return over - place * (c.sin_alpha / c.cos_alpha) * more, axial + more
+
+
+def sway_of_modes(c: Coefficients, sigma: Value, x: Vector) -> Value | float:
+    """Return Σ η_id_i of the modes [m], 0.0 without any.
+
+    - `c`: constants of the podium; `sigma`: mode σ ∈ {−1, 0, 1}; `x`: positions
+    """
+    if c.vibration is None:
+        return 0.0
+    return weighted(c.etas, x[1] - beam(c, sigma, x[0], jnp.zeros_like(x[0]))[0])
 
 
 def _vertical(ground: Value | Shaking) -> Value | float:

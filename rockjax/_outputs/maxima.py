@@ -39,7 +39,7 @@ class End(NamedTuple):
     past: Value
 
 
-@functools.partial(jax.jit, static_argnames=("inside", "lands", "signed"))
+@functools.partial(jax.jit, static_argnames=("inside", "lands", "both"))
 def largest(
     path: Quintic | Cubic,
     h: Value,
@@ -48,7 +48,7 @@ def largest(
     ends: tuple[End, End],
     inside: float = WELL_INSIDE_QUINTIC,
     lands: bool = True,
-    signed: bool = False,
+    both: bool = False,
 ) -> Maximum:
     """Return max|f| over a step of length h, and where to shorten the step to land on it.
 
@@ -58,16 +58,18 @@ def largest(
     - `ends`: f and its rate at both ends; an end that is an event or a breakpoint moves with the parameters
     - `inside`: part of the step at both ends where an extremum need not be landed on
     - `lands`: whether extrema are landed on
-    - `signed`: whether max f is wanted instead; record and values may be negative then
+    - `both`: whether max(−f) and max f are wanted instead, one after the other in records and values, which
+      may be negative then
 
     A step over which f turns twice is cut between both extrema where they could raise the record.
     """
-    size_of = (lambda y: y) if signed else jnp.abs
+    size_of = (lambda y: jnp.concatenate([-y, y])) if both else jnp.abs
+    each = (lambda y: jnp.concatenate([y, y])) if both else (lambda y: y)
     rates, sizes = [end.rate for end in ends], [size_of(end.value) for end in ends]
     turned = rates[0] * rates[1] < 0
-    z, dips = turning_point_or_dip(jax.lax.stop_gradient(path), turned, rates[0] > 0)
+    z, dips = barrier(turning_point_or_dip(jax.lax.stop_gradient(path), turned, rates[0] > 0))
     at_z = size_of(path.value(z))
-    value = jnp.where(turned, at_z, -jnp.inf)
+    value = jnp.where(each(turned), at_z, -jnp.inf)
     of_rates = safe_ratio(rates[1] - rates[0], h, h > 0)
     for place, end in zip((0.0, 1.0), ends, strict=True):
         bend = jnp.where(long, safe_ratio(path.curvature(jnp.full_like(h, place)), h * h, h > 0), of_rates)
@@ -78,16 +80,16 @@ def largest(
     # needs no shorter step.
     of_ends = jnp.maximum(*sizes)
     rounding = ROUNDING * jnp.finfo(h.dtype).eps
-    if signed:
+    if both:
         stands_out = jax.lax.stop_gradient(value > of_ends + rounding * jnp.abs(of_ends))
         near = record - jnp.where(jnp.isfinite(record), NEAR_RECORD * jnp.abs(record), 0.0)
     else:
         stands_out = jax.lax.stop_gradient(value > of_ends * (1 + rounding))
         near = record * (1 - NEAR_RECORD)
-    raises = lands & turned & stands_out & (value > near)
-    raises |= long & dips & (jnp.maximum(of_ends, at_z + jnp.abs(path.slope(z))) > near)
-    raises &= (z > inside) & (z < 1 - inside)
-    return Maximum(value, jnp.where(raises, z, jnp.inf))
+    raises = lands & each(turned) & stands_out & (value > near)
+    raises |= each(long & dips) & (jnp.maximum(of_ends, at_z + each(jnp.abs(path.slope(z)))) > near)
+    raises &= each((z > inside) & (z < 1 - inside))
+    return Maximum(value, jnp.where(raises, each(z), jnp.inf))
 
 
 def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Quintic:

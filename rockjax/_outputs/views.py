@@ -187,10 +187,15 @@ class Step:
         return barrier((jet(self.state.x, self.state.v, self.trial.a0), jet(end.x, end.v, end.a)))
 
     @functools.cached_property
+    def _deformation_path(self) -> Quintic:
+        first, last = self._jets
+        return quintic(*first, *last, self.span.h)
+
+    @functools.cached_property
     def deformations(self) -> Course:
         """Deformation of each mode over the step, as a quintic [m]."""
-        (d0, r0, s0), (d1, r1, s1) = self._jets
-        return Course(quintic(d0, r0, s0, d1, r1, s1, self.span.h), (d0, r0), (d1, r1))
+        (d0, r0, _), (d1, r1, _) = self._jets
+        return Course(self._deformation_path, (d0, r0), (d1, r1))
 
     @functools.cached_property
     def spring_forces(self) -> Course:
@@ -202,7 +207,7 @@ class Step:
                 for d, r, s in self._jets
             ]
         )
-        path = spring(self.deformations.path, modes.omega2, modes.damping, self.span.h)
+        path = spring(self._deformation_path, modes.omega2, modes.damping, self.span.h)
         return Course(path, first, last)
 
     @functools.cached_property
@@ -248,7 +253,7 @@ class Step:
         record: Values,
         inside: float = WELL_INSIDE_CUBIC,
         lands: bool = True,
-        signed: bool = False,
+        both: bool = False,
     ) -> Maximum:
         """Return the largest absolute value of a quantity over the step, and where to shorten the step to
         land on it.
@@ -257,10 +262,11 @@ class Step:
         - `record`: largest absolute value so far
         - `inside`: part of the step at both ends within which a maximum need not be landed on
         - `lands`: whether maxima are landed on at all
-        - `signed`: whether the quantity itself counts, not its absolute value
+        - `both`: whether the largest values of −f and of f are wanted instead of |f|, one after the other in
+          records and values
         """
         ends = End(*course.first, self.span.before), End(*course.last, self.span.after)
-        return largest(course.path, self.span.h, self.span.long, record, ends, inside, lands, signed)
+        return largest(course.path, self.span.h, self.span.long, record, ends, inside, lands, both)
 
     def time_to_turn(self, z: Value) -> Value:
         """Return the time from the start of the step to its turning point of θ near `z`, which moves with the

@@ -17,6 +17,7 @@ from rockjax._outputs.joint_forces import (
     impulses_of_columns,
     mean_forces,
     overturning_moment,
+    sway_of_modes,
     total_weight,
 )
 from rockjax._outputs.joints import friction_of, quarter_tangent
@@ -99,7 +100,9 @@ def at_impacts(scene: history.Solved, times) -> Array:
         time = jnp.where(there, s, nodes.t[0])
         here = history.sample(c, excitation, nodes, method, history.node_before(nodes, time, there), time)
         x = (jnp.zeros_like(s), *here.x[1:])
-        found = impulses_of_columns(c, here.sigma, x, here.v[0], None if arms is None else arms.offsets)
+        offsets = None if arms is None else arms.offsets
+        sway = sway_of_modes(c, here.sigma, x)
+        found = impulses_of_columns(c, here.sigma, jnp.abs(here.v[0]), sway, offsets)
         return jnp.where(there, jnp.stack([y.T for y in found], axis=-1), jnp.nan)
 
     return jax.vmap(at)(times)

@@ -436,9 +436,9 @@ def impulses_at(podium: rj.Podium, sigma: int, theta_dot: float, u=()) -> tuple[
     x: tuple = (jnp.asarray(0.0),)
     if c.vibration is not None:
         x += (jnp.asarray(u) if several else jnp.asarray(u)[0],) if len(u) else (jnp.zeros(()),)
-    found = joints.impulses_of_columns(
-        c, jnp.asarray(float(sigma)), x, jnp.asarray(theta_dot), None if arms is None else arms.offsets
-    )
+    mode = jnp.asarray(float(sigma))
+    sway, offsets = joints.sway_of_modes(c, mode, x), None if arms is None else arms.offsets
+    found = joints.impulses_of_columns(c, mode, jnp.abs(jnp.asarray(theta_dot)), sway, offsets)
     return np.asarray(found[0]), np.asarray(found[1])
 
 
@@ -939,7 +939,7 @@ def bounds_along(scene: Scene, response, podium: rj.Podium) -> dict[str, np.ndar
         def at(t, x, v, sigma, piece):
             here = state._replace(t=t, event_time=t, x=x, v=v, sigma=sigma, piece=piece)
             bounds = Bounds.of(ready, here, piece, motion.piece(piece)(t), plan.follows_contact)
-            found = JointBounds(bounds)
+            found = JointBounds.of(bounds)
             return {
                 "holds": bounds.stays_inside | bounds.rests,
                 "rests": jnp.asarray(bounds.rests),
