@@ -51,6 +51,7 @@ class Bounds:
     rests: Flag | bool
     demand: Value
     swing: Values | None
+    _made: dict[Callable[..., Any], Any]
 
     @classmethod
     def of(
@@ -71,7 +72,7 @@ class Bounds:
         reduces weights, (C19), (C20).
         """
         self = cls()
-        self._made: dict[Callable, Any] = {}
+        self._made = {}
         scene, state = jax.lax.stop_gradient((scene, state))
         c = self.c = scene.c
         self.overturn_angle = scene.overturn_angle

@@ -158,6 +158,7 @@ class JointBounds:
     - `ground`, `vertical`: bounds of |ü_g| and |v̈_g| [m/s²]
     - `lean`: bound of the eccentricity of resultants, 1 while the columns rock
     - `angle`, `spin2`: bounds of |θ| [rad] and of θ̇² [1/s²]
+    - `foot`: lower bound of sin ψ, without restrainers
     - `fall`: bounds of the deceleration
     - `above`: bounds of the vibrating superstructure; None without one
     """
@@ -170,6 +171,7 @@ class JointBounds:
         lean: Value,
         angle: Value,
         spin2: Value,
+        foot: Value,
         fall: Fall,
         above: Superstructure | None,
     ):
@@ -182,7 +184,6 @@ class JointBounds:
         self.sin, self.cos = at_steepest
         # −s wherever the columns speed up, and bounds of the beam's accelerations on the side to which they
         # rock, Eqs. (14), (15).
-        foot = jnp.maximum(c.sin_alpha - angle, 0.0) if plain else 0.0
         self._speeds_up, steep = jnp.maximum(fall.off - fall.slope * foot, 0.0), self.sin
         back = 0.0 if plain else spin2 * steep  # beyond α
         self._sway = -c.two_R * (fall.most + back), c.two_R * (self._speeds_up + spin2 * steep)
@@ -208,12 +209,14 @@ class JointBounds:
             if c.restraint is not None
             else _fall(c, bounds.ground, bounds.vertical, spin2, springs)
         )
+        # The potential energy, Eq. (19), grows with cos ψ.
+        foot = jnp.sqrt(jnp.maximum(1 - (c.cos_alpha + bounds.energy / c.weight) ** 2, 0.0))
         either = lambda rocking: bounds.either(zero, rocking)
         lean = one = jnp.ones_like(zero)
         if not isinstance(bounds.rests, bool):
             lean = bounds.either(bounds.demand / c.uplift, one)
         return cls(
-            c, bounds.ground, bounds.vertical, lean, either(bounds.well), either(spin2),
+            c, bounds.ground, bounds.vertical, lean, either(bounds.well), either(spin2), foot,
             Fall(*map(either, fall)), above,
         )  # fmt: skip
 
@@ -222,7 +225,8 @@ class JointBounds:
         """Return the bounds of forces over bounces of a rigid podium."""
         c, spin2 = bounces.c, bounces.speed**2
         fall = _fall(c, bounces.ground, 0.0, spin2, None)
-        return cls(c, bounces.ground, 0.0, jnp.ones_like(c.alpha), bounces.height, spin2, fall, None)
+        foot = jnp.maximum(c.sin_alpha - bounces.height, 0.0)
+        return cls(c, bounces.ground, 0.0, jnp.ones_like(c.alpha), bounces.height, spin2, foot, fall, None)
 
     def _devices(self, number: int) -> Devices:
         """Return bounds of f_2 (`number` = 2) or f_1."""
