@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._engine import joints
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import coefficients, present
 from rockjax._engine.model import acceleration
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._excitations.base import Shaking
+from rockjax._outputs import joint_forces as joints
 from rockjax._outputs.joints import JointBounds
 from tests import restrained
 from tests.reference_joints import peaks, structure_of
