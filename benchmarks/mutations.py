@@ -1,11 +1,11 @@
-"""Do the tests notice every sign and every coefficient of the model? `python -m benchmarks.mutations
-[words] [--list] [--every K]`.
+"""Mutation test: do the tests notice a change of any sign, coefficient, power or comparison in the model?
 
-One after another, every sign, coefficient, power and comparison in the equations of motion, the certificate,
-the guard, the impact map and the formulas of the structures is changed in a copy of the project, and the
-tests are run on it until one fails: first those that know the file best, then those of the equations
-themselves, then those of what follows from them. With `--list` nothing is run: how many there are. With
-`--every` a sample of them.
+    python -m benchmarks.mutations [WORD ...] [--list] [--every K] [--stages N] [--processes N]
+
+The benchmark copies the project and changes one sign, coefficient, power or comparison at a time in the files
+of `FILES`. For each change it runs the tests in stages until one fails: first the tests of `NEAREST` for the
+changed file, then the stages of `STAGES`. With `--list` it counts the changes and runs no test. With
+`--every K` it tries every K-th change only.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from __future__ import annotations
 import argparse
 import ast
 import collections
-import copy
 import os
 import queue
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,21 +33,24 @@ FILES = [
     f"{folder}/{name}.py"
     for folder, names in {
         "_engine": "bounds certificate coefficients energy guard model transitions",
-        "_restrainers": "base damper dimensions inerter tendon together",
+        "_restrainers": "base damper dimensions inerter tendon combined",
         "_structures": "building podium restitution superstructures",
         "_excitations": "ground",
         "_outputs": "deformation drift floor_acceleration margin rotation shear",
     }.items()
     for name in names.split()
 ]
-# Changes that change nothing, or nothing that can be held against them: (file, part of the line, change) and
-# why.
+# Changes that alter no answer: (file, part of the changed line, change) and the reason.
 HARMLESS: dict[tuple[str, str, str], str] = {
-    ("_engine/coefficients.py", "finfo", "64 → 70.4"): "rounding that is allowed to the threshold",
-    ("_engine/bounds.py", "vertical = 0.0", "0.0 → 0.1"): "stands for none, and is not looked at",
-    ("_restrainers/combined.py", "0.5 * (low + top)", "0.5 → 0.55"): "where the search begins",
-    ("_restrainers/combined.py", "np.asarray(0.0).dtype", "0.0 → 0.1"): "only its type counts",
+    ("_engine/coefficients.py", "finfo", "64 → 70.4"): "a rounding allowance of the uplift threshold",
+    (
+        "_engine/bounds.py",
+        "vertical = 0.0",
+        "0.0 → 0.1",
+    ): "a marker: without vertical motion only its type is read",
+    ("_restrainers/combined.py", "np.asarray(0.0).dtype", "0.0 → 0.1"): "only the type of the number is read",
 }
+# Test files of each stage, the quickest stage first.
 STAGES = (
     ("engine/test_certificate.py",),
     ("engine/test_model.py", "test_structures.py"),
@@ -60,8 +62,8 @@ STAGES = (
     ),
     ("engine/test_restrainers.py", "engine/test_vertical.py", "engine/test_modes.py"),
 )
-# Tests that know a file best, (words of its name) → (files of tests, words of theirs): seconds instead of
-# minutes, as no scene is solved in most. Run first; with `--stages 0` nothing else.
+# The tests closest to a file: part of its path → (test files, the `-k` expression of pytest). Most of them
+# solve no scene, so they take seconds. They run before the stages; `--stages 0` runs nothing else.
 NEAREST = {
     "_restrainers/": (
         ("engine/test_restrainers.py",),
@@ -74,13 +76,14 @@ NEAREST = {
     ),
     "_structures/podium.py": (
         ("test_structures.py", "engine/test_restrainers.py", "engine/test_modes.py"),
-        "exact_numbers or uplift_follows or dimensions or frequenc or equivalent_block",
+        "exact_numbers or dimensions or frequenc or equivalent_block",
     ),
     "_excitations/ground.py": (
         ("engine/test_first_uplift.py", "engine/test_vertical.py"),
         "pairs or first_uplift or jumps_of_both",
     ),
 }
+NO_TESTS = 5  # exit status of pytest if it selects no test
 OPERATORS = {ast.Add: (ast.Sub, "+ → -"), ast.Sub: (ast.Add, "- → +")}
 COMPARISONS = {
     ast.Gt: (ast.Lt, "> → <"),
@@ -91,175 +94,204 @@ COMPARISONS = {
 
 
 class Mutant(NamedTuple):
+    """One change of one file.
+
+    - `file`: the file, relative to `rockjax/`
+    - `function`, `function_line`: name and first line of the function that contains the change
+    - `line`, `text`: number and text of the changed line
+    - `change`: the change in words, such as "+ → -"
+    - `node_index`: position of the changed node in `ast.walk` of the function
+    - `apply`: the function that changes this node in place
+    """
+
     file: str
     function: str
+    function_line: int
     line: int
+    text: str
     change: str
-    text: str  # the line of source
-    source: str  # of the whole changed file
+    node_index: int
+    apply: Callable[[Any], None]
+
+    def source(self) -> str:
+        """Return the source of the whole changed file."""
+        tree = ast.parse((ROOT / "rockjax" / self.file).read_text(encoding="utf-8"))
+        function = next(
+            node
+            for node in ast.walk(tree)
+            if isinstance(node, ast.FunctionDef) and node.lineno == self.function_line
+        )
+        self.apply(list(ast.walk(function))[self.node_index])
+        return ast.unparse(ast.fix_missing_locations(tree))
 
 
 def mutants() -> Iterator[Mutant]:
+    """Yield all changes of the functions and methods in `FILES`."""
     for file in FILES:
-        text = (ROOT / "rockjax" / file).read_text()
+        text = (ROOT / "rockjax" / file).read_text(encoding="utf-8")
         tree = ast.parse(text)
         classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
-        for node in [*tree.body, *(method for one in classes for method in one.body)]:
+        for node in [*tree.body, *(method for cls in classes for method in cls.body)]:
             if isinstance(node, ast.FunctionDef) and not node.name.startswith(("__", "_repr")):
-                yield from _of_function(file, text, tree, node)
+                yield from _mutants_of_function(file, text.splitlines(), node)
 
 
-def _of_function(file: str, text: str, tree: ast.Module, function: ast.FunctionDef) -> Iterator[Mutant]:
-    skip = {
-        id(n)
-        for part in (function.args, function.returns, *function.decorator_list)
-        if part
-        for n in ast.walk(part)
+def _mutants_of_function(file: str, lines: list[str], function: ast.FunctionDef) -> Iterator[Mutant]:
+    signature = [function.args, function.returns, *function.decorator_list]
+    ignored = {id(node) for part in signature if part for node in ast.walk(part)}
+    messages = [node for node in ast.walk(function) if isinstance(node, ast.JoinedStr)]
+    ignored |= {id(node) for message in messages for node in ast.walk(message)}
+    exponents = {
+        id(node.right)
+        for node in ast.walk(function)
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow)
     }
-    skip |= {id(n) for call in ast.walk(function) if isinstance(call, ast.JoinedStr) for n in ast.walk(call)}
-    powers = {
-        id(n.right) for n in ast.walk(function) if isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow)
-    }
-    lines = text.splitlines()
-    for number, node in enumerate(ast.walk(function)):
-        if id(node) in skip:
+    for index, node in enumerate(ast.walk(function)):
+        if id(node) in ignored:
             continue
-        for change, apply in _changes(node, id(node) in powers):
-            clone = copy.deepcopy(tree)
-            twin = next(
-                n for n in ast.walk(clone) if isinstance(n, ast.FunctionDef) and n.lineno == function.lineno
-            )
-            apply(list(ast.walk(twin))[number])
-            ast.fix_missing_locations(clone)
+        for change, apply in _changes(node, id(node) in exponents):
             line = getattr(node, "lineno", function.lineno)
-            yield Mutant(file, function.name, line, change, lines[line - 1].strip(), ast.unparse(clone))
+            text = lines[line - 1].strip()
+            yield Mutant(file, function.name, function.lineno, line, text, change, index, apply)
 
 
-def _changes(node: ast.AST, power: bool) -> Iterator[tuple[str, Any]]:
-    def operator(new):
-        def apply(n):
-            n.op = new()
+def _changes(node: ast.AST, is_exponent: bool) -> Iterator[tuple[str, Callable[[Any], None]]]:
+    """Yield the changes of a node: each in words, and as a function that changes the node in place."""
 
-        return apply
+    def set_field(name: str, value: Any) -> Callable[[Any], None]:
+        return lambda target: setattr(target, name, value)
 
     if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-        new, words = OPERATORS[type(node.op)]
-        yield words, operator(new)
+        operator, change = OPERATORS[type(node.op)]
+        yield change, set_field("op", operator())
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        yield "-x → x", operator(ast.UAdd)
+        yield "-x → x", set_field("op", ast.UAdd())
     elif isinstance(node, ast.Compare) and type(node.ops[0]) in COMPARISONS:
-        new, words = COMPARISONS[type(node.ops[0])]
-
-        def compare(n):
-            n.ops = [new()]
-
-        yield words, compare
+        comparison, change = COMPARISONS[type(node.ops[0])]
+        yield change, set_field("ops", [comparison()])
     elif (
         isinstance(node, ast.Constant)
         and isinstance(node.value, int | float)
         and not isinstance(node.value, bool)
     ):
-        other = node.value + 1 if power else (round(1.1 * node.value, 12) if node.value else 0.1)
-
-        def constant(n):
-            n.value = other
-
-        yield f"{node.value} → {other}", constant
+        other = node.value + 1 if is_exponent else (round(1.1 * node.value, 12) if node.value else 0.1)
+        yield f"{node.value} → {other}", set_field("value", other)
 
 
 def stages_of(mutant: Mutant, stages: int) -> Iterator[list[str]]:
-    """Arguments of pytest for one stage after another."""
-    for words, (files, names) in NEAREST.items():
-        if words in mutant.file:
-            yield ["-k", names, *(f"tests/{name}" for name in files)]
+    """Yield the arguments of pytest for each stage of tests."""
+    for path, (files, expression) in NEAREST.items():
+        if path in mutant.file:
+            yield ["-k", expression, *(f"tests/{name}" for name in files)]
     for stage in STAGES[:stages]:
         yield [f"tests/{name}" for name in stage]
 
 
-def noticed_by(mutant: Mutant, copy_of: Path, stages: int) -> str:
-    """Which test notices, if any."""
-    target = copy_of / "rockjax" / mutant.file
-    original = target.read_text()
+def first_failure(mutant: Mutant, project: Path, stages: int) -> str:
+    """Return the test that fails on a mutant, or "" if all pass.
+
+    - `project`: folder of a copy of the project, whose file is changed and then restored
+    - `stages`: number of stages of `STAGES` to run
+
+    Raises `RuntimeError` if a stage contains no test.
+    """
+    target = project / "rockjax" / mutant.file
+    original = target.read_text(encoding="utf-8")
     plain = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
     command = [sys.executable, "-m", "pytest", *plain, "-m", "not slow"]
-    environment = os.environ | {"PYTHONPATH": str(copy_of), "MPLBACKEND": "Agg"}
+    environment = os.environ | {"PYTHONPATH": str(project), "MPLBACKEND": "Agg"}
     try:
-        target.write_text(mutant.source)
+        target.write_text(mutant.source(), encoding="utf-8")
         for stage in stages_of(mutant, stages):
-            done = subprocess.run(
-                [*command, *stage], cwd=copy_of, env=environment, capture_output=True, text=True, timeout=1200
+            run = subprocess.run(
+                [*command, *stage], cwd=project, env=environment, capture_output=True, text=True, timeout=1200
             )
-            if done.returncode:
-                lines = done.stdout.splitlines()
+            if run.returncode == NO_TESTS:
+                raise RuntimeError(f"pytest selects no test for {' '.join(stage)}; correct NEAREST")
+            if run.returncode:
+                lines = run.stdout.splitlines()
                 failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
                 return (failed or lines[-1:] or ["crash"])[0].split(" - ")[0].split("::")[-1]
     except subprocess.TimeoutExpired:
-        return "does not end"
+        return "timeout"
     finally:
-        target.write_text(original)
+        target.write_text(original, encoding="utf-8")
     return ""
 
 
+def harmless_reason(mutant: Mutant) -> str:
+    """Return the reason of `HARMLESS` for a mutant, or "" if it is not listed there."""
+    reasons = (
+        reason
+        for (file, text, change), reason in HARMLESS.items()
+        if file == mutant.file and text in mutant.text and change == mutant.change
+    )
+    return next(reasons, "")
+
+
 def main() -> None:
-    arguments = argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    arguments.add_argument("words", nargs="*", help="of file, function and change: those that have all")
-    arguments.add_argument("--list", action="store_true", help="count them")
-    arguments.add_argument("--every", type=int, default=1, help="one of so many")
-    arguments.add_argument(
-        "--stages", type=int, default=len(STAGES), help="of the tests, the quickest first: fewer notice less"
+    parser.add_argument(
+        "words", nargs="*", help="try only changes whose file, function and change contain all of these words"
     )
-    arguments.add_argument("--processes", type=int, default=2, help="side by side")
-    given = arguments.parse_args()
-    words = given.words
+    parser.add_argument("--list", action="store_true", help="count the changes and run no test")
+    parser.add_argument("--every", type=int, default=1, help="try every K-th change only")
+    parser.add_argument(
+        "--stages",
+        type=int,
+        default=len(STAGES),
+        help="number of stages of tests, the quickest first; with fewer stages fewer changes are noticed",
+    )
+    parser.add_argument("--processes", type=int, default=2, help="number of copies tested at the same time")
+    arguments = parser.parse_args()
+    words = arguments.words
     chosen = [m for m in mutants() if all(w in f"{m.file} {m.function} {m.change}" for w in words)]
-    if given.list:
+    if arguments.list:
         counts = collections.Counter((m.file, m.function) for m in chosen)
         listed = [{"file": file, "function": name, "changes": k} for (file, name), k in counts.items()]
         total = {"file": "all", "function": "", "changes": len(chosen)}
         show([*listed, total])
         return
-    chosen = chosen[:: given.every]
+    chosen = chosen[:: arguments.every]
     copies: queue.Queue[Path] = queue.Queue()
     with tempfile.TemporaryDirectory() as folder:
-        for k in range(given.processes):
-            place = Path(folder) / str(k)
-            for part in ("rockjax", "optimise", "tests", "docs"):
-                shutil.copytree(ROOT / part, place / part, ignore=shutil.ignore_patterns("__pycache__"))
+        for k in range(arguments.processes):
+            project = Path(folder) / str(k)
+            for part in ("rockjax", "optimise", "tests", "docs", "benchmarks"):
+                shutil.copytree(ROOT / part, project / part, ignore=shutil.ignore_patterns("__pycache__"))
             for name in ("pyproject.toml", "README.md"):
-                shutil.copy(ROOT / name, place / name)
-            copies.put(place)
+                shutil.copy(ROOT / name, project / name)
+            copies.put(project)
 
-        def one(mutant: Mutant) -> str:
-            place = copies.get()
+        def test(mutant: Mutant) -> str:
+            project = copies.get()
             try:
-                return noticed_by(mutant, place, given.stages)
+                return first_failure(mutant, project, arguments.stages)
             finally:
-                copies.put(place)
+                copies.put(project)
                 bar.update()
 
-        with tqdm(total=len(chosen), unit=" mutants") as bar, ThreadPoolExecutor(given.processes) as pool:
-            found = list(pool.map(one, chosen))
+        with (
+            tqdm(total=len(chosen), unit=" mutants") as bar,
+            ThreadPoolExecutor(arguments.processes) as pool,
+        ):
+            failures = list(pool.map(test, chosen))
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     survivors = []
-    for mutant, test in zip(chosen, found, strict=True):
-        place = {"file": mutant.file, "function": mutant.function}
+    for mutant, failure in zip(chosen, failures, strict=True):
         row = rows.setdefault(
-            (mutant.file, mutant.function), place | {"changes": 0, "noticed": 0, "harmless": 0}
+            (mutant.file, mutant.function),
+            {"file": mutant.file, "function": mutant.function, "changes": 0, "noticed": 0, "harmless": 0},
         )
         row["changes"] += 1
-        row["noticed"] += bool(test)
-        if not test:
-            reasons = (
-                why
-                for (file, part, change), why in HARMLESS.items()
-                if file == mutant.file and part in mutant.text and change == mutant.change
-            )
-            why = next(reasons, "")
-            row["harmless"] += bool(why)
+        row["noticed"] += bool(failure)
+        if not failure:
+            reason = harmless_reason(mutant)
+            row["harmless"] += bool(reason)
             where = f"{mutant.file}:{mutant.line}"
-            survivors.append({"where": where, "change": mutant.change, "line": mutant.text, "why": why})
+            survivors.append({"where": where, "change": mutant.change, "line": mutant.text, "why": reason})
     table = list(rows.values())
     sums = {k: sum(r[k] for r in table) for k in ("changes", "noticed", "harmless")}
     table.append({"file": "all", "function": ""} | sums)
@@ -267,7 +299,7 @@ def main() -> None:
     print("\nnot noticed:" if survivors else "\nevery change is noticed")
     for row in survivors:
         print(f"  {row['where']}  {row['change']}:  {row['line']}  {row['why']}")
-    if not words and given.every == 1:
+    if not words and arguments.every == 1:
         store_rows("mutations", [*table, {"survivors": survivors}])
 
 

@@ -23,6 +23,7 @@ from rockjax._unit_warnings import warn_about_units
 from rockjax._units import STANDARD_GRAVITY
 
 from .base import AbstractExcitation, AbstractLookahead
+from .names import PULSE_CLASSES
 
 MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
 # sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq.
@@ -344,11 +345,5 @@ class HalfSine(AbstractPulse):
     velocity = staticmethod(OneSine.velocity)
 
 
-# Names on the command line and in problem files.
-PULSES: dict[str, type[AbstractPulse]] = {
-    "ricker": Ricker,
-    "antisymmetric-ricker": AntisymmetricRicker,
-    "one-sine": OneSine,
-    "one-cosine": OneCosine,
-    "half-sine": HalfSine,
-}
+# The pulse classes by their names in problem files and on the command line.
+PULSES: dict[str, type[AbstractPulse]] = {name: globals()[kind] for name, kind in PULSE_CLASSES.items()}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
     AfterValidator,
@@ -26,6 +26,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from rockjax._excitations.names import PULSE_CLASSES
 from rockjax._parameters import table
 from rockjax._units import RecordUnit
 
@@ -104,7 +105,10 @@ Amplitudes = Annotated[
 Levels = Annotated[
     Ends, satisfying(lambda y: 0 < y[0] <= y[1]), described_as(f"{_ENDS} 0 < lowest <= highest")
 ]
-PulseName = Literal["ricker", "antisymmetric-ricker", "one-sine", "one-cosine", "half-sine"]
+if TYPE_CHECKING:
+    PulseName = str
+else:
+    PulseName = Literal[tuple(PULSE_CLASSES)]
 
 
 class Keys(BaseModel):

@@ -9,7 +9,10 @@ import pytest
 from scipy.integrate import quad
 
 import rockjax as rj
+from rockjax._excitations import pulses
+from rockjax._excitations.names import PULSE_CLASSES
 from rockjax._excitations.pulses import BETA
+from rockjax._problem import models
 from tests.scenes import shaking
 
 PULSES = [rj.Ricker, rj.AntisymmetricRicker, rj.OneSine, rj.OneCosine, rj.HalfSine]
@@ -238,3 +241,12 @@ def test_methods_can_be_compiled():
     pulse = rj.Ricker(2.0, 1.0)
     assert float(jax.jit(pulse.scaled)(0.5).a_p) == 1.0
     np.testing.assert_array_equal(jax.vmap(pulse.scaled)(np.arange(3.0)).a_p, [0.0, 2.0, 4.0])
+
+
+def test_problem_files_know_every_pulse():
+    assert set(pulses.PULSES.values()) == set(PULSES)
+    for name, kind in pulses.PULSES.items():
+        assert kind.__name__ == PULSE_CLASSES[name]
+        assert models.Pulses(kind=name, a_p=1.0, T_p=1.0).kind == name
+    with pytest.raises(ValueError, match="one-sine"):
+        models.Pulses(kind="two-sines", a_p=1.0, T_p=1.0)

@@ -1,0 +1,10 @@
+"""Names of the analytical pulses in problem files and on the command line, without JAX."""
+
+# The name of each pulse, and the name of its class in `pulses.py`.
+PULSE_CLASSES = {
+    "ricker": "Ricker",
+    "antisymmetric-ricker": "AntisymmetricRicker",
+    "one-sine": "OneSine",
+    "one-cosine": "OneCosine",
+    "half-sine": "HalfSine",
+}
