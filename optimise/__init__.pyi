@@ -24,6 +24,7 @@ from ._problem import Problem as Problem
 from ._problem import load as load
 from ._results import RESULTS as RESULTS
 from ._targets import AbstractTarget as AbstractTarget
+from ._targets import LeastAxialForce as LeastAxialForce
 from ._targets import MedianCapacity as MedianCapacity
 from ._targets import NoOverturning as NoOverturning
 from ._targets import OverturningAcceleration as OverturningAcceleration
@@ -32,6 +33,8 @@ from ._targets import OverturningScale as OverturningScale
 from ._targets import PeakDeformation as PeakDeformation
 from ._targets import PeakDrift as PeakDrift
 from ._targets import PeakFloorAcceleration as PeakFloorAcceleration
+from ._targets import PeakFoundationShear as PeakFoundationShear
+from ._targets import PeakFriction as PeakFriction
 from ._targets import PeakLimit as PeakLimit
 from ._targets import PeakRotation as PeakRotation
 from ._targets import PeakShear as PeakShear

@@ -96,6 +96,11 @@ class WorstPeak(AbstractWorst):
     def __init__(self, output: str | AbstractOutput, excitations):
         super().__init__(excitations)
         self.output = limited_output(type(self).__name__, output)
+        if self.output.for_limit(1.0)[0] != self.output:
+            raise ValueError(
+                f"{type(self).__name__}: {self.output.name} can be infinite, so it cannot be minimised; "
+                "give it a limit as a target, such as optimise.PeakFriction"
+            )
 
     @property
     def outputs(self) -> tuple[str | AbstractOutput, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]

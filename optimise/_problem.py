@@ -35,6 +35,7 @@ from ._objectives import (
 )
 from ._targets import (
     AbstractTarget,
+    LeastAxialForce,
     MedianCapacity,
     NoOverturning,
     OverturningAcceleration,
@@ -43,6 +44,8 @@ from ._targets import (
     PeakDeformation,
     PeakDrift,
     PeakFloorAcceleration,
+    PeakFoundationShear,
+    PeakFriction,
     PeakLimit,
     PeakRotation,
     PeakShear,
@@ -51,8 +54,16 @@ from ._variables import Dimensions, Structure, as_podium, make_variables
 
 EXPECTED_LOSS = "expected-loss"
 # Outputs that a limit can be set to, by their kind in a problem file.
-PEAKS = {name.replace("_", "-"): name for name, y in REGISTRY.items() if y.until_overturning and y.variables}
-WORST: dict[str, Any] = {kind: functools.partial(WorstPeak, output) for kind, output in PEAKS.items()} | {
+PEAKS = {
+    name.replace("_", "-"): name
+    for name, output in REGISTRY.items()
+    if any(y.name == name and y.until_overturning for y in output.variables)
+}
+WORST: dict[str, Any] = {
+    kind: functools.partial(WorstPeak, name)
+    for kind, name in PEAKS.items()
+    if REGISTRY[name].for_limit(1.0)[0] == REGISTRY[name]
+} | {
     "peak-rotation": WorstRotation,
     "peak-shear": WorstShear,
     "peak-deformation": WorstDeformation,
@@ -90,8 +101,14 @@ class GaussianKeys(models.Keys):
 
 # Keys of targets: type and meaning.
 TARGET_KEYS: dict[str, tuple[Any, str]] = {
-    "limit": (Positive, "Largest peak: |θ|/α, V/(m_t g) [–], deformation or drift [m], acceleration [m/s²]."),
-    "at_least": (Positive, "Least factor on the motions [–]; of pulses [m/s²], or with ratio a_p/(g tan α)."),
+    "limit": (
+        Positive,
+        "Largest peak: |θ|/α, V/(m_t g), |T|/N, V/W_0 [–], deformation [m], acceleration [m/s²].",
+    ),
+    "at_least": (
+        Positive,
+        "Least factor on the motions, share of a load [–]; of pulses [m/s²] or a_p/(g tan α).",
+    ),
     "at_most": (Positive, "Largest probability [–], or frequency [1/year]."),
     "hazard": (str, _HAZARD),
     "motions": (str, _SET),
@@ -119,6 +136,9 @@ TARGETS: dict[str, tuple[Callable[..., AbstractTarget], str, str]] = {
     "peak-deformation": (PeakDeformation, "limit motions", ""),
     "peak-drift": (PeakDrift, "limit motions", ""),
     "peak-floor-acceleration": (PeakFloorAcceleration, "limit motions", ""),
+    "peak-friction": (PeakFriction, "limit motions", ""),
+    "peak-foundation-shear": (PeakFoundationShear, "limit motions", ""),
+    "least-axial-force": (LeastAxialForce, "at_least motions", ""),
     "no-overturning": (NoOverturning, "motions", ""),
     "overturning-acceleration": (
         OverturningAcceleration,

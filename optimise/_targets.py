@@ -16,6 +16,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._outputs.axial_force import LeastAxialShare
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.registry import REGISTRY, name_if_registered
 from rockjax._units import displayed_or_empty
@@ -125,8 +126,8 @@ class PeakLimit(AbstractResponseTarget):
       output of your own
     - `limit`: > 0, in the unit of the output; `excitations`: a motion or a list of them; `name`: in reports
 
-    Every mode, story or floor has its own margin, (limit − peak)/limit. Where the columns overturn, the
-    peak until then is no measure: the margin is then at most the overturning margin, which is negative.
+    Every mode, story, floor or joint has its own margin, (limit − peak)/limit. Where the columns overturn,
+    the peak until then is no measure: the margin is then at most the overturning margin, which is negative.
     Raises `ValueError` for other limits and outputs; and, when evaluated, for a podium without the output.
     """
 
@@ -139,7 +140,8 @@ class PeakLimit(AbstractResponseTarget):
     def __init__(self, output: str | AbstractOutput, limit, excitations, name: Name = None):
         owner = type(self).__name__
         check_limit(owner, "limit", limit)
-        self.output, self.limit, self.name = limited_output(owner, output), float(limit), name
+        self.output, self.limit = limited_output(owner, output).for_limit(float(limit))
+        self.name = name
         self.suite = Suite.of(excitations, owner)
 
     @property
@@ -148,8 +150,7 @@ class PeakLimit(AbstractResponseTarget):
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         margins = (self.limit - of_output(self, self.output, peaks)) / self.limit
-        overturned, depth = overturning_depths(peaks, len(margins))
-        return jnp.where(overturned, jnp.minimum(margins, -depth), margins)
+        return limited_by_overturning(margins, peaks)
 
     def describe(self) -> str:
         return f"{words_of(self.output)} ≤ {self.limit:g} {displayed_or_empty(self.output.unit)}".rstrip()
@@ -183,6 +184,12 @@ def of_output(wanted: AbstractResponses, output: AbstractOutput, peaks: rj.Peak)
             "superstructure has those of stories and floors"
         )
     return values.ravel()
+
+
+def limited_by_overturning(margins: Margins, peaks: rj.Peak) -> Margins:
+    """Return margins (k,) of peaks, at most the overturning margin where the columns overturn."""
+    overturned, depth = overturning_depths(peaks, len(margins))
+    return jnp.where(overturned, jnp.minimum(margins, -depth), margins)
 
 
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
@@ -237,6 +244,72 @@ class PeakFloorAcceleration(PeakLimit):
 
     def __init__(self, limit, excitations, name: Name = None):
         super().__init__("peak_floor_acceleration", limit, excitations, name)
+
+
+class PeakFriction(PeakLimit):
+    """The joints of all columns need at most the friction coefficient `limit`: max|T|/N ≤ limit, (F9).
+
+    - `limit`: > 0 [–], such as μ over a safety factor; `excitations`: a motion or a list of them; `name`: in
+      reports
+
+    The margins of the bottom and the top joint are the least (limit·N − |T|)/(limit·N_0) with the dead load
+    N_0 of the mean column. They are smooth where a joint pulls, so that a design finds its way back from
+    there. Columns stand as the elevation of the podium says; without one the mean column counts.
+    """
+
+    friction: float = eqx.field(static=True)
+
+    def __init__(self, limit, excitations, name: Name = None):
+        super().__init__("peak_friction", limit, excitations, name)
+        self.friction = float(limit)
+
+    def describe(self) -> str:
+        return f"friction demand ≤ {self.friction:g}"
+
+
+class PeakFoundationShear(PeakLimit):
+    """The shear on the foundation over the total weight stays at most `limit`: max|V|/W_0 ≤ limit, (F5).
+
+    - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: in reports
+    """
+
+    def __init__(self, limit, excitations, name: Name = None):
+        super().__init__("peak_foundation_shear", limit, excitations, name)
+
+    def describe(self) -> str:
+        return f"foundation shear ≤ {self.limit:g} W_0"
+
+
+class LeastAxialForce(AbstractResponseTarget):
+    """Every joint of every column keeps the share `at_least` of its dead load: N ≥ at_least·N_0, (F8).
+
+    - `at_least`: 0 ≤ at_least < 1 [–]; 0 keeps the joints closed
+    - `excitations`: a motion or a list of them; `name`: in reports
+
+    The margins of the bottom and the top joint are min N/N_0 − at_least, with the dead load N_0 of the mean
+    column. Where the columns overturn they are at most the overturning margin. Columns stand as the elevation
+    of the podium says; without one the mean column counts. Raises `ValueError` for other shares.
+    """
+
+    at_least: Any
+    suite: Suite
+    name: Name = eqx.field(static=True)
+    outputs: ClassVar[tuple[str | AbstractOutput, ...]] = (LeastAxialShare(), "margin")
+    until_overturning: ClassVar[bool] = True
+
+    def __init__(self, at_least, excitations, name: Name = None):
+        share = concrete(at_least)
+        if share is None or not np.all(np.isfinite(share) & (share >= 0) & (share < 1)):
+            raise ValueError(f"LeastAxialForce: at_least must be in [0, 1), got at_least = {at_least!r}")
+        self.at_least, self.name = float(at_least), name
+        self.suite = Suite.of(excitations, "LeastAxialForce")
+
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+        shares = of_output(self, LeastAxialShare(), peaks)
+        return limited_by_overturning(shares - self.at_least, peaks)
+
+    def describe(self) -> str:
+        return f"axial force ≥ {self.at_least:g} of the dead load"
 
 
 class NoOverturning(AbstractResponseTarget):

@@ -59,12 +59,14 @@ class Joints(NamedTuple):
     """Constants of forces in the joints.
 
     - `gamma`, `lam`: mass ratio of what moves with the beam, and the inertia factor of a column
+    - `dead_load`: N of the mean column at rest at the bottom and the top joint [m_c g]
     - `impulses`: those of an impact, over its speed, (F12); `impulse_place`: their eccentricity ξ_J, (F13)
     - `arms`: positions of the columns and first moments of the masses; None without an elevation
     """
 
     gamma: Value
     lam: Value
+    dead_load: Values
     impulses: Impulses
     impulse_place: Value
     arms: Arms | None
@@ -184,7 +186,7 @@ def _joints(podium: Podium) -> Joints:
     found = impulses(2 * podium.R, sin, cos, gamma, eta, (bottom, top), e)
     # μ = μ_2 + μ_1 of the equivalents over both joints, where μ_b = μ_2 + 2μ_1 and μ_t = μ_2.
     place = impulse_eccentricity(sin**2, gamma, eta, podium.lam, 0.5 * (bottom + top), e)
-    return Joints(gamma, podium.lam, found, place, arms)
+    return Joints(gamma, podium.lam, podium.dead_load, found, place, arms)
 
 
 def _vibration(podium: Podium) -> Vibration | None:

@@ -41,6 +41,10 @@ class Quintic(NamedTuple):
     def curvature(self, z: Values | float) -> Values:
         return 2 * self.c2 + z * (6 * self.c3 + z * (12 * self.c4 + z * (20 * self.c5)))
 
+    def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
+        """Return the result of the function of this name."""
+        return turning_point_or_dip(self, turned, rising)
+
 
 class Cubic(NamedTuple):
     """A polynomial c0 + c1 z + c2 z² + c3 z³ of one quantity, or of several in a row."""
@@ -58,6 +62,10 @@ class Cubic(NamedTuple):
 
     def curvature(self, z: Values | float) -> Values:
         return 2 * self.c2 + z * (6 * self.c3)
+
+    def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
+        """Return the result of the function of this name."""
+        return turning_point_or_dip(self, turned, rising)
 
 
 def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Values, h: Value) -> Quintic:
@@ -138,13 +146,25 @@ def turning_point_or_dip(polynomial: Quintic | Cubic, turned: Flags, rising: Fla
     """
     if isinstance(polynomial, Cubic):
         return _turning_point_or_dip_of_cubic(polynomial, turned, rising)
+    return turning_point_of_slope(derivative(polynomial), jnp.abs(polynomial.c0), turned, rising)
+
+
+def turning_point_of_slope(
+    coefficients: Sequence[Values], size: Values, turned: Flags, rising: Flags
+) -> tuple[Values, Flags]:
+    """Return the same of a quantity whose slope has the sign of a polynomial.
+
+    - `coefficients`: of that polynomial, lowest power first
+    - `size`: its order of magnitude, to which rounding is relative
+    - `turned`, `rising`: as for `turning_point_or_dip`
+    """
     sign = barrier(jnp.where(rising, 1.0, -1.0))
-    slope = [sign * c for c in derivative(polynomial)]
+    slope = [sign * c for c in coefficients]
     curvature = [-c for c in derivative(slope)]
     may_dip = ~turned & (curvature[0] > 0) & (sum(curvature[1:], curvature[0]) < 0)
     pairs = zip(slope, [*curvature, jnp.zeros_like(sign)], strict=True)
     z = _first_zero([jnp.where(turned, a, b) for a, b in pairs])
-    noise = 128 * jnp.finfo(sign.dtype).eps * jnp.abs(polynomial.c0)
+    noise = 128 * jnp.finfo(sign.dtype).eps * size
     return z, may_dip & (_horner(slope, z) < -noise)
 
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.coefficients import present
 from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Maximum
 from rockjax._types import Flag, Values
 
@@ -39,7 +40,7 @@ class AxialForce(AbstractOfJoints):
 
     def over_step(self, step: Step, record: Values) -> Maximum:
         axial = jax.tree.map(lambda forces: halves(forces)[1] / step.c.g, step.course(end_forces))
-        return step.largest(axial, record, WELL_INSIDE_CUBIC, both=True)
+        return step.largest(axial, record, WELL_INSIDE_CUBIC, sizes="both")
 
     def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
         return self._stands(JointBounds.over(bounces), record)
@@ -55,3 +56,24 @@ class AxialForce(AbstractOfJoints):
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         pulled, pressed = (self.answered(ended, self.worst(y)) for y in halves(record))
         return {"least_axial_force": 0.0 - pulled, "peak_axial_force": pressed}
+
+
+@dataclasses.dataclass(frozen=True)
+class LeastAxialShare(AxialForce):
+    """The least axial force N of the bottom and the top joint of the worst column over the dead load of the
+    mean column [–]; 1 where there is no dead load. For targets."""
+
+    name = "least_axial_share"
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        text = "least axial force over the dead load min N/N_0"
+        return (Variable(self.name, "1", text, "min N/N_0", JOINTS),)
+
+    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
+        least, load = (
+            super().answer(ended, record, note)["least_axial_force"],
+            present(ended.scene.c.joints).dead_load,
+        )
+        share = jnp.where(load > 0, least / jnp.where(load > 0, load, 1.0), 1.0)
+        return {self.name: share}

@@ -101,6 +101,11 @@ class AbstractOutput:
         del podium
         return self
 
+    def for_limit(self, limit: float) -> tuple[AbstractOutput, float]:
+        """Return the output that a target with a limit reads, and the limit of its answer. Override it for
+        answers that become infinite."""
+        return self, limit
+
     # ------------------------------------------------------------------------------------- following a scene
     def quantity(self, moment: Moment) -> Values:
         """Return the quantity at a moment: one number, or a row of them."""

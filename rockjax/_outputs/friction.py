@@ -3,17 +3,53 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.coefficients import present
+from rockjax._engine.hermite import Cubic, turning_point_of_slope
 from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Maximum
-from rockjax._types import Flag, Values
+from rockjax._structures import Podium
+from rockjax._types import Flag, Flags, Values
 
+from .base import AbstractOutput
 from .joints import AbstractOfJoints, JointBounds, end_forces, friction_of, halves, quarter_tangent
-from .views import Bounces, Ended, Start, Step
+from .views import Bounces, Course, Ended, Start, Step
+
+
+class AnglePath(NamedTuple):
+    """The angle of a force over a step as tan(φ/4), from the polynomials of T and N.
+
+    The angle itself is no polynomial: it swings within a fraction of a step where N is close to zero.
+    """
+
+    across: Cubic
+    axial: Cubic
+
+    def value(self, z: Values | float) -> Values:
+        return quarter_tangent(self.across.value(z), self.axial.value(z))
+
+    def slope(self, z: Values | float) -> Values:
+        (across, across_slope), (axial, axial_slope) = ((y.value(z), y.slope(z)) for y in self)
+        return jax.jvp(quarter_tangent, (across, axial), (across_slope, axial_slope))[1]
+
+    def curvature(self, z: Values) -> Values:
+        return jax.jvp(self.slope, (z,), (jnp.ones_like(z),))[1]
+
+    def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
+        # φ' has the sign of N T' − T N', a polynomial.
+        t, n = self.across, self.axial
+        slope = [
+            n.c0 * t.c1 - t.c0 * n.c1,
+            2 * (n.c0 * t.c2 - t.c0 * n.c2),
+            3 * (n.c0 * t.c3 - t.c0 * n.c3) + n.c1 * t.c2 - t.c1 * n.c2,
+            2 * (n.c1 * t.c3 - t.c1 * n.c3),
+            n.c2 * t.c3 - t.c2 * n.c3,
+        ]
+        return turning_point_of_slope(slope, t.c0**2 + n.c0**2, turned, rising)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,11 +64,18 @@ class PeakFriction(AbstractOfJoints):
     description = "largest friction demand max|T|/N of the joints"
     symbol = "max |T|/N"
 
+    def for_limit(self, limit: float) -> tuple[AbstractOutput, float]:
+        return FrictionUse(limit=limit), 1.0
+
     def start(self, start: Start) -> tuple[Values, None]:
         return self.zeros(start), None
 
     def over_step(self, step: Step, record: Values) -> Maximum:
-        angles = step.through(step.course(end_forces), lambda forces: quarter_tangent(*halves(forces)))
+        forces = step.course(end_forces)
+        angle = lambda values: quarter_tangent(*halves(values))
+        first, last = (jax.jvp(angle, end[:1], end[1:]) for end in (forces.first, forces.last))
+        across, axial = zip(*map(halves, forces.path), strict=True)
+        angles = Course(AnglePath(Cubic(*across), Cubic(*axial)), first, last)
         found = step.largest(angles, record, WELL_INSIDE_CUBIC)
         return found._replace(value=jnp.minimum(found.value, 1.0))
 
@@ -47,3 +90,39 @@ class PeakFriction(AbstractOfJoints):
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         return {self.name: self.answered(ended, friction_of(self.worst(record)))}
+
+
+@dataclasses.dataclass(frozen=True)
+class FrictionUse(AbstractOfJoints):
+    """The largest use of the friction of a joint 1 − (μN − |T|)/(μN_0), with the dead load N_0 of the mean
+    column [–]; 1 where it slides, 0 where there is no dead load. For targets: unlike |T|/N it stays smooth
+    where a joint pulls.
+
+    Its record is the largest |T| − μN [m/s²], of T and of −T.
+
+    - `limit`: friction coefficient μ [–]
+    """
+
+    name = "friction_use"
+    description = "largest use of friction 1 − (μN − |T|)/(μN_0)"
+    symbol = "max 1 − (μN − |T|)/(μN_0)"
+
+    limit: float = 1.0
+
+    def of(self, podium: Podium) -> Self:
+        return dataclasses.replace(super().of(podium), limit=self.limit)
+
+    def start(self, start: Start) -> tuple[Values, None]:
+        return self.zeros(start, 2) - jnp.inf, None
+
+    def over_step(self, step: Step, record: Values) -> Maximum:
+        def excess(forces: Values) -> Values:
+            across, axial = halves(forces)
+            return jnp.concatenate([across, -across]) - self.limit * jnp.concatenate([axial, axial])
+
+        return step.largest(jax.tree.map(excess, step.course(end_forces)), record, sizes="signed")
+
+    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
+        load = self.limit * ended.scene.c.g * present(ended.scene.c.joints).dead_load
+        use = 1 + jnp.maximum(*map(self.worst, halves(record))) / jnp.where(load > 0, load, 1.0)
+        return {self.name: self.answered(ended, jnp.where(load > 0, use, 0.0))}

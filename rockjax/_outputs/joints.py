@@ -54,11 +54,6 @@ def _squares(across: Values, axial: Values) -> tuple[Values, Flags]:
     return jnp.where(squares == 0, 1.0, squares), squares == 0
 
 
-def angle_of(quarter: Values) -> Values:
-    """Return φ of tan(φ/4) [rad]."""
-    return 4 * jnp.arctan(quarter)
-
-
 def friction_of(quarter: Values) -> Values:
     """Return the friction demand |T|/N = tan φ of tan(φ/4) ≥ 0; inf from π/2 on, where joints pull; NaN of
     NaN."""

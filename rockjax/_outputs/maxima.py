@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.hermite import Cubic, Quintic, derivative, turning_point_or_dip
+from rockjax._engine.hermite import Cubic, Quintic, derivative
 from rockjax._engine.ratio import safe_ratio
 from rockjax._programs.barrier import barrier
-from rockjax._types import Flag, Value, Values
+from rockjax._types import Flag, Flags, Value, Values
 
 # A step is shortened to end on an extremum that would raise the record and lies well inside the step. Near
 # the ends the polynomial is as accurate as the step itself.
@@ -21,6 +22,23 @@ WELL_INSIDE = 0.02
 WELL_INSIDE_QUINTIC = 2e-3
 WELL_INSIDE_CUBIC = 1e-4
 ROUNDING = 64  # times the resolution of numbers
+
+
+Sizes = Literal["absolute", "signed", "both"]
+_SIZES: dict[str, Callable[[Values], Values]] = {
+    "absolute": jnp.abs,
+    "signed": lambda y: y,
+    "both": lambda y: jnp.concatenate([-y, y]),
+}
+
+
+class Path(Protocol):
+    """A quantity f(z) over a step, z ∈ [0, 1]."""
+
+    def value(self, z: Any) -> Values: ...
+    def slope(self, z: Any) -> Values: ...
+    def curvature(self, z: Any) -> Values: ...
+    def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]: ...
 
 
 class Maximum(NamedTuple):
@@ -39,16 +57,16 @@ class End(NamedTuple):
     past: Value
 
 
-@functools.partial(jax.jit, static_argnames=("inside", "lands", "both"))
+@functools.partial(jax.jit, static_argnames=("inside", "lands", "sizes"))
 def largest(
-    path: Quintic | Cubic,
+    path: Path,
     h: Value,
     long: Flag,
     record: Values,
     ends: tuple[End, End],
     inside: float = WELL_INSIDE_QUINTIC,
     lands: bool = True,
-    both: bool = False,
+    sizes: Sizes = "absolute",
 ) -> Maximum:
     """Return max|f| over a step of length h, and where to shorten the step to land on it.
 
@@ -58,16 +76,16 @@ def largest(
     - `ends`: f and its rate at both ends; an end that is an event or a breakpoint moves with the parameters
     - `inside`: part of the step at both ends where an extremum need not be landed on
     - `lands`: whether extrema are landed on
-    - `both`: whether max(−f) and max f are wanted instead, one after the other in records and values, which
-      may be negative then
+    - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for max(−f) and then max f in records and
+      values; in the last two these may be negative
 
     A step over which f turns twice is cut between both extrema where they could raise the record.
     """
-    size_of = (lambda y: jnp.concatenate([-y, y])) if both else jnp.abs
-    each = (lambda y: jnp.concatenate([y, y])) if both else (lambda y: y)
-    rates, sizes = [end.rate for end in ends], [size_of(end.value) for end in ends]
+    size_of = _SIZES[sizes]
+    each = (lambda y: jnp.concatenate([y, y])) if sizes == "both" else (lambda y: y)
+    rates, of_each_end = [end.rate for end in ends], [size_of(end.value) for end in ends]
     turned = rates[0] * rates[1] < 0
-    z, dips = barrier(turning_point_or_dip(jax.lax.stop_gradient(path), turned, rates[0] > 0))
+    z, dips = barrier(jax.lax.stop_gradient(path).turning_point_or_dip(turned, rates[0] > 0))
     at_z = size_of(path.value(z))
     value = jnp.where(each(turned), at_z, -jnp.inf)
     of_rates = safe_ratio(rates[1] - rates[0], h, h > 0)
@@ -78,9 +96,9 @@ def largest(
     value = barrier(value)
     # Over a short hop the quantity is nearly constant: a maximum that equals an end value up to rounding
     # needs no shorter step.
-    of_ends = jnp.maximum(*sizes)
+    of_ends = jnp.maximum(*of_each_end)
     rounding = ROUNDING * jnp.finfo(h.dtype).eps
-    if both:
+    if sizes != "absolute":
         stands_out = jax.lax.stop_gradient(value > of_ends + rounding * jnp.abs(of_ends))
         near = record - jnp.where(jnp.isfinite(record), NEAR_RECORD * jnp.abs(record), 0.0)
     else:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from rockjax._engine.attempt import Attempt
 from rockjax._engine.coefficients import Coefficients, Vibration, present, summed, weighted
 from rockjax._engine.guard import Guard
-from rockjax._engine.hermite import Cubic, Quintic, is_long, quintic
+from rockjax._engine.hermite import Quintic, is_long, quintic
 from rockjax._engine.model import acceleration, beam, beam_absolute, beam_acceleration
 from rockjax._engine.ratio import safe_ratio
 from rockjax._engine.state import LoopState, Scene
@@ -27,6 +27,7 @@ from rockjax._outputs.maxima import (
     WELL_INSIDE_QUINTIC,
     End,
     Maximum,
+    Sizes,
     cubic,
     largest,
     spring,
@@ -94,7 +95,7 @@ class Span(NamedTuple):
 class Course(NamedTuple):
     """A quantity over a step: its polynomial, and its value and rate at both ends."""
 
-    path: Quintic | Cubic
+    path: Any  # a `Path`
     first: tuple[Values, Values]
     last: tuple[Values, Values]
 
@@ -168,12 +169,6 @@ class Step:
         found = self._courses[quantity] = Course(path, first, last)
         return found
 
-    def through(self, course: Course, function: Callable[[Values], Values]) -> Course:
-        """Return a function of a quantity over the step as a cubic."""
-        first, last = (jax.jvp(function, end[:1], end[1:]) for end in (course.first, course.last))
-        path = cubic(first[0], first[1], last[0], last[1], self.trial.h)
-        return Course(path, first, last)
-
     @functools.cached_property
     def _jets(self) -> tuple[Jet, Jet]:
         """Deformation of each mode with two derivatives in time, at both ends of the step."""
@@ -218,7 +213,8 @@ class Step:
             return None
         of_beam = self.course(lambda m: beam_absolute(m.c, m.sigma, m.ground, m.x, m.v, m.a))
         zero = jnp.zeros_like(self.span.h)
-        return of_beam._replace(path=Quintic(*of_beam.path[:4], zero, zero))
+        path = of_beam.path
+        return of_beam._replace(path=Quintic(path.c0, path.c1, path.c2, path.c3, zero, zero))
 
     @property
     def inside_of_forces(self) -> float:
@@ -253,7 +249,7 @@ class Step:
         record: Values,
         inside: float = WELL_INSIDE_CUBIC,
         lands: bool = True,
-        both: bool = False,
+        sizes: Sizes = "absolute",
     ) -> Maximum:
         """Return the largest absolute value of a quantity over the step, and where to shorten the step to
         land on it.
@@ -262,11 +258,10 @@ class Step:
         - `record`: largest absolute value so far
         - `inside`: part of the step at both ends within which a maximum need not be landed on
         - `lands`: whether maxima are landed on at all
-        - `both`: whether the largest values of −f and of f are wanted instead of |f|, one after the other in
-          records and values
+        - `sizes`: "absolute" for |f|, "signed" for f, "both" for −f and then f in records and values
         """
         ends = End(*course.first, self.span.before), End(*course.last, self.span.after)
-        return largest(course.path, self.span.h, self.span.long, record, ends, inside, lands, both)
+        return largest(course.path, self.span.h, self.span.long, record, ends, inside, lands, sizes)
 
     def time_to_turn(self, z: Value) -> Value:
         """Return the time from the start of the step to its turning point of θ near `z`, which moves with the
