@@ -71,9 +71,7 @@ class LeastAxialShare(AxialForce):
         return (Variable(self.name, "1", text, "min N/N_0", JOINTS),)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        least, load = (
-            super().answer(ended, record, note)["least_axial_force"],
-            present(ended.scene.c.joints).dead_load,
-        )
+        least = super().answer(ended, record, note)["least_axial_force"]
+        load = present(ended.scene.c.joints).dead_load
         share = jnp.where(load > 0, least / jnp.where(load > 0, load, 1.0), 1.0)
         return {self.name: share}

@@ -122,7 +122,21 @@ class FrictionUse(AbstractOfJoints):
 
         return step.largest(jax.tree.map(excess, step.course(end_forces)), record, sizes="signed")
 
+    def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
+        return self._stands(JointBounds.over(bounces), record)
+
+    def is_final(self, bounds: Bounds, record: Values) -> Flag:
+        return self._stands(JointBounds.of(bounds), record)
+
+    def _stands(self, bounds: JointBounds, record: Values) -> Flag:
+        above = bounds.friction - self.limit
+        beyond = above * jnp.where(above < 0, bounds.least_axial, bounds.most_axial)
+        return every(beyond <= self._worst_excess(jax.lax.stop_gradient(record)))
+
+    def _worst_excess(self, record: Values) -> Values:
+        return jnp.maximum(*map(self.worst, halves(record)))
+
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         load = self.limit * ended.scene.c.g * present(ended.scene.c.joints).dead_load
-        use = 1 + jnp.maximum(*map(self.worst, halves(record))) / jnp.where(load > 0, load, 1.0)
+        use = 1 + self._worst_excess(record) / jnp.where(load > 0, load, 1.0)
         return {self.name: self.answered(ended, jnp.where(load > 0, use, 0.0))}
