@@ -21,7 +21,8 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def one_parameter_a_line(signature: str) -> str:
-    """`(a: int, b=1) -> None` over four lines; as it is where there is one parameter or none."""
+    """`(a: int, b=1) -> None` over four lines, without private parameters; as it is where there is one parameter
+    or none."""
     signature = str(signature)
     parts, depth, quote, start = [], 0, "", 1
     for k, letter in enumerate(signature):
@@ -39,7 +40,8 @@ def one_parameter_a_line(signature: str) -> str:
             if depth == 0:
                 break
     if len(parts) > 1:
-        signature = "(\n" + "".join(f"    {part},\n" for part in parts) + ")" + signature[start:]
+        public = (part for part in parts if not part.startswith("_"))
+        signature = "(\n" + "".join(f"    {part},\n" for part in public) + ")" + signature[start:]
     return Markup(signature)  # it is code: escaped once it is formatted
 
 

@@ -46,6 +46,7 @@ class Dimensions(Module):
     - `story_masses`: of the floors of a building [kg]; `story_stiffnesses`: of its stories [N/m]
     - `modes`: number of modes of the building that are kept; None keeps all
     - `positions`: of the columns along the motion [m], with `beam_depth`, `top_height`, `residual_height` [m]
+    - `end_radius`: radius of round ends of the columns [m]
 
     A building is as in `rockjax.Podium.from_dimensions`; its variables are `story_mass_1`,
     `story_stiffness_2` …, numbered from the bottom.
@@ -82,6 +83,7 @@ class Dimensions(Module):
     beam_depth: Any = 0.0
     top_height: Any = 0.0
     residual_height: Any = 0.0
+    end_radius: Any = 0.0
 
     def __check_init__(self):
         self.podium()

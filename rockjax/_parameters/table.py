@@ -99,6 +99,7 @@ _STORIES, _UNIFORM = "number of stories of a building whose stories are alike", 
 _HEIGHT = "height of the superstructure above the beam"
 _RESIDUAL_HEIGHT = "height of the residual mass above the beam"
 _LINEAR = "1 is a linear damper"
+_ROUND = "less than H, without devices"
 
 # Parameters of a podium. Stored ones have a place; the others are computed in variants.py.
 STRUCTURE = _by_name(
@@ -178,6 +179,7 @@ DIMENSIONS = _by_name(
     Parameter("damper_coefficient", "C", "N (s/m)^ν", NOT_NEGATIVE, "coefficient of the damper of a column"),
     Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note=_LINEAR),
     Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
+    Parameter("end_radius", "r_c", "m", NOT_NEGATIVE, "radius of round ends of a column", note=_ROUND),
 )
 # Arguments that are rows of numbers: one for each story, numbered from 1.
 ROWS_OF_DIMENSIONS = _by_name(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import array_module, concrete
+from rockjax._checks import array_module, concrete, require, require_not_negative
 from rockjax._types import Number
 from rockjax._unit_warnings import warn_about_units
 
@@ -48,6 +48,27 @@ def slenderness_and_size(width: Number, height: Number) -> tuple[Number, Number]
     Eq. (1)."""
     numpy = array_module(width, height)
     return numpy.arctan(width / height), 0.5 * numpy.sqrt(width**2 + height**2)
+
+
+def enlargement(owner: str, radius: Number, height: Number) -> Number:
+    """Return H/(H − r_c), the size of the podium with flat ends that rocks as one with round ends, (R5), over
+    the size of the latter.
+
+    - `owner`: name for error messages
+    - `radius`: radius r_c of the round ends of a column, in [0, H) [m]
+    - `height`: full height 2H of a column [m]
+
+    Raises `ValueError` for a concrete radius out of range.
+    """
+    require_not_negative(owner, end_radius=radius)
+    half = 0.5 * height
+    radii, halves = concrete(radius), concrete(half)
+    if radii is not None and halves is not None:
+        radii, halves = np.broadcast_arrays(radii, halves)
+        limit = float(halves[radii >= halves].min(initial=np.inf))
+        words = f"less than half the height, {limit:g} m (a column with rounder ends never overturns)"
+        require(owner, "end_radius", radii, lambda v: v < halves, words)
+    return half / (half - radius)
 
 
 def g_tan_alpha(alpha: Number, g: Number) -> Number:

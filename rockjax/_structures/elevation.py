@@ -39,14 +39,21 @@ class Elevation(Module):
     beam_depth: Number
     top_height: Any  # a number, or a row over modes or floors
     residual_height: Number
+    _raised: Number | None = None  # tops of the columns of the model above the real ones [m]: round ends
 
     def __init__(
-        self, columns: Any, beam_depth: Any = 0.0, top_height: Any = 0.0, residual_height: Any = 0.0
+        self,
+        columns: Any,
+        beam_depth: Any = 0.0,
+        top_height: Any = 0.0,
+        residual_height: Any = 0.0,
+        _raised: Any = None,
     ):
         self.columns = row("Elevation", "columns", columns, "column")
         self.beam_depth = as_float(beam_depth, "Elevation: beam_depth")
         self.top_height = as_float(top_height, "Elevation: top_height")
         self.residual_height = as_float(residual_height, "Elevation: residual_height")
+        self._raised = None if _raised is None else as_float(_raised, "Elevation: _raised")
 
     def __check_init__(self):
         owner = "Elevation"
@@ -123,13 +130,16 @@ class Elevation(Module):
         - `top`: the superstructure
         """
         depth, offsets = self.beam_depth, self.offsets
-        beam = 0.5 * gamma * depth
+        beam, carried_height = 0.5 * gamma * depth, self.residual_height + depth
+        if self._raised is not None:
+            depth, carried_height = depth - self._raised, carried_height - self._raised
+            beam = beam - gamma * self._raised
         if top is None:
             return Arms(offsets, beam, None)
         height = self.top_height if top.own_heights is None else top.own_heights
         if top.height_count is not None:
             height, depth = joined(as_many(height, top.height_count)), depth[..., None]
-        of_modes, carried = top.first_moments(height + depth, self.residual_height + self.beam_depth)
+        of_modes, carried = top.first_moments(height + depth, carried_height)
         return Arms(offsets, beam if carried is None else beam + carried, of_modes)
 
     def __repr__(self):
