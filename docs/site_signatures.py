@@ -21,8 +21,8 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def one_parameter_a_line(signature: str) -> str:
-    """`(a: int, b=1) -> None` over four lines, without private parameters; as it is where there is one parameter
-    or none."""
+    """`(a: int, b=1) -> None` over four lines, without private parameters; as it is where there is one
+    parameter or none."""
     signature = str(signature)
     parts, depth, quote, start = [], 0, "", 1
     for k, letter in enumerate(signature):
