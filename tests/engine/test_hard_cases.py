@@ -1,5 +1,4 @@
-"""Hard cases, each with its expected outcome; the first words of each docstring are its row in
-docs/verification.md."""
+"""Hard cases, each with its expected outcome; docs/verification.md lists them."""
 
 import math
 
