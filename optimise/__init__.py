@@ -1,5 +1,4 @@
-"""Gradient-based design of rocking podiums: size the columns so that targets hold and an objective is
-minimal."""
+"""Gradient-based design of rocking podiums: size them so that targets hold and an objective is minimal."""
 
 import lazy_loader as _lazy_loader
 

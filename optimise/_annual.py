@@ -1,4 +1,4 @@
-"""Targets on a risk: how often the columns overturn at a site."""
+"""Target on a risk: the mean annual frequency with which the columns overturn at a site."""
 
 from __future__ import annotations
 
@@ -31,18 +31,20 @@ class AnnualFrequency(AbstractScaleTarget):
     """The columns overturn at most `at_most` times a year, on average.
 
     - `at_most`: mean annual frequency λ_f, > 0 [1/year]
-    - `hazard`: the [`rockjax.Hazard`][] of the site, over PGA, PGV or Sa at a period, in SI units
+    - `hazard`: the [`rockjax.Hazard`][] of the site, a curve over PGA, PGV or Sa at a period, in SI units
     - `suite`: two or more records or motions, or `FreshSamples` of records; each is scaled to every intensity
       of the hazard's measure, which refers to the horizontal component
     - `max_intensity`: highest intensity searched, by default the last point of the hazard; motions that do
-      not overturn the columns up to there count as censored [as the hazard]
-    - `width`: a verified design misses no overturning window wider than this share of `max_intensity` [–]
+      not overturn the columns up to this intensity count as censored [as the hazard]
+    - `width`: a verified design misses no overturning window wider than `width` times `max_intensity` [–]
+    - `name`: name in reports
 
     λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
-    overturning intensities, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f); where fewer than
-    two motions overturn, the podium is assumed to overturn at every intensity above `max_intensity`, with
-    zero derivative. Raises `ValueError` for a hazard in other units or over another measure, and for a
-    `max_intensity` that is exceeded more often than `at_most`, with which the target could never hold.
+    overturning intensities, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f). If fewer than two
+    motions overturn the columns, λ_f is the frequency with which `max_intensity` is exceeded, and its
+    derivative is zero. Raises `ValueError` for a hazard in other units or over another measure, and for a
+    `max_intensity` that is exceeded at least as often as `at_most`, because λ_f might then never be small
+    enough.
     """
 
     at_most: Any
@@ -78,17 +80,16 @@ class AnnualFrequency(AbstractScaleTarget):
         if exceedance_rate >= at_most:
             raise ValueError(
                 f"{owner}: max_intensity = {highest:g} {hazard.units} is exceeded {exceedance_rate:.3g} "
-                "times a year, "
-                f"more often than at_most = {at_most:g}; give a higher one"
+                f"times a year, not less often than at_most = {at_most:g}; give a higher max_intensity"
             )
-        given = suite.records(owner) if isinstance(suite, FreshSamples) else suite
-        motions = as_motions(owner, given, "suite")
+        unscaled = suite.records(owner) if isinstance(suite, FreshSamples) else suite
+        motions = as_motions(owner, unscaled, "suite")
         if len(motions) < 2:
             raise ValueError(f"{owner}: suite must hold two motions or more, got one")
         try:
             intensities = [measure_by_label(motion, hazard.measure) for motion in motions]
         except ValueError as error:
-            raise ValueError(f"{owner}: of the hazard, {error}") from None
+            raise ValueError(f"{owner}: invalid hazard: its {error}") from None
         if min(intensities) == 0:
             raise ValueError(
                 f"{owner}: motion {int(np.argmin(intensities)) + 1} of the suite has {hazard.measure} = 0; "
@@ -96,21 +97,24 @@ class AnnualFrequency(AbstractScaleTarget):
             )
         self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
         self.width, self.name = float(width), name
-        # Scaled to unit intensity, so that a factor on a motion is its intensity.
-        members = single_motions(owner, given, "suite").members
-        unit = [motion.scaled(1 / size) for motion, size in zip(members, intensities, strict=True)]
-        members_or_samples = suite.of_records(unit) if isinstance(suite, FreshSamples) else unit
+        # Scaled to unit intensity, so that the factor on a motion is its intensity.
+        members = single_motions(owner, unscaled, "suite").members
+        scaled = [motion.scaled(1 / size) for motion, size in zip(members, intensities, strict=True)]
+        members_or_samples = suite.of_records(scaled) if isinstance(suite, FreshSamples) else scaled
         self.suite = Suite.of(members_or_samples, owner, "suite")
 
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
         """Fit a lognormal distribution to the least overturning intensities [as the hazard].
 
-        Its numbers are NaN where fewer than two motions overturn.
+        Its parameters are NaN if fewer than two motions overturn the columns.
         """
         return self._fit(self.least_scales(podium, options))
 
     def frequency(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> Float[Array, ""]:
-        """Mean annual frequency λ_f [1/year]; an upper limit where fewer than two motions overturn."""
+        """Return the mean annual frequency λ_f [1/year].
+
+        If fewer than two motions overturn the columns, this is the frequency of exceeding `max_intensity`.
+        """
         return self._frequency(self.least_scales(podium, options))
 
     def _fit(self, scales: Float[Array, " k"]) -> rj.Lognormal:
@@ -120,8 +124,8 @@ class AnnualFrequency(AbstractScaleTarget):
         fitted = self._fit(scales)
         is_fitted = ~jnp.isnan(fitted.median)
         curve = rj.Lognormal(*(jnp.where(is_fitted, y, 1.0) for y in fitted))
-        upper_limit = jax.lax.stop_gradient(self.hazard(self.max_scale))
-        return jnp.where(is_fitted, rj.annual_frequency(curve, self.hazard).frequency, upper_limit)
+        exceedance_rate = jax.lax.stop_gradient(self.hazard(self.max_scale))
+        return jnp.where(is_fitted, rj.annual_frequency(curve, self.hazard).frequency, exceedance_rate)
 
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
         return jnp.log(self.at_most / self._frequency(scales))[None]

@@ -22,7 +22,12 @@ from ._variables import Structure, Variables, as_podium, make_variables
 
 
 class Outcome(NamedTuple):
-    """Outcome of one start: variables in user units, verified objective, worst margin and result."""
+    """Outcome of one start.
+
+    - `variables`: name → value in user units; `objective`: its verified value
+    - `margin`: worst verified margin [–]; `satisfied`: whether all margins are ≥ 0
+    - `result`: an `optimise.RESULTS`; `iterations`: number of iterations
+    """
 
     variables: dict[str, float]
     objective: float
@@ -35,9 +40,9 @@ class Outcome(NamedTuple):
 class Effort(NamedTuple):
     """Cost of a design.
 
-    - `evaluations`: evaluations of a design with its derivatives
-    - `scenes`: scenes simulated for them; the search of an overturning acceleration counts as one
-    - `iterations`: of all starts; `seconds`: wall time, with compilation [s]
+    - `evaluations`: number of evaluations of a design with its derivatives
+    - `scenes`: number of scenes simulated for them; the search for an overturning acceleration counts as one
+    - `iterations`: number of iterations of all starts; `seconds`: wall time, with compilation [s]
     """
 
     evaluations: int
@@ -49,19 +54,24 @@ class Effort(NamedTuple):
 class Design(Module):
     """A design and how it was found.
 
-    - `podium`: the structure; `structure`: the structure as `Podium` or `Dimensions`, as given
-    - `variables`: name → value in user units; `objective`: its largest value at the design
-    - `satisfied`: all margins ≥ 0 in a fresh simulation with rtol 1e-11, or in an independent sample;
-      `margins`: target → margins there, NaN of a probability whose independent sample has not converged [–]
+    - `podium`: the designed podium; `structure`: the same in the form of the argument, `Podium` or
+      `Dimensions`
+    - `variables`: name → value in user units; `objective`: value of the objective at the design, the largest
+      entry if it is a vector
+    - `satisfied`: whether all margins are ≥ 0, in a verification with rtol and atol of at most 1e-11 and
+      1e-13, or in an independent sample
+    - `margins`: target → margins in this verification [–]; NaN for a probability whose independent sample
+      has not converged
     - `multipliers`: target → shadow price, the decrease of the objective per unit of margin given up, that
       is per relative loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN if
       the design is not satisfied
-    - `probabilities`: target on a probability of failure → the estimate of an independent sample;
-      `standard_errors`: target → standard errors of the margins that an independent sample estimates
+    - `result`: an `optimise.RESULTS`; `history`: an `Iterate` per iteration and start; `stats`: an `Effort`
+    - `starts`: an `Outcome` of every start; `best`: index of the start that gave this design
+    - `bounds`: name → (lowest, highest); `units`: name → unit; `minimised`: name of the objective
+    - `probabilities`: target on a probability of failure → the estimate of an independent sample
+    - `standard_errors`: target with fresh samples → standard errors of its margins in an independent sample
     - `overturned`: target or objective on peaks of the superstructure → number of scenes of its suite in
-      which the columns overturn, if any; their peaks are those until overturning
-    - `result`: an `optimise.RESULTS`; `starts`: an `Outcome` of every start, this design's at `best`
-    - `history`: an `Iterate` per iteration and start; `stats`: an `Effort`
+      which the columns overturn, if any; a peak is then the largest value until overturning
     """
 
     podium: rj.Podium
@@ -99,16 +109,16 @@ class Design(Module):
 
 
 def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
-    """Return the headline, the rows of variables and the rows of targets; first rows are headings."""
+    """Return the headline, and the rows of variables and of targets, which begin with a heading."""
     state = "satisfied" if design.satisfied else "not satisfied"
-    until = f" ({UNTIL_OVERTURNING})" if design.minimised in design.overturned else ""
+    remark = f" ({UNTIL_OVERTURNING})" if design.minimised in design.overturned else ""
     result = NAMES[int(design.result._value)]
-    headline = f"{result}, targets {state}; {design.minimised} = {design.objective:.6g}{until}"
+    headline = f"{result}, targets {state}; {design.minimised} = {design.objective:.6g}{remark}"
     variables = [["variable", "value", "unit", "bounds"]]
     for name, value in design.variables.items():
         low, high = design.bounds[name]
-        at = " (at bound)" if min(value - low, high - value) <= 1e-6 * (high - low) else ""
-        variables.append([name, f"{value:.6g}", design.units[name], f"{low:g} … {high:g}{at}"])
+        remark = " (at bound)" if min(value - low, high - value) <= 1e-6 * (high - low) else ""
+        variables.append([name, f"{value:.6g}", design.units[name], f"{low:g} … {high:g}{remark}"])
     targets = [["target", "worst margin", "of", "shadow price"]]
     for name, margins in design.margins.items():
         price = float(np.sum(design.multipliers[name]))
@@ -119,11 +129,11 @@ def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
 
 def check_design(owner: str, design) -> None:
     """Raise `ValueError` unless `design` is a `Design`."""
-    require_instance(owner, "design", design, Design, "an optimise.Design, as optimise.design returns it")
+    require_instance(owner, "design", design, Design, "an optimise.Design, the result of optimise.design")
 
 
 def table(design: Design) -> str:
-    """Return the design as text: variables, targets with worst margins and shadow prices, and its cost."""
+    """Return a design as text: variables, targets with worst margins and shadow prices, and its cost."""
     check_design("table", design)
     headline, variables, targets = _tabulate(design)
     text = [f"Design: {headline}"]
@@ -134,20 +144,22 @@ def table(design: Design) -> str:
 
 
 def aligned(rows: list[list[str]]) -> list[str]:
-    """Return aligned lines of a table, none if it has only its heading."""
+    """Return the aligned lines of a table, or none if it has no rows besides its heading."""
     return [f"  {line}" for line in align_rows(rows)] if len(rows) > 1 else []
 
 
 def _remarks(design: Design) -> list[str]:
+    """Return sentences about a design: its result, failing targets, starts, samples and cost."""
     remarks = [RESULTS[design.result]]
     remarks += [
         f"not verified: {name}" if np.isnan(value) else f"not satisfied: {name}, short by {-value:.3g}"
         for name, value in design.failing.items()
     ]
-    good = sum(outcome.satisfied for outcome in design.starts)
+    satisfied_count = sum(outcome.satisfied for outcome in design.starts)
     if len(design.starts) > 1:
         remarks.append(
-            f"{good} of {len(design.starts)} starts satisfied the targets; best: start {design.best}"
+            f"{satisfied_count} of {len(design.starts)} starts satisfied the targets; "
+            f"best: start {design.best}"
         )
     remarks += [
         f"{name}: the columns overturn in {count} of its scenes, whose peaks are {UNTIL_OVERTURNING}"
@@ -156,11 +168,11 @@ def _remarks(design: Design) -> list[str]:
     for name, errors in design.standard_errors.items():
         margin, error = float(np.min(design.margins[name])), float(np.max(errors))
         remarks.append(
-            f"{name}: margin {margin:+.3g} ± {error:.2g} (standard error), by an independent sample"
+            f"{name}: margin {margin:+.3g} ± {error:.2g} (standard error), from an independent sample"
         )
-    for name, found in design.probabilities.items():
-        state = "sampled anew" if found.converged else f"not converged in {found.scenes} scenes"
-        remarks.append(f"{name}: P = {found.probability:.3g} ({found.described_interval}), {state}")
+    for name, estimate in design.probabilities.items():
+        state = "independent sample" if estimate.converged else f"not converged in {estimate.scenes} scenes"
+        remarks.append(f"{name}: P = {estimate.probability:.3g} ({estimate.described_interval}), {state}")
     cost = design.stats
     remarks.append(
         f"{cost.iterations} iterations, "
@@ -191,8 +203,8 @@ class SampleEstimates(NamedTuple):
 class SearchResult(NamedTuple):
     """Result of a search.
 
-    - `ends`: end of every start; `evaluations`: verified evaluations there
-    - `sizes`: name of a target → number of its margins; `scale`: unit of the objective in descents
+    - `ends`: end of every start; `evaluations`: verified evaluations at the ends
+    - `sizes`: name of a target → number of its margins; `scale`: unit of the objective in the search
     - `history`: iterates of all starts; `effort`: cost of the search
     """
 
@@ -216,29 +228,30 @@ def build_design(
     - `given`: the structure as the user gave it; `variables`: its variables
     - `objective`: what was minimised, None for the nearest design
     - `search`: result of the search
-    - `estimate_samples`: scaled variables (n,) → estimates of independent samples there
+    - `estimate_samples`: function from scaled variables (n,) to the estimates of independent samples there
     """
     pairs = zip(search.ends, search.evaluations, strict=True)
     outcomes = tuple(_outcome(variables, end, evaluation) for end, evaluation in pairs)
     best = min(range(len(outcomes)), key=lambda k: _rank_outcome(outcomes[k], bool(search.sizes)))
-    final, end, evaluation = outcomes[best], search.ends[best], search.evaluations[best]
-    parts = np.cumsum([0, *search.sizes.values()])
-    spans = [slice(a, b) for a, b in itertools.pairwise(parts)]
-    by_sample = estimate_samples(end.x)
+    final, best_end, evaluation = outcomes[best], search.ends[best], search.evaluations[best]
+    ends = np.cumsum([0, *search.sizes.values()])
+    spans = [slice(first, end) for first, end in itertools.pairwise(ends)]
+    estimates = estimate_samples(best_end.x)
     margins = evaluation.c.copy()
-    unverified = [k for k, p in by_sample.probabilities.items() if not p.converged]
+    unverified = [k for k, estimate in estimates.probabilities.items() if not estimate.converged]
     if unverified:
         for k in unverified:
             margins[spans[k]] = np.nan
         result = named(UNVERIFIED) if final.satisfied else final.result
         final = final._replace(margin=np.nan, satisfied=False, result=result)
         outcomes = (*outcomes[:best], final, *outcomes[best + 1 :])
-    prices = search.scale * end.multipliers if final.satisfied else np.full(parts[-1], np.nan)
-    sides = np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist()
-    bounds = dict(zip(variables.names, zip(*sides, strict=True), strict=True))
+    prices = search.scale * best_end.multipliers if final.satisfied else np.full(ends[-1], np.nan)
+    lower_and_upper = np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist()
+    bounds = dict(zip(variables.names, zip(*lower_and_upper, strict=True), strict=True))
     minimised = "distance from the start" if objective is None else objective.describe()
-    # From the user's own structure, so that plain numbers are not turned into arrays.
-    structure = make_variables(given, bounds).structure(end.x)
+    # Built from the user's structure, in which plain numbers have not been turned into arrays.
+    structure = make_variables(given, bounds).structure(best_end.x)
+    names = list(search.sizes)
     return Design(
         podium=as_podium(structure),
         structure=structure,
@@ -255,33 +268,33 @@ def build_design(
         bounds=bounds,
         units=dict(zip(variables.names, variables.units, strict=True)),
         minimised=minimised,
-        probabilities={list(search.sizes)[k]: p for k, p in by_sample.probabilities.items()},
-        standard_errors={list(search.sizes)[k]: errors for k, errors in by_sample.errors.items()},
+        probabilities={names[k]: estimate for k, estimate in estimates.probabilities.items()},
+        standard_errors={names[k]: errors for k, errors in estimates.errors.items()},
         overturned={
             name: int(count)
-            for name, count in zip([*search.sizes, minimised], evaluation.overturned, strict=True)
+            for name, count in zip([*names, minimised], evaluation.overturned, strict=True)
             if count
         },
     )
 
 
 def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
-    """Return the outcome of a start, decided by its verified evaluation."""
-    finite = bool(np.isfinite(evaluation.c).all() and np.isfinite(evaluation.f).all())
-    satisfied = finite and evaluation.violation == 0
-    code = end.result if finite else NOT_FINITE
+    """Return the outcome of a start; its verified evaluation may change the result of its search."""
+    is_finite = bool(np.isfinite(evaluation.c).all() and np.isfinite(evaluation.f).all())
+    satisfied = is_finite and evaluation.violation == 0
+    code = end.result if is_finite else NOT_FINITE
     if code in (CONVERGED, STALLED) and not satisfied:
         code = INFEASIBLE
     if code == INFEASIBLE and satisfied:
         code = STALLED
     values = variables.values(end.x)
-    numbers = dict(zip(variables.names, map(float, values), strict=True))
+    values_by_name = dict(zip(variables.names, map(float, values), strict=True))
     worst = float(np.min(evaluation.c, initial=np.inf))
-    return Outcome(numbers, float(np.max(evaluation.f)), worst, satisfied, named(code), end.iterations)
+    return Outcome(values_by_name, float(np.max(evaluation.f)), worst, satisfied, named(code), end.iterations)
 
 
 def _rank_outcome(outcome: Outcome, has_targets: bool) -> tuple[int, float]:
-    """Sort key of outcomes: satisfied ones by objective, others by worst margin, non-finite ones last."""
+    """Return a sort key: satisfied outcomes first by objective, others by margin, non-finite ones last."""
     if not np.isfinite([outcome.objective, outcome.margin if has_targets else 0.0]).all():
         return (2, 0.0)
     return (0, outcome.objective) if outcome.satisfied else (1, -outcome.margin)

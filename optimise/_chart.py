@@ -1,4 +1,4 @@
-"""Design charts: values of a design variable that survive a pulse, over the period of the pulse."""
+"""Design charts: values of a design variable with which a structure survives a pulse, over its period."""
 
 from __future__ import annotations
 
@@ -45,19 +45,20 @@ def design_chart(
     options: rj.Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Return the least safe α (or other design variable) over the period of a pulse (host).
+    """Return the least safe α (or other design variable) as a function of the period of a pulse (host).
 
-    - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; what is not varied stays
+    - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; all other parameters keep their values
     - `vary`: (name, (lowest, highest)) in user units, as in [`optimise.design`][]
-    - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude, one or several [m/s²]; `T_p`:
+    - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude or amplitudes, > 0 [m/s²]; `T_p`:
       periods, shape (n,), > 0, ascending [s]
-    - `resolution`: points in the range of the variable that are tried first at every period, ≥ 4
-    - `options`: of the simulations; `progress`: `True` for a progress bar, or anything with `update(n)`
+    - `resolution`: number of values of the variable at which every period is scanned first, ≥ 4
+    - `options`: options of the simulations
+    - `progress`: `True` for a progress bar, or any object with a method `update(n)`
 
-    Returns a Dataset over `a_p`, `T_p` with `least_safe`, the least value above which all values up to
-    the upper bound survive (NaN where the upper bound overturns), and `boundaries` (further dim
-    `boundary`, ascending, padded with NaN): every change between survival and overturning. Raises
-    `ValueError` for invalid inputs.
+    Returns a Dataset over `a_p`, `T_p` with two variables. `least_safe` is the least value above which all
+    values up to the upper bound survive (NaN where the upper bound overturns). `boundaries` holds every
+    change between survival and overturning that the scan finds, along a further dimension `boundary`,
+    ascending and padded with NaN. Raises `ValueError` for invalid inputs.
     """
     import xarray
 
@@ -66,39 +67,46 @@ def design_chart(
         name, bounds = vary
         low, high = (float(bound) for bound in bounds)
     except (TypeError, ValueError):
-        raise ValueError(f'{owner}: vary must be like ("alpha", (0.1, 0.3)), got {vary!r}') from None
+        raise ValueError(
+            f"{owner}: vary must be a pair (name, (lowest, highest)) "
+            f'such as ("alpha", (0.1, 0.3)), got {vary!r}'
+        ) from None
     make_variables(podium, {name: (low, high)}, owner)
     pulse = as_pulse(owner, pulse)
     require_instance(owner, "options", options, rj.Options, "rockjax.Options")
     periods, amplitudes = _axes(owner, T_p, a_p)
     require_whole(owner, "resolution", resolution, 4)
-    rows, least, cost = [], [], []
+    boundary_tables, least_safe, scene_counts = [], [], []
     for amplitude in amplitudes:
 
         def plane(x, y, amplitude=amplitude):
             structure = with_variables(podium, {name: y})
             return as_podium(structure), pulse(amplitude, x)
 
-        found = scan(plane, periods, (low, high), resolution, options, progress, width=None)
-        crossings = found.crossings
-        boundaries, _ = crossings.table(periods.size)
+        scanned = scan(plane, periods, (low, high), resolution, options, progress, width=None)
+        boundaries, _ = scanned.crossings.table(periods.size)
         counts = np.sum(np.isfinite(boundaries), axis=1)
-        rows.append(boundaries)
-        # Survival at the upper end, from that at the lower one and the number of changes.
-        survives_at_end = found.starts_surviving ^ (counts % 2 == 1)
-        last = np.where(counts > 0, boundaries[np.arange(periods.size), np.maximum(counts - 1, 0)], low)
-        least.append(np.where(survives_at_end, last, np.nan))
-        cost.append(found.scenes)
-    width = max(part.shape[1] for part in rows)
+        boundary_tables.append(boundaries)
+        # An odd number of changes means that survival differs between the two ends of the range.
+        survives_at_end = scanned.starts_surviving ^ (counts % 2 == 1)
+        last_boundary = np.where(
+            counts > 0, boundaries[np.arange(periods.size), np.maximum(counts - 1, 0)], low
+        )
+        least_safe.append(np.where(survives_at_end, last_boundary, np.nan))
+        scene_counts.append(scanned.scenes)
+    width = max(table.shape[1] for table in boundary_tables)
     all_boundaries = np.stack(
-        [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in rows]
+        [
+            np.pad(table, ((0, 0), (0, width - table.shape[1])), constant_values=np.nan)
+            for table in boundary_tables
+        ]
     )
     unit = {"units": parameter(podium, name).unit}
     data = xarray.Dataset(
         {
             "least_safe": (
                 ("a_p", "T_p"),
-                np.stack(least),
+                np.stack(least_safe),
                 unit | {"long_name": f"least {name} above which all survive"},
             ),
             "boundaries": (
@@ -119,16 +127,19 @@ def design_chart(
         "varied": name,
         "lowest": low,
         "highest": high,
-        "scenes": int(sum(cost)),
+        "scenes": int(sum(scene_counts)),
         **describe_options(options),
     }
     return data
 
 
 def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the least safe value over the period of the pulse, a curve for each amplitude.
+    """Plot the least safe value over the period of the pulse, one curve for each amplitude.
 
-    Dots are the other boundaries. Returns the axes.
+    - `chart`: a Dataset of [`optimise.design_chart`][]; `ax`: axes to draw in, by default those of a new
+      figure
+
+    Dots mark the other boundaries. Returns the axes.
     """
     if "least_safe" not in getattr(chart, "data_vars", ()):
         raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {format_value(chart)}")
@@ -140,10 +151,11 @@ def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
     T_p = chart["T_p"].values
     for k, amplitude in enumerate(chart["a_p"].values):
         colour, style = COLOURS[k % len(COLOURS)], STYLES[k % len(STYLES)]
-        one = chart.sel(a_p=amplitude)
-        ax.plot(T_p, one["least_safe"], color=colour, ls=style, label=rf"$a_p = {amplitude:g}$ m/s$^2$")
-        for edge in one["boundaries"].values.T:
-            ax.plot(T_p, np.where(edge == one["least_safe"].values, np.nan, edge), ".", ms=2, color=colour)
+        selected = chart.sel(a_p=amplitude)
+        least_safe = selected["least_safe"].values
+        ax.plot(T_p, least_safe, color=colour, ls=style, label=rf"$a_p = {amplitude:g}$ m/s$^2$")
+        for boundary in selected["boundaries"].values.T:
+            ax.plot(T_p, np.where(boundary == least_safe, np.nan, boundary), ".", ms=2, color=colour)
     unit = chart["least_safe"].attrs["units"]
     label = chart.attrs["varied"] if unit == "1" else f"{chart.attrs['varied']} [{unit}]"
     ax.set(xlabel=r"$T_p$ [s]", ylabel=f"least safe {label}", xlim=(T_p[0], T_p[-1]))

@@ -26,11 +26,12 @@ def design_command(
     """Solve a design problem and write OUTPUT.json, OUTPUT-convergence.png and, with motions,
     OUTPUT-response.png.
 
-    - `problem`: the design problem; `output`: prefix of the files
-    - `quiet`: no progress bar; `suffix`: format of the pictures
+    - `problem`: the design problem; `output`: OUTPUT, the prefix of the files
+    - `quiet`: whether to show no progress bar; `suffix`: file extension of the pictures
 
-    Returns the design, the paths of the files, and the interruption of the search, None if there was none;
-    an interrupted search returns the best design so far.
+    Returns the design, the paths of the files, and the interruption of the search, or None if it was not
+    interrupted. The design of an interrupted search is the best one so far. Raises `rockjax.Interrupted` if
+    there is none.
     """
     import rockjax as rj
     from rockjax._files import as_json, write_atomically, write_figure
@@ -38,13 +39,13 @@ def design_command(
     from ._pictures import before_after, convergence
     from ._variables import as_podium
 
-    stopped = None
+    interruption = None
     try:
         design = problem.design(progress=not quiet)
-    except rj.Interrupted as interrupted:
-        if interrupted.partial is None:
+    except rj.Interrupted as error:
+        if error.partial is None:
             raise
-        design, stopped = interrupted.partial, interrupted
+        design, interruption = error.partial, error
     text = as_json(design_record(design)) + "\n"
     written = [write_atomically(f"{output}.json", lambda name: Path(name).write_text(text, encoding="utf-8"))]
     figure: Any = convergence(design).figure
@@ -53,24 +54,24 @@ def design_command(
     if motions:
         picture = before_after(as_podium(problem.podium), design, _decisive_motion(problem, design, motions))
         written.append(write_figure(f"{output}-response{suffix}", picture))
-    return design, written, stopped
+    return design, written, interruption
 
 
 def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
-    """Return the motion with the least margin of the targets on responses.
+    """Return the motion with the least margin, over all targets on responses.
 
-    Without such a target, return the motion that comes closest to overturning the design.
+    If there is no such target, return the motion that comes closest to overturning the design.
     """
     from ._suite import Suite
     from ._targets import AbstractResponseTarget
 
-    found = []
+    worst_motions = []
     for target, margins in zip(problem.targets, design.margins.values(), strict=True):
         if isinstance(target, AbstractResponseTarget) and margins.size % len(target.suite) == 0:
             worst = margins.reshape(len(target.suite), -1).min(axis=1)
-            found.append((worst.min(), target.suite.motion(int(np.argmin(worst)))))
-    if found:
-        return min(found, key=lambda pair: pair[0])[1]
+            worst_motions.append((worst.min(), target.suite.motion(int(np.argmin(worst)))))
+    if worst_motions:
+        return min(worst_motions, key=lambda pair: pair[0])[1]
     return motions[int(np.nanargmin(Suite.of(motions).margins(design.podium, problem.options)))]
 
 
@@ -79,14 +80,14 @@ def design_record(design) -> dict[str, Any]:
     from ._results import result_name
 
     podium = design.podium
-    top = podium.superstructure
+    superstructure = podium.superstructure
     ratios = {
         name: float(getattr(podium, name))
         for name in ("alpha", "R", "gamma", "lam", "g", "restitution_factor")
     }
     ratios |= {"width": float(podium.width), "height": float(podium.height)}
-    if top is not None:
-        ratios |= {f"superstructure.{name}": value for name, value in vars(top).items()}
+    if superstructure is not None:
+        ratios |= {f"superstructure.{name}": value for name, value in vars(superstructure).items()}
     return {
         "result": result_name(design.result),
         "satisfied": design.satisfied,

@@ -1,4 +1,4 @@
-"""Data that the parts of a search exchange: evaluations, iterates and ends.
+"""Data types of a search: evaluations, settings, iterates and ends of descents.
 
 A descent is a coroutine: it yields points and receives their evaluations, so that many descents are evaluated
 as one batch.
@@ -16,8 +16,13 @@ from ._results import CONVERGED, INFEASIBLE, STALLED
 
 
 class Evaluation(NamedTuple):
-    """Values f (k,), margins c (m,) and their Jacobians (k, n), (m, n) in scaled variables; the number of
-    overturned scenes of each target and, last, of the objective."""
+    """Evaluation of a design point, in scaled variables.
+
+    - `f`: values of the objective (k,); `c`: margins of all targets (m,) [–]
+    - `f_slope`, `c_slope`: their Jacobians, (k, n) and (m, n)
+    - `overturned`: number of overturned scenes of each target and, as the last entry, of the objective; empty
+      if not counted
+    """
 
     f: Vector
     c: Vector
@@ -31,18 +36,21 @@ class Evaluation(NamedTuple):
 
     @property
     def violation(self) -> float:
+        """Largest violation of a margin, 0 if none is negative [–]."""
         return float(max(0.0, np.max(-self.c, initial=0.0)))
 
     def merit(self, weight: float, penalty: float) -> float:
+        """Return the weighted largest value plus the penalised violation."""
         return weight * float(np.max(self.f)) + penalty * self.violation
 
 
 class Rules(NamedTuple):
     """Settings of a descent.
 
-    - `scale`: unit of the values; `shift`: margin aimed at [–]
+    - `scale`: unit of the objective in the descent; `shift`: margin aimed at [–]
     - `radius`: first radius of the trust region, in scaled variables
-    - `tolerance`, `max_iterations`: stopping criteria
+    - `tolerance`: largest residual of the optimality conditions at convergence; `max_iterations`: largest
+      number of iterations
     """
 
     scale: float
@@ -53,16 +61,20 @@ class Rules(NamedTuple):
 
     @property
     def accepted_violation(self) -> float:
-        """Accepted violation of the margins aimed at, with which the targets still hold [–]."""
+        """Accepted violation relative to the margin aimed at; the targets still hold with it [–]."""
         return 0.5 * self.shift
 
 
 class Iterate(NamedTuple):
     """One iteration of one start.
 
-    - `x`: scaled variables before the step; `objective` and worst `margin` there
-    - `residual`: of the optimality conditions; `radius`: of the trust region; `penalty`: ν
-    - `step`: largest entry of the step tried; `accepted`: whether it was accepted
+    - `start`: index of the start; `iteration`: number of the iteration
+    - `x`: scaled variables before the step (n,); `objective`: largest value at `x`; `margin`: worst margin
+      at `x` [–]
+    - `residual`: residual of the optimality conditions (NaN for gradient steps)
+    - `radius`: radius of the trust region (for gradient steps, the factor on the step)
+    - `penalty`: penalty ν (for gradient steps, ρ)
+    - `step`: largest entry of the step; `accepted`: whether the step was accepted
     """
 
     start: int
@@ -80,8 +92,9 @@ class Iterate(NamedTuple):
 class End(NamedTuple):
     """End of a descent.
 
-    - `x`: scaled variables (n,); `multipliers`: of the margins (m,), in units of the scaled objective
-    - `result`: code of `RESULTS`; `iterations`: their number; `evaluation`: that at `x`
+    - `x`: scaled variables (n,); `multipliers`: multipliers of the margins (m,), in units of the scaled
+      objective
+    - `result`: code of `RESULTS`; `iterations`: number of iterations; `evaluation`: evaluation at `x`
     """
 
     x: Vector
@@ -95,7 +108,7 @@ Descent = Generator[Vector, Evaluation, End]
 
 
 def scale_evaluation(evaluation: Evaluation, rules: Rules) -> Evaluation:
-    """Return an evaluation for descents: values scaled, margins relative to those aimed at."""
+    """Return an evaluation in the units of a descent: values/scale, margins minus shift."""
     return Evaluation(
         evaluation.f / rules.scale,
         evaluation.c - rules.shift,
@@ -105,21 +118,24 @@ def scale_evaluation(evaluation: Evaluation, rules: Rules) -> Evaluation:
 
 
 def rank(evaluation: Evaluation) -> tuple[float, float]:
-    """Sort key of evaluations: by violation, then by value."""
+    """Return the sort key of an evaluation: its violation, then its largest value."""
     return (evaluation.violation, float(np.max(evaluation.f)))
 
 
-def objective_scale(first: list[Evaluation]) -> float:
-    """Return the typical change of the objective across the box, from its slopes at the starts."""
-    slopes = [float(np.max(np.abs(e.f_slope))) for e in first]
+def objective_scale(evaluations: list[Evaluation]) -> float:
+    """Return the typical change of the objective across the box, from its slopes at the starts.
+
+    If all slopes are zero, return the largest absolute value, or 1 if the values are zero as well.
+    """
+    slopes = [float(np.max(np.abs(e.f_slope))) for e in evaluations]
     slopes = [slope for slope in slopes if slope > 0]
     if slopes:
         return float(np.median(slopes))
-    return max([float(np.max(np.abs(e.f))) for e in first if np.any(e.f != 0)], default=1.0)
+    return max([float(np.max(np.abs(e.f))) for e in evaluations if np.any(e.f != 0)], default=1.0)
 
 
 def result_at_rest(current: Evaluation, residual: float, rules: Rules) -> int:
-    """Return the result code of a descent that no step improves."""
+    """Return the result code of a descent whose point no step improves."""
     if current.violation > rules.shift:
         return INFEASIBLE
     return CONVERGED if residual <= 100 * rules.tolerance else STALLED

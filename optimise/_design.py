@@ -30,11 +30,11 @@ from ._variables import Structure, Variables, make_variables
 if TYPE_CHECKING:
     import optax
 
-REFINEMENTS = 3  # rounds that correct designs in which verification finds a small violation
-SAMPLED_TOLERANCE = 1e-4  # smaller tolerances are below the scatter of sampled probabilities
-CORRECTIONS = 3  # restarts of a search after independent samples
-MAX_CHECKED_ENDS = 4  # ends at which independent samples are taken in a round
-MAX_SAMPLE_VIOLATION = 0.2  # largest violation of an independent sample that is corrected
+MAX_REFINEMENTS = 3  # rounds that correct designs in which verification finds a small violation
+SAMPLED_TOLERANCE = 1e-4  # least tolerance with sampled probabilities, which scatter by more
+MAX_CORRECTIONS = 3  # restarts of a search after independent samples
+MAX_CHECKED_ENDS = 4  # ends at which independent samples are taken in one round
+MAX_SAMPLE_VIOLATION = 0.2  # largest violation in an independent sample that is corrected [–]
 
 
 def design(
@@ -53,36 +53,39 @@ def design(
 ) -> Design:
     """Find the structure that satisfies all targets and minimises an objective (host).
 
-    - `podium`: the first start; what is not varied stays. With an `optimise.Dimensions` masses can vary
-    - `vary`: name → (lowest, highest) in user units. Parameters of a `Podium` (`alpha`, `tan_alpha`, `R`,
-      `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`, `zeta`) or its `width` and `height` (varying one
-      keeps the other); of `Dimensions` its numbers. A positive range wider than a factor of 10 is scaled
-      logarithmically
-    - `minimise`: an objective, or a function podium → number or vector, whose largest entry is minimised.
-      None finds the nearest design that satisfies the targets
+    - `podium`: the first start, a `rockjax.Podium` or an `optimise.Dimensions`, whose masses can vary too.
+      All parameters that are not varied keep their values
+    - `vary`: name → (lowest, highest) in user units. Names are the parameters of the structure, for a
+      `Podium` for instance `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
+      `zeta`, or `width` and `height` (varying one keeps the other). A positive range wider than a factor of
+      10 is scaled logarithmically
+    - `minimise`: an objective, or a function of the podium that returns a number or a vector, whose largest
+      entry is minimised. None finds the design nearest to `podium` that satisfies the targets
     - `targets`: targets to satisfy; targets on the same motions share their simulations
-    - `method`: `"sqp"`, sequential quadratic programming. An `optax.GradientTransformation` such as
-      `optax.adam(0.02)`, or `"adam"` for this one, first takes `max_iterations` steps on an augmented
-      Lagrangian in scaled variables; it accepts `FreshSamples` in place of suites
-    - `starts`: number of starting points, ≥ 1: `podium` and a Latin hypercube drawn by `seed`
-    - `options`: of the simulations; their `outputs` and `throw` are set as needed
-    - `tolerance`: of the optimality conditions in scaled variables, and of margins; at least 1e-4 where a
-      target is sampled [–]
-    - `max_iterations`: of every start; None gives 60 to `"sqp"`, 100 steps to a gradient transformation,
-      with `FreshSamples` 300
-    - `progress`: `True` for a progress bar, or anything with `update(iterations)`
+    - `method`: `"sqp"`, sequential quadratic programming; or an `optax.GradientTransformation`, with `"adam"`
+      short for `optax.adam(0.02)`. A transformation takes `max_iterations` steps on an augmented Lagrangian
+      in scaled variables, and `"sqp"` continues from the best point. A transformation also accepts
+      `FreshSamples` in place of suites; `"sqp"` does not follow then
+    - `starts`: number of starting points, ≥ 1: `podium` and a Latin hypercube drawn at random from `seed`
+    - `options`: options of the simulations; their `outputs` and `throw` are set as needed
+    - `tolerance`: tolerance of the optimality conditions, in scaled variables, and margin aimed at, in
+      [1e-10, 1e-2]; raised to 1e-4 if a target is a `FailureProbability` [–]
+    - `max_iterations`: limit for every start, by default 60 for `"sqp"`, 100 steps of a gradient
+      transformation, or 300 with `FreshSamples`
+    - `progress`: `True` for a progress bar, or any object with a method `update(iterations)`
 
-    Where no design satisfies the targets, the one with the least worst violation is returned, with
+    If no design satisfies the targets, the one with the least worst violation is returned, with
     `satisfied = False`. Raises `ValueError` for invalid inputs. Ctrl-C raises [`rockjax.Interrupted`][],
-    whose `partial` is the best design so far, verified like any other.
+    whose `partial` is the best design so far, verified like any other, or None before the first evaluation.
     """
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     transformation = transformation_of(method)
     require_instance("design", "options", options, rj.Options, "rockjax.Options")
     targets = (targets,) if isinstance(targets, AbstractTarget) else targets
     if isinstance(targets, str) or not isinstance(targets, Iterable):
         raise ValueError(
-            f"design: targets must be targets such as optimise.PeakRotation, got {format_value(targets)}"
+            "design: targets must be one or more targets such as optimise.PeakRotation, got "
+            f"{format_value(targets)}"
         )
     targets = tuple(targets)
     require_whole("design", "seed", seed, 0)
@@ -103,7 +106,7 @@ def design(
         default = MAX_ITERATIONS if transformation is None else GRADIENT_STEPS
         max_iterations = FRESH_ITERATIONS if has_fresh_samples else default
     points = _points(variables, starts, seed)
-    # An upper bound: the first evaluation, one per iteration, and verification.
+    # The total of the bar: the first evaluation, one per iteration, and verification.
     with bar_of(max_iterations + 2, "evaluations", progress) as bar:
         evaluate = Evaluator(problem, sampled_targets, options, points, tolerance, bar)
         search: DescentSearch | FreshSearch
@@ -111,19 +114,26 @@ def design(
             search = FreshSearch(transformation, evaluate, points, tolerance, max_iterations)
         else:
             search = DescentSearch(transformation, evaluate, points, tolerance, max_iterations)
-        stopped = search.run()
-    effort = evaluate.effort(search.iterations, time.perf_counter() - began)
+        is_interrupted = search.run()
+    effort = evaluate.effort(search.iterations, time.perf_counter() - start_time)
     sizes = _names(targets, evaluate.sizes)
     answer = build_design(
         podium, variables, objective, search.search_result(sizes, effort), search.estimate_samples
     )
-    if stopped:
+    if is_interrupted:
         raise rj.Interrupted(f"stopped after {effort.iterations} iterations", answer)
     return answer
 
 
 class DescentSearch:
-    """All starts of a design: first evaluation, simultaneous descents, verification."""
+    """Search from all starts of a design: first evaluation, simultaneous descents, verification.
+
+    - `transformation`: gradient transformation that takes steps first, None for descents only
+    - `evaluate`: evaluates one point of every start
+    - `points`: starting points (starts, n), in scaled variables
+    - `tolerance`: residual of the optimality conditions at convergence, and margin aimed at [–]
+    - `max_iterations`: limit of steps of the transformation or of iterations of a descent
+    """
 
     def __init__(
         self,
@@ -176,16 +186,14 @@ class DescentSearch:
         return False
 
     def verify(self) -> None:
-        """Verify the ends by accurate simulation; correct those with small violations by further steps."""
+        """Verify the ends by accurate simulation, and correct small violations by further descents."""
         tolerance = self.tolerance
         self.evaluations = self.evaluate_checked()
         rules = Rules(self.scale, tolerance, 1e-2, tolerance, 12)
-        largest = MAX_SAMPLE_VIOLATION if self.evaluate.sampled_targets.targets else 1e3 * tolerance
-        for _ in range(REFINEMENTS):
-            violations = {
-                k: _small_violation(self.ends[k], e, largest) for k, e in enumerate(self.evaluations)
-            }
-            # Aim further inside by the violation.
+        limit = MAX_SAMPLE_VIOLATION if self.evaluate.sampled_targets.targets else 1e3 * tolerance
+        for _ in range(MAX_REFINEMENTS):
+            violations = {k: _small_violation(self.ends[k], e, limit) for k, e in enumerate(self.evaluations)}
+            # Aim at a margin that is larger by twice the violation.
             descents = {
                 k: descend(self.ends[k].x, rules._replace(shift=tolerance + 2 * violation), [], k)
                 for k, violation in violations.items()
@@ -197,19 +205,25 @@ class DescentSearch:
             self.evaluations = self.evaluate_checked()
 
     def evaluate_checked(self) -> list[Evaluation]:
-        """Return the evaluations at the ends, after taking independent samples at the best of them."""
+        """Return the evaluations at the ends, after independent samples have been taken at the best end.
+
+        A new sample may change which end is best; at most `MAX_CHECKED_ENDS` ends are sampled.
+        """
         for _ in range(MAX_CHECKED_ENDS):
             evaluations = self.evaluate(self.end_points)
             if not self.evaluate.sampled_targets.targets:
                 return evaluations
-            new, _ = self.evaluate.sampled_targets.check(self.end_points[_best(evaluations)])
-            if not new:
+            is_new, _ = self.evaluate.sampled_targets.check(self.end_points[_best(evaluations)])
+            if not is_new:
                 return evaluations
         return self.evaluate(self.end_points)
 
     def correct(self, rules: Rules) -> None:
-        """Continue from the ends while an independent sample differs from the one used by the search."""
-        for _ in range(CORRECTIONS if self.evaluate.sampled_targets.targets else 0):
+        """Continue from the ends while an independent sample contradicts the rays used by the search.
+
+        It stops after `MAX_CORRECTIONS` rounds.
+        """
+        for _ in range(MAX_CORRECTIONS if self.evaluate.sampled_targets.targets else 0):
             best = _best(self.evaluate(self.end_points))
             _, differs = self.evaluate.sampled_targets.check(self.end_points[best])
             if not differs:
@@ -223,7 +237,7 @@ class DescentSearch:
             run_descents(descents, self.evaluate, end_points, first, self.ends)
 
     def end_so_far(self, k: int, rules: Rules) -> End:
-        """Best point of a start; its multipliers are unknown (NaN)."""
+        """Return the best point of a start so far as its end; its multipliers are unknown (NaN)."""
         x, evaluation = self.evaluate.best[k]
         iterations = sum(row.start == k for row in self.history)
         return End(
@@ -254,29 +268,31 @@ class DescentSearch:
 def _check_fresh(
     transformation: optax.GradientTransformation | None, targets: tuple, objective: AbstractObjective | None
 ) -> None:
-    """Raise `ValueError` for what cannot be combined with fresh samples."""
+    """Raise `ValueError` for targets, objectives and methods that do not work with fresh samples."""
     distributional = [t for t in targets if isinstance(t, AbstractScaleTarget) and t.accepts_fresh_samples]
     others = [t for t in targets if not any(t is other for other in distributional)]
     for item in (*others, objective, getattr(objective, "risk", None)):
         if fresh_samples_of(item) is not None:
             raise ValueError(
-                "design: FreshSamples are for targets on a distribution of capacities, "
-                f"optimise.AnnualFrequency or MedianCapacity, not for {type(item).__name__} here"
+                "design: FreshSamples apply to targets on a distribution of capacities, "
+                f"optimise.AnnualFrequency or MedianCapacity; {type(item).__name__} cannot use them here"
             )
     if not any(fresh_samples_of(t) is not None for t in distributional):
         return
     if any(isinstance(target, FailureProbability) for target in targets):
         raise ValueError(
-            "design: FailureProbability and FreshSamples cannot be targets of one design; use one of them"
+            "design: one design cannot have a FailureProbability and a target with FreshSamples; use one of "
+            "them"
         )
     if transformation is None:
         raise ValueError(
-            "design: with FreshSamples give a gradient transformation such as method=optax.adam(0.02); "
-            "quadratic programming compares values, and every step draws other motions"
+            "design: FreshSamples need a gradient transformation such as method=optax.adam(0.02); "
+            "'sqp' compares values of different steps, and every step draws other motions"
         )
 
 
 def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
+    """Raise `ValueError` for invalid arguments of `design`."""
     require_whole("design", "starts", starts, 1)
     if max_iterations is not None:
         require_whole("design", "max_iterations", max_iterations, 1)
@@ -291,7 +307,7 @@ def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
             f"design: minimise must be an objective or a function of the podium, got {minimise!r}"
         )
     if minimise is None and not targets:
-        raise ValueError("design: nothing to do: give minimise, targets or both")
+        raise ValueError("design: there is nothing to do; give minimise, targets or both")
 
 
 def _points(variables: Variables, starts: int, seed: int) -> np.ndarray:
@@ -305,24 +321,29 @@ def _points(variables: Variables, starts: int, seed: int) -> np.ndarray:
     return np.concatenate([np.asarray(variables.start())[None], sample])
 
 
-def _best(found: list[Evaluation]) -> int:
-    return min(range(len(found)), key=lambda k: rank(found[k]) if found[k].is_finite else (np.inf, np.inf))
+def _best(evaluations: list[Evaluation]) -> int:
+    """Return the index of the best evaluation: least violation, then least objective."""
+    keys = [rank(e) if e.is_finite else (np.inf, np.inf) for e in evaluations]
+    return min(range(len(keys)), key=keys.__getitem__)
 
 
 def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, int]:
     """Return name → number of margins, in order; repeated names are numbered."""
     names: dict[str, int] = {}
     for target, size in zip(targets, sizes, strict=True):
-        own = target.name or target.describe()
-        name, k = own, 2
+        base_name = target.name or target.describe()
+        name, k = base_name, 2
         while name in names:
-            name, k = f"{own} ({k})", k + 1
+            name, k = f"{base_name} ({k})", k + 1
         names[name] = size
     return names
 
 
-def _small_violation(end: End, found: Evaluation, largest: float) -> float:
-    """Return the small violation of a design that its search found satisfied, 0 for all others."""
-    if end.result in (INFEASIBLE, NOT_FINITE) or not found.is_finite or found.violation == 0:
+def _small_violation(end: End, verified: Evaluation, limit: float) -> float:
+    """Return the violation of an end in verification if it can be corrected, 0 otherwise.
+
+    It can be corrected if it is at most `limit` and the search took the targets to be satisfied.
+    """
+    if end.result in (INFEASIBLE, NOT_FINITE) or not verified.is_finite:
         return 0.0
-    return found.violation if found.violation <= largest else 0.0
+    return verified.violation if verified.violation <= limit else 0.0

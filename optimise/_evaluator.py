@@ -1,4 +1,4 @@
-"""Evaluations of design points: objective and margins with derivatives, for all starts in a batch."""
+"""Evaluations of design points: objective and margins with derivatives, for all starts in one batch."""
 
 from __future__ import annotations
 
@@ -29,30 +29,35 @@ from ._targets import AbstractResponses, AbstractScaleTarget, AbstractTarget
 from ._variables import Variables
 
 VERIFICATION_TOLERANCES = {"rtol": 1e-11, "atol": 1e-13}
-BOOTSTRAP_SAMPLES = 200  # bootstrap samples, for standard errors
+BOOTSTRAP_SAMPLES = 200  # resamples from which standard errors are estimated
 
 
 class DesignProblem(Module):
-    """The function that is differentiated: values of the objective and margins of the targets.
+    """Function of the design variables that is differentiated: objective values and margins of the targets.
 
-    All motions whose responses are read form one suite without repetitions; `slices` holds the part of it
-    that each item reads.
+    Targets and objectives ("items") that read responses to motions share one suite without repetitions.
+
+    - `variables`: the design variables; `objective`: None for the nearest design; `targets`: the targets
+    - `suite`: all motions whose responses are read, None if there are none
+    - `slices`: for each target, then the objective: the (first, end) of its motions in `suite`, None for an
+      item that reads no responses
+    - `outputs`: outputs of the simulations of the suite; `scenes`: number of scenes for one evaluation
     """
 
     variables: Variables
     objective: AbstractObjective | None
     targets: tuple[AbstractTarget, ...]
     suite: Suite | None
-    slices: tuple[tuple[int, int] | None, ...] = eqx.field(static=True)  # of the targets, then the objective
-    outputs: tuple[str | AbstractOutput, ...] = eqx.field(static=True)  # of the suite
+    slices: tuple[tuple[int, int] | None, ...] = eqx.field(static=True)
+    outputs: tuple[str | AbstractOutput, ...] = eqx.field(static=True)
     scenes: int = eqx.field(static=True)
 
     def __call__(
         self, x: Float[Array, " n"], options: rj.Options
     ) -> tuple[Float[Array, " k"], list[Float[Array, " m"]], Int[Array, " items"]]:
-        """Return values of the objective, margins of every target, and overturned scenes of each item.
+        """Return objective values (k,), margins (m,) of every target, and overturned scenes of each item.
 
-        The count is 0 for items that read no peaks of the superstructure.
+        The number of overturned scenes is 0 for items that read no peaks of the superstructure.
         """
         podium = self.variables.podium(x)
         peaks = None if self.suite is None else self.suite.responses(podium, options, self.outputs)
@@ -60,10 +65,10 @@ class DesignProblem(Module):
 
         def evaluate_item(k: int, item, evaluate_alone: Callable):
             nonlocal overturned
-            part = self.slices[k]
-            if part is None:
+            first_and_end = self.slices[k]
+            if first_and_end is None:
                 return evaluate_alone(podium, options)
-            item_peaks = jax.tree.map(lambda y: y[slice(*part)], peaks)
+            item_peaks = jax.tree.map(lambda y: y[slice(*first_and_end)], peaks)
             if item.until_overturning:
                 overturned = overturned.at[k].set(jnp.sum(item_peaks.overturned))
             return item.read(item_peaks, options)
@@ -79,68 +84,77 @@ class DesignProblem(Module):
 def build_problem(
     variables: Variables, objective: AbstractObjective | None, targets: tuple[AbstractTarget, ...]
 ) -> DesignProblem:
+    """Return the problem of a design, in which items with the same motions share their simulations."""
     suite: Suite | None = None
-    suites: list[tuple[Suite, tuple[int, int]]] = []
+    merged_suites: list[tuple[Suite, tuple[int, int]]] = []
     slices: list[tuple[int, int] | None] = []
     outputs: set[str | AbstractOutput] = set()
-    stripped: list[Any] = []
+    items: list[Any] = []
     scenes = 0
     for item in (*targets, _trace_functions(variables, objective)):
-        part = None
+        span = None
         if isinstance(item, AbstractResponses):
             outputs |= set(item.outputs)
-            part = next((part for other, part in suites if is_same_suite(other, item.suite)), None)
-            if part is None:
+            span = next((span for other, span in merged_suites if is_same_suite(other, item.suite)), None)
+            if span is None:
                 first = 0 if suite is None else len(suite)
-                part = first, first + len(item.suite)
+                span = first, first + len(item.suite)
                 suite = item.suite if suite is None else suite.merged_with(item.suite)
-                suites.append((item.suite, part))
+                merged_suites.append((item.suite, span))
             item = eqx.tree_at(lambda i: i.suite, item, None)
         elif item is not None:
             scenes += item.scenes
-        slices.append(part)
-        stripped.append(_numbers_to_arrays(item))
-    variables = dataclasses.replace(variables, base=_numbers_to_arrays(variables.base))
-    items = stripped[-1], tuple(stripped[:-1])
+        slices.append(span)
+        items.append(_floats_to_arrays(item))
+    variables = dataclasses.replace(variables, base=_floats_to_arrays(variables.base))
+    *target_items, objective_item = items
     scenes += 0 if suite is None else len(suite)
-    return DesignProblem(variables, *items, suite, tuple(slices), tuple(sorted(outputs, key=str)), scenes)
+    return DesignProblem(
+        variables,
+        objective_item,
+        tuple(target_items),
+        suite,
+        tuple(slices),
+        tuple(sorted(outputs, key=str)),
+        scenes,
+    )
 
 
-def _numbers_to_arrays(item: Any) -> Any:
-    """Turn Python numbers into arrays, so that they are not compiled in.
+def _floats_to_arrays(item: Any) -> Any:
+    """Turn Python floats into arrays, so that they are not compiled in.
 
-    Zeros stay: they may mean that a part is absent.
+    Zeros stay floats, because they may mean that a component is absent.
     """
     return jax.tree.map(lambda y: as_float(y) if isinstance(y, float) and y else y, item)
 
 
 def _trace_functions(variables: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
-    """Trace user functions on their own: their jaxpr identifies them in the store of programs."""
+    """Trace user functions separately, because their jaxpr identifies them in the store of programs."""
 
-    def trace(part: Any) -> Any:
-        if not isinstance(part, OfPodium) or isinstance(part.function, TracedFunction):
-            return part
-        like = jax.eval_shape(variables.podium, jax.ShapeDtypeStruct((len(variables.names),), float))
+    def trace(leaf: Any) -> Any:
+        if not isinstance(leaf, OfPodium) or isinstance(leaf.function, TracedFunction):
+            return leaf
+        podium_shape = jax.eval_shape(variables.podium, jax.ShapeDtypeStruct((len(variables.names),), float))
         try:
-            return OfPodium(TracedFunction(part.function, like))
-        except Exception:  # its error is reported where it is evaluated
-            return part
+            return OfPodium(TracedFunction(leaf.function, podium_shape))
+        except Exception:  # the error is reported when the function is evaluated
+            return leaf
 
-    return jax.tree.map(trace, objective, is_leaf=lambda part: isinstance(part, OfPodium))
+    return jax.tree.map(trace, objective, is_leaf=lambda leaf: isinstance(leaf, OfPodium))
 
 
 @functools.partial(KeptProgram, arrays_only=True, words="the design with its derivatives")
 def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
-    """Return the Jacobians of (values, margins of every target) and the answers, at all points."""
+    """Return the Jacobians of (values, margins of every target), and the outputs of the problem."""
 
-    def at(x):
-        def with_answer(x):
-            answer = problem(x, options)
-            return answer[:2], answer
+    def evaluate_point(x):
+        def with_outputs(x):
+            outputs = problem(x, options)
+            return outputs[:2], outputs
 
-        return jax.jacfwd(with_answer, has_aux=True)(x)
+        return jax.jacfwd(with_outputs, has_aux=True)(x)
 
-    return jax.vmap(at)(points)
+    return jax.vmap(evaluate_point)(points)
 
 
 @functools.partial(KeptProgram, arrays_only=True)
@@ -149,12 +163,12 @@ def _least_scales(target: AbstractScaleTarget, options: rj.Options, podium: rj.P
 
 
 @functools.partial(KeptProgram, arrays_only=True)
-def _margins_of_samples(target: AbstractScaleTarget, found: Float[Array, "samples k"]):
-    return jax.vmap(target.margins_of_scales)(found)
+def _margins_of_samples(target: AbstractScaleTarget, scales: Float[Array, "samples k"]):
+    return jax.vmap(target.margins_of_scales)(scales)
 
 
 class MarginEstimate(NamedTuple):
-    """Estimate of an independent sample: margins of a target (k,) and their standard errors (k,) [–]."""
+    """Margins of a target (k,) in an independent sample, and their standard errors (k,) [–]."""
 
     margins: np.ndarray
     errors: np.ndarray
@@ -167,31 +181,35 @@ def fresh_samples_of(item: Any) -> FreshSamples | None:
 
 
 def _with_records(target: Any, records: rj.Records) -> Any:
-    """Return a target with a batch of fresh samples."""
+    """Return a target with a given batch of fresh samples as its suite."""
     return eqx.tree_at(lambda t: t.suite, target, target.suite.with_records(records))
 
 
 def verification_options(options: rj.Options) -> rj.Options:
-    """Return the options of the simulations that verify a design."""
+    """Return options with tolerances at most those of the verification of a design."""
     return options.replace(
         **{name: min(value, getattr(options, name)) for name, value in VERIFICATION_TOLERANCES.items()}
     )
 
 
 def options_as_arrays(options: rj.Options) -> rj.Options:
-    """Return options with numbers as arrays, so that they are not compiled in."""
+    """Return options with their numbers as arrays, so that they are not compiled in."""
     return jax.tree.map(as_float, options)
 
 
 class Evaluator:
-    """Evaluates one point of every start in a batch, with one program; keeps the best and counts the cost.
+    """Evaluates one point of every start in one batch; keeps the best point of each and counts the cost.
 
-    A point is better if it violates the margins less, aimed at `target_margin`; among satisfied points, if
-    its objective is lower.
+    A point is better if it violates the margin aimed at by less, or if it does not violate it and has a lower
+    objective.
 
-    - `problem`: values and margins; `sampled_targets`: targets on probabilities of failure
-    - `options`: of the simulations; `points`: starting points (starts, n), in scaled variables
+    - `problem`: objective and traced targets; `sampled_targets`: targets on probabilities of failure
+    - `options`: options of the simulations; `points`: starting points (starts, n), in scaled variables
     - `target_margin`: margin aimed at [–]; `bar`: progress bar
+
+    `best` holds the best point of every start and its evaluation, `sizes` the number of margins of each
+    target, `evaluations` the number of evaluated points. `sources` holds the fresh samples of targets by
+    their index.
     """
 
     def __init__(
@@ -204,7 +222,7 @@ class Evaluator:
         bar,
     ):
         self.sampled_targets, self.draws, self.verification_scenes = sampled_targets, 0, 0
-        self.accurate = False  # whether a design is being verified
+        self.accurate = False  # whether evaluations use the tolerances of verification
         self.sources = {k: s for k, t in enumerate(problem.targets) if (s := fresh_samples_of(t)) is not None}
         self.width, self.target_margin, self.bar = len(points), target_margin, bar
         self.options, self.full_problem = options, problem
@@ -218,14 +236,14 @@ class Evaluator:
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
-        """Return the evaluations at points (width, n).
+        """Return the evaluations at points (starts, n).
 
-        `count` is the number of points that count as evaluated, by default all. Accurate evaluations use the
+        `count` is the number of points added to `evaluations`, by default all. Accurate evaluations use the
         tolerances of verification and the full resolution of the targets.
         """
         options = verification_options(self.options) if self.accurate else self.options
         problem = self.full_problem if self.accurate else self.problem
-        if self.sources:  # new motions
+        if self.sources:  # draw new motions
             targets = list(problem.targets)
             for k, source in self.sources.items():
                 targets[k] = _with_records(self.problem.targets[k], source.draw(self.draws))
@@ -238,40 +256,42 @@ class Evaluator:
             overturned = np.insert(overturned, k, 0, axis=1)
         self.sizes = [margin.shape[1] for margin in margins]
         self.evaluations += self.width if count is None else count
-        none = np.zeros((self.width, 0)), np.zeros((self.width, 0, points.shape[1]))
+        # Empty arrays come first, so that a design without targets has margins of shape (starts, 0).
+        empty = np.zeros((self.width, 0)), np.zeros((self.width, 0, points.shape[1]))
         c, c_slope = (
-            np.concatenate([blank, *ys], axis=1) for blank, ys in zip(none, (margins, slopes), strict=True)
+            np.concatenate([blank, *ys], axis=1) for blank, ys in zip(empty, (margins, slopes), strict=True)
         )
-        found = [Evaluation(*parts) for parts in zip(f, c, f_slope, c_slope, overturned, strict=True)]
-        pairs = list(zip(np.array(points), found, strict=True))
+        evaluations = [Evaluation(*row) for row in zip(f, c, f_slope, c_slope, overturned, strict=True)]
+        pairs = list(zip(np.array(points), evaluations, strict=True))
         self.best = [min(pair, key=self._rank_pair) for pair in zip(self.best or pairs, pairs, strict=True)]
         self.bar.update(1)
-        return found
+        return evaluations
 
     def estimates(self, x: np.ndarray, k: int) -> dict[int, MarginEstimate]:
-        """Return the estimates of the k-th independent sample at a point (n,), by the index of the target."""
+        """Return the margins at a point (n,) in the k-th independent sample: index of target → estimate."""
         podium = self.full_problem.variables.podium(x)
         return {index: self._estimate(index, podium, k) for index in self.sources}
 
     def _estimate(self, index: int, podium: rj.Podium, k: int) -> MarginEstimate:
+        """Return the margins of one target in the k-th sample, with bootstrap standard errors."""
         target, source = self.problem.targets[index], self.sources[index]
         assert isinstance(target, AbstractScaleTarget)
-        parts = [
-            _least_scales(_with_records(target, part), options_as_arrays(self.options), podium)
-            for part in source.sample(k)
+        batches = [
+            _least_scales(_with_records(target, records), options_as_arrays(self.options), podium)
+            for records in source.sample(k)
         ]
-        found = np.concatenate([np.asarray(part) for part in parts])
-        self.verification_scenes += found.size
+        scales = np.concatenate([np.asarray(batch) for batch in batches])
+        self.verification_scenes += scales.size
         rng = np.random.default_rng([source.seed, k])
-        resamples = rng.integers(found.size, size=(BOOTSTRAP_SAMPLES, found.size))
-        resamples[0] = np.arange(found.size)  # the sample itself
+        resamples = rng.integers(scales.size, size=(BOOTSTRAP_SAMPLES, scales.size))
+        resamples[0] = np.arange(scales.size)  # the sample itself
         margins = np.asarray(
-            _margins_of_samples(_with_records(target, source.draw(0)), as_float(found[resamples]))
+            _margins_of_samples(_with_records(target, source.draw(0)), as_float(scales[resamples]))
         )
         return MarginEstimate(margins[0], margins.std(axis=0))
 
     def _insert_sampled(self, points: np.ndarray, margins: list, slopes: list) -> tuple[list, list]:
-        """Insert the margins and slopes of sampled targets among those of the traced ones."""
+        """Insert the margins and slopes of sampled targets at their indices among all targets."""
         rows = [self.sampled_targets.at(x) for x in points]
         margins, slopes = list(margins), list(slopes)
         for k in self.sampled_targets.targets:
@@ -280,7 +300,7 @@ class Evaluator:
         return margins, slopes
 
     def use_accurate(self) -> None:
-        """Switch to accurate evaluations."""
+        """Switch permanently to accurate evaluations, including the sampled targets."""
         self.accurate = True
         self.sampled_targets.use_accurate()
 
@@ -293,6 +313,7 @@ class Evaluator:
         )
 
     def effort(self, iterations: int, seconds: float) -> Effort:
+        """Return the cost so far."""
         scenes = (
             self.evaluations * self.problem.scenes + self.sampled_targets.scenes + self.verification_scenes
         )
@@ -308,13 +329,14 @@ def run_descents(
 ) -> None:
     """Advance all descents together until each has ended.
 
-    - `descents`: start → descent; `evaluate`: evaluates a point of every start
+    - `descents`: start → descent; `evaluate`: evaluates one point of every start
     - `points`: first points (starts, n); `first`: their evaluations
-    - `ends`: receives the end of each descent
+    - `ends`: dictionary start → end, to which the end of each descent is written
     """
     points = np.array(points)
 
     def advance(k: int, evaluation: Evaluation | None) -> bool:
+        """Send an evaluation to a descent and store its next point; return False if it has ended."""
         try:
             points[k] = next(descents[k]) if evaluation is None else descents[k].send(evaluation)
         except StopIteration as stop:

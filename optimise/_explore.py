@@ -1,6 +1,6 @@
-"""Interactive study: sliders for the numbers of a structure and a ground motion, and the response to them.
+"""Interactive study: sliders for parameters of a structure and its ground motion, and the response.
 
-All numbers go through one compiled function, so that moving a slider compiles nothing.
+The values of all sliders are arguments of one compiled function, so that moving a slider compiles nothing.
 """
 
 from __future__ import annotations
@@ -49,21 +49,21 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 OUTPUTS = (*PEAKS, "margin")
-POINTS = 1001  # of the curves
-TIME_AFTER = 12.0  # time drawn after the motion, in units of 1/p
-_WIDTH, _HEIGHT, _DPI = 8.0, 2.0, 80  # of the picture: inches, inches a row
-PIXEL_RATIO = 2  # pixels for each of the screen's points, as many screens have
+POINTS = 1001  # points of each curve
+TIME_AFTER = 12.0  # time drawn after the end of the motion, in units of 1/p
+_WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # of the picture: width [in], height of a row [in], dots per inch
+PIXEL_RATIO = 2  # the PNG has this many pixels for each pixel of layout, for high-resolution screens
 SLIDER_POSITIONS = 500  # approximate number of positions of a slider
-MAX_REFINEMENTS = 3  # the step is refined up to 10^FINER times, so that the first value is a position
+MAX_REFINEMENTS = 3  # a step is divided by at most 10^MAX_REFINEMENTS to make the first value a position
 
 
 class Explorer:
-    """Sliders on a structure and a ground motion, and the response to them.
+    """Sliders for a structure and its ground motion, and the response.
 
     - `widget`: the widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
-    - `values`: name → value in user units, exactly the given one until its slider is moved; `structure`,
-      `podium`, `excitation`, `peak`: for these values
-    - `picture`: the picture, as PNG with two pixels for each of the screen's points
+    - `values`: name → value in user units; until a slider is moved, exactly the value of the argument
+    - `structure`, `podium`, `excitation`, `peak`: structure, motion and peak response for these values
+    - `picture`: the picture, as PNG with two pixels for each pixel of layout
     """
 
     def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):
@@ -98,7 +98,7 @@ class Explorer:
 
     @property
     def structure(self) -> Structure:
-        return self._study.at(self._numbers())[0]
+        return self._study.at(self._slider_values())[0]
 
     @property
     def podium(self) -> rj.Podium:
@@ -106,7 +106,7 @@ class Explorer:
 
     @property
     def excitation(self) -> rj.AbstractExcitation:
-        return self._study.at(self._numbers())[1]
+        return self._study.at(self._slider_values())[1]
 
     @property
     def peak(self) -> rj.Peak:
@@ -116,11 +116,12 @@ class Explorer:
     def picture(self) -> bytes:
         return self._image.value
 
-    def _numbers(self) -> np.ndarray:
+    def _slider_values(self) -> np.ndarray:
+        """Return the values of all sliders (n,)."""
         return np.array(list(self._values.values()))
 
     def _solve(self) -> _Answer:
-        return jax.tree.map(np.asarray, _answer(self._study, self._numbers(), self._options))
+        return jax.tree.map(np.asarray, _answer(self._study, self._slider_values(), self._options))
 
     def _on_slider(self, name: str, change: Mapping[str, Any]) -> None:
         value = self._grids[name].read(change["new"], self._initial_values[name])
@@ -144,17 +145,18 @@ def explore(
     *,
     options: rj.Options = rj.Options(),
 ) -> Explorer:
-    """Return sliders for a notebook with the response to them; needs ipywidgets (extra `notebook`).
+    """Return sliders for a notebook, with the response; needs ipywidgets (extra `notebook`).
 
-    - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion; numbers that are
-      not varied stay
-    - `vary`: name → (lowest, highest) in user units: names of the structure as in [`optimise.design`][], and
-      fields of the motion, such as `a_p`, `T_p` of a pulse or the `scale` of a record. A name that both have
-      is the structure's
-    - `options`: of the simulations; their `outputs` and `throw` are set as needed
+    - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion. Parameters that
+      are not varied keep their values
+    - `vary`: name → (lowest, highest) in user units. Names are those of the structure, as in
+      [`optimise.design`][], and scalar fields of the motion, such as `a_p` and `T_p` of a pulse or `scale` of
+      a record. A name that both have means the parameter of the structure
+    - `options`: options of the simulations; their `outputs` and `throw` are set as needed
 
-    The picture has the first response in grey beside the present one. Only the first picture compiles. Raises
-    `ValueError` for unknown names, and for ranges that are invalid or do not contain the present value.
+    The picture shows the response for the first values in grey together with the present one. Only the first
+    picture compiles. Raises `ValueError` for unknown names, and for ranges that are invalid or do not contain
+    the present value.
     """
     if not isinstance(structure, Structure):
         raise ValueError(
@@ -165,7 +167,7 @@ def explore(
     excitation = as_excitation("explore", excitation)
     if not isinstance(vary, Mapping) or not vary:
         raise ValueError(
-            'explore: vary must name at least one number with its bounds, e.g. {"T_p": (0.5, 1.5)}'
+            'explore: vary must name at least one parameter with its bounds, e.g. {"T_p": (0.5, 1.5)}'
         )
     motion_names = _motion_names(structure, excitation, tuple(vary))
     structure_bounds = {name: bounds for name, bounds in vary.items() if name not in motion_names}
@@ -182,14 +184,15 @@ def explore(
         value, _ = study.present_value(name)
         if not low <= value <= high or not low < high:
             raise ValueError(
-                f"explore: vary[{name!r}] = ({low:g}, {high:g}) must be a range around the present {value:g}"
+                f"explore: vary[{name!r}] must be a range that contains the present value {value:g}, got "
+                f"({low:g}, {high:g})"
             )
         for bound in (low, high) if name in motion_names else ():
             try:
                 dataclasses.replace(excitation, **{name: bound})
             except ValueError as error:
                 raise ValueError(
-                    f"explore: vary[{name!r}] = ({low:g}, {high:g}) exceeds the possible range: {error}"
+                    f"explore: vary[{name!r}] = ({low:g}, {high:g}) exceeds the admissible range: {error}"
                 ) from None
     return Explorer(
         structure, excitation, dict(vary), options.replace(outputs=_outputs(options), throw=False)
@@ -197,37 +200,39 @@ def explore(
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
-    """Return the outputs: the margin only where rotations end at α."""
+    """Return the outputs; the margin only for the flat engine and `overturn_ratio` ≤ 1."""
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 
 def _motion_names(
     structure: Structure, excitation: rj.AbstractExcitation, names: tuple[str, ...]
 ) -> list[str]:
-    """Return the names of single numbers of the motion that are not names of the structure."""
-    numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
-    own = STRUCTURE if isinstance(structure, rj.Podium) else DIMENSIONS
-    fields = [name for name, y in numbers.items() if eqx.is_inexact_array(y) and y.ndim == 0]
-    return [name for name in names if name in fields and name not in own]
+    """Return those of `names` that are scalar fields of the motion and not parameters of the structure."""
+    fields = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
+    parameters = STRUCTURE if isinstance(structure, rj.Podium) else DIMENSIONS
+    scalars = [name for name, y in fields.items() if eqx.is_inexact_array(y) and y.ndim == 0]
+    return [name for name in names if name in scalars and name not in parameters]
 
 
 class _Study(Module):
-    """A structure and a motion with the names of their varied numbers."""
+    """A structure and a motion, with the names of their varied parameters."""
 
     structure: Structure
     excitation: rj.AbstractExcitation
     names: tuple[str, ...] = eqx.field(static=True)
 
-    def at(self, numbers: Any) -> tuple[Structure, rj.AbstractExcitation]:
-        values = dict(zip(self.names, numbers, strict=True))
-        motion = {
-            name: values.pop(name) for name in _motion_names(self.structure, self.excitation, self.names)
+    def at(self, values: Any) -> tuple[Structure, rj.AbstractExcitation]:
+        """Return the structure and the motion for values (n,) in the order of `names`."""
+        structure_values = dict(zip(self.names, values, strict=True))
+        motion_values = {
+            name: structure_values.pop(name)
+            for name in _motion_names(self.structure, self.excitation, self.names)
         }
-        structure = with_variables(self.structure, values) if values else self.structure
-        return structure, dataclasses.replace(self.excitation, **motion)
+        structure = with_variables(self.structure, structure_values) if structure_values else self.structure
+        return structure, dataclasses.replace(self.excitation, **motion_values)
 
     def present_value(self, name: str) -> tuple[float, str]:
-        """Return the present value of a number and its unit."""
+        """Return the present value of a parameter and its unit."""
         if name in _motion_names(self.structure, self.excitation, self.names):
             return float(getattr(self.excitation, name)), displayed(motion_parameter(name).unit)
         value: Any = value_of(self.structure, name)
@@ -235,7 +240,7 @@ class _Study(Module):
 
 
 class _Answer(Module):
-    """Peaks, and curves over time: rotation over α, sway [m], ground acceleration [g]."""
+    """Peaks, and curves over time: θ/α, deformation of the superstructure [m], ground acceleration [g]."""
 
     peak: rj.Peak
     t: Float[Array, " n"]
@@ -245,8 +250,8 @@ class _Answer(Module):
 
 
 @eqx.filter_jit
-def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options) -> _Answer:
-    structure, excitation = study.at(numbers)
+def _answer(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options) -> _Answer:
+    structure, excitation = study.at(values)
     podium = as_podium(structure)
     response = rj.simulate(podium, excitation, options=options)
     start, end = excitation.support
@@ -261,7 +266,7 @@ def _answer(study: _Study, numbers: Float[ArrayLike, " n"], options: rj.Options)
 
 
 def _sway(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the deformation [m] of one mass, the roof of a building, or the first of several modes."""
+    """Return the deformation of the superstructure (n,) [m]: of one mass, the roof, or the first mode."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return jnp.sum(response.drift(t), axis=-1)
     deformation = response.deformation(t)
@@ -269,14 +274,14 @@ def _sway(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Fl
 
 
 def _sway_label(podium: rj.Podium) -> str:
-    """Return the label of `_sway`."""
+    """Return the axis label of `_sway`."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return "roof\n[mm]"
     return "mode 1\n[mm]" if isinstance(podium.superstructure, rj.Modes) else "deformation\n[mm]"
 
 
 class _Grid(NamedTuple):
-    """Positions of a slider: a browser rounds every value to the nearest of these, also the first one."""
+    """Positions of a slider. A browser rounds every value to the nearest position, even the first one."""
 
     low: float
     high: float
@@ -284,23 +289,27 @@ class _Grid(NamedTuple):
 
     @classmethod
     def containing(cls, low: float, high: float, value: float) -> _Grid:
-        """Return a grid of some hundred positions with round steps, refined until it holds `value`."""
-        rough = (high - low) / SLIDER_POSITIONS
-        power = 10.0 ** math.floor(math.log10(rough))
-        step = power * next(part for part in (1, 2, 5, 10) if part * power >= 0.999 * rough)
+        """Return a grid with a round step and some hundred positions, refined until it holds `value`.
+
+        The step is divided by at most 10^MAX_REFINEMENTS, which may not suffice.
+        """
+        rough_step = (high - low) / SLIDER_POSITIONS
+        power = 10.0 ** math.floor(math.log10(rough_step))
+        step = power * next(factor for factor in (1, 2, 5, 10) if factor * power >= 0.999 * rough_step)
         finer = (cls(low, high, float(f"{step / 10**k:.12g}")) for k in range(MAX_REFINEMENTS + 1))
         return next((grid for grid in finer if grid.holds(value)), cls(low, high, step / 10**MAX_REFINEMENTS))
 
     def holds(self, value: float) -> bool:
-        place = (value - self.low) / self.step
-        return abs(place - round(place)) < 1e-6
+        """Return whether a value is a position."""
+        position = (value - self.low) / self.step
+        return abs(position - round(position)) < 1e-6
 
-    def read(self, shown_value: float, given: float) -> float:
-        """Return the value of a slider: the given one, if the browser has only rounded that."""
+    def read(self, shown_value: float, initial_value: float) -> float:
+        """Return the value of a slider; the initial one if the shown value is only its rounding."""
         if not self.holds(shown_value):
             return shown_value
         shown_value = float(f"{shown_value:.12g}")  # browsers compute positions in floating point
-        return given if abs(shown_value - given) <= 0.5001 * self.step else shown_value
+        return initial_value if abs(shown_value - initial_value) <= 0.5001 * self.step else shown_value
 
 
 def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.FloatSlider:
@@ -320,7 +329,7 @@ def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.Float
 
 
 class _Drawing:
-    """One figure whose curves are updated."""
+    """A figure of the first and the present response, whose curves are updated."""
 
     def __init__(self, first: _Answer, structure: Structure):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -337,8 +346,8 @@ class _Drawing:
         if not podium.vibrates:
             del rows[1]
         with plt.style.context(STYLE):
-            # A fixed layout: the layout engine takes longer than the drawing.
-            self.figure = Figure(figsize=(_WIDTH, _HEIGHT * len(rows)), dpi=_DPI)
+            # The layout is fixed, because a layout engine takes longer than the drawing.
+            self.figure = Figure(figsize=(_WIDTH, _ROW_HEIGHT * len(rows)), dpi=_DPI)
             FigureCanvasAgg(self.figure)
             axes = self.figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
             self.figure.subplots_adjust(left=0.11, right=0.98, top=0.97, bottom=0.25 / len(rows), hspace=0.12)
@@ -354,6 +363,7 @@ class _Drawing:
             axes[-1].set_xlabel("time [s]")
 
     def __call__(self, answer: _Answer) -> bytes:
+        """Draw the present response and return the picture as PNG."""
         for ax, line, quantity in self.curves:
             line.set_data(np.asarray(answer.t), quantity(answer))
             if ax.get_autoscaley_on():
@@ -372,15 +382,15 @@ _ROWS = {
     "peak deformation [mm]": ("peak_deformation", MM_PER_M),
     "peak drift [mm]": ("peak_drift", MM_PER_M),
     "peak floor acceleration [m/s²]": ("peak_floor_acceleration", 1.0),
-    "peak shear over weight": ("peak_shear", 1.0),
+    "peak shear / weight": ("peak_shear", 1.0),
 }
 
 
 def _peak_table(first: rj.Peak, present: rj.Peak) -> str:
-    """Return a table of the first and the present peaks."""
+    """Return an HTML table of the first and the present peaks."""
 
     def number(peak: rj.Peak, field: str, factor: float) -> str:
-        return f"{factor * float(np.max(getattr(peak, field))):.3g}"  # the largest over modes or stories
+        return f"{factor * float(np.max(getattr(peak, field))):.3g}"  # the largest of all modes or stories
 
     available = {
         name: field_and_factor
@@ -391,13 +401,13 @@ def _peak_table(first: rj.Peak, present: rj.Peak) -> str:
         (name, *(number(peak, *field_and_factor) for peak in (first, present)))
         for name, field_and_factor in available.items()
     ]
-    rows += [("the scene", _describe_end(first), _describe_end(present))]
+    rows += [("result", _describe_end(first), _describe_end(present))]
     cell = '<td style="padding: 1px 6px; text-align: left">'
-    head = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "at first", "now"))
+    heading = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "at first", "now"))
     lines = ["".join(f"{cell}{text}</td>" for text in row) for row in rows]
     return (
         '<table style="line-height: 1.4">'
-        + "".join(f"<tr>{line}</tr>" for line in (head, *lines))
+        + "".join(f"<tr>{line}</tr>" for line in (heading, *lines))
         + "</table>"
     )
 
@@ -405,5 +415,6 @@ def _peak_table(first: rj.Peak, present: rj.Peak) -> str:
 def _describe_end(peak: rj.Peak) -> str:
     if bool(peak.overturned):
         return f"overturns at {float(peak.overturn_time):.3g} s"
-    good = (rj.RESULTS.settled, rj.RESULTS.end_of_time)
-    return "survives" if any(bool(peak.result == result) for result in good) else str(rj.RESULTS[peak.result])
+    survivals = (rj.RESULTS.settled, rj.RESULTS.end_of_time)
+    has_survived = any(bool(peak.result == result) for result in survivals)
+    return "survives" if has_survived else str(rj.RESULTS[peak.result])

@@ -1,6 +1,8 @@
-"""Targets on a probability of failure under random ground motions.
+"""Target on a probability of failure under random ground motions.
 
-The probability is sampled: it is evaluated outside jit, one structure at a time.
+The probability is estimated by sampling, outside jit, one structure at a time. During a search it is
+estimated along rays: directions in the space of the random variables u, through failing samples, along which
+the distance to failure is solved for.
 """
 
 from __future__ import annotations
@@ -24,26 +26,27 @@ from rockjax.internal import concrete, require_instance, require_number, require
 from ._suite import Margins
 from ._targets import AbstractTarget, Name, check_limit
 
-SAFETY_FACTOR = 1.645  # standard errors of ln P kept as a margin, so that 95 % of independent samples agree
-MAX_SCENES = 10_000_000  # of an independent sample
-SAME_STRUCTURE = 1e-3  # relative change of a structure below which a check is reused
+SAFETY_FACTOR = 1.645  # margin in standard errors of ln P, with which 95 % of independent samples agree
+MAX_SCENES = 10_000_000  # scenes of an independent sample
+SAME_STRUCTURE = 1e-3  # relative change of a structure up to which its independent sample is reused
 
 
 class FailureProbability(AbstractTarget):
     """A random ground motion makes the structure fail with a probability of at most `at_most`.
 
-    - `at_most`: 1e-9 ≤ at_most ≤ 0.3 [–]; `motion`: a [`rockjax.GaussianMotion`][]
+    - `at_most`: probability, 1e-9 ≤ at_most ≤ 0.3 [–]; `motion`: a [`rockjax.GaussianMotion`][]
     - `limit`: limit state of failure, as for [`rockjax.failure_probability`][]
-    - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `rays`: number of directions
-      in which the failure surface is followed, ≥ 8; `seed`: of the random numbers
-    - `name`: in reports
+    - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `rays`: number of directions along
+      which the failure surface is followed, ≥ 8; `seed`: seed of the random numbers, ≥ 0
+    - `name`: name in reports
 
-    The margin is ln k. k is the factor on u (on the motions, if they have no pulse) at which the probability
-    equals `at_most`. During the search k comes from rays through failing samples of the first structure,
-    with derivatives by the implicit function theorem; all structures use the same rays, and a safety margin
-    covers the scatter between two samples. A design is verified by subset simulation from another seed: this
-    second sample gives its margin and is in `Design.probabilities`. Where it has not converged in 10 million
-    scenes, the margin is NaN and the design is `unverified` and not satisfied.
+    The margin is ln k. k is the factor on the standard normal variables u of the motion (on the motions
+    themselves, if they have no pulse) at which the probability equals `at_most`. During the search k comes
+    from rays through failing samples of the first structure, with derivatives by the implicit function
+    theorem. All structures use the same rays, and a safety margin covers the scatter between two samples. A
+    design is verified by subset simulation from another seed; this independent sample gives its margin and is
+    in `Design.probabilities`. If it has not converged in 10 million scenes, the margin is NaN and the design
+    is not satisfied, with the result `unverified`.
     """
 
     at_most: float = eqx.field(static=True)
@@ -84,10 +87,11 @@ class FailureProbability(AbstractTarget):
         )
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        """Return the margin of a structure from a sample of its own (host)."""
+        """Return the margin of a structure (1,) from new rays for this structure (host)."""
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
-                "FailureProbability is sampled and has no margins in traced code; use it in optimise.design"
+                "FailureProbability: margins cannot be traced, because they are sampled; use the target in "
+                "optimise.design, or call margins outside jit and grad"
             )
         return jnp.asarray([RayTarget(self, podium).at(podium, ()).margin])
 
@@ -96,24 +100,29 @@ class FailureProbability(AbstractTarget):
 
 
 class MarginAndSlopes(NamedTuple):
-    """A margin and its derivatives with respect to the logarithms of numbers of a structure, by name."""
+    """A margin, and its derivatives with respect to the logarithms of parameters: name → slope."""
 
     margin: float
     slopes: Mapping[str, float]
 
 
 class _Check(NamedTuple):
-    """An independent sample at a structure: its estimate, and its ratio to the estimate of the rays."""
+    """An independent sample at a structure.
 
-    numbers: np.ndarray
+    - `parameters`: all scalar parameters of the structure (n,); `estimate`: its probability of failure
+    - `ratio`: this probability divided by the estimate along the rays
+    """
+
+    parameters: np.ndarray
     estimate: rj.FailureProbability
     ratio: float
 
 
 class RayTarget:
-    """A target with the rays that a search uses (host).
+    """A target with the rays that a search uses, sampled at its first structure (host).
 
-    `scenes` counts the scenes simulated.
+    - `scenes`: number of scenes simulated so far; `checks`: independent samples taken so far
+    - `is_verified`: whether a design is being verified, without the safety margin of the search
     """
 
     def __init__(self, target: FailureProbability, podium: rj.Podium):
@@ -135,35 +144,39 @@ class RayTarget:
         """Return the margin of a structure, with slopes for `names`."""
         limit = self._limit(podium)
         solution = solve_factor(limit, self.rays, self._target_probability(podium), names, self.factor)
-        self.factor = min(max(solution.factor, 0.1), 10.0)  # the start of the next root search
+        self.factor = min(max(solution.factor, 0.1), 10.0)  # where the next root search starts
         self.scenes += limit.scenes
         return MarginAndSlopes(
             math.log(solution.factor), dict(zip(names, solution.sensitivities.tolist(), strict=True))
         )
 
     def _target_probability(self, podium: rj.Podium) -> float:
-        """Return the probability at which the rays are cut."""
+        """Return the probability along the rays at which the factor k is solved for."""
         safety = 0.0 if self.is_verified else self.spread
         return min(self.target.at_most / self._ratio(podium) * math.exp(-safety), 0.9)
 
     @property
     def spread(self) -> float:
-        """Largest difference of ln P expected between two samples."""
+        """Difference of ln P between two samples that 95 % of them do not exceed."""
         return SAFETY_FACTOR * math.sqrt(2) * self.target.cov
 
     def _ratio(self, podium: rj.Podium) -> float:
-        """Return the ratio of the nearest independent estimate to that of the rays, 1 without any."""
+        """Return the ratio of the independent sample at the nearest structure, 1 if there is none."""
         if not self.checks:
             return 1.0
-        return min(self.checks, key=lambda check: _largest_difference(check.numbers, _numbers(podium))).ratio
+        parameters = _parameters(podium)
+        return min(self.checks, key=lambda check: _largest_difference(check.parameters, parameters)).ratio
 
     def check(self, podium: rj.Podium) -> float | None:
-        """Take an independent sample at a structure and return the change of ln P; None if it has one."""
+        """Take an independent sample at a structure and return the change of ln P.
+
+        Return None if the structure has been sampled already.
+        """
         if self.checked_estimate(podium) is not None:
             return None
         before = self._ratio(podium)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # the design reports it
+            warnings.simplefilter("ignore", RuntimeWarning)  # the design reports missing convergence
             estimate = self.target.probability(podium, seed=self.target.seed + 1 + len(self.checks))
         self.scenes += estimate.scenes
         ratio = before
@@ -171,21 +184,21 @@ class RayTarget:
             limit = self._limit(podium)
             ratio = estimate.probability / max(probability_at(limit, self.rays, 1.0), 1e-300)
             self.scenes += limit.scenes
-        self.checks.append(_Check(_numbers(podium), estimate, ratio))
+        self.checks.append(_Check(_parameters(podium), estimate, ratio))
         return math.log(ratio / before)
 
     def checked_estimate(self, podium: rj.Podium) -> rj.FailureProbability | None:
         """Return the estimate of the independent sample at this structure, None if there is none."""
-        nearby = [
-            c for c in self.checks if _largest_difference(c.numbers, _numbers(podium)) <= SAME_STRUCTURE
-        ]
+        parameters = _parameters(podium)
+        nearby = [c for c in self.checks if _largest_difference(c.parameters, parameters) <= SAME_STRUCTURE]
         return nearby[-1].estimate if nearby else None
 
 
-def _numbers(podium: rj.Podium) -> np.ndarray:
+def _parameters(podium: rj.Podium) -> np.ndarray:
+    """Return all scalar parameters of a podium (n,)."""
     return np.array([float(y) for y in jax.tree.leaves(podium)])
 
 
 def _largest_difference(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the largest relative difference of numbers."""
+    """Return the largest relative difference between the entries of two vectors."""
     return float(np.max(np.abs(a - b) / np.maximum(np.maximum(np.abs(a), np.abs(b)), 1e-12)))

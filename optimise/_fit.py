@@ -1,4 +1,4 @@
-"""`fit`: identify numbers of a podium from a measured rotation by least squares."""
+"""`fit`: identify parameters of a podium from a measured rotation by least squares."""
 
 from __future__ import annotations
 
@@ -26,23 +26,25 @@ from rockjax.internal import (
 from ._suite import has_answer
 from ._variables import Structure, Variables, as_podium, make_variables
 
-WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # parts of the strong rotation, fitted one after the other
-STRONG = 0.1  # rotation is strong above this part of its peak
-EDGE = 1e-3  # distance of starts from the bounds, where the transform is flat
-STEPS = 40  # of the solver in each window
-DRAWS_PER_START = 16  # random points tried for every start, on the first window
+WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # fractions of the strong rotation's duration, fitted in this order
+STRONG_RATIO = 0.1  # rotation is strong above this fraction of its peak
+EDGE = 1e-3  # least distance of starts from the bounds, where the transform is flat
+MAX_STEPS = 40  # steps of the solver in each window
+DRAWS_PER_START = 16  # random points for each start; the one with the least cost on the first window is used
 
 
 class Fit(Module):
     """A fitted podium with its standard errors.
 
-    - `podium`: the structure; `structure`: the structure as `Podium` or `Dimensions`, as given
+    - `podium`: the fitted podium; `structure`: the same in the form of the argument, `Podium` or `Dimensions`
     - `variables`: name → value; `errors`: name → standard error, from the Jacobian and the scatter of the
-      residuals (inf where the history does not determine it; only indicative at a bound)
-    - `covariance`: of the variables, in user units, in their order
-    - `rms`: root mean square of the residual [rad]; `residuals`: measured minus fitted θ at the times [rad]
-    - `starts`: rms of every start [rad]; `best`: index of this one; `converged`: whether its solver
-      converged
+      residuals. All are inf if the measurement does not determine every variable; at a bound they are only
+      indicative
+    - `covariance`: covariance matrix of the variables, in user units, in the order of `variables`
+    - `rms`: root mean square of the residuals [rad]; `residuals`: measured minus fitted θ at the times [rad]
+    - `starts`: rms of every start [rad]; `best`: index of the returned start; `converged`: whether the solver
+      converged on the last window of this start
+    - `units`: name → unit
     - `seconds`: wall time, with compilation [s]
     """
 
@@ -66,8 +68,8 @@ class Fit(Module):
             f"  {name.ljust(width)}  {value:.8g} ± {self.errors[name]:.2g} {self.units[name]}"
             for name, value in self.variables.items()
         ]
-        near = int(np.sum(self.starts <= 1.01 * self.rms))
-        lines.append(f"  {near} of {len(self.starts)} starts came to this fit; {self.seconds:.1f} s")
+        count = int(np.sum(self.starts <= 1.01 * self.rms))
+        lines.append(f"  {count} of {len(self.starts)} starts reached this fit; {self.seconds:.1f} s")
         return "\n".join(lines)
 
 
@@ -78,10 +80,10 @@ def _check_measurement(times, theta) -> tuple[np.ndarray, np.ndarray]:
     )
     if times.ndim != 1 or times.shape != theta.shape or len(times) < 2:
         raise ValueError(
-            f"fit: times and theta must be vectors of one length ≥ 2, got {times.shape} and {theta.shape}"
+            f"fit: times and theta must be vectors of equal length ≥ 2, got {times.shape} and {theta.shape}"
         )
     if not (np.isfinite(times).all() and np.isfinite(theta).all() and (np.diff(times) > 0).all()):
-        raise ValueError("fit: times and theta must be finite, and times ascending")
+        raise ValueError("fit: times and theta must be finite, and times must be ascending")
     return times, theta
 
 
@@ -98,21 +100,22 @@ def fit(
     options: rj.Options = rj.Options(rtol=1e-9, atol=1e-11, history=1024, throw=False),
     tolerance: float = 1e-8,
 ) -> Fit:
-    """Fit numbers of a podium to a measured rotation θ(t) by least squares (host).
+    """Fit parameters of a podium to a measured rotation θ(t) by least squares (host).
 
     - `podium`, `vary`: as in [`optimise.design`][]; `podium` is the first start
-    - `times`: of the measurement, ascending, n ≥ 2 [s]; `theta`: measured rotation there [rad]
+    - `times`: times of the measurement, ascending, n ≥ 2 [s]; `theta`: rotation measured at `times` [rad]
     - `initial`: the state at the start of the excitation's support
     - `excitation`: the ground motion of the measurement
-    - `starts`: number of starting points, ≥ 1, drawn by `seed`
-    - `options`: of the simulations; `history` limits the steps of a history
-    - `tolerance`: of the least squares, relative, > 0 [–]
+    - `starts`: number of starting points, ≥ 1; all but the first are drawn at random from `seed`
+    - `options`: options of the simulations; `history` limits the number of steps in a history
+    - `tolerance`: relative and absolute tolerance of the least-squares solver, > 0 [–]
 
-    A rotation out of phase with the measurement gives a poor search direction. Growing windows are therefore
-    fitted in sequence, the first with the first impacts only. The method is Levenberg–Marquardt in variables
-    transformed so that they stay within the bounds. Raises `ValueError` for invalid inputs.
+    A rotation out of phase with the measurement gives a poor search direction. The fit therefore starts with
+    a short window, which covers the first impacts, and repeats with longer ones. The method is
+    Levenberg–Marquardt in transformed variables that stay within the bounds. Raises `ValueError` for invalid
+    inputs.
     """
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     variables = make_variables(podium, vary, "fit")
     excitation = as_excitation("fit", excitation)
     require_instance("fit", "options", options, rj.Options, "rockjax.Options")
@@ -125,41 +128,41 @@ def fit(
             f"fit: {len(times)} measurements do not determine {len(vary)} variables; give more "
             "measurements or vary fewer"
         )
-    begin = float(excitation.support[0])
-    if times[0] < begin:
+    excitation_start = float(excitation.support[0])
+    if times[0] < excitation_start:
         raise ValueError(
-            f"fit: times must begin at or after the scene does, at {begin:g} s; got {times[0]:g} s"
+            f"fit: times must not begin before the excitation, at {excitation_start:g} s; got {times[0]:g} s"
         )
     scene = _Scene(
         variables, excitation, jnp.asarray(times), jnp.asarray(theta), initial, options.replace(throw=False)
     )
-    # In units of the signal, so that tolerances are relative.
-    unit = jnp.asarray(float(np.max(np.abs(theta))) or 1.0)
+    # Residuals are divided by the peak of the signal, so that tolerances are relative.
+    peak = jnp.asarray(float(np.max(np.abs(theta))) or 1.0)
     rng = np.random.default_rng(seed)
     n = len(variables.names)
-    first = np.asarray(variables.start())
+    given_point = np.asarray(variables.start())
     draws = rng.uniform(size=(starts * DRAWS_PER_START, n))
-    draws[0] = first
-    windows = [_window_weights(times, theta, part) for part in WINDOWS]
-    draw_costs = np.asarray(_costs(scene, jnp.asarray(draws), jnp.asarray(windows[0]), unit))
-    # Each start begins at the best of its draws on the first window, the first start at the given structure.
+    draws[0] = given_point
+    windows = [_window_weights(times, theta, fraction) for fraction in WINDOWS]
+    draw_costs = np.asarray(_costs(scene, jnp.asarray(draws), jnp.asarray(windows[0]), peak))
+    # The first start begins at the given structure, every other one at its draw with the least cost.
     chosen = [
         k * DRAWS_PER_START + int(np.argmin(draw_costs[k * DRAWS_PER_START : (k + 1) * DRAWS_PER_START]))
         for k in range(starts)
     ]
-    z = _from_unit_interval(jnp.clip(jnp.asarray(draws[chosen]).at[0].set(first), EDGE, 1 - EDGE))
+    z = _from_unit_interval(jnp.clip(jnp.asarray(draws[chosen]).at[0].set(given_point), EDGE, 1 - EDGE))
     has_converged = None
     for window in windows:
-        z, has_converged = _solve_window(scene, z, jnp.asarray(window), unit, jnp.asarray(tolerance))
+        z, has_converged = _solve_window(scene, z, jnp.asarray(window), peak, jnp.asarray(tolerance))
     assert has_converged is not None
     ends = np.asarray(_to_unit_interval(z))
-    costs, slopes = (np.asarray(y) for y in _evaluate_residuals(scene, jnp.asarray(ends)))
-    rms = np.sqrt(np.mean(costs**2, axis=1))
+    residuals, slopes = (np.asarray(y) for y in _evaluate_residuals(scene, jnp.asarray(ends)))
+    rms = np.sqrt(np.mean(residuals**2, axis=1))
     best = int(np.nanargmin(np.where(np.isfinite(rms), rms, np.inf)))
-    scale = np.asarray(jax.jacfwd(variables.values)(jnp.asarray(ends[best])))
-    covariance = _covariance(costs[best], slopes[best] @ np.linalg.inv(scale))
+    value_slopes = np.asarray(jax.jacfwd(variables.values)(jnp.asarray(ends[best])))
+    covariance = _covariance(residuals[best], slopes[best] @ np.linalg.inv(value_slopes))
     values = np.asarray(variables.values(jnp.asarray(ends[best])))
-    numbers = dict(zip(variables.names, map(float, values), strict=True))
+    fitted_values = dict(zip(variables.names, map(float, values), strict=True))
     bounds = zip(np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist(), strict=True)
     structure = make_variables(podium, dict(zip(variables.names, bounds, strict=True))).structure(
         jnp.asarray(ends[best])
@@ -167,20 +170,22 @@ def fit(
     return Fit(
         podium=as_podium(structure),
         structure=structure,
-        variables=numbers,
+        variables=fitted_values,
         errors=dict(zip(variables.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         covariance=covariance,
         rms=float(rms[best]),
-        residuals=costs[best],
+        residuals=residuals[best],
         starts=rms,
         best=best,
         converged=bool(np.asarray(has_converged)[best]),
         units=dict(zip(variables.names, variables.units, strict=True)),
-        seconds=time.perf_counter() - began,
+        seconds=time.perf_counter() - start_time,
     )
 
 
 class _Scene(Module):
+    """A structure with varied parameters, its motion and the measured rotation θ at `times`."""
+
     variables: Variables
     excitation: rj.AbstractExcitation
     times: Float[Array, " n"]
@@ -189,23 +194,30 @@ class _Scene(Module):
     options: rj.Options
 
     def residuals(self, x: Float[Array, " k"]) -> Float[Array, " n"]:
-        """Return measured minus simulated rotation (n,) [rad]; after overturning the columns stay at α."""
+        """Return measured minus simulated rotation (n,) [rad], inf if the scene did not finish.
+
+        After overturning, the simulated rotation is ±α.
+        """
         podium = self.variables.podium(x)
         response = rj.simulate(
             podium, self.excitation, initial=self.initial, t_end=self.times[-1], options=self.options
         )
         theta = response(self.times).theta
-        last = jnp.where(jnp.isfinite(response.overturn_time), response.overturn_time, self.times[-1])
-        side = jnp.sign(response(jnp.minimum(last, response.stats.end_time), left=True).theta)
-        is_overturned = self.times > last
+        last_time = jnp.where(jnp.isfinite(response.overturn_time), response.overturn_time, self.times[-1])
+        side = jnp.sign(response(jnp.minimum(last_time, response.stats.end_time), left=True).theta)
+        is_overturned = self.times > last_time
         theta = jnp.where(is_overturned, side * podium.alpha, jnp.where(jnp.isfinite(theta), theta, 0.0))
         return jnp.where(has_answer(response), self.theta - theta, jnp.inf)
 
 
-def _window_weights(times: np.ndarray, theta: np.ndarray, part: float) -> np.ndarray:
-    """Return weights: 1 up to a part of the strong rotation, 0 after; all 1 for part = 1."""
-    strong = times[np.abs(theta) >= STRONG * np.max(np.abs(theta))]
-    return (times <= (strong[0] + part * (strong[-1] - strong[0]) if part < 1 else np.inf)).astype(float)
+def _window_weights(times: np.ndarray, theta: np.ndarray, fraction: float) -> np.ndarray:
+    """Return weights of the times (n,): 1 up to a fraction of the strong rotation's duration, then 0.
+
+    All weights are 1 for fraction = 1.
+    """
+    strong_times = times[np.abs(theta) >= STRONG_RATIO * np.max(np.abs(theta))]
+    window_end = strong_times[0] + fraction * (strong_times[-1] - strong_times[0])
+    return (times <= (window_end if fraction < 1 else np.inf)).astype(float)
 
 
 def _to_unit_interval(z):
@@ -214,39 +226,45 @@ def _to_unit_interval(z):
 
 
 def _from_unit_interval(x):
+    """Invert `_to_unit_interval`."""
     return jnp.arcsin(2 * x - 1)
 
 
 @eqx.filter_jit
-def _costs(scene: _Scene, points, weights, unit):
+def _costs(scene: _Scene, points, weights, peak):
+    """Return the mean squares of the weighted residuals at points (k, n), inf if the scene did not finish."""
+
     def cost(x):
-        residuals = weights * scene.residuals(x) / unit
+        residuals = weights * scene.residuals(x) / peak
         return jnp.where(jnp.isfinite(residuals).all(), jnp.mean(residuals**2), jnp.inf)
 
     return jax.lax.map(cost, points, batch_size=8)
 
 
 @eqx.filter_jit
-def _solve_window(scene: _Scene, z, weights, unit, tolerance):
+def _solve_window(scene: _Scene, z, weights, peak, tolerance):
+    """Fit one window from every start z (starts, n); return the new z and whether each solver converged."""
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
 
-    def one(z):
+    def solve_start(z):
         answer = optx.least_squares(
-            lambda z, _: weights * scene.residuals(_to_unit_interval(z)) / unit,
+            lambda z, _: weights * scene.residuals(_to_unit_interval(z)) / peak,
             solver,
             z,
-            max_steps=STEPS,
+            max_steps=MAX_STEPS,
             throw=False,
         )
-        good = jnp.isfinite(answer.value).all()
-        return jnp.where(good, answer.value, z), answer.result == optx.RESULTS.successful
+        is_finite = jnp.isfinite(answer.value).all()
+        return jnp.where(is_finite, answer.value, z), answer.result == optx.RESULTS.successful
 
-    return jax.vmap(one)(z)
+    return jax.vmap(solve_start)(z)
 
 
 @eqx.filter_jit
 def _evaluate_residuals(scene: _Scene, points):
-    def one(x):
+    """Return the residuals and their Jacobians at points (starts, n)."""
+
+    def at_point(x):
         def with_value(x):
             residuals = scene.residuals(x)
             return residuals, residuals
@@ -254,15 +272,15 @@ def _evaluate_residuals(scene: _Scene, points):
         slope, value = jax.jacfwd(with_value, has_aux=True)(x)
         return value, slope
 
-    return jax.vmap(one)(points)
+    return jax.vmap(at_point)(points)
 
 
 def _covariance(residuals: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return the covariance s²(JᵀJ)⁻¹; infinite where the Jacobian is rank-deficient."""
+    """Return the covariance s²(JᵀJ)⁻¹; all entries are inf if the Jacobian J is rank-deficient."""
     count, n = slope.shape
     variance = float(residuals @ residuals) / max(count - n, 1)
     information = slope.T @ slope
-    size = np.sqrt(np.diag(information))
-    if not (size > 0).all() or np.linalg.cond(information / np.outer(size, size)) > 1e14:
+    norms = np.sqrt(np.diag(information))  # of the columns of J
+    if not (norms > 0).all() or np.linalg.cond(information / np.outer(norms, norms)) > 1e14:
         return np.full((n, n), np.inf)
     return variance * np.linalg.inv(information)

@@ -1,4 +1,4 @@
-"""Ground motions that are drawn anew in every step of a search."""
+"""Fresh samples: ground motions that are drawn anew in every step of a search."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ import rockjax as rj
 from rockjax._risk.structure import records_from_samples
 from rockjax.internal import AnyMotions, format_value, require_whole, single_motions
 
-STEP, SAMPLE = 1, 2  # streams of random numbers: batches of a search, and independent samples
+STEP, SAMPLE = 1, 2  # random streams: for the batches of a search and for independent samples
 
 
 class FreshSamples:
     """Ground motions drawn anew in every step of a search by a gradient transformation.
 
-    They replace a suite. They are drawn from a random motion, or from more records than fit into one batch.
+    They take the place of a suite in targets on a distribution of capacities: `optimise.AnnualFrequency`
+    (records only) and `optimise.MedianCapacity`.
 
-    - `motions`: a [`rockjax.GaussianMotion`][], or two records or more, drawn with replacement
+    - `motions`: a [`rockjax.GaussianMotion`][], or two or more records, drawn with replacement
     - `batch`: number of motions of a step, ≥ 2
     - `verify`: number of motions of the independent sample that verifies a design, a multiple of `batch`
-    - `seed`: of the random numbers, ≥ 0
+    - `seed`: seed of the random numbers, ≥ 0
 
-    For targets on a distribution of capacities: `optimise.AnnualFrequency` (records) and
-    `optimise.MedianCapacity`. Raises `ValueError` for invalid motions or numbers.
+    Raises `ValueError` for invalid arguments.
     """
 
     def __init__(
@@ -49,21 +49,21 @@ class FreshSamples:
         for k, motion in enumerate(members):
             if not isinstance(motion, rj.Record):
                 raise ValueError(
-                    f"{owner}: motions must be a rockjax.GaussianMotion or records, but entry {k} is "
+                    f"{owner}: motions must be a rockjax.GaussianMotion or records, but motions[{k}] is "
                     f"{format_value(motion)}"
                 )
         if len(self.members) < 2:
-            raise ValueError(f"{owner}: motions must hold two records or more, got one")
+            raise ValueError(f"{owner}: motions must hold at least two records, got one")
         self.motions = rj.Records.of(self.members)
 
     def records(self, owner: str) -> tuple[Any, ...]:
-        """Return the records that are drawn from. Raises `ValueError` for a random motion."""
+        """Return the records from which samples are drawn. Raises `ValueError` for a random motion."""
         if not self.members:
-            raise ValueError(f"{owner}: suite must be FreshSamples of records, got {self!r}")
+            raise ValueError(f"{owner}: FreshSamples must be drawn from records here, got {self!r}")
         return self.members
 
     def of_records(self, members: Sequence[Any]) -> Self:
-        """Return fresh samples with the same draws from other records."""
+        """Return fresh samples of other records, with the same batch, seed and size of the verification."""
         return type(self)(list(members), self.batch, verify=self.verify, seed=self.seed)
 
     def draw(self, k: int) -> rj.Records:
@@ -72,10 +72,11 @@ class FreshSamples:
 
     def sample(self, k: int) -> list[rj.Records]:
         """Return the k-th independent sample, in batches."""
-        return [self._draw(SAMPLE, k, part) for part in range(self.verify // self.batch)]
+        return [self._draw(SAMPLE, k, index) for index in range(self.verify // self.batch)]
 
-    def _draw(self, *purpose: int) -> rj.Records:
-        rng = np.random.default_rng([self.seed, *purpose])
+    def _draw(self, *stream: int) -> rj.Records:
+        """Return the batch of a random stream, given by a sequence of integers."""
+        rng = np.random.default_rng([self.seed, *stream])
         if isinstance(self.motions, rj.GaussianMotion):
             u = rng.standard_normal((self.batch, self.motions.dimension))
             records, which = records_from_samples(self.motions, jnp.asarray(u)), np.arange(self.batch)
@@ -84,5 +85,5 @@ class FreshSamples:
         return dataclasses.replace(records, which=which.astype(np.int32), scale=jnp.ones(self.batch))
 
     def __repr__(self):
-        kind = f"{len(self.members)} records" if self.members else "Gaussian motions"
-        return f"FreshSamples: {self.batch} of {kind} a step, {self.verify} to verify"
+        source = f"{len(self.members)} records" if self.members else "Gaussian motions"
+        return f"FreshSamples: {self.batch} of {source} a step, {self.verify} to verify"

@@ -1,12 +1,13 @@
-"""Steps of an Optax gradient transformation on an augmented Lagrangian, all starts in a batch.
+"""Steps of an Optax gradient transformation on an augmented Lagrangian, for all starts in one batch.
 
 With the largest value f, margins c and multipliers μ, the transformation follows the gradient of
 
-    f + Σ_j (max(0, μ_j − ρ_j c_j)² − μ_j²)/2ρ_j,   with ρ_j = ρ over a running mean of |∇c_j|²,
+    f + Σ_j (max(0, μ_j − ρ_j c_j)² − μ_j²)/(2ρ_j),
 
-so that steep and flat margins have equal weight. In each step μ_j moves by a tenth of the way to
-max(0, μ_j − ρ_j c_j). Steps shrink with 1/√t and are projected onto the bounds. Values of different steps are
-never compared, because their motions may differ.
+where ρ_j is ρ divided by a running mean of |∇c_j|², so that steep and flat margins have equal weight. In
+each step μ_j moves a tenth of the way to max(0, μ_j − ρ_j c_j). After the first eighth of a search, steps
+shrink with 1/√t. They are projected onto the bounds. Values of different steps are never compared, because
+their motions may differ.
 """
 
 from __future__ import annotations
@@ -26,17 +27,18 @@ if TYPE_CHECKING:
     from ._evaluator import Evaluator
 
 MAX_ITERATIONS = 100
-RHO, SMOOTHING = 10.0, 0.1
-STEP_DECAY = 8  # the steps shrink after 1/STEADY of a search
-MAX_STEP = 0.25  # longest step in scaled variables
-MIN_SLOPE = 1e-2  # margins with smaller slopes are not scaled up further
+RHO = 10.0  # ρ of the augmented Lagrangian
+SMOOTHING = 0.1  # factor of the running means of multipliers and slopes
+STEP_DECAY = 8  # steps shrink after the first 1/STEP_DECAY of a search
+MAX_STEP = 0.25  # largest entry of a step in scaled variables
+MIN_SLOPE = 1e-2  # smaller slopes of margins count as this one in ρ_j
 
 
 def transformation_of(method: str | optax.GradientTransformation) -> optax.GradientTransformation | None:
     """Return the gradient transformation of a method, None for `"sqp"`.
 
-    Raises `ValueError` for anything else, and for transformations that evaluate the objective, as line
-    searches do.
+    Raises `ValueError` if `method` is not one, and for transformations that evaluate the objective
+    themselves, as line searches do.
     """
     if isinstance(method, str) and method == "sqp":
         return None
@@ -46,7 +48,7 @@ def transformation_of(method: str | optax.GradientTransformation) -> optax.Gradi
         return optax.adam(0.02)
     if not isinstance(method, optax.GradientTransformation):
         raise ValueError(
-            "design: method must be 'sqp', 'adam' or a gradient transformation of Optax such as "
+            "design: method must be 'sqp', 'adam' or an Optax gradient transformation such as "
             f"optax.adam(0.02), got {method!r}"
         )
     extended, x, value = optax.with_extra_args_support(method), jnp.zeros(1), jnp.zeros(())
@@ -56,22 +58,22 @@ def transformation_of(method: str | optax.GradientTransformation) -> optax.Gradi
         if "value_fn" not in str(error):
             raise
         raise ValueError(
-            "design: method has to evaluate the objective by itself (value_fn), as line searches do; give "
-            "one that steps by gradients alone, such as optax.adam(0.02) or "
-            f"optax.lbfgs(0.1, linesearch=None), got {method!r}"
+            "design: method must not need value_fn, the objective as a function, as line searches do; give "
+            "one that needs only gradients, such as optax.adam(0.02) or "
+            f"optax.lbfgs(0.1, linesearch=None); got {method!r}"
         ) from None
     return method
 
 
 class GradientSteps:
-    """Gradient steps of all starts in a batch, with common motions.
+    """Gradient steps of all starts in one batch, under the same motions.
 
-    Arrays have the starts (s,) in front: margins (s, m), scaled variables (s, n). `target_margins` holds the
-    margins aimed at, `last_steps` the evaluations of the second half of the steps.
+    The first axis of arrays is the start: margins (s, m), scaled variables (s, n). `target_margins` holds the
+    margins aimed at, `last_steps` the points and evaluations of the second half of the steps.
 
-    - `transformation`: of Optax; `evaluate`: evaluates a point of every start
+    - `transformation`: an Optax gradient transformation; `evaluate`: evaluates one point of every start
     - `points`: starting points (s, n); `first`: their evaluations
-    - `tolerance`: first margin aimed at [–]; `history`: receives the iterates
+    - `tolerance`: margin aimed at initially [–]; `history`: list to which iterates are appended
     """
 
     def __init__(
@@ -91,7 +93,7 @@ class GradientSteps:
             jax.vmap(lambda g, state, x, value: extended.update(g, state, x, value=value, grad=g))
         )
         self.evaluate, self.x, self.history, self.iteration = evaluate, np.array(points, float), history, 0
-        self.is_dead = np.array([not evaluation.is_finite for evaluation in first])
+        self.is_excluded = np.array([not evaluation.is_finite for evaluation in first])
         self.scale = objective_scale([evaluation for evaluation in first if evaluation.is_finite])
         self.target_margins = np.full((len(first), len(first[0].c)), tolerance)
         self.multipliers = np.zeros_like(self.target_margins)
@@ -99,30 +101,33 @@ class GradientSteps:
         self.last_steps: list[list[tuple[Vector, Evaluation]]] = [[] for _ in first]
 
     def take_steps(self, steps: int, active: np.ndarray) -> None:
-        """Take `steps` steps with the starts `active` (s,); steps with non-finite answers are skipped."""
+        """Take `steps` steps with the starts for which `active` (s,) is True.
+
+        A start with a non-finite gradient does not move in that step.
+        """
         optimiser_state = self.init(jnp.asarray(self.x))
         for k in np.flatnonzero(active):
             self.last_steps[k] = []
         for t in range(steps):
-            found = self.evaluate(self.x, int(active.sum()))
-            pairs = [self._lagrangian(k, evaluation) for k, evaluation in enumerate(found)]
-            values, gradient = (np.stack(parts) for parts in zip(*pairs, strict=True))
-            usable = active & np.isfinite(gradient).all(axis=1)
-            gradient = np.where(usable[:, None], gradient, 0.0)
+            evaluations = self.evaluate(self.x, int(active.sum()))
+            pairs = [self._lagrangian(k, evaluation) for k, evaluation in enumerate(evaluations)]
+            values, gradient = (np.stack(column) for column in zip(*pairs, strict=True))
+            is_usable = active & np.isfinite(gradient).all(axis=1)
+            gradient = np.where(is_usable[:, None], gradient, 0.0)
             update, optimiser_state = self.update(
                 jnp.asarray(gradient), optimiser_state, jnp.asarray(self.x), values
             )
             step_factor = 1 / np.sqrt(max(1.0, STEP_DECAY * t / steps))
-            step = np.clip(step_factor * np.asarray(update), -MAX_STEP, MAX_STEP) * usable[:, None]
+            step = np.clip(step_factor * np.asarray(update), -MAX_STEP, MAX_STEP) * is_usable[:, None]
             new_x = np.clip(self.x + step, 0.0, 1.0)
-            for k in map(int, np.flatnonzero(usable)):
-                self._record(k, found[k], step_factor, float(np.max(np.abs(new_x[k] - self.x[k]))))
+            for k in map(int, np.flatnonzero(is_usable)):
+                self._record(k, evaluations[k], step_factor, float(np.max(np.abs(new_x[k] - self.x[k]))))
                 if t >= steps // 2:
-                    self.last_steps[k].append((self.x[k].copy(), found[k]))
+                    self.last_steps[k].append((self.x[k].copy(), evaluations[k]))
             self.x, self.iteration = new_x, self.iteration + 1
 
     def _lagrangian(self, k: int, evaluation: Evaluation) -> tuple[float, Vector]:
-        """Return value and gradient (n,) of the augmented Lagrangian of a start, and move its multipliers."""
+        """Update the multipliers of a start; return its augmented Lagrangian and the gradient (n,)."""
         c = evaluation.c - self.target_margins[k]
         if np.isfinite(evaluation.c_slope).all():
             self.squared_slopes[k] += SMOOTHING * (

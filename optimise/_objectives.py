@@ -1,4 +1,4 @@
-"""Objectives of a design: the largest of one or many values is minimised."""
+"""Objectives of a design. An objective has one or more values, of which the largest is minimised."""
 
 from __future__ import annotations
 
@@ -29,24 +29,29 @@ from ._targets import (
 
 
 class AbstractObjective(Module):
-    """Base class of objectives: the largest entry of `values` is minimised. Subclasses implement
-    the abstract methods."""
+    """Base class of objectives: the largest entry of `values` is minimised.
+
+    Subclasses implement `values` and `describe`.
+    """
 
     @abc.abstractmethod
     def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        """Return the values (k,) at a podium; traceable and differentiable."""
+        """Return the values (k,) of a podium; traceable and differentiable.
+
+        - `podium`: the structure; `options`: options of the simulations
+        """
 
     @abc.abstractmethod
     def describe(self) -> str:
-        """Return the objective in words."""
+        """Return the description of the objective in reports."""
 
     def while_searching(self) -> Self:
-        """Return a cheaper objective that is accurate enough for the search."""
+        """Return the objective that the search uses instead: cheaper, or this one."""
         return self
 
     @property
     def scenes(self) -> int:
-        """Scenes simulated for one evaluation."""
+        """Number of scenes simulated for one evaluation."""
         return 0
 
 
@@ -67,8 +72,10 @@ class AbstractWorst(AbstractObjective, AbstractResponses):
 
 
 class WorstRotation(AbstractWorst):
-    """The largest peak rotation max|θ|/α under a motion or a list of them [–]; beyond 1 by the overturning
-    margin."""
+    """The largest peak rotation max|θ|/α under a motion or a list of motions [–].
+
+    Where the columns overturn, 1 minus the (negative) overturning margin is used instead.
+    """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
 
@@ -80,14 +87,15 @@ class WorstRotation(AbstractWorst):
 
 
 class WorstPeak(AbstractWorst):
-    """The largest of an output of a scene, over all motions and all modes, stories or floors.
+    """The largest value of an output, over all motions and all modes, stories or floors.
 
     - `output`: name of one of `rockjax.Options.outputs` with a single answer, such as `"peak_shear"`, or an
-      output of your own; `excitations`: a motion or a list of them
+      output of your own; `excitations`: a motion or a list of motions
 
-    Where the columns overturn, the peak until then underestimates the response: it is multiplied by (1 − M),
-    with the overturning margin M < 0. Only a target such as [`optimise.NoOverturning`][] excludes such
-    designs. Raises `ValueError` for other outputs; and, when evaluated, for a podium without the output.
+    Where the columns overturn, the peak until overturning underestimates the response. It is therefore
+    multiplied by (1 − M), where M < 0 is the overturning margin. To exclude such designs, add a target such
+    as [`optimise.NoOverturning`][]. Raises `ValueError` for other outputs and, when evaluated, for a podium
+    that does not have the output.
     """
 
     output: AbstractOutput = eqx.field(static=True)
@@ -117,7 +125,7 @@ class WorstPeak(AbstractWorst):
 
 
 class WorstShear(WorstPeak):
-    """The largest shear of the superstructure over its weight under a motion or a list of them [–]."""
+    """The largest shear divided by the weight of the superstructure, under one or more motions [–]."""
 
     def __init__(self, excitations):
         super().__init__("peak_shear", excitations)
@@ -127,17 +135,16 @@ class WorstShear(WorstPeak):
 
 
 class WorstDeformation(WorstPeak):
-    """The largest deformation of the superstructure, of any of its modes, under a motion or a list of them
-    [m]."""
+    """The largest deformation of any mode of the superstructure under a motion or a list of motions [m]."""
 
     def __init__(self, excitations):
         super().__init__("peak_deformation", excitations)
 
 
 class WorstDrift(WorstPeak):
-    """The largest drift of any story of a building under a motion or a list of them [m].
+    """The largest drift of any story of a building under a motion or a list of motions [m].
 
-    Raises `ValueError` for a podium without stories, when evaluated.
+    When evaluated, it raises `ValueError` for a podium without stories.
     """
 
     def __init__(self, excitations):
@@ -145,10 +152,9 @@ class WorstDrift(WorstPeak):
 
 
 class WorstFloorAcceleration(WorstPeak):
-    """The largest absolute horizontal acceleration of any floor of a building under a motion or a list of
-    them [m/s²].
+    """The largest absolute horizontal acceleration of any floor under a motion or a list of motions [m/s²].
 
-    Raises `ValueError` for a podium without stories, when evaluated.
+    When evaluated, it raises `ValueError` for a podium without stories.
     """
 
     def __init__(self, excitations):
@@ -156,7 +162,7 @@ class WorstFloorAcceleration(WorstPeak):
 
 
 class OfPodium(AbstractObjective):
-    """A function of the podium: podium → number, or vector whose largest entry counts."""
+    """A function of the podium that returns a number, or a vector whose largest entry is minimised."""
 
     function: Callable[[rj.Podium], Any] = eqx.field(static=True)
 
@@ -164,7 +170,7 @@ class OfPodium(AbstractObjective):
         value = jnp.asarray(self.function(podium), float)
         if value.ndim > 1:
             raise ValueError(
-                f"design: minimise must give a number or a vector, got an array of shape {value.shape}"
+                f"design: minimise must return a number or a vector, got an array of shape {value.shape}"
             )
         return jnp.atleast_1d(value)
 
@@ -176,10 +182,10 @@ class OfPodium(AbstractObjective):
 class ExpectedLoss(AbstractObjective):
     """Annual cost of the columns plus expected annual loss by overturning: function(podium) + loss · λ_f.
 
-    - `function`: podium → annual cost of building it, in the currency of the loss
-    - `loss`: of one overturning, > 0 [currency]
-    - `risk`: gives the annual frequency of overturning λ_f [1/year]; its `at_most` is ignored. It may also be
-      a target.
+    - `function`: function of the podium that returns the annual cost of building it [currency]
+    - `loss`: loss by one overturning, > 0 [currency]
+    - `risk`: an `optimise.AnnualFrequency`, which gives the annual frequency of overturning λ_f [1/year]; its
+      `at_most` is ignored. It may also be a target
 
     Raises `ValueError` for invalid arguments.
     """

@@ -16,9 +16,12 @@ EvaluatedPoints = list[tuple[Vector, Evaluation]]
 class Optimality(NamedTuple):
     """Multipliers of the margins and residual of the optimality conditions.
 
-    - `multipliers`: of the margins (m,); `violation`: modelled violation after the step [–]
-    - `residual`: length of the step of unit curvature, as for a projected gradient; 0 exactly where the merit
-      is stationary within the bounds
+    The step of unit curvature minimises the linear models plus half the squared length of the step.
+
+    - `multipliers`: multipliers of the margins (m,)
+    - `residual`: largest entry of the step of unit curvature, as for a projected gradient; 0 exactly where
+      the merit is stationary within the bounds
+    - `violation`: modelled violation after this step [–]
     """
 
     multipliers: Vector
@@ -27,22 +30,26 @@ class Optimality(NamedTuple):
 
 
 def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Model:
-    """Return linear models at x and those of other points, lifted to be consistent with the values at x."""
+    """Return the linear models of x and of other evaluated points, for steps from x.
+
+    The models of other points are cuts. At x they may not predict more than the evaluated objective, or less
+    than an evaluated margin: objective cuts are lowered and margin cuts raised until they agree with x.
+    """
     k, m = len(current.f), len(current.c)
     f, f_slope, c, c_slope = [current.f], [current.f_slope], [current.c], [current.c_slope]
-    for y, evaluation in points:
-        f.append(np.minimum(evaluation.f + evaluation.f_slope @ (x - y), current.f))
+    for point, evaluation in points:
+        f.append(np.minimum(evaluation.f + evaluation.f_slope @ (x - point), current.f))
         f_slope.append(evaluation.f_slope)
-        c.append(np.maximum(evaluation.c + evaluation.c_slope @ (x - y), current.c))
+        c.append(np.maximum(evaluation.c + evaluation.c_slope @ (x - point), current.c))
         c_slope.append(evaluation.c_slope)
-    copies = 1 + len(points)
+    model_count = 1 + len(points)
     return Model(
         np.concatenate(f),
         np.concatenate(f_slope),
         np.concatenate(c),
         np.concatenate(c_slope),
-        np.tile(np.arange(k), copies),
-        np.tile(np.arange(m), copies),
+        np.tile(np.arange(k), model_count),
+        np.tile(np.arange(m), model_count),
     )
 
 
@@ -59,16 +66,19 @@ def optimality(
     penalty: float,
     tolerance: float,
 ) -> Optimality:
-    """Return the optimality of the merit at x, first as if it were smooth, then with models of near points.
+    """Return the optimality of the merit at x.
 
-    - `x`: scaled variables (n,); `current`: evaluation there; `near_points`: evaluated points near x
-    - `weight`: of the values; `penalty`: ν of the largest violation
+    The merit is first taken to be smooth at x. If x is then not stationary, it may be at a kink, and the
+    models of near points are added.
+
+    - `x`: scaled variables (n,); `current`: evaluation at x; `near_points`: evaluated points near x
+    - `weight`: weight of the largest value in the merit; `penalty`: penalty ν of the largest violation
     - `tolerance`: residual above which the near points are used
     """
-    found = _solve_optimality(x, current, [], weight, penalty)
-    if found.residual > tolerance and near_points:  # not stationary if smooth; perhaps at a kink
-        found = _solve_optimality(x, current, near_points, weight, penalty)
-    return found
+    result = _solve_optimality(x, current, [], weight, penalty)
+    if result.residual > tolerance and near_points:
+        result = _solve_optimality(x, current, near_points, weight, penalty)
+    return result
 
 
 def _solve_optimality(

@@ -1,4 +1,4 @@
-"""Pictures of a design, neither shown nor saved."""
+"""Pictures of a design. They return axes or a figure, which is neither shown nor saved."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MARKERS = "osD^vP"  # of the starts
-MAX_STARTS = 8  # in the legend
+MARKERS = "osD^vP"  # markers of the starts
+MAX_STARTS = 8  # starts that the legend lists
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
-    """Plot the objective over iterations, a line for every start, and return the axes.
+    """Plot the objective over iterations, one line for every start, and return the axes.
 
-    Filled marks satisfy the targets; the chosen start is black.
+    - `design`: a result of [`optimise.design`][]; `ax`: axes to draw in, by default those of a new figure
+
+    Filled markers satisfy the targets. The start that gave the design is black.
     """
     check_design("convergence", design)
     import matplotlib.pyplot as plt
@@ -40,19 +42,21 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
         if not rows:
             continue
         colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
-        numbers = np.array([(row.iteration, row.objective, row.margin) for row in rows])
+        iteration, objective, margin = np.array(
+            [(row.iteration, row.objective, row.margin) for row in rows]
+        ).T
         line_style = {
             "color": colour,
             "ls": STYLES[k % len(STYLES)],
             "lw": 0.9 if k else 1.6,
             "zorder": 2 + (k == 0),
         }
-        ax.plot(numbers[:, 0], numbers[:, 1], **line_style)
-        is_satisfied = numbers[:, 2] >= 0
-        for subset, face in ((numbers[is_satisfied], colour), (numbers[~is_satisfied], "white")):
+        ax.plot(iteration, objective, **line_style)
+        is_satisfied = margin >= 0
+        for subset, face in ((is_satisfied, colour), (~is_satisfied, "white")):
             ax.plot(
-                subset[:, 0],
-                subset[:, 1],
+                iteration[subset],
+                objective[subset],
                 marker,
                 ms=4.5,
                 color=colour,
@@ -63,8 +67,8 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
         entries.append(Line2D([], [], marker=marker, ms=4.5, label=label, **line_style))
     del entries[: max(0, len(entries) - MAX_STARTS)]
     entries = entries[::-1]
-    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", label="filled: targets hold"))
-    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="open: not yet"))
+    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", label="targets satisfied"))
+    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="not satisfied"))
     objective_label = f"design: {design.objective:.4g}"
     entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=objective_label))
     entry = find_parameter(design.minimised) or DIMENSIONS.get(design.minimised)
@@ -77,7 +81,11 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
 
 
 def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
-    """Plot the rotation over α before and after the design under one motion, and the motion."""
+    """Plot θ/α before and after the design under one motion, and the motion; return the figure.
+
+    - `before`: the podium before the design; `design`: a result of [`optimise.design`][]
+    - `excitation`: the ground motion
+    """
     check_design("before_after", design)
     require_instance("before_after", "before", before, rj.Podium, "a rockjax.Podium")
     excitation = as_excitation("before_after", excitation)
@@ -87,24 +95,24 @@ def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Fi
 
     figure = plt.figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    ends = []
+    rocking_ends = []
     for podium, label, colour, style in (
         (before, "before", COLOURS[1], "--"),
         (design.podium, "after", COLOURS[2], "-"),
     ):
         response = rj.simulate(podium, excitation)
         t = np.linspace(float(response.times[0]), float(response.stats.end_time), 4000)
-        fate = (
+        outcome = (
             "overturns"
             if bool(response.overturned)
             else rf"peak {float(response.peak_rotation):.3g} $\alpha$"
         )
         ratio = np.asarray(response(t).theta) / float(podium.alpha)
-        axes[0].plot(t, ratio, color=colour, ls=style, lw=1.2, label=f"{label}: {fate}")
+        axes[0].plot(t, ratio, color=colour, ls=style, lw=1.2, label=f"{label}: {outcome}")
         rocking_times = t[np.abs(ratio) > 1e-3]
-        ends.append(rocking_times[-1] if len(rocking_times) else t[0])
+        rocking_ends.append(rocking_times[-1] if len(rocking_times) else t[0])
     start, support_end = (float(t) for t in excitation.support)
-    end = min(max(*ends, min(support_end, start + 60.0)), start + 60.0)
+    end = min(max(*rocking_ends, min(support_end, start + 60.0)), start + 60.0)
     t = np.linspace(start, end, 4000)
     axes[1].plot(t, np.asarray(excitation(t)) / float(before.g), color=COLOURS[0], lw=1.2)
     for ax in axes:

@@ -1,4 +1,4 @@
-"""Design problems in TOML files: their tables besides structure, motions and options."""
+"""Design problems in TOML files: the tables `vary`, `minimise` and `targets`."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ from ._targets import (
 from ._variables import Dimensions, Structure, as_podium, make_variables
 
 EXPECTED_LOSS = "expected-loss"
-# Outputs that a limit can be set to, by their kind in a problem file.
+# Outputs that a target can limit: name in problem files → name of the output.
 PEAKS = {
     name.replace("_", "-"): name
     for name, output in REGISTRY.items()
@@ -71,18 +71,17 @@ WORST: dict[str, Any] = {
     "peak-floor-acceleration": WorstFloorAcceleration,
 }
 Positive = models.Positive
-_SET, _WIDTH = (
-    "Name of a set of motions.",
-    "Width down to which windows are found, over the range searched [–].",
-)
-_HAZARD, _END = "File of a hazard curve, beside this file.", "End of the search, in SI units of the hazard."
+_SET = "Name of a set of motions."
+_WIDTH = "Narrowest overturning window that is found, divided by the range searched [–]."
+_HAZARD = "File of a hazard curve, relative to the folder of this file."
+_END = "End of the search, in SI units of the hazard."
 
 
 class EnvelopeKeys(models.Keys):
     """The envelope of a random motion."""
 
     t_1: Positive | None = key(None, "End of the rise [s].")
-    t_2: Positive | None = key(None, "Begin of the decay [s].")
+    t_2: Positive | None = key(None, "Start of the decay [s].")
     c: Positive | None = key(None, "Rate of the decay [1/s].")
 
 
@@ -95,11 +94,11 @@ class GaussianKeys(models.Keys):
     omega_g: Positive | None = key(None, "Frequency of the soil [rad/s].")
     zeta_g: Positive | None = key(None, "Damping ratio of the soil [–].")
     omega_f: Positive | None = key(None, "Frequency of the high-pass filter [rad/s].")
-    zeta_f: Positive | None = key(None, "Its damping ratio [–].")
+    zeta_f: Positive | None = key(None, "Damping ratio of the high-pass filter [–].")
     envelope: EnvelopeKeys | None = key(None, "Envelope of the motion.")
 
 
-# Keys of targets: type and meaning.
+# Keys of targets: name → type and description.
 TARGET_KEYS: dict[str, tuple[Any, str]] = {
     "limit": (
         Positive,
@@ -128,7 +127,7 @@ TARGET_KEYS: dict[str, tuple[Any, str]] = {
     "seed": (models.Index, "Seed of the rays."),
     "name": (str, "Name in reports."),
 }
-# Targets: class, the keys of its first arguments in order, and further keys.
+# Targets: kind → class, required keys in the order of the first arguments, and optional keys.
 TARGETS: dict[str, tuple[Callable[..., AbstractTarget], str, str]] = {
     **{kind: (functools.partial(PeakLimit, output), "limit motions", "") for kind, output in PEAKS.items()},
     "peak-rotation": (PeakRotation, "limit motions", ""),
@@ -154,10 +153,10 @@ TARGETS: dict[str, tuple[Callable[..., AbstractTarget], str, str]] = {
 
 
 def _target(kind: str) -> Any:
-    """Return the model of a target."""
-    _, needed, further = TARGETS[kind]
-    fields: Any = {name: (TARGET_KEYS[name][0], key(..., TARGET_KEYS[name][1])) for name in needed.split()}
-    for name in (*further.split(), "name"):
+    """Return the model of the table of a target."""
+    _, required, optional = TARGETS[kind]
+    fields: Any = {name: (TARGET_KEYS[name][0], key(..., TARGET_KEYS[name][1])) for name in required.split()}
+    for name in (*optional.split(), "name"):
         fields[name] = TARGET_KEYS[name][0] | None, key(None, TARGET_KEYS[name][1])
     fields["kind"] = Literal[kind], key(..., "Kind of the target.")
     return create_model(kind, __base__=models.Keys, **fields)
@@ -170,45 +169,49 @@ else:
 
 
 class Quantity(models.Keys):
-    """A parameter of the podium, or a peak under motions."""
+    """Objective: a parameter of the podium, or a peak under motions."""
 
     quantity: str = key(..., f"A parameter of the podium, {', '.join(WORST)}.")
     motions: str | None = key(None, _SET)
 
 
 class LossKeys(models.Keys):
-    """Cost of the podium and loss by overturning."""
+    """Objective: cost of the podium and expected loss by overturning."""
 
     quantity: Literal["expected-loss"]
-    cost: Annotated[dict[str, Positive], Field(min_length=1)] = key(..., "Cost for each unit of parameters.")
-    loss: Positive = key(..., "Loss of an overturning, in the unit of the cost.")
+    cost: Annotated[dict[str, Positive], Field(min_length=1)] = key(
+        ..., "Cost for each unit of some parameters."
+    )
+    loss: Positive = key(..., "Loss by one overturning, in the unit of the cost.")
     hazard: str = key(..., _HAZARD)
     motions: str = key(..., _SET)
     max_intensity: Positive | None = key(None, _END)
     width: Positive | None = key(None, _WIDTH)
 
 
-def _quantity(given: Any) -> str:
-    return "Loss" if isinstance(given, dict) and given.get("quantity") == EXPECTED_LOSS else "Quantity"
+def _objective_tag(table: Any) -> str:
+    """Return the tag of the model that validates the table `minimise`."""
+    return "Loss" if isinstance(table, dict) and table.get("quantity") == EXPECTED_LOSS else "Quantity"
 
 
 class ProblemFile(models.Problem):
     """A problem file with a design."""
 
     structure: models.Structure = key(..., "The structure, by ratios or by dimensions.")
-    vary: dict[str, models.Bounds] = key(..., "What may vary: name = [lowest, highest].")
+    vary: dict[str, models.Bounds] = key(..., "Design variables: name = [lowest, highest].")
     minimise: (
         Annotated[
-            Annotated[LossKeys, Tag("Loss")] | Annotated[Quantity, Tag("Quantity")], Discriminator(_quantity)
+            Annotated[LossKeys, Tag("Loss")] | Annotated[Quantity, Tag("Quantity")],
+            Discriminator(_objective_tag),
         ]
         | None
-    ) = key(None, "What is to be least; the nearest design where not given.")
-    targets: list[Target] = key([], "What the design must keep.")
+    ) = key(None, "The objective, by default the distance from the start.")
+    targets: list[Target] = key([], "Conditions that the design must satisfy.")
 
     @model_validator(mode="after")
     def _check(self) -> ProblemFile:
         if self.minimise is None and not self.targets:
-            raise ValueError("nothing to do: give [minimise], [[targets]] or both")
+            raise ValueError("there is nothing to do; give [minimise], [[targets]] or both")
         return self
 
 
@@ -216,18 +219,23 @@ SETTINGS = ("starts", "seed", "tolerance", "max_iterations")
 
 
 class Problem(NamedTuple):
-    """Problem of a file: the arguments of [`optimise.design`][], and the sets of motions by name."""
+    """Design problem of a file: the arguments of [`optimise.design`][], and the sets of motions by name.
+
+    - `podium`, `vary`, `minimise`, `targets`, `options`: arguments of [`optimise.design`][]
+    - `settings`: its further arguments, `starts`, `seed`, `tolerance` and `max_iterations`, as far as given
+    - `motions`: name → set of motions
+    """
 
     podium: Structure
     vary: dict[str, tuple[float, float]]
     minimise: AbstractObjective | Callable[[rj.Podium], Any] | None
     targets: tuple[AbstractTarget, ...]
     options: rj.Options
-    settings: dict[str, Any]  # starts, seed, tolerance, max_iterations
+    settings: dict[str, Any]
     motions: dict[str, list[rj.AbstractExcitation]]
 
     def design(self, **changes) -> Design:
-        """Solve the problem; `changes` add to the arguments of [`optimise.design`][] or replace them."""
+        """Return the design; `changes` are further arguments of [`optimise.design`][], or replace some."""
         settings: dict[str, Any] = {"options": self.options} | self.settings | changes
         return design(self.podium, self.vary, self.minimise, self.targets, **settings)
 
@@ -239,30 +247,30 @@ def _format_problem(problem: Problem) -> str:
     """Return a problem as text: variables at the start, targets with their scenes, sets of motions."""
     objective = problem.minimise
     if objective is None:
-        least = "the nearest design"
+        aim = "the nearest design"
     elif isinstance(objective, AbstractObjective):
-        least = f"least {objective.describe()}"
+        aim = f"least {objective.describe()}"
     else:
-        least = f"least {getattr(objective, '__name__', 'objective')}"
-    box = make_variables(problem.podium, problem.vary)
-    start = box.values(box.start())
-    rows = [["variable", "start", "unit", "bounds"]]
-    for name, value, unit in zip(box.names, start, box.units, strict=True):
+        aim = f"least {getattr(objective, '__name__', 'objective')}"
+    variables = make_variables(problem.podium, problem.vary)
+    start = variables.values(variables.start())
+    variable_rows = [["variable", "start", "unit", "bounds"]]
+    for name, value, unit in zip(variables.names, start, variables.units, strict=True):
         low, high = problem.vary[name]
-        rows.append([name, f"{float(value):.6g}", unit, f"{low:g} … {high:g}"])
+        variable_rows.append([name, f"{float(value):.6g}", unit, f"{low:g} … {high:g}"])
     targets = [
         ["target", "scenes"],
         *([target.name or target.describe(), str(target.scenes)] for target in problem.targets),
     ]
     sets = [["motions", "count"], *([name, str(len(motions))] for name, motions in problem.motions.items())]
-    lines = [f"Problem: {least}", f"  {format_call(problem.podium)}"]
-    return "\n".join([*lines, *aligned(rows), *aligned(targets), *aligned(sets)])
+    lines = [f"Problem: {aim}", f"  {format_call(problem.podium)}"]
+    return "\n".join([*lines, *aligned(variable_rows), *aligned(targets), *aligned(sets)])
 
 
 def load(path: str | Path) -> Problem:
     """Read the design problem of a TOML file.
 
-    Raises `ValueError` that names the file, the key and the cause.
+    Raises `ValueError`, which names the file, the key and the cause.
     """
     path = Path(path)
     return problem_of(load_table(path), path)
@@ -271,12 +279,16 @@ def load(path: str | Path) -> Problem:
 def problem_of(
     table: dict[str, Any], path: Path, options: Mapping[str, tuple[str, Any]] | None = None
 ) -> Problem:
-    """Return the design problem of the table of a file; `options` as in `rockjax._problem.reading.Reader`."""
+    """Return the design problem of a table.
+
+    - `table`: contents of the file; `path`: path of the file
+    - `options`: as in `rockjax._problem.reading.Reader`
+    """
     return _Reader(path, options).problem(table)
 
 
-class _Number:
-    """Function that returns one parameter of a podium, with its name."""
+class _ParameterOf:
+    """Function that returns one parameter of a podium; its `__name__` is the name of the parameter."""
 
     def __init__(self, name: str):
         self.__name__ = name
@@ -298,32 +310,39 @@ class _Cost:
 
 
 class _Reader(Reader):
-    """Reads the tables of a design."""
+    """Reader of the tables of a design problem."""
 
     def problem(self, table: dict[str, Any]) -> Problem:
-        """Return the problem of a table. Raises `ValueError` that names the file, the key and the cause."""
-        given = self.check(ProblemFile, table)
-        structure = self.structure(given.structure, Dimensions)
+        """Return the problem of a table. Raises `ValueError`, which names the file, the key and the cause."""
+        checked = self.check(ProblemFile, table)
+        structure = self.structure(checked.structure, Dimensions)
         podium = as_podium(structure)
-        motions = self.motions(given.motions, podium)
+        motions = self.motions(checked.motions, podium)
         with self.at("vary"):
-            make_variables(structure, given.vary)
+            make_variables(structure, checked.vary)
         targets = tuple(
-            self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(given.targets)
+            self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(checked.targets)
         )
-        minimise = None if given.minimise is None else self.minimise(given.minimise, motions, podium)
-        settings = {name: value for name, value in given.as_arguments().items() if name in SETTINGS}
+        minimise = None if checked.minimise is None else self.minimise(checked.minimise, motions, podium)
+        settings = {name: value for name, value in checked.as_arguments().items() if name in SETTINGS}
         return Problem(
-            structure, given.vary, minimise, targets, self.options(given.options), settings, motions
+            structure, checked.vary, minimise, targets, self.options(checked.options), settings, motions
         )
 
     def minimise(self, entry: Quantity | LossKeys, motions: Mapping[str, Any], podium: rj.Podium) -> Any:
-        """Return the objective."""
-        known = tuple(parameters_of(podium))
+        """Return the objective.
+
+        - `entry`: table of the objective
+        - `motions`: sets of motions by name; `podium`: the structure at the start
+        """
+        parameters = tuple(parameters_of(podium))
         if isinstance(entry, LossKeys):
             for name in entry.cost:
-                if name not in known:
-                    self.fail(f"minimise.cost.{name}", f"is not known; known are {', '.join(known)}")
+                if name not in parameters:
+                    self.fail(
+                        f"minimise.cost.{name}",
+                        f"is not a parameter of the podium; they are {', '.join(parameters)}",
+                    )
             with self.at("minimise"):
                 suite = motions[self.require_set(motions, entry.motions, "minimise.motions")]
                 risk = AnnualFrequency(
@@ -333,19 +352,21 @@ class _Reader(Reader):
                     **entry.as_arguments("quantity", "cost", "loss", "hazard", "motions"),
                 )
                 return ExpectedLoss(_Cost(entry.cost), entry.loss, risk)
-        if entry.quantity in known and entry.motions is not None:
-            self.fail("minimise.motions", f"leave it out: {entry.quantity} does not depend on motions")
-        if entry.quantity in known:
-            return _Number(entry.quantity)
+        if entry.quantity in parameters and entry.motions is not None:
+            self.fail(
+                "minimise.motions", f"must be left out, because {entry.quantity} does not depend on motions"
+            )
+        if entry.quantity in parameters:
+            return _ParameterOf(entry.quantity)
         if entry.quantity not in WORST:
-            every = ", ".join((*known, *WORST, EXPECTED_LOSS))
-            self.fail("minimise.quantity", f"must be one of {every}, got {entry.quantity!r}")
+            quantities = ", ".join((*parameters, *WORST, EXPECTED_LOSS))
+            self.fail("minimise.quantity", f"must be one of {quantities}, got {entry.quantity!r}")
         if entry.motions is None:
             self.fail("minimise", f"motions is missing; name the set of [motions] for {entry.quantity}")
         return WORST[entry.quantity](motions[self.require_set(motions, entry.motions, "minimise.motions")])
 
     def hazard(self, name: str) -> rj.Hazard:
-        """Return the hazard curve in a file beside this one."""
+        """Return the hazard curve of a file, whose name is relative to the folder of the problem file."""
         return rj.Hazard.from_file(self.folder / name).in_si()
 
     def target(
@@ -357,21 +378,23 @@ class _Reader(Reader):
         - `motions`: sets of motions by name; `podium`: the structure at the start
         """
         with self.at(location):
-            given: dict[str, Any] = entry.as_arguments("kind")
-            if "motions" in given:
-                given["motions"] = motions[self.require_set(motions, entry.motions, f"{location}.motions")]
-            if "hazard" in given:
-                given["hazard"] = self.hazard(entry.hazard)
-            if "pulse" in given:
-                models.require_one(given, "T_p", "frequency_ratio")
-                given |= {"pulse": PULSES[entry.pulse], "T_p": pulse_periods(entry, podium)}
-                given.pop("frequency_ratio", None)
-            if "motion" in given:
+            arguments: dict[str, Any] = entry.as_arguments("kind")
+            if "motions" in arguments:
+                set_name = self.require_set(motions, entry.motions, f"{location}.motions")
+                arguments["motions"] = motions[set_name]
+            if "hazard" in arguments:
+                arguments["hazard"] = self.hazard(entry.hazard)
+            if "pulse" in arguments:
+                models.require_one(arguments, "T_p", "frequency_ratio")
+                arguments |= {"pulse": PULSES[entry.pulse], "T_p": pulse_periods(entry, podium)}
+                arguments.pop("frequency_ratio", None)
+            if "motion" in arguments:
                 with self.at(f"{location}.motion"):
-                    numbers = entry.motion.as_arguments()
-                    if "envelope" in numbers:
-                        numbers["envelope"] = rj.Envelope(**numbers["envelope"].as_arguments())
-                    given["motion"] = rj.GaussianMotion(**numbers)
-            make, needed, _ = TARGETS[entry.kind]
-            first = [given.pop(name) for name in needed.split()]
-            return make(*first, **given)
+                    motion_arguments = entry.motion.as_arguments()
+                    if "envelope" in motion_arguments:
+                        envelope = motion_arguments["envelope"]
+                        motion_arguments["envelope"] = rj.Envelope(**envelope.as_arguments())
+                    arguments["motion"] = rj.GaussianMotion(**motion_arguments)
+            make, required, _ = TARGETS[entry.kind]
+            positional = [arguments.pop(name) for name in required.split()]
+            return make(*positional, **arguments)

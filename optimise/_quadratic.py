@@ -1,10 +1,10 @@
-"""The subproblem of a step: linear models of values and margins, a quadratic of the Lagrangian's curvature.
+"""Quadratic subproblem of a step: linear models of values and margins, and the curvature of the Lagrangian.
 
     minimise    w·max_i(f_i + ∇f_i·d) + ν v + ½ dᵀB d        over d, v
     subject to  c_j + ∇c_j·d ≥ −v,   v ≥ 0,   lower ≤ d ≤ upper
 
-The maximum is exact: a further variable above all its entries (epigraph form). v, the largest violation,
-makes the problem solvable everywhere.
+The maximum is replaced by a further variable, bounded below by all entries (epigraph form). The largest
+violation v makes the problem solvable everywhere.
 """
 
 from __future__ import annotations
@@ -20,9 +20,12 @@ _clarabel: Any = clarabel  # a compiled module without stubs
 
 
 class Model(NamedTuple):
-    """Linear models: values f (k,) and margins c (m,) at d = 0, their Jacobians (k, n) and (m, n).
+    """Linear models of values and margins.
 
-    An entry may have several rows: `value_of` and `margin_of` hold the entry of each row.
+    - `f`: values at d = 0 (k,); `f_slope`: their Jacobian (k, n)
+    - `c`: margins at d = 0 (m,); `c_slope`: their Jacobian (m, n)
+    - `value_of` (k,), `margin_of` (m,): index of the value or margin that each row models; cuts add rows for
+      the same value or margin
     """
 
     f: Vector
@@ -33,16 +36,21 @@ class Model(NamedTuple):
     margin_of: Vector
 
     def value(self, d: Vector) -> float:
-        """Return the largest modelled value."""
+        """Return the largest modelled value after a step d (n,)."""
         return float(np.max(self.f + self.f_slope @ d))
 
     def violation(self, d: Vector) -> float:
-        """Return the largest modelled violation, 0 without any."""
+        """Return the largest modelled violation after a step d (n,), 0 if no margin is violated."""
         return float(max(0.0, np.max(-(self.c + self.c_slope @ d), initial=0.0)))
 
 
 class Step(NamedTuple):
-    """A solved subproblem: step d, modelled violation, multipliers of value rows (sum w) and margin rows."""
+    """A solved subproblem.
+
+    - `d`: the step (n,); `violation`: modelled violation after it [–]
+    - `value_multipliers` (k,), `margin_multipliers` (m,): multipliers of the rows of the model; those of the
+      values sum to the weight w
+    """
 
     d: Vector
     violation: float
@@ -50,21 +58,21 @@ class Step(NamedTuple):
     margin_multipliers: Vector
 
 
-ON_BOUND = 1e-10
+ON_BOUND = 1e-10  # distance from a bound below which a step is put on it
 _SOLVED = ("Solved", "AlmostSolved")
 
 
 def solve(
     model: Model, curvature: np.ndarray, weight: float, penalty: float, lower: Vector, upper: Vector
 ) -> Step | None:
-    """Solve the subproblem; return None where the solver fails.
+    """Solve the subproblem; return None if the solver fails.
 
     - `model`: linear models of values and margins; `curvature`: B (n, n)
-    - `weight`: w of the values; `penalty`: ν of the largest violation
+    - `weight`: weight w of the largest value; `penalty`: penalty ν of the largest violation
     - `lower`, `upper`: bounds of the step d (n,)
     """
     n, k, m = len(lower), len(model.f), len(model.c)
-    top = np.max(model.f)
+    largest_value = np.max(model.f)
     quadratic = sparse.block_diag([np.triu(curvature), sparse.csc_matrix((2, 2))], format="csc")
     linear = np.concatenate([np.zeros(n), [weight, penalty]])
     identity, zeros = np.eye(n), np.zeros
@@ -77,13 +85,18 @@ def solve(
             [-identity, zeros((n, 2))],
         ]
     )
-    right = np.concatenate([top - model.f, model.c, [0.0], upper, -lower])
+    right_side = np.concatenate([largest_value - model.f, model.c, [0.0], upper, -lower])
     settings = _clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
     solver = _clarabel.DefaultSolver(
-        quadratic, linear, sparse.csc_matrix(rows), right, [_clarabel.NonnegativeConeT(len(right))], settings
+        quadratic,
+        linear,
+        sparse.csc_matrix(rows),
+        right_side,
+        [_clarabel.NonnegativeConeT(len(right_side))],
+        settings,
     )
     answer = solver.solve()
     if str(answer.status) not in _SOLVED and not (
@@ -91,7 +104,7 @@ def solve(
     ):
         return None
     d = np.asarray(answer.x[:n])
-    # An interior-point solution is never exactly at a bound.
+    # An interior-point solution stays slightly inside its bounds.
     d = np.where(d - lower < ON_BOUND, lower, np.where(upper - d < ON_BOUND, upper, d))
     multipliers = np.maximum(np.asarray(answer.z), 0.0)
     return Step(d, model.violation(d), multipliers[:k], multipliers[k : k + m])

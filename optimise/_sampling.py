@@ -1,4 +1,4 @@
-"""Sampled targets of a design: their margins and slopes at a point."""
+"""Margins and slopes of the sampled targets of a design, at a point."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ._quadratic import Vector
 from ._targets import AbstractTarget
 from ._variables import Variables
 
-SMALLEST = 1e-9  # replaces zeros, which have no logarithm
+SMALLEST = 1e-9  # replaces parameters that are 0, which have no logarithm
 
 
 class MarginSlope(NamedTuple):
@@ -28,106 +28,112 @@ class MarginSlope(NamedTuple):
     slope: Vector
 
 
-class _StructureNumbers:
-    """The numbers of the podium at scaled variables x, and their derivatives."""
+class _StructureParameters:
+    """The parameters of the podium as functions of the scaled variables x, with their derivatives."""
 
     def __init__(self, variables: Variables):
         self.variables = variables
         podium = variables.podium(variables.start())
         self.names = tuple(name for name, entry in parameters_of(podium).items() if entry.place)
 
-        def numbers(x):
+        def parameters(x):
             podium = variables.podium(x)
             return jnp.stack([jnp.asarray(read(podium, name), float) for name in self.names])
 
-        self._at = jax.jit(lambda x: (numbers(x), jax.jacfwd(numbers)(x)))
+        self._values_and_slopes = jax.jit(lambda x: (parameters(x), jax.jacfwd(parameters)(x)))
 
     def __call__(self, x: Vector) -> tuple[rj.Podium, dict[str, Vector]]:
-        """Return the podium, and d ln y/dx (n,) of every number y that depends on x."""
-        y, slope = (np.asarray(part) for part in self._at(jnp.asarray(x)))
-        depends = slope.any(axis=1)
+        """Return the podium, and the derivatives d ln y/dx (n,) of every parameter y that depends on x."""
+        y, slope = (np.asarray(array) for array in self._values_and_slopes(jnp.asarray(x)))
+        is_varied = slope.any(axis=1)
         podium = self.variables.podium(jnp.asarray(x))
-        zero = [name for name, value, m in zip(self.names, y, depends, strict=True) if m and value == 0]
-        podium = with_values(podium, dict.fromkeys(zero, SMALLEST)) if zero else podium
+        zeros = [name for name, is_zero in zip(self.names, is_varied & (y == 0), strict=True) if is_zero]
+        podium = with_values(podium, dict.fromkeys(zeros, SMALLEST)) if zeros else podium
         y = np.where(y == 0, SMALLEST, y)
-        rows = zip(self.names, slope / y[:, None], depends, strict=True)
-        return podium, {name: row for name, row, m in rows if m}
+        log_slopes = dict(zip(self.names, slope / y[:, None], strict=True))
+        return podium, {
+            name: log_slopes[name] for name, varied in zip(self.names, is_varied, strict=True) if varied
+        }
 
 
 class SampledTargets:
-    """The sampled targets of a design, by their index among all targets (host)."""
+    """The sampled targets of a design (host).
+
+    - `variables`: the design variables; `targets`: all targets of the design
+
+    `targets` of the object holds only the sampled ones, by their index among all targets.
+    """
 
     def __init__(self, variables: Variables, targets: Sequence[AbstractTarget]):
         self.targets = {k: t for k, t in enumerate(targets) if isinstance(t, FailureProbability)}
-        self._numbers = _StructureNumbers(variables) if self.targets else None
-        self._first = variables.podium(variables.start()) if self.targets else None
-        self._by_index: dict[int, RayTarget] = {}
+        self._parameters = _StructureParameters(variables) if self.targets else None
+        self._first_podium = variables.podium(variables.start()) if self.targets else None
+        self._ray_targets: dict[int, RayTarget] = {}
         self._cache: dict[bytes, dict[int, MarginSlope]] = {}
 
     @property
     def scenes(self) -> int:
-        return sum(ray_target.scenes for ray_target in self._by_index.values())
+        """Number of scenes simulated so far."""
+        return sum(ray_target.scenes for ray_target in self._ray_targets.values())
 
     def use_accurate(self) -> None:
-        """Switch to the margins of the independent samples."""
-        for ray_target in self._by_index.values():
+        """Switch to verification: margins corrected by the independent samples, without safety margin."""
+        for ray_target in self._ray_targets.values():
             ray_target.is_verified = True
         self._cache.clear()
 
     def at(self, x: Vector) -> Mapping[int, MarginSlope]:
-        """Return the margins and slopes at scaled variables (n,)."""
-        if self._numbers is None:
+        """Return the margins and slopes at scaled variables (n,): index of the target → margin and slope."""
+        if self._parameters is None:
             return {}
         key = np.asarray(x, float).tobytes()
         if key not in self._cache:
-            podium, slopes = self._numbers(x)
-            no_slope = np.zeros(np.size(x))
+            podium, log_slopes = self._parameters(x)
             self._cache[key] = {
-                k: self._row(ray_target, podium, slopes, no_slope)
-                for k, ray_target in self._ray_targets().items()
+                k: self._margin_and_slope(ray_target, podium, log_slopes, np.size(x))
+                for k, ray_target in self._create_ray_targets().items()
             }
         return self._cache[key]
 
-    def _ray_targets(self) -> dict[int, RayTarget]:
-        """Return the sampled targets, with rays through failing samples of the first structure."""
+    def _create_ray_targets(self) -> dict[int, RayTarget]:
+        """Return the sampled targets with their rays, which are sampled at the first structure once."""
         for k, target in self.targets.items():
-            if k not in self._by_index:
-                assert self._first is not None
-                self._by_index[k] = RayTarget(target, self._first)
-        return self._by_index
+            if k not in self._ray_targets:
+                assert self._first_podium is not None
+                self._ray_targets[k] = RayTarget(target, self._first_podium)
+        return self._ray_targets
 
     @staticmethod
-    def _row(
-        ray_target: RayTarget, podium: rj.Podium, slopes: dict[str, Vector], no_slope: Vector
+    def _margin_and_slope(
+        ray_target: RayTarget, podium: rj.Podium, log_slopes: dict[str, Vector], n: int
     ) -> MarginSlope:
-        found = ray_target.at(podium, tuple(slopes))
-        return MarginSlope(
-            found.margin, sum((found.slopes[name] * row for name, row in slopes.items()), no_slope)
-        )
+        """Return the margin and its slope (n,), by the chain rule over the logarithms of the parameters."""
+        at_podium = ray_target.at(podium, tuple(log_slopes))
+        terms = (at_podium.slopes[name] * log_slope for name, log_slope in log_slopes.items())
+        return MarginSlope(at_podium.margin, sum(terms, np.zeros(n)))
 
     def check(self, x: Vector) -> tuple[bool, bool]:
         """Take independent samples at a point.
 
-        Returns whether any sample is new, and whether one differs from the expected value by more than the
-        scatter of two samples.
+        Returns whether any sample is new, and whether a new one differs from the estimate of the search by
+        more than the scatter between two samples.
         """
-        if self._numbers is None:
+        if self._parameters is None:
             return False, False
-        podium, _ = self._numbers(x)
-        new = False, False
-        for ray_target in self._ray_targets().values():
+        podium, _ = self._parameters(x)
+        is_new = differs = False
+        for ray_target in self._create_ray_targets().values():
             change = ray_target.check(podium)
             if change is not None:
-                new = True, new[1] or abs(change) > ray_target.spread
+                is_new = True
+                differs = differs or abs(change) > ray_target.spread
                 self._cache.clear()
-        return new
+        return is_new, differs
 
     def probabilities(self, x: Vector) -> SampleEstimates:
         """Return the estimates of independent samples at a point."""
-        if self._numbers is None:
+        if self._parameters is None:
             return SampleEstimates({})
-        podium, _ = self._numbers(x)
-        found = {k: ray_target.checked_estimate(podium) for k, ray_target in self._by_index.items()}
-        return SampleEstimates(
-            {k: probability for k, probability in found.items() if probability is not None}
-        )
+        podium, _ = self._parameters(x)
+        estimates = {k: ray_target.checked_estimate(podium) for k, ray_target in self._ray_targets.items()}
+        return SampleEstimates({k: estimate for k, estimate in estimates.items() if estimate is not None})

@@ -1,12 +1,13 @@
-"""Sequential quadratic programming with an exact penalty, a trust region and cuts from the steps that failed.
+"""Sequential quadratic programming with an exact penalty, a trust region and cuts from rejected steps.
 
-The merit is max_i f_i + ν·(largest violation). The penalty of the *largest* violation is exact for finite ν,
-and where no point satisfies all margins it leads to the one with the least violation.
+The merit is max_i f_i + ν·(largest violation). The penalty of the *largest* violation is exact for finite ν.
+Where no point satisfies all margins, it leads to a point with the least violation.
 
-Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning). A
-rejected trial adds its linear models as cuts: if the function is the maximum of several branches, the cut is
-the branch that took over. Cuts are lifted to be consistent with the present point, and dropped once they are
-far from it. Every rejected step shrinks the region, so at a jump the descent ends with the result `stalled`.
+Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning).
+The linear models of a rejected trial are kept as cuts: if the function is the maximum of several branches,
+the cut models the branch that takes over. Objective cuts are lowered and margin cuts raised until they agree
+with the values at the present point. Cuts far from this point are dropped. Every rejected step shrinks the
+region, so a descent at a jump ends with the result `stalled`.
 """
 
 from __future__ import annotations
@@ -22,13 +23,12 @@ from ._quadratic import Model, Step, Vector, solve
 from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
 
 MAX_ITERATIONS = 60
-ACCEPT_RATIO, GOOD_RATIO = 1e-3, 0.75  # parts of the predicted decrease
+# Ratios of the actual to the predicted decrease of the merit: to accept a step, to enlarge the region.
+ACCEPT_RATIO, GOOD_RATIO = 1e-3, 0.75
 LARGEST_PENALTY = 1e6
-CUTS = 12  # trials remembered
-AXIS_SEARCHES, AXIS_DISTANCES = (
-    4,
-    (0.02, 0.06, 0.2, 0.5),
-)  # number and distances of the searches along the axes at an end
+MAX_CUTS = 12
+MAX_AXIS_SEARCHES = 4  # searches along the axes from the end of a descent
+AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # their distances from the end, in scaled variables
 NOISE = 1e-11  # relative decreases of the merit below this are rounding
 
 
@@ -36,19 +36,20 @@ def descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: 
     """Minimise from x in [0, 1]ⁿ: a coroutine that yields points and receives their `Evaluation`s.
 
     - `x`: first point (n,), in scaled variables; `rules`: scale, margins aimed at, stopping criteria
-    - `history`: receives the iterates; `start`: their start; `first`: number of the first one
+    - `history`: receives the iterates; `start`: index of the start, for them; `first`: number of the first
+      iteration
 
-    Returns the `End`. Responses have ripples and the feasible set may be disconnected: a descent therefore
+    Returns the `End`. Responses have ripples and the feasible set may be disconnected. A descent therefore
     searches along the axes at its end, and continues from a better point if it finds one.
     """
     end = yield from _descend(x, rules, history, start, first)
-    for _ in range(AXIS_SEARCHES):
+    for _ in range(MAX_AXIS_SEARCHES):
         if end.result in (NOT_FINITE, OUT_OF_ITERATIONS):
             break
-        other = yield from _search_axes(end, rules)
-        if other is None:
+        better_point = yield from _search_axes(end, rules)
+        if better_point is None:
             break
-        continued = yield from _descend(other, rules, history, start, end.iterations)
+        continued = yield from _descend(better_point, rules, history, start, end.iterations)
         if rank(continued.evaluation) >= rank(end.evaluation):
             end = end._replace(iterations=continued.iterations)
             break
@@ -75,37 +76,41 @@ def _descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first:
 
 def _search_axes(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector | None]:
     """Search along the axes for a better point; return None if there is none."""
-    best, found = rank(end.evaluation), None
+    best_rank, best_point = rank(end.evaluation), None
     for distance in AXIS_DISTANCES:
         for k in range(len(end.x)):
-            for side in (-distance, distance):
+            for shift in (-distance, distance):
                 x = end.x.copy()
-                x[k] += side
+                x[k] += shift
                 if not 0 <= x[k] <= 1:
                     continue
                 evaluation = scale_evaluation((yield x), rules)
                 if (
                     evaluation.is_finite
-                    and rank(evaluation) < best
-                    and (best[0] > 0 or evaluation.violation == 0)
+                    and rank(evaluation) < best_rank
+                    and (best_rank[0] > 0 or evaluation.violation == 0)
                 ):
-                    best, found = rank(evaluation), x
-        if found is not None:
+                    best_rank, best_point = rank(evaluation), x
+        if best_point is not None:
             break
-    return found
+    return best_point
 
 
 class _Merit(NamedTuple):
-    """Weights of the merit, with `curvature` of the Lagrangian and `radius` of the trust region."""
+    """Merit of a descent, with the data of its quadratic model.
+
+    - `curvature`: approximate Hessian of the Lagrangian (n, n); `radius`: radius of the trust region
+    - `penalty`: ν; `weight`: weight of the objective, 1, or 0 while only the violation is reduced
+    """
 
     curvature: np.ndarray
     radius: float
     penalty: float
-    weight: float  # of the objective: 0 while only the violation counts
+    weight: float
 
 
 class _Trial(NamedTuple):
-    """A trial point, its evaluation, and actual over predicted decrease of the merit."""
+    """A trial point, its evaluation, and the actual decrease of the merit divided by the predicted one."""
 
     x: Vector
     evaluation: Evaluation
@@ -113,7 +118,11 @@ class _Trial(NamedTuple):
 
 
 class _DescentState:
-    """State of one descent. Its methods return a result code if they end it, None otherwise."""
+    """State of one descent.
+
+    `raise_penalty`, `advance` and the methods that they call return a result code if the descent ends, None
+    otherwise.
+    """
 
     def __init__(
         self, x: Vector, current: Evaluation, rules: Rules, history: list[Iterate], start: int, first: int
@@ -123,7 +132,7 @@ class _DescentState:
         self.merit = _Merit(np.eye(len(x)), rules.radius, 10.0, 1.0)
         self.multipliers = np.zeros(len(current.c))
         self.cuts: EvaluatedPoints = []
-        self.is_fresh = True  # the curvature has not been measured yet
+        self.is_initial = True  # the curvature is still the identity, not an update
 
     def end(self, result: int) -> End:
         return End(self.x, self.multipliers, result, self.iteration, self.current)
@@ -131,33 +140,45 @@ class _DescentState:
     def record(self, step: float, accepted: bool) -> None:
         margin = float(np.min(self.current.c, initial=np.inf)) + self.rules.shift
         value = float(np.max(self.current.f)) * self.rules.scale
-        state = self.merit.radius, self.merit.penalty
+        radius, penalty = self.merit.radius, self.merit.penalty
         self.history.append(
-            Iterate(self.start, self.iteration, self.x, value, margin, self.residual, *state, step, accepted)
+            Iterate(
+                self.start,
+                self.iteration,
+                self.x,
+                value,
+                margin,
+                self.residual,
+                radius,
+                penalty,
+                step,
+                accepted,
+            )
         )
 
     def linearise(self) -> None:
         """Build the models around x and evaluate its optimality."""
         x, current, merit = self.x, self.current, self.merit
         self.cuts = [
-            (y, evaluation)
-            for y, evaluation in self.cuts[-CUTS:]
-            if np.max(np.abs(y - x)) <= 10 * merit.radius
+            (point, evaluation)
+            for point, evaluation in self.cuts[-MAX_CUTS:]
+            if np.max(np.abs(point - x)) <= 10 * merit.radius
         ]
         self.model = linear_models(x, current, self.cuts)
         self.near_points = points_near(x, self.cuts)
-        found = optimality(x, current, self.near_points, merit.weight, merit.penalty, self.rules.tolerance)
-        self.multipliers, self.residual, self.modelled_violation = found
+        self.multipliers, self.residual, self.modelled_violation = optimality(
+            x, current, self.near_points, merit.weight, merit.penalty, self.rules.tolerance
+        )
         self.is_violated = current.violation > self.rules.accepted_violation
 
     @property
     def is_stationary(self) -> bool:
-        # Where margins are steep, a short step may still remove a violation.
-        corrects = self.is_violated and self.modelled_violation <= 0.5 * self.current.violation
-        return self.residual <= self.rules.tolerance and not corrects
+        # Where margins are steep, even a step below the tolerance may remove a violation.
+        is_correctable = self.is_violated and self.modelled_violation <= 0.5 * self.current.violation
+        return self.residual <= self.rules.tolerance and not is_correctable
 
     def raise_penalty(self) -> int | None:
-        """Return the result of a stationary point, or change the merit and return None."""
+        """Return the result of a stationary point, or change the weights of the merit and return None."""
         merit = self.merit
         if not self.is_violated:
             self.record(0.0, False)
@@ -176,18 +197,18 @@ class _DescentState:
         return None
 
     def advance(self) -> Generator[Vector, Evaluation, int | None]:
-        """Try a step inside the region and accept or reject it."""
+        """Try a step inside the trust region and accept or reject it."""
         if self.merit.weight == 0.0 and not self.is_violated:
             self.merit = self.merit._replace(weight=1.0, penalty=10.0)
         step, penalty = _step_and_penalty(self.model, self.current, self.merit, *self.region)
         self.merit = self.merit._replace(penalty=penalty)
         if step is None:
-            return self.without_a_step()
+            return self.reset_curvature()
         predicted, slack = self.prediction(step)
         length = float(np.max(np.abs(step.d)))
         if (length <= 1e-2 * self.rules.tolerance and not self.is_violated) or predicted <= slack:
             self.record(length, False)
-            return self.without_a_decrease()
+            return self.drop_distant_cuts()
         trial = yield from self.try_step(step, predicted, slack)
         accepted = trial.ratio >= ACCEPT_RATIO
         self.record(length, accepted)
@@ -195,25 +216,26 @@ class _DescentState:
 
     @property
     def region(self) -> tuple[Vector, Vector]:
+        """Lower and upper bounds of a step, from the trust region and the box [0, 1]ⁿ."""
         return np.maximum(-self.x, -self.merit.radius), np.minimum(1 - self.x, self.merit.radius)
 
-    def without_a_step(self) -> int | None:
+    def reset_curvature(self) -> int | None:
+        """Reset the curvature, because the subproblem has no solution; stall if it is reset already."""
         if np.array_equal(self.merit.curvature, np.eye(len(self.x))):
             return STALLED
         self.merit = self.merit._replace(curvature=np.eye(len(self.x)))
         return None
 
-    def without_a_decrease(self) -> int | None:
-        if len(self.near_points) < len(
-            self.cuts
-        ):  # held back by cuts from far away, which need not apply here
+    def drop_distant_cuts(self) -> int | None:
+        """Drop distant cuts, because no step decreases the merit; end the descent if there are none."""
+        if len(self.near_points) < len(self.cuts):
             self.merit = self.merit._replace(radius=0.25 * self.merit.radius)
             self.cuts = self.near_points
             return None
         return result_at_rest(self.current, self.residual, self.rules)
 
     def prediction(self, step: Step) -> tuple[float, float]:
-        """Return the predicted decrease of the merit and its rounding."""
+        """Return the predicted decrease of the merit and a bound of its rounding error."""
         merit, d = self.merit, step.d
         present = self.current.merit(merit.weight, merit.penalty)
         quadratic_term = 0.5 * float(d @ merit.curvature @ d)
@@ -221,6 +243,7 @@ class _DescentState:
         return present - predicted, NOISE * max(1.0, abs(present))
 
     def ratio(self, evaluation: Evaluation, predicted: float, slack: float) -> float:
+        """Return the actual decrease of the merit divided by the predicted one."""
         if not evaluation.is_finite:
             return -np.inf
         weights = self.merit.weight, self.merit.penalty
@@ -232,10 +255,10 @@ class _DescentState:
         x = np.clip(self.x + d, 0.0, 1.0)
         evaluation = scale_evaluation((yield x), self.rules)
         trial = _Trial(x, evaluation, self.ratio(evaluation, predicted, slack))
-        too_far = evaluation.violation > step.violation + self.rules.accepted_violation
-        if not (evaluation.is_finite and trial.ratio < ACCEPT_RATIO and too_far):
+        exceeds_model = evaluation.violation > step.violation + self.rules.accepted_violation
+        if not (evaluation.is_finite and trial.ratio < ACCEPT_RATIO and exceeds_model):
             return trial
-        # Second-order correction: the models are shifted by the error found at the trial point.
+        # Second-order correction: shift the models by their error at the trial point.
         shifted = self.model._replace(c=self.model.c.copy())
         shifted.c[: len(evaluation.c)] = evaluation.c - self.current.c_slope @ d
         merit = self.merit
@@ -243,17 +266,19 @@ class _DescentState:
         if corrected is None or np.max(np.abs(corrected.d - d)) <= 0.1 * self.rules.tolerance:
             return trial
         self.cuts.append((x, evaluation))
-        other = np.clip(self.x + corrected.d, 0.0, 1.0)
-        found = scale_evaluation((yield other), self.rules)
-        better = self.ratio(found, predicted, slack)
-        return _Trial(other, found, better) if better >= ACCEPT_RATIO else trial
+        corrected_x = np.clip(self.x + corrected.d, 0.0, 1.0)
+        corrected_evaluation = scale_evaluation((yield corrected_x), self.rules)
+        corrected_ratio = self.ratio(corrected_evaluation, predicted, slack)
+        if corrected_ratio < ACCEPT_RATIO:
+            return trial
+        return _Trial(corrected_x, corrected_evaluation, corrected_ratio)
 
     def accept(self, trial: _Trial, step: Step, length: float) -> None:
         merit, ratio = self.merit, trial.ratio
         change = _lagrangian_slope(trial.evaluation, step, self.current) - _lagrangian_slope(
             self.current, step, self.current
         )
-        curvature, self.is_fresh = _update_bfgs(merit.curvature, trial.x - self.x, change, self.is_fresh)
+        curvature, self.is_initial = _update_bfgs(merit.curvature, trial.x - self.x, change, self.is_initial)
         radius = merit.radius
         if ratio > GOOD_RATIO and length > 0.8 * radius:
             radius = min(2 * radius, 1.0)
@@ -277,7 +302,11 @@ class _DescentState:
 def _step_and_penalty(
     model: Model, current: Evaluation, merit: _Merit, lower: Vector, upper: Vector
 ) -> tuple[Step | None, float]:
-    """Return a step and a penalty, raised until the step attains a fair share of the possible feasibility."""
+    """Return a step and its penalty.
+
+    The penalty is raised until the step removes 30 % of the violation that a step can remove, or all of it
+    if a step can satisfy the modelled margins.
+    """
     penalty = merit.penalty
     step = solve(model, merit.curvature, merit.weight, penalty, lower, upper)
     if step is None or merit.weight == 0.0 or step.violation <= 1e-10:
@@ -299,9 +328,15 @@ def _lagrangian_slope(trial: Evaluation, step: Step, current: Evaluation) -> Vec
     return step.value_multipliers[:k] @ trial.f_slope - step.margin_multipliers[:m] @ trial.c_slope
 
 
-def _update_bfgs(B: np.ndarray, s: Vector, y: Vector, is_fresh: bool) -> tuple[np.ndarray, bool]:
-    """Return Powell's damped BFGS update, positive definite, with bounded eigenvalues against kinks."""
-    if is_fresh and s @ y > 0:
+def _update_bfgs(B: np.ndarray, s: Vector, y: Vector, is_initial: bool) -> tuple[np.ndarray, bool]:
+    """Return Powell's damped BFGS update of B, and whether it is the identity again.
+
+    - `B`: curvature (n, n), positive definite; `s`: step (n,); `y`: change of the Lagrangian's slope (n,)
+    - `is_initial`: whether B is still the identity; it is then scaled before the update
+
+    Eigenvalues are kept in [1e-4, 1e4], because the slope jumps at kinks.
+    """
+    if is_initial and s @ y > 0:
         B = np.clip(s @ y / (s @ s), 1e-2, 1e2) * np.eye(len(s))
     Bs = B @ s
     step_curvature = s @ Bs

@@ -1,9 +1,9 @@
 """Searches with motions drawn anew in every step.
 
 A start ends at the mean of the second half of its gradient steps (Polyak–Ruppert averaging). Small batches
-bias this mean. An independent sample at the mean measures the bias: the bias and the scatter between two
-samples are added to the margins aimed at, and a shorter search continues from the mean. A new independent
-sample follows each search.
+bias this mean. An independent sample at the mean measures the bias. If it violates a target, the bias and a
+safety margin for the scatter between two samples are added to the margins aimed at, and a shorter search
+continues from the mean. A new independent sample follows each search.
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ if TYPE_CHECKING:
     import optax
 
 MAX_ITERATIONS = 300
-CORRECTIONS, SEARCH_PART = 3, 4  # further searches, each of this part of the steps
-SAFETY_FACTOR = 1.645 * np.sqrt(2)  # standard errors: 95 % of second samples agree
+MAX_CORRECTIONS = 3  # further searches after the first
+STEPS_DIVISOR = 4  # a further search has max_iterations/STEPS_DIVISOR steps
+SAFETY_FACTOR = 1.645 * np.sqrt(2)  # safety margin in standard errors; 95 % of second samples agree
 EXACT_PENALTY = 1e4  # penalty of violations in the computation of multipliers
 
 
 class FreshSearch:
-    """All starts of a design with fresh samples.
+    """Search from all starts of a design with fresh samples.
 
-    - `transformation`: of Optax; `evaluate`: evaluates a point of every start
+    - `transformation`: an Optax gradient transformation; `evaluate`: evaluates one point of every start
     - `points`: starting points (starts, n), in scaled variables
-    - `tolerance`: first margin aimed at [–]; `max_iterations`: steps of the first search
+    - `tolerance`: margin aimed at initially [–]; `max_iterations`: number of steps of the first search
     """
 
     def __init__(
@@ -49,10 +50,10 @@ class FreshSearch:
     ):
         self.transformation, self.evaluate, self.x = transformation, evaluate, points
         self.tolerance, self.max_iterations = tolerance, max_iterations
-        self.samples = 0
+        self.sample_count = 0
         self.estimates: list[dict[int, MarginEstimate]] = [{} for _ in points]
         self.evaluations: list[Evaluation] = []
-        self.stopped = False
+        self.is_interrupted = False
 
     def run(self) -> bool:
         """Run the search and return whether it was interrupted.
@@ -65,19 +66,19 @@ class FreshSearch:
             raise rj.Interrupted("stopped before the first evaluation", None) from None
         self.steps = GradientSteps(self.transformation, self.evaluate, self.x, first, self.tolerance, [])
         try:
-            self.take_steps(self.max_iterations, ~self.steps.is_dead)
+            self.take_steps(self.max_iterations, ~self.steps.is_excluded)
             self.verify()
-            for k in range(CORRECTIONS):
+            for k in range(MAX_CORRECTIONS):
                 continuing = self.shift_margins(first=k == 0)
                 if not continuing.any():
                     break
-                self.take_steps(max(self.max_iterations // SEARCH_PART, 2), continuing)
+                self.take_steps(max(self.max_iterations // STEPS_DIVISOR, 2), continuing)
                 self.verify()
         except KeyboardInterrupt:
-            self.stopped = True
+            self.is_interrupted = True
             self.move_to_means()
             self.verify()
-        return self.stopped
+        return self.is_interrupted
 
     def take_steps(self, steps: int, active: np.ndarray) -> None:
         self.steps.take_steps(steps, active)
@@ -94,14 +95,14 @@ class FreshSearch:
         self.evaluate.accurate = True
         exact = self.evaluate(self.x)
         self.evaluate.accurate = False
-        self.estimates = [self.evaluate.estimates(x, self.samples) for x in self.x]
-        self.samples += 1
+        self.estimates = [self.evaluate.estimates(x, self.sample_count) for x in self.x]
+        self.sample_count += 1
         pairs = zip(exact, self.estimates, strict=True)
         self.evaluations = [self._with_estimates(evaluation, estimates) for evaluation, estimates in pairs]
 
     @property
     def ends(self) -> np.ndarray:
-        """Index after the last margin of each target, beginning with 0."""
+        """0, and the index after the last margin of each target (targets + 1,)."""
         return np.cumsum([0, *self.evaluate.sizes])
 
     def _with_estimates(self, evaluation: Evaluation, estimates: dict[int, MarginEstimate]) -> Evaluation:
@@ -111,7 +112,10 @@ class FreshSearch:
         return evaluation._replace(c=c)
 
     def errors(self, k: int) -> Vector:
-        """Return the standard errors of the margins of a start, from the sample and from its mean."""
+        """Return the standard errors (m,) of the margins of a start; 0 for targets with fixed motions.
+
+        They combine the scatter of the independent sample and that of the last steps.
+        """
         ends = self.ends
         standard_errors = np.zeros(ends[-1])
         for index, estimate in self.estimates[k].items():
@@ -122,16 +126,20 @@ class FreshSearch:
         return np.where(standard_errors > 0, np.hypot(standard_errors, mean_error), 0.0)
 
     def shift_margins(self, first: bool) -> np.ndarray:
-        """Shift the margins aimed at by the independent sample; return the starts that continue (s,)."""
+        """Correct the margins aimed at by the independent sample; return which starts continue (s,).
+
+        Margins that the sample finds violated are corrected. After the first search, so are those of active
+        targets that exceed twice the safety margin.
+        """
         continuing, steps = np.zeros(len(self.x), bool), self.steps
         for k, evaluation in enumerate(self.evaluations):
-            if steps.is_dead[k] or not evaluation.is_finite:
+            if steps.is_excluded[k] or not evaluation.is_finite:
                 continue
             safety = np.maximum(SAFETY_FACTOR * self.errors(k), self.tolerance)
-            active = steps.multipliers[k] > 1e-3 * np.max(steps.multipliers[k], initial=0.0)
-            shifts = (evaluation.c < 0) | (first & active & (evaluation.c > 2 * safety))
-            steps.target_margins[k] += np.where(shifts, safety - evaluation.c, 0.0)
-            continuing[k] = bool(shifts.any())
+            is_active = steps.multipliers[k] > 1e-3 * np.max(steps.multipliers[k], initial=0.0)
+            is_corrected = (evaluation.c < 0) | (first & is_active & (evaluation.c > 2 * safety))
+            steps.target_margins[k] += np.where(is_corrected, safety - evaluation.c, 0.0)
+            continuing[k] = bool(is_corrected.any())
         return continuing
 
     @property
@@ -142,8 +150,8 @@ class FreshSearch:
         """Return the end of a start, with multipliers from the mean slopes of its last steps."""
         evaluation, steps, tail = self.evaluations[k], self.steps, self.steps.last_steps[k]
         count = sum(row.start == k for row in steps.history)
-        if steps.is_dead[k] or not tail:
-            code = INTERRUPTED if self.stopped and not steps.is_dead[k] else NOT_FINITE
+        if steps.is_excluded[k] or not tail:
+            code = INTERRUPTED if self.is_interrupted and not steps.is_excluded[k] else NOT_FINITE
             return End(self.x[k], np.full(len(evaluation.c), np.nan), code, count, evaluation)
         mean = Evaluation(
             *(
@@ -154,7 +162,7 @@ class FreshSearch:
         c = mean.c - steps.target_margins[k]
         current = Evaluation(mean.f / steps.scale, c, mean.f_slope / steps.scale, mean.c_slope)
         multipliers = optimality(self.x[k], current, [], 1.0, EXACT_PENALTY, self.tolerance).multipliers
-        code = INTERRUPTED if self.stopped else AVERAGED if evaluation.violation == 0 else INFEASIBLE
+        code = INTERRUPTED if self.is_interrupted else AVERAGED if evaluation.violation == 0 else INFEASIBLE
         return End(self.x[k], multipliers, code, count, evaluation)
 
     def search_result(self, sizes: dict[str, int], effort: Effort) -> SearchResult:

@@ -22,37 +22,50 @@ Margins = Float[Array, " k"]
 
 
 class Suite(Module):
-    """Ground motions of any kinds, in groups with one compiled loop each: records, or motions of one kind."""
+    """Ground motions of any types, in groups that are simulated by one compiled loop each.
+
+    - `groups`: all records in one group; other motions grouped by type and shape
+    - `order`: for each motion, its index when the groups are concatenated
+    - `fresh_samples`: source of the motions if they are drawn anew in every step, otherwise None
+    """
 
     groups: tuple[rj.AbstractExcitation, ...]
-    order: tuple[int, ...] = eqx.field(static=True)  # index of each motion among the stacked ones
-    fresh_samples: FreshSamples | None = eqx.field(static=True, default=None)  # of motions drawn anew
+    order: tuple[int, ...] = eqx.field(static=True)
+    fresh_samples: FreshSamples | None = eqx.field(static=True, default=None)
 
     @classmethod
     def of(
         cls, excitations: AnyMotions | FreshSamples, owner: str = "Suite", name: str = "excitations"
     ) -> Suite:
-        """Return a suite. Raises `ValueError` for an empty set and for members that are no ground motions."""
+        """Return the suite of some motions.
+
+        - `excitations`: a motion, several motions, or fresh samples, of which the first batch is taken
+        - `owner`, `name`: function and argument that error messages name
+
+        Raises `ValueError` for an empty set and for members that are not ground motions.
+        """
         if isinstance(excitations, FreshSamples):
             return cls((excitations.draw(0),), tuple(range(excitations.batch)), excitations)
         motions = single_motions(owner, excitations, name).members
-        kinds: dict[Any, list[int]] = {}
+        indices_by_type: dict[Any, list[int]] = {}
         for k, motion in enumerate(motions):
             if isinstance(motion, rj.Record):
-                kinds.setdefault(rj.Record, []).append(k)
+                indices_by_type.setdefault(rj.Record, []).append(k)
                 continue
             leaves, structure = jax.tree.flatten(motion)
-            kinds.setdefault((structure, tuple(jnp.shape(y) for y in leaves)), []).append(k)
-        members = list(kinds.values())
-        return cls(tuple(_stack_motions([motions[k] for k in places]) for places in members), _order(members))
+            type_and_shapes = structure, tuple(jnp.shape(y) for y in leaves)
+            indices_by_type.setdefault(type_and_shapes, []).append(k)
+        indices = list(indices_by_type.values())
+        groups = tuple(_stack_motions([motions[k] for k in group]) for group in indices)
+        return cls(groups, _order(indices))
 
     def __len__(self) -> int:
         return len(self.order)
 
     def merged_with(self, other: Suite) -> Suite:
-        """Return the motions of both suites, grouped by kind."""
-        groups, members = list(self.groups), [list(part) for part in self._members()]
-        for group, places in zip(other.groups, other._members(), strict=True):
+        """Return the suite of the motions of both, in this order."""
+        groups, indices = list(self.groups), [list(group) for group in self._indices()]
+        for group, other_indices in zip(other.groups, other._indices(), strict=True):
             k = next((k for k, existing in enumerate(groups) if _can_merge(existing, group)), len(groups))
             if k < len(groups):
                 groups[k] = jax.tree.map(
@@ -60,32 +73,33 @@ class Suite(Module):
                 )
             else:
                 groups.append(group)
-                members.append([])
-            members[k] += [len(self) + place for place in places]
-        return Suite(tuple(groups), _order(members))
+                indices.append([])
+            indices[k] += [len(self) + index for index in other_indices]
+        return Suite(tuple(groups), _order(indices))
 
-    def _members(self) -> list[list[int]]:
-        """Return the numbers of the motions in each group."""
+    def _indices(self) -> list[list[int]]:
+        """Return the indices of the motions in each group."""
         by_order = sorted(range(len(self)), key=self.order.__getitem__)
         ends = np.cumsum([_size(group) for group in self.groups])
         return [by_order[end - _size(group) : end] for group, end in zip(self.groups, ends, strict=True)]
 
     def map_motions(self, function) -> Any:
         """Return `function(motion)` of every motion, stacked in the order of the motions."""
-        parts = [jax.vmap(function, in_axes=(_axes(group),))(group) for group in self.groups]
+        results = [jax.vmap(function, in_axes=(_axes(group),))(group) for group in self.groups]
         order = np.asarray(self.order)
-        return jax.tree.map(lambda *ys: jnp.concatenate(ys)[order], *parts)
+        return jax.tree.map(lambda *ys: jnp.concatenate(ys)[order], *results)
 
     def motion(self, k: int) -> rj.AbstractExcitation:
         """Return the k-th motion."""
-        number = next(j for j, members in enumerate(self._members()) if k in members)
-        group, place = self.groups[number], self._members()[number].index(k)
+        indices = self._indices()
+        group_index = next(j for j, group_indices in enumerate(indices) if k in group_indices)
+        group, position = self.groups[group_index], indices[group_index].index(k)
         if isinstance(group, rj.Records):
-            return group.chosen(group.which[place], group.scale[place])
-        return jax.tree.map(lambda y: y[place], group)
+            return group.chosen(group.which[position], group.scale[position])
+        return jax.tree.map(lambda y: y[position], group)
 
     def scaled(self, factor) -> Suite:
-        """Return all motions times a factor."""
+        """Return the suite with all motions multiplied by a factor."""
         return eqx.tree_at(
             lambda suite: suite.groups, self, tuple(group.scaled(factor) for group in self.groups)
         )
@@ -97,38 +111,42 @@ class Suite(Module):
     def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...]) -> rj.Peak:
         """Return the peak responses to all motions; NaN where a scene did not finish.
 
-        - `podium`: the structure; `options`: of the simulations
-        - `outputs`: the requested outputs, as in `rockjax.Options`
+        - `podium`: the structure; `options`: options of the simulations
+        - `outputs`: the requested outputs, as in `rockjax.Options`; they replace those of `options`
         """
         options = options.replace(outputs=outputs, throw=False)
         peaks = self.map_motions(lambda motion: rj.peak_response(podium, motion, options=options))
         is_answered = has_answer(peaks)
 
-        def mask_unanswered(y):  # of modes and stories along a last axis
+        def mask_unanswered(y):  # y may have a second axis, for modes, stories or floors
             return jnp.where(is_answered[:, None] if y.ndim == 2 else is_answered, y, jnp.nan)
 
         return dataclasses.replace(peaks, values=jax.tree.map(mask_unanswered, peaks.values))
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
-        """Return the overturning margins of all motions, on all cores (host, without derivatives)."""
+        """Return the overturning margins under all motions (k,), on all cores (host, without derivatives)."""
         options = options.replace(outputs=("margin",), throw=False)
-        parts = [rj.peak_responses(podium, group, options=options).margin for group in self.groups]
-        return np.concatenate([np.asarray(part) for part in parts])[list(self.order)]
+        margins = [rj.peak_responses(podium, group, options=options).margin for group in self.groups]
+        return np.concatenate([np.asarray(y) for y in margins])[list(self.order)]
 
 
 def has_answer(peaks: AbstractPeak) -> Bool[Array, "*batch"]:
-    """Return whether scenes settled, reached their end or overturned."""
-    ends = (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time)
-    return ends | peaks.overturned
+    """Return whether each scene settled, reached its end or overturned."""
+    has_ended = (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time)
+    return has_ended | peaks.overturned
 
 
-def _order(members: list[list[int]]) -> tuple[int, ...]:
-    """Return the index of each motion among the stacked ones, from the numbers in each group."""
-    placed = [k for places in members for k in places]
-    return tuple(placed.index(k) for k in range(len(placed)))
+def _order(indices: list[list[int]]) -> tuple[int, ...]:
+    """Return, for each motion, its index in the concatenated groups.
+
+    `indices` holds the indices of the motions in each group.
+    """
+    concatenated = [k for group in indices for k in group]
+    return tuple(concatenated.index(k) for k in range(len(concatenated)))
 
 
 def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
+    """Return motions of one type as one, with arrays stacked along a first axis; records as a table."""
     if isinstance(motions[0], rj.Record):
         table = rj.Records.of(motions)
         return table.scaled(np.ones(len(table)))
@@ -136,7 +154,7 @@ def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
 
 
 def _axes(group: rj.AbstractExcitation) -> Any:
-    """Return the vmap axes of a group; of records in a table only the row and its scale vary."""
+    """Return the vmap axes of a group. Records share one table, so only row and scale are mapped."""
     if not isinstance(group, rj.Records):
         return 0
     none = jax.tree.map(lambda _: None, group)
@@ -144,6 +162,7 @@ def _axes(group: rj.AbstractExcitation) -> Any:
 
 
 def _size(group: rj.AbstractExcitation) -> int:
+    """Return the number of motions in a group."""
     return jnp.size(group.which) if isinstance(group, rj.Records) else len(jax.tree.leaves(group)[0])
 
 

@@ -1,4 +1,4 @@
-"""Design variables: fields of a podium or dimensions of a drawing, scaled to [0, 1]."""
+"""Design variables: parameters of a podium, or dimensions and masses, scaled to [0, 1]."""
 
 from __future__ import annotations
 
@@ -24,34 +24,39 @@ from rockjax._text.cards import card, format_call
 from rockjax._units import STANDARD_GRAVITY
 from rockjax.internal import DIMENSIONS, Module, array_module, as_float, displayed, find_parameter
 
-LOG_FROM = 10.0  # a positive range wider than this factor is scaled logarithmically
+LOG_RATIO = 10.0  # positive ranges with highest/lowest above this ratio are scaled logarithmically
 
 
 def _row(values: Any, name: str) -> Any:
+    """Return a row of dimensions (n,) as an array, None if it is not given."""
     return None if values is None else as_float(values, f"Dimensions: {name}")
 
 
 class Dimensions(Module):
-    """A podium by the dimensions and masses of a drawing, the arguments of `rockjax.Podium.from_dimensions`.
+    """A podium by dimensions and masses, the arguments of `rockjax.Podium.from_dimensions`.
 
     - `width`, `height`: full column width 2B and height 2H [m]
-    - `column_mass`: mass of one column m_c [kg]; `beam_mass`, `top_mass`: m_b, m_t [kg]; `columns`: their
-      number N, by default that of the positions, or 2
+    - `column_mass`: mass m_c of one column [kg]; `beam_mass`: mass m_b of the beam [kg]; `top_mass`: mass m_t
+      of the superstructure [kg]
+    - `columns`: number of columns N, by default the number of `positions`, or 2 without positions
     - `period`, `damping`: T_s [s] and ζ [–] of the superstructure; a top mass with `period=None` is rigid
     - `lam`, `restitution`, `g`: as in `rockjax.Podium`
-    - `tendon_force`: initial force P₀ of the tendon of each column [N]; `tendon_stiffness`: its K [N/m]
-    - `damper_coefficient`: C of the damper of each column [N(s/m)^ν]; `damper_exponent`: its ν [–]
-    - `inertance`: b of the inerter of each column [kg]
-    - `stories`: number of equal stories of a building, or None; `story_heights`: of a building [m]
-    - `story_masses`: of the floors of a building [kg]; `story_stiffnesses`: of its stories [N/m]
+    - `tendon_force`: initial force P₀ of the tendon of each column [N]; `tendon_stiffness`: stiffness K of
+      the tendon [N/m]
+    - `damper_coefficient`: coefficient C of the damper of each column [N(s/m)^ν]; `damper_exponent`: exponent
+      ν of the damper [–]
+    - `inertance`: inertance b of the inerter of each column [kg]
+    - `stories`: number of equal stories of a building, or None
+    - `story_masses`: masses of the floors [kg]; `story_stiffnesses`: stiffnesses of the stories [N/m];
+      `story_heights`: heights of the stories [m]
     - `modes`: number of modes of the building that are kept; None keeps all
-    - `positions`: of the columns along the motion [m], with `beam_depth`, `top_height`, `residual_height` [m]
+    - `positions`: positions of the columns along the motion [m]; `beam_depth`, `top_height`,
+      `residual_height`: as in `rockjax.Podium.from_dimensions` [m]
     - `end_radius`: radius of round ends of the columns [m]
 
-    A building is as in `rockjax.Podium.from_dimensions`; its variables are `story_mass_1`,
-    `story_stiffness_2` …, numbered from the bottom.
+    Design variables of a building are `story_mass_1`, `story_stiffness_2` …, numbered from the bottom.
 
-    Raises `ValueError` for numbers that do not define a podium.
+    Raises `ValueError` for values that do not define a podium.
     """
 
     width: Any
@@ -95,7 +100,7 @@ class Dimensions(Module):
         )
 
     def replace(self, **changes) -> Dimensions:
-        """Return a variant with some fields changed, as `dataclasses.replace`."""
+        """Return a variant with some fields changed, like `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
 
     def __repr__(self):
@@ -109,24 +114,25 @@ Structure = rj.Podium | Dimensions
 
 
 def as_podium(structure: Structure) -> rj.Podium:
-    """Return the podium of a structure in either form."""
+    """Return the podium of a structure, a `rockjax.Podium` or an `optimise.Dimensions`."""
     with _without_unit_warnings():
         return structure if isinstance(structure, rj.Podium) else structure.podium()
 
 
 @contextlib.contextmanager
 def _without_unit_warnings() -> Iterator[None]:
-    """Suppress warnings about units, which apply only to numbers that a user has typed."""
+    """Suppress warnings about units, which are meant for values that a user has typed."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.PlausibilityWarning)
         yield
 
 
 class Variables(Module):
-    """The varied numbers of a structure, x in [0, 1]ⁿ in the order of `names`.
+    """The varied parameters of a structure, scaled to x in [0, 1]ⁿ.
 
-    - `base`: the structure with the numbers that stay; `lower`, `upper`: bounds in user units
-    - `logarithmic`: whether a variable is scaled by its logarithm
+    - `base`: the structure, which provides all parameters that are not varied
+    - `lower`, `upper`: bounds in user units (n,); `names`: names of the variables, in the order of x
+    - `logarithmic`: for each variable, whether it is scaled by its logarithm
     """
 
     base: Structure
@@ -137,21 +143,21 @@ class Variables(Module):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """The units of the variables, "–" for ratios."""
+        """Units of the variables, "–" for ratios."""
         return tuple(displayed(parameter(self.base, name).unit) for name in self.names)
 
     def values(self, x: Float[Array, " n"] | np.ndarray) -> Float[Array, " n"]:
-        """Return user units from scaled variables; the bounds are met exactly."""
+        """Return the variables in user units (n,); x = 0 and x = 1 give exactly the bounds."""
         log, numpy = np.asarray(self.logarithmic), array_module(self, x)
         lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
         low, high = (numpy.log(numpy.where(log, bound, 1.0)) for bound in (lower, upper))
         values = numpy.where(log, numpy.exp(low * (1 - x) + high * x), lower * (1 - x) + upper * x)
-        # Inside but for rounding; a clip would halve the derivative at a bound.
-        inside = numpy.clip(values, lower, upper)
-        return inside if numpy is np else values + jax.lax.stop_gradient(inside - values)
+        # Rounding may put values outside. Differentiating the clip would halve derivatives at a bound.
+        clipped = numpy.clip(values, lower, upper)
+        return clipped if numpy is np else values + jax.lax.stop_gradient(clipped - values)
 
     def scaled(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return scaled variables from user units, clipped to the bounds."""
+        """Return the scaled variables (n,) of values in user units, which are clipped to the bounds."""
         log, numpy = np.asarray(self.logarithmic), array_module(self, values)
         lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
         values = numpy.clip(values, lower, upper)
@@ -160,7 +166,7 @@ class Variables(Module):
         return numpy.where(log, value - low, values - lower) / width
 
     def structure(self, x: Float[Array, " n"] | np.ndarray) -> Structure:
-        """Return the structure at scaled variables, in the user's form."""
+        """Return the structure at scaled variables, in the form of `base`."""
         values = self.values(x)
         return with_variables(self.base, {name: values[k] for k, name in enumerate(self.names)})
 
@@ -169,7 +175,7 @@ class Variables(Module):
         return as_podium(self.structure(x))
 
     def start(self) -> Float[Array, " n"]:
-        """Return the base structure in scaled variables, clipped to the bounds."""
+        """Return the scaled variables (n,) of the base structure, clipped to the bounds."""
         values = [as_float(value_of(self.base, name)) for name in self.names]
         return self.scaled(array_module(values).stack(values))
 
@@ -177,10 +183,13 @@ class Variables(Module):
 def make_variables(
     base: Structure, vary: Mapping[str, tuple[float, float]], owner: str = "design"
 ) -> Variables:
-    """Return the variables of `vary`.
+    """Return the variables of a structure.
 
-    Raises `ValueError` for unknown or conflicting names, and for bounds that are no range or do not define a
-    podium. Errors name `owner`.
+    - `base`: the structure; `vary`: name → (lowest, highest) in user units
+    - `owner`: function that error messages name
+
+    Raises `ValueError` for unknown or conflicting names, and for bounds that are not a range or do not define
+    a podium.
     """
     if not isinstance(base, Structure):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium or an optimise.Dimensions, got {base!r}")
@@ -190,14 +199,16 @@ def make_variables(
         )
     shapes = {jnp.shape(leaf) for leaf in jax.tree.leaves(as_podium(base).split())} - {()}
     if shapes:
-        raise ValueError(f"{owner}: podium must hold single numbers, got arrays of shape {shapes}")
+        raise ValueError(
+            f"{owner}: podium must be a single podium with scalar parameters, got arrays of shape {shapes}"
+        )
     for name in vary:
         _check_name(owner, base, name)
     names = tuple(vary)
     parameter_names = [parameter(base, name).name for name in names]
-    clash = [name for name in parameter_names if parameter_names.count(name) > 1]
-    if clash:
-        raise ValueError(f"{owner}: vary names {clash[0]} twice")
+    repeated = [name for name in parameter_names if parameter_names.count(name) > 1]
+    if repeated:
+        raise ValueError(f"{owner}: vary names {repeated[0]} twice")
     clash = find_clash(parameter_names)
     if clash is not None:
         raise ValueError(
@@ -221,16 +232,16 @@ def make_variables(
                 with_variables(base, {name: bound})
             except ValueError as error:
                 raise ValueError(
-                    f"{owner}: vary[{name!r}] = ({low}, {high}) exceeds the possible range: {error}"
+                    f"{owner}: vary[{name!r}] = ({low}, {high}) exceeds the admissible range: {error}"
                 ) from None
         bounds.append((low, high))
-    lower, upper = (as_float(np.array(side)) for side in zip(*bounds, strict=True))
-    logarithmic = tuple(low > 0 and high / low > LOG_FROM for low, high in bounds)
+    lower, upper = (as_float(np.array(column)) for column in zip(*bounds, strict=True))
+    logarithmic = tuple(low > 0 and high / low > LOG_RATIO for low, high in bounds)
     return Variables(numbers_as_arrays(base), lower, upper, names, logarithmic)
 
 
 def numbers_as_arrays(base: Structure) -> Structure:
-    """Turn Python numbers into arrays, so that they are not compiled in.
+    """Turn the Python numbers of an `optimise.Dimensions` into arrays, so that they are not compiled in.
 
     Zeros stay, because a top mass of exactly 0 means no superstructure.
     """
@@ -241,14 +252,17 @@ def numbers_as_arrays(base: Structure) -> Structure:
 
 
 def _check_name(owner: str, base: Structure, name: str) -> None:
+    """Raise `ValueError` unless a name is a parameter of the structure that can vary."""
     if isinstance(base, Dimensions):
         _check_dimension(owner, base, name)
         return
     entry = find_parameter(name)
     if entry is None:
-        hint = " (masses vary with an optimise.Dimensions)" if name in DIMENSIONS else ""
-        known = ", ".join(variants.parameters_of(base))
-        raise ValueError(f"{owner}: vary names {name!r}{hint}; what may vary of this podium is {known}")
+        hint = " (masses and dimensions vary with an optimise.Dimensions)" if name in DIMENSIONS else ""
+        available = ", ".join(variants.parameters_of(base))
+        raise ValueError(
+            f"{owner}: vary names {name!r}{hint}; parameters of this podium that can vary are {available}"
+        )
     if variants.has_parameter(base, entry):
         return
     if entry.name == "restitution":
@@ -258,9 +272,13 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
         raise ValueError(
             f"{owner}: vary names {name!r}, which needs exactly one {device} among the podium's restrainers"
         )
-    top = base.superstructure
-    kind = "no superstructure" if top is None else f"a {type(top).__name__} superstructure"
-    raise ValueError(f"{owner}: vary names {name!r}, but the podium has {kind}")
+    superstructure = base.superstructure
+    description = (
+        "no superstructure"
+        if superstructure is None
+        else f"a {type(superstructure).__name__} superstructure, which has no such parameter"
+    )
+    raise ValueError(f"{owner}: vary names {name!r}, but the podium has {description}")
 
 
 def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
@@ -271,7 +289,7 @@ def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
     ]
     if name not in variable_names:
         raise ValueError(
-            f"{owner}: vary names {name!r}; dimensions that may vary are {', '.join(variable_names)}"
+            f"{owner}: vary names {name!r}; dimensions that can vary are {', '.join(variable_names)}"
         )
     if name == "restitution" and isinstance(base.restitution, str):
         raise ValueError(_law_message(owner, base.restitution))
@@ -280,7 +298,7 @@ def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
             f"{owner}: vary names 'period', but the superstructure is rigid or absent; give it a period"
         )
     if name == "top_mass" and array_module(base.top_mass).all(base.top_mass == 0):
-        raise ValueError(f"{owner}: vary names 'top_mass', but there is none; give a top_mass to start from")
+        raise ValueError(f"{owner}: vary names 'top_mass', but top_mass = 0; give a top_mass to start from")
     if name == "damping" and base.period is None:
         raise ValueError(
             f"{owner}: vary names 'damping', but the podium has no elastic superstructure; give it a period"
@@ -289,30 +307,34 @@ def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
 
 def _law_message(owner: str, law) -> str:
     return (
-        f"{owner}: vary names 'restitution', but the podium's is the law {law!r}; give it a factor in [0, 1]"
+        f"{owner}: vary names 'restitution', but the restitution of the podium is the law {law!r}; give it a "
+        "factor in [0, 1]"
     )
 
 
 def parameter(base: Structure, name: str) -> Parameter:
-    """Return the parameter of a variable name. Raises `KeyError` for an unknown name."""
+    """Return the parameter that a variable name denotes. Raises `KeyError` for an unknown name."""
     if isinstance(base, Dimensions):
         row, number = _row_entry(name)
         return DIMENSIONS[name] if row is None else numbered_parameter(row, number)
-    found = find_parameter(name)
-    if found is None:
+    entry = find_parameter(name)
+    if entry is None:
         raise KeyError(name)
-    return found
+    return entry
 
 
 def _row_entry(name: str) -> tuple[Parameter | None, int]:
-    """Return the row of dimensions that a name belongs to, and its number in it from 1; None for others."""
+    """Return the row of dimensions of a name such as `story_mass_2`, and the number 2 in it.
+
+    Return (None, 0) for a name that does not belong to a row.
+    """
     row, _, number = name.rpartition("_")
     is_in_row = row in ROWS_OF_DIMENSIONS and number.isdecimal()
     return (ROWS_OF_DIMENSIONS[row], int(number)) if is_in_row else (None, 0)
 
 
 def value_of(base: Structure, name: str):
-    """Return the value of a variable."""
+    """Return the value of a variable in a structure, in user units."""
     if not isinstance(base, Dimensions):
         return variants.read(base, name)
     row, number = _row_entry(name)
@@ -320,7 +342,7 @@ def value_of(base: Structure, name: str):
 
 
 def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
-    """Return a variant with other values of variables."""
+    """Return a variant of a structure with other values of variables, in user units."""
     if not isinstance(base, Dimensions):
         return variants.with_values(base, values)
     changes: dict[str, Any] = {}
@@ -329,7 +351,7 @@ def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
         if row is None:
             changes[name] = value
         else:
-            before = changes.get(row.place, getattr(base, row.place))
-            changes[row.place] = jnp.asarray(before).at[number - 1].set(value)
+            present = changes.get(row.place, getattr(base, row.place))
+            changes[row.place] = jnp.asarray(present).at[number - 1].set(value)
     with _without_unit_warnings():
         return base.replace(**changes)

@@ -1,4 +1,4 @@
-"""The mean annual frequency of overturning: a fragility over a hazard curve."""
+"""Mean annual frequency of overturning: the integral of a fragility along a hazard curve."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .hazard import Hazard
 if TYPE_CHECKING:
     import xarray
 
-MIN_EXTRAPOLATED = 0.05  # least share of the frequency from beyond the given points that `repr` reports
+MIN_EXTRAPOLATED = 0.05  # extrapolated share above which `repr` reports it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,10 +29,11 @@ class AnnualFrequency:
     """Mean annual frequency of reaching a limit state.
 
     - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)| [1/year]
-    - `extrapolated`: the share of it that comes from intensities outside the points of the hazard curve or,
-      for counted stripes, above the highest level [–]
-    - `sensitivities`: d ln λ_f/d ln y for y = `median` and for every number of the structure whose effect on
-      the curve the fragility contains; d ln λ_f/dβ for y = `dispersion`. Empty for counted stripes
+    - `extrapolated`: share of `frequency` from intensities outside the points of the hazard curve or, for an
+      incremental dynamic analysis, above its highest level [–]
+    - `sensitivities`: d ln λ_f/d ln y for y = `median` and for every parameter of the structure with
+      sensitivities in the fragility; d ln λ_f/dβ for y = `dispersion`. Empty for an incremental dynamic
+      analysis
     """
 
     frequency: Float[Array, ""]
@@ -41,12 +42,14 @@ class AnnualFrequency:
 
     @property
     def return_period(self) -> Float[Array, ""]:
-        """1/λ_f [years]; inf where the frequency is zero."""
+        """Return period 1/λ_f [years]; inf where the frequency is zero."""
         return jnp.where(self.frequency > 0, 1 / jnp.where(self.frequency > 0, self.frequency, 1.0), jnp.inf)
 
     def probability(self, years) -> Float[Array, "*n"]:
-        """Return P = 1 − exp(−λ_f t), the probability of at least one occurrence in t years of a Poisson
-        process [–]."""
+        """Return the probability of at least one occurrence in `years` t, 1 − exp(−λ_f t) [–].
+
+        Occurrences are taken to be a Poisson process.
+        """
         require("AnnualFrequency.probability", "years", years, lambda v: v >= 0, "finite and >= 0")
         return -jnp.expm1(-self.frequency * jnp.asarray(years, float))
 
@@ -55,30 +58,29 @@ class AnnualFrequency:
         if frequency is None:
             return "AnnualFrequency(traced)"
         share = float(self.extrapolated)
-        outside = f"; {share:.0%} of it from beyond the given points" if share > MIN_EXTRAPOLATED else ""
+        extrapolation = f"; {share:.0%} of it extrapolated" if share > MIN_EXTRAPOLATED else ""
         period = f"return period {float(self.return_period):.4g} years"
         in_50_years = f"{float(self.probability(50)):.3g} in 50 years"
-        return f"AnnualFrequency: {float(frequency):.4g} a year, {period}, {in_50_years}{outside}"
+        return f"AnnualFrequency: {float(frequency):.4g} a year, {period}, {in_50_years}{extrapolation}"
 
 
 jax.tree_util.register_dataclass(AnnualFrequency, ["frequency", "extrapolated", "sensitivities"], [])
 
 
 def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
-    """Return the mean annual frequency with which a structure overturns, or reaches the limit state of its
-    fragility.
+    """Return the mean annual frequency of overturning, or of the limit state of a fragility.
 
-    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][], or
-      of [`rockjax.read_fragility_model`][] with its limits; or one of
-      [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are used
-      directly, linear between the levels, so that windows of survival count
+    - `curve`: one of three. A [`rockjax.Lognormal`][] in the units of the hazard. A dataset of
+      [`rockjax.fragility`][] or of [`rockjax.read_fragility_model`][], whose limits apply. Or a dataset of
+      [`rockjax.incremental_dynamic_analysis`][]: its counted shares of overturned records are used
+      directly, linear between the levels, so that survival windows count
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
 
-    No quadrature: the integral is a closed form on every segment of the hazard curve. For a `Lognormal` the
+    The integral is evaluated in closed form on every segment of the hazard curve. For a `Lognormal` the
     function works under `jit` and `grad`, with respect to median, dispersion and the points of the hazard.
 
-    Raises `ValueError` if measure or units differ from those of the hazard, if dispersion or median is not >
-    0, and if counted shares do not begin with a level at which all records survive.
+    Raises `ValueError` if the measure or the units of `curve` and `hazard` differ, if median or dispersion is
+    not > 0, and if any record of an incremental dynamic analysis overturns at its lowest level.
     """
     owner = "annual_frequency"
     if not isinstance(hazard, Hazard):
@@ -95,15 +97,15 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
     intensity: xarray.DataArray = curve["median_capacity"] if kind == "fragility" else curve["intensity"]
     _check_measure(owner, attributes["measure"], intensity.attrs["units"], hazard)
     if kind == "fragility":
-        found = _frequency_of_lognormal(
+        answer = _frequency_of_lognormal(
             owner,
             Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion"))),
             hazard,
             read_limits(curve),
         )
         return dataclasses.replace(
-            found,
-            sensitivities=dict(found.sensitivities) | _structure_sensitivities(curve, found.sensitivities),
+            answer,
+            sensitivities=dict(answer.sensitivities) | _structure_sensitivities(curve, answer.sensitivities),
         )
     return _frequency_of_stripes(owner, curve, hazard)
 
@@ -111,32 +113,39 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
 def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None:
     if measure != hazard.measure:
         raise ValueError(
-            f"{owner}: the fragility is over "
-            f"{measure}, the hazard over {hazard.measure}; they must be of one measure"
+            f"{owner}: curve and hazard must have the same intensity measure, got {measure} and "
+            f"{hazard.measure}"
         )
     if units != hazard.units:
         raise ValueError(
-            f"{owner}: the fragility is in "
-            f"{units!r}, the hazard in {hazard.units!r}; convert it with hazard.in_si()"
+            f"{owner}: curve and hazard must have the same units, got {units!r} and {hazard.units!r}; "
+            "convert the hazard with hazard.in_si()"
         )
 
 
 def read_limits(curve: xarray.Dataset) -> integral.Limits:
-    """Return the limits of an OpenQuake fragility model, in the order in which its engine applies them:
-    intensities are first clipped to the range from `min_intensity` to `max_intensity`, then P = 0 up to
-    `no_damage_limit`."""
-    zero, low, high = (
+    """Return the limits of a fragility curve, applied in the order of OpenQuake's engine.
+
+    Intensities are first clipped to the range from `min_intensity` to `max_intensity`; then P = 0 up to
+    `no_damage_limit`. If `min_intensity` is larger than `no_damage_limit`, the latter has no effect.
+    """
+    no_damage, lowest, highest = (
         float(curve[name]) if name in curve else None
         for name in ("no_damage_limit", "min_intensity", "max_intensity")
     )
-    rises_at_once = (low or 0.0) > (zero or 0.0)
-    return integral.Limits(None if rises_at_once else zero, low if rises_at_once else None, high)
+    is_clipped_above_zero = (lowest or 0.0) > (no_damage or 0.0)
+    return integral.Limits(
+        None if is_clipped_above_zero else no_damage, lowest if is_clipped_above_zero else None, highest
+    )
 
 
 def _limited_probability(
     curve: Lognormal, x: np.ndarray, limits: integral.Limits, first: float
 ) -> np.ndarray:
-    """Return P at intensities within limits; if P stays > 0 at low intensities, it counts from `first` on."""
+    """Return P at intensities x (n,), with limits applied.
+
+    If P stays > 0 at low intensities, it is 0 below `first`, the first point of the hazard curve.
+    """
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
     share = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
     if limits.constant_below is not None:
@@ -145,6 +154,8 @@ def _limited_probability(
 
 
 def _integrate_with_slopes(curve: Lognormal, hazard: Hazard, limits: integral.Limits):
+    """Return λ_f, its extrapolated share, and the derivatives of ln λ_f."""
+
     def total(log_median, dispersion):
         parts = integral.integrate_lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion, limits)
         return parts.total, parts
@@ -171,8 +182,10 @@ def _frequency_of_lognormal(
 
 
 def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
-    """Return d ln λ_f/d ln y for the numbers of the structure, through the median and, where available,
-    through the dispersion."""
+    """Return d ln λ_f/d ln y for the parameters y of the structure.
+
+    The effect of y on the median counts, and its effect on the dispersion if the dataset contains it.
+    """
     if "median_sensitivity" not in curve:
         return {}
     changes = slopes["median"] * curve["median_sensitivity"].values
@@ -182,14 +195,14 @@ def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -
 
 
 def _frequency_of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
+    """Return the frequency from the share of overturned records at each level of intensity."""
     levels, share = analysis["intensity"].values, analysis["overturned"].values.mean(axis=0)
     if levels.size < 2:
-        raise ValueError(f"{owner}: needs two levels of intensity or more, got {levels.size}")
+        raise ValueError(f"{owner}: curve must have at least two levels of intensity, got {levels.size}")
     if share[0] > 0:
         raise ValueError(
-            f"{owner}: {share[0]:.0%} of the records overturn at the lowest level, {levels[0]:g}; "
-            "what happens below it is not known: add lower levels, or give the fitted curve of "
-            "rockjax.fragility"
+            f"{owner}: {share[0]:.0%} of the records overturn at the lowest level, {levels[0]:g}, so the "
+            "curve is unknown below it; add lower levels, or give the fitted curve of rockjax.fragility"
         )
     parts = integral.integrate_piecewise_linear(*hazard.logarithms, jnp.asarray(levels), jnp.asarray(share))
     total = parts.total
@@ -198,20 +211,21 @@ def _frequency_of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) 
 
 
 def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -> xarray.Dataset:
-    """Contribution of each intensity to the annual frequency (host).
+    """Return the contribution of each intensity to the annual frequency (host).
 
-    It is the density F(x) |dλ/d ln x| divided by the frequency; its integral over ln x is 1.
+    The contribution is the density F(x) |dλ/d ln x| divided by the frequency. Its integral over ln x is 1.
 
-    - `curve`, `hazard`: as for [`rockjax.annual_frequency`][]; a lognormal curve
-    - `at`: intensities, > 0; by default 400 between a thousandth of the smaller and ten times the larger of
-      median and points
+    - `curve`, `hazard`: as for [`rockjax.annual_frequency`][], but the curve must be lognormal
+    - `at`: intensities (n,), > 0; by default 400, from 1/1000 of the median or the first point of the hazard
+      (the smaller) to 10 times the median or the last point (the larger)
 
     Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve
-    does, `hazard` [1/year] and `fragility` [–]; and the `given` points of the hazard curve over `point`.
+    jumps, `hazard` [1/year] and `fragility` [–]. `given` holds the rates at the points of the hazard curve,
+    over `point`.
     """
     import xarray
 
-    found, limits = annual_frequency(curve, hazard), integral.Limits()
+    answer, limits = annual_frequency(curve, hazard), integral.Limits()
     if not isinstance(curve, Lognormal):
         if curve.attrs["kind"] != "fragility":
             raise ValueError(
@@ -226,10 +240,11 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
         x = np.asarray(at, float)
         require("disaggregation", "at", x, lambda v: v > 0, "finite and > 0")
     log_x, log_rate = hazard.logarithms
-    i = np.clip(np.searchsorted(np.asarray(log_x), np.log(x)) - 1, 0, log_x.size - 2)
+    segment = np.clip(np.searchsorted(np.asarray(log_x), np.log(x)) - 1, 0, log_x.size - 2)
     rate = np.asarray(hazard(jnp.asarray(x)))
     share = _limited_probability(curve, x, limits, float(hazard.intensity[0]))
-    density = share * np.asarray(integral.segment_slopes(log_x, log_rate))[i] * rate / float(found.frequency)
+    slope = np.asarray(integral.segment_slopes(log_x, log_rate))[segment]
+    density = share * slope * rate / float(answer.frequency)
     axis_attrs = {"units": hazard.units, "long_name": hazard.measure}
     return xarray.Dataset(
         {
@@ -242,7 +257,7 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
             "given": (
                 "point",
                 np.asarray(hazard.annual_rate),
-                {"units": "year-1", "long_name": "rates that are given"},
+                {"units": "year-1", "long_name": "rates at the points of the hazard curve"},
             ),
             "fragility": ("intensity", share, {"units": "1", "long_name": "probability of overturning"}),
         },
@@ -254,8 +269,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
             "title": "Risk",
             "kind": "risk",
             "measure": hazard.measure,
-            "frequency_per_year": float(found.frequency),
-            "extrapolated": float(found.extrapolated),
+            "frequency_per_year": float(answer.frequency),
+            "extrapolated": float(answer.extrapolated),
             "median": float(curve.median),
             "dispersion": float(curve.dispersion),
         },

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     import xarray
 
 NRML = "http://openquake.org/xmlns/nrml/0.5"
-CUTOFF = "1e-10"  # replaces a minIML of 0, as in OpenQuake
-SURE_DEVIATIONS = 7.0  # standard deviations above the median: 1 − P = 1e-12
+MIN_IML = "1e-10"  # minIML of a curve without one, as in OpenQuake
+MAX_DEVIATIONS = 7.0  # maxIML of a curve without one is this many β above the median, where 1 − P = 1e-12
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
-    """Return the arguments of the `Hazard` in a file."""
+    """Return the arguments of `Hazard` from a file; `site` is the row of a file of OpenQuake, or None."""
     text = read_text(path).splitlines()
     rows = [_Row.of(number, line, _delimiter(text)) for number, line in enumerate(text, 1)]
     rows = [row for row in rows if any(row.cells)]
@@ -37,12 +37,15 @@ def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
     if sum(cell.startswith("poe-") for cell in rows[0].cells) > 1:
         return _openquake(path, rows, comments, site)
     if site is not None:
-        raise ValueError(f"{path}: site is for OpenQuake's files of several sites; this one holds one curve")
+        raise ValueError(
+            f"{path}: site applies only to OpenQuake's files of several sites, but this file has one curve; "
+            "leave it out"
+        )
     return _two_columns(path, rows, comments)
 
 
 class _Row(NamedTuple):
-    """A line of a table: its number, its text and its cells."""
+    """A line of a table: its number from 1, its text and its cells."""
 
     line: int
     text: str
@@ -51,9 +54,10 @@ class _Row(NamedTuple):
     @classmethod
     def of(cls, number: int, line: str, delimiter: str) -> _Row:
         cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
-        if delimiter != ",":  # commas are decimal
+        if delimiter != ",":  # then a comma in a number is a decimal comma
             cells = [
-                point if _as_number(point := cell.replace(",", ".")) is not None else cell for cell in cells
+                with_point if _as_number(with_point := cell.replace(",", ".")) is not None else cell
+                for cell in cells
             ]
         return cls(number, line, cells)
 
@@ -66,7 +70,7 @@ class _Row(NamedTuple):
         return any(_as_number(cell) is not None for cell in self.cells)
 
     def number(self, path: str | Path, column: int) -> float:
-        """Return the number in a column. Raises `ValueError` that names file, line and text."""
+        """Return the number in a column. Raises `ValueError`, which names file, line and text."""
         cell = self.cells[column] if column < len(self.cells) else ""
         number = _as_number(cell)
         if number is None:
@@ -75,9 +79,9 @@ class _Row(NamedTuple):
 
 
 def _delimiter(lines: list[str]) -> str:
-    """Return the delimiter of the last line: a semicolon or tab if it contains one, else a comma."""
-    last = next((line for line in reversed(lines) if line.strip()), "")
-    return next((mark for mark in ";\t" if mark in last), ",")
+    """Return the delimiter of the last line that is not empty: a semicolon, a tab, or else a comma."""
+    last_line = next((line for line in reversed(lines) if line.strip()), "")
+    return next((mark for mark in ";\t" if mark in last_line), ",")
 
 
 def _as_number(cell: str) -> float | None:
@@ -88,39 +92,42 @@ def _as_number(cell: str) -> float | None:
 
 
 def _two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> dict[str, Any]:
-    body = [k for k, row in enumerate(rows) if row.has_numbers]
-    first = body[0] if body else len(rows)
+    """Return the arguments of `Hazard` from a table with a column of intensities and one of rates."""
+    data_rows = [k for k, row in enumerate(rows) if row.has_numbers]
+    first = data_rows[0] if data_rows else len(rows)
     texts = _headings(
         [row.cells for row in rows[:first]] or [_uncommented(row) for row in comments[-1:]], rows
     )
-    found = [parse_heading(str(path), text) for text in texts]
-    columns = [k for k, heading in enumerate(found) if heading.kind not in ("index", "time")]
-    rate_columns = [k for k in columns if found[k].kind in ("probability", "rate", "return period")]
+    headings = [parse_heading(str(path), text) for text in texts]
+    columns = [k for k, heading in enumerate(headings) if heading.kind not in ("index", "time")]
+    rate_columns = [k for k in columns if headings[k].kind in ("probability", "rate", "return period")]
     intensity_columns = [k for k in columns if k not in rate_columns]
     heading_text = ", ".join(repr(text) for text in texts) or repr(rows[0].text[:60])
-    if len(rate_columns) != 1 or len(intensity_columns) != 1 or found[intensity_columns[0]].unit is None:
+    if len(rate_columns) != 1 or len(intensity_columns) != 1 or headings[intensity_columns[0]].unit is None:
         raise ValueError(
-            f"{path}: expected two columns under a header that names the measure and its unit, and how often "
-            "it is exceeded, such as 'PGA [g],annual_rate', 'PGA [g],PoE in 50 years' or 'PGA [g],return "
+            f"{path}: expected two columns, whose headings name the measure with its unit, and how often it "
+            "is exceeded, such as 'PGA [g],annual_rate', 'PGA [g],PoE in 50 years' or 'PGA [g],return "
             f"period [years]'; got {heading_text}"
         )
-    x, rate_heading = found[intensity_columns[0]], found[rate_columns[0]]
-    factor, units = _si_unit(path, x)
+    intensity_heading, rate_heading = headings[intensity_columns[0]], headings[rate_columns[0]]
+    factor, units = _si_unit(path, intensity_heading)
     values = np.array(
         [[row.number(path, k) for k in (intensity_columns[0], rate_columns[0])] for row in rows[first:]]
     )
     levels, rates = _rates(path, rate_heading, values.reshape(-1, 2), _years(comments))
-    return {"intensity": levels * factor, "annual_rate": rates, "measure": x.quantity, "units": units}
+    measure = intensity_heading.quantity
+    return {"intensity": levels * factor, "annual_rate": rates, "measure": measure, "units": units}
 
 
 def _uncommented(row: _Row) -> list[str]:
+    """Return the cells of a comment without its mark."""
     return [row.cells[0].lstrip('"# '), *row.cells[1:]]
 
 
 def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
-    """Return the headings of a table.
+    """Return the headings of a table, from its heading lines and all its rows.
 
-    A second heading line contains units; a heading that was split at its own comma is joined again.
+    Further heading lines contain units. A heading that was split at a comma of its text is joined again.
     """
     cells = [cell.strip() for cell in lines[0]] if lines else []
     for line in lines[1:]:
@@ -128,21 +135,25 @@ def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
         cells = [f"{cell} [{unit}]" if unit else cell for cell, unit in zip(cells, units, strict=False)]
     columns = len(rows[-1].cells)
     while len(cells) > columns:
-        at = [k for k in range(1, len(cells)) if unit_of(cells[k]) or re.match(r"[\d.]+ *y|in ", cells[k])]
-        if not at:
+        continued = (
+            k for k in range(1, len(cells)) if unit_of(cells[k]) or re.match(r"[\d.]+ *y|in ", cells[k])
+        )
+        k = next(continued, None)
+        if k is None:
             break
-        cells[at[0] - 1 : at[0] + 1] = [f"{cells[at[0] - 1]}, {cells[at[0]]}"]
+        cells[k - 1 : k + 1] = [f"{cells[k - 1]}, {cells[k]}"]
     return cells
 
 
 def _si_unit(path: str | Path, heading: Heading) -> tuple[float, str]:
-    found = in_si(heading.unit or "")
-    if found is None:
+    """Return the factor to SI units of a heading's unit, and the name of the SI unit."""
+    factor_and_unit = in_si(heading.unit or "")
+    if factor_and_unit is None:
         raise ValueError(
-            f"{path}: heading {heading.text.strip()!r}: {heading.unit!r} is no unit of an intensity; "
-            f"known are {', '.join(INTENSITY_UNITS)}"
+            f"{path}: heading {heading.text.strip()!r}: unit must be one of {', '.join(INTENSITY_UNITS)}, "
+            f"got {heading.unit!r}"
         )
-    return found
+    return factor_and_unit
 
 
 def _years(comments: list[_Row]) -> float | None:
@@ -161,7 +172,9 @@ def _rates(
     x, values = table[:, 0], table[:, 1] * (UNITS["%"].factor if heading.unit == "%" else 1.0)
     if heading.kind == "rate":
         if re.search(r"\d\s*-?\s*(?:years?|yrs?|a)\b", heading.text, re.I):
-            raise ValueError(f"{quoted}: rates must be annual; call the column 'annual_rate'")
+            raise ValueError(
+                f"{quoted}: rates must be annual; convert them and call the column 'annual_rate'"
+            )
         return x, values
     if heading.kind == "return period":
         if np.any(values <= 0):
@@ -170,7 +183,7 @@ def _rates(
     years = years if heading.years is None else heading.years
     if years is None:
         raise ValueError(
-            f"{quoted}: is a probability without its investigation time; write it such as 'PoE in 50 years'"
+            f"{quoted}: the probability needs an investigation time; write for instance 'PoE in 50 years'"
         )
     return _rates_of_probabilities(quoted, x, values, years)
 
@@ -178,34 +191,41 @@ def _rates(
 def _rates_of_probabilities(
     owner: str, x: np.ndarray, poe: np.ndarray, years: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return intensities and their annual rates −ln(1 − p)/t."""
+    """Return intensities and their annual rates −ln(1 − p)/t.
+
+    - `owner`: source of the values, for error messages
+    - `x`: intensities (n,); `poe`: probabilities of exceedance p in t = `years` (n,)
+    """
     if not (np.isfinite(years) and years > 0):
         raise ValueError(f"{owner}: the investigation time must be > 0 years, got {years:g}")
     if np.any(~((poe >= 0) & (poe <= 1))):
         raise ValueError(
             f"{owner}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}"
         )
-    # Probabilities of 0 and 1 have no finite rate, so these points are left out.
+    # Points with p = 0 or 1 are left out, because ln λ is not finite there.
     is_usable = (poe > 0) & (poe < 1)
     if is_usable.sum() < 2:
         raise ValueError(
-            f"{owner}: needs at least two probabilities between 0 and 1, got {int(is_usable.sum())}"
+            f"{owner}: at least two probabilities must be between 0 and 1, got {int(is_usable.sum())}"
         )
     return x[is_usable], -np.log1p(-poe[is_usable]) / years
 
 
 def _openquake(path: str | Path, rows: list[_Row], comments: list[_Row], site: int | None) -> dict[str, Any]:
+    """Return the arguments of `Hazard` from one row of a hazard-curve CSV of OpenQuake."""
     columns = [k for k, cell in enumerate(rows[0].cells) if cell.startswith("poe-")]
     years = _years(comments)
     imt = re.search(r"imt\s*[=:]\s*['\"]?([A-Za-z]+(?:\([0-9.]+\))?)", " ".join(row.text for row in comments))
     if years is None or imt is None:
         raise ValueError(
-            f"{path}: the first line must say investigation_time and imt, as OpenQuake writes them"
+            f"{path}: a comment must state investigation_time and imt, as in the first line of OpenQuake's "
+            "files"
         )
     curves = rows[1:]
     if len(curves) > 1 and site is None:
         raise ValueError(
-            f"{path}: holds the curves of {len(curves)} sites; choose one with site=0 … {len(curves) - 1}"
+            f"{path}: the file has the curves of {len(curves)} sites; choose one by site = 0 … "
+            f"{len(curves) - 1}"
         )
     if not 0 <= (site or 0) < len(curves):
         raise ValueError(f"{path}: site must be in 0 … {len(curves) - 1}, got {site!r}")
@@ -220,18 +240,18 @@ def _openquake(path: str | Path, rows: list[_Row], comments: list[_Row], site: i
 
 
 def _measure(path: str | Path, imt: str) -> tuple[str, str]:
-    """Return the measure of this package for an OpenQuake intensity measure type, and its OpenQuake units."""
+    """Return the measure for an intensity measure type of OpenQuake, and the unit that OpenQuake uses."""
     if imt == "PGA":
         return "PGA", "g"
     if imt == "PGV":
         return "PGV", "cm/s"
     if imt.startswith("SA("):
         return f"Sa({float(imt[3:-1]):g} s)", "g"
-    raise ValueError(f"{path}: intensity measure {imt!r} is not read; PGA, PGV and SA(T) are")
+    raise ValueError(f"{path}: intensity measure must be PGA, PGV or SA(T), got {imt!r}")
 
 
 def _imt(measure: str) -> tuple[str, float]:
-    """Return OpenQuake's name of a measure, and its unit there in SI."""
+    """Return OpenQuake's name of a measure, and the factor from its unit there to SI."""
     if measure == "PGA":
         return "PGA", STANDARD_GRAVITY
     if measure == "PGV":
@@ -239,8 +259,7 @@ def _imt(measure: str) -> tuple[str, float]:
     period = re.fullmatch(r"Sa\(([0-9.eE+-]+) s\)", measure)
     if period is None:
         raise ValueError(
-            f"write_fragility_model: OpenQuake has no intensity measure "
-            f"{measure!r}; PGA, PGV and Sa(T s) are known"
+            f"write_fragility_model: intensity measure must be PGA, PGV or Sa(T s), got {measure!r}"
         )
     return f"SA({float(period[1]):g})", STANDARD_GRAVITY
 
@@ -253,20 +272,20 @@ def write_fragility_model(
     """Write lognormal fragility curves as an OpenQuake fragility model (NRML 0.5), atomically (host).
 
     - `path`: file to write
-    - `fragilities`: from [`rockjax.fragility`][], one or several over one measure; `names`: of the
-      structures, by default `structure-1` …
+    - `fragilities`: one or more datasets of [`rockjax.fragility`][] or [`rockjax.read_fragility_model`][]
+    - `names`: names of the structures, by default `structure-1` …
 
-    NRML contains mean and standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV); `mean` =
-    m e^(β²/2), `stddev` = mean √(e^(β²) − 1). Limits of a curve that was read are written unchanged.
-    OpenQuake requires minIML and maxIML: a curve without them gets 1e-10 and m e^(7β), which change no
-    probability by more than 1e-11. Returns the path. Raises `ValueError` for measures that OpenQuake does not
+    NRML contains the mean and the standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV):
+    `mean` = m e^(β²/2), `stddev` = mean √(e^(β²) − 1). Limits of a curve that was read are written unchanged.
+    OpenQuake requires minIML and maxIML. A curve without them gets 1e-10 and m e^(7β), where P differs from
+    its value at infinity by 1e-12. Returns the path. Raises `ValueError` for measures that OpenQuake does not
     support.
     """
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
     names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
     if not curves or len(names) != len(curves):
         raise ValueError(
-            f"write_fragility_model: needs a name for each of {len(curves)} curves, got {names!r}"
+            f"write_fragility_model: names must have one name for each of {len(curves)} curves, got {names!r}"
         )
     ET.register_namespace("", NRML)
     root = ET.Element(f"{{{NRML}}}nrml")
@@ -296,45 +315,45 @@ def write_fragility_model(
 
 
 def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
-    """Return the lognormal curves of an OpenQuake fragility model (NRML 0.5), in SI units, by the names of
-    their structures (host).
+    """Return the lognormal curves of an OpenQuake fragility model (NRML 0.5), in SI units (host).
 
     - `path`: file to read
 
-    Several limit states of a structure are named `structure/limit state`. Each is a dataset with
-    `median_capacity` and `dispersion`, as [`rockjax.annual_frequency`][] takes it, and with the limits in the
-    file: `no_damage_limit`, up to which P = 0; `min_intensity` and `max_intensity` (minIML, maxIML), below
-    and above which P stays at its value at the limit. As in OpenQuake, a limit of 0 means none, and
-    intensities are clipped to the last two before the first applies. Raises `ValueError` for other files,
-    other shapes of curves, and limits that leave no curve.
+    Returns structure → dataset, or `structure/limit state` → dataset for structures with several limit
+    states. A dataset has `median_capacity` and `dispersion` and is a `curve` of
+    [`rockjax.annual_frequency`][]. It also has the limits in the file: `no_damage_limit`, up to which P = 0,
+    and `min_intensity` and `max_intensity` (minIML, maxIML), below and above which P keeps its value at the
+    limit. As in OpenQuake, a limit of 0 means none, and intensities are clipped to the range from minIML to
+    maxIML before `no_damage_limit` applies. Raises `ValueError` for other files, other shapes of curves, and
+    limits that leave no curve.
     """
     try:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
     except ET.ParseError as error:
-        raise ValueError(f"{path}: is no XML file: {error}") from None
+        raise ValueError(f"{path}: the file is not valid XML: {error}") from None
     if model is None:
-        raise ValueError(f"{path}: holds no fragilityModel of NRML 0.5")
-    found: dict[str, xarray.Dataset] = {}
+        raise ValueError(f"{path}: the file has no fragilityModel of NRML 0.5")
+    curves: dict[str, xarray.Dataset] = {}
     for function in model.iter(f"{{{NRML}}}fragilityFunction"):
-        name = function.get("id", f"structure-{len(found) + 1}")
+        name = function.get("id", f"structure-{len(curves) + 1}")
         if (function.get("format"), function.get("shape")) != ("continuous", "logncdf"):
             raise ValueError(
-                f"{path}: {name} is {function.get('format')} {function.get('shape') or ''}; "
-                "continuous logncdf curves are read"
+                f"{path}: {name} must be a continuous logncdf curve, got {function.get('format')} "
+                f"{function.get('shape') or ''}"
             )
         imls, states = function.find(f"{{{NRML}}}imls"), function.findall(f"{{{NRML}}}params")
         if imls is None or not states:
             raise ValueError(f"{path}: {name} has no imls or no params")
         for state in states:
             label = name if len(states) == 1 else f"{name}/{state.get('ls')}"
-            found[label] = _curve(path, label, imls, state)
-    if not found:
-        raise ValueError(f"{path}: holds no fragilityFunction")
-    return found
+            curves[label] = _curve(path, label, imls, state)
+    if not curves:
+        raise ValueError(f"{path}: the file has no fragilityFunction")
+    return curves
 
 
 def _number(path: str | Path, name: str, element: ET.Element, key: str) -> float:
-    """Return the number in an attribute. Raises `ValueError` with file, structure, attribute and text."""
+    """Return the number in an attribute. Raises `ValueError`, which names file, structure and attribute."""
     text = element.get(key, "nan")
     try:
         return float(text)
@@ -353,35 +372,37 @@ LIMITS = {
 
 def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
     """Return the limits of a curve that are not 0, in the unit of the file."""
-    found = {key: _number(path, name, imls, key) for key in LIMITS if imls.get(key) is not None}
-    for key, limit in found.items():
+    limits = {key: _number(path, name, imls, key) for key in LIMITS if imls.get(key) is not None}
+    for key, limit in limits.items():
         if not 0 <= limit < math.inf:
             raise ValueError(f"{path}: {name}: attribute {key} must be >= 0, got {imls.get(key)!r}")
-    highest = found.get("maxIML", 0.0)
+    highest = limits.get("maxIML", 0.0)
     for key in ("noDamageLimit", "minIML"):
-        if 0 < highest <= found.get(key, 0.0):
-            raise ValueError(f"{path}: {name}: {key} {found[key]:g} must be below maxIML {highest:g}")
-    return {LIMITS[key]: limit for key, limit in found.items() if limit > 0}
+        if 0 < highest <= limits.get(key, 0.0):
+            raise ValueError(f"{path}: {name}: {key} {limits[key]:g} must be below maxIML {highest:g}")
+    return {LIMITS[key]: limit for key, limit in limits.items() if limit > 0}
 
 
 def _limits_to_write(curve: xarray.Dataset, unit: float) -> dict[str, str]:
-    highest = float(curve["median_capacity"]) / unit * math.exp(SURE_DEVIATIONS * float(curve["dispersion"]))
-    stated = {key: f"{float(curve[name]) / unit:.15g}" for key, name in LIMITS.items() if name in curve}
-    return {"minIML": CUTOFF, "maxIML": f"{highest:.15g}"} | stated
+    """Return the limits of a curve as attributes of NRML; `unit`: factor from OpenQuake's unit to SI."""
+    highest = float(curve["median_capacity"]) / unit * math.exp(MAX_DEVIATIONS * float(curve["dispersion"]))
+    own_limits = {key: f"{float(curve[name]) / unit:.15g}" for key, name in LIMITS.items() if name in curve}
+    return {"minIML": MIN_IML, "maxIML": f"{highest:.15g}"} | own_limits
 
 
 def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> xarray.Dataset:
+    """Return the dataset of a limit state, from its parameters and the intensity levels of its structure."""
     import xarray
 
     measure, units = _measure(path, imls.get("imt", ""))
     factor, si = UNITS[units].factor, "m s-1" if measure == "PGV" else "m s-2"
     if (stated := imls.get("imlUnit")) is not None and unit_of(stated) != units:
         raise ValueError(
-            f"{path}: {name}: imlUnit {stated!r} is not {units!r}, the unit of {measure} in OpenQuake"
+            f"{path}: {name}: imlUnit must be {units!r}, OpenQuake's unit of {measure}, got {stated!r}"
         )
     mean, deviation = (_number(path, name, state, key) for key in ("mean", "stddev"))
     if not (mean > 0 and deviation > 0):
-        raise ValueError(f"{path}: {name} needs mean and stddev > 0, got {mean:g} and {deviation:g}")
+        raise ValueError(f"{path}: {name}: mean and stddev must be > 0, got {mean:g} and {deviation:g}")
     dispersion = math.sqrt(math.log1p((deviation / mean) ** 2))
     median = mean * math.exp(-0.5 * dispersion**2) * factor
     limits = {key: ((), limit * factor, {"units": si}) for key, limit in _limits(path, name, imls).items()}
@@ -391,7 +412,7 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
             "dispersion": (
                 (),
                 dispersion,
-                {"units": "1", "long_name": "standard deviation of its logarithm"},
+                {"units": "1", "long_name": "standard deviation of the logarithm"},
             ),
             **limits,
         },

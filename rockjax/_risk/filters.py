@@ -1,4 +1,4 @@
-"""Filters of Gaussian ground motions besides those of Kanai–Tajimi and Clough–Penzien."""
+"""Further filters of Gaussian ground motions, applied after those of Kanai–Tajimi and Clough–Penzien."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from rockjax._tree import Module
 
 
 class Filter(Module):
-    """A second-order filter (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), starting from rest; several in series form
-    any other.
+    """A second-order filter (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), starting from rest.
 
-    - `numerator`: (b₂, b₁, b₀); `denominator`: (a₁, a₀), both > 0, so that it decays [1, 1/s, 1/s²]
+    Filters of higher order are several of these in series.
 
-    Differentiable in all of them. Raises `ValueError` for numbers outside their ranges.
+    - `numerator`: (b₂, b₁, b₀) [–, 1/s, 1/s²]
+    - `denominator`: (a₁, a₀), both > 0, so that the filter is stable [1/s, 1/s²]
+
+    Differentiable with respect to all coefficients. Raises `ValueError` for coefficients out of range.
     """
 
     numerator: Float[Array, " 3"] = eqx.field(converter=as_float)
@@ -28,35 +30,44 @@ class Filter(Module):
         for name, y, count in (("numerator", self.numerator, 3), ("denominator", self.denominator, 2)):
             if jnp.shape(y) != (count,):
                 raise ValueError(
-                    f"Filter: {name} must be {count} numbers, got an array of shape {jnp.shape(y)}"
+                    f"Filter: {name} must have shape ({count},), got an array of shape {jnp.shape(y)}"
                 )
         require_finite("Filter", numerator=self.numerator)
         require_positive("Filter", denominator=self.denominator)
 
     @classmethod
     def high_pass(cls, omega: Any, zeta: Any = 0.6) -> Self:
-        """Return s²/(s² + 2ζω s + ω²), which removes frequencies far below ω [rad/s]; ζ: damping [–], both >
-        0."""
+        """Return s²/(s² + 2ζω s + ω²), which removes frequencies far below ω.
+
+        - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
+        """
         omega, zeta = _oscillator("high_pass", omega, zeta)
         return cls(jnp.array([1.0, 0.0, 0.0]), _denominator(omega, zeta))
 
     @classmethod
     def low_pass(cls, omega: Any, zeta: Any = 0.7) -> Self:
-        """Return ω²/(s² + 2ζω s + ω²), which removes frequencies far above ω [rad/s]; ζ: damping [–], both >
-        0."""
+        """Return ω²/(s² + 2ζω s + ω²), which removes frequencies far above ω.
+
+        - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
+        """
         omega, zeta = _oscillator("low_pass", omega, zeta)
         return cls(jnp.array([0.0, 0.0, 1.0]) * omega**2, _denominator(omega, zeta))
 
     @classmethod
     def layer(cls, omega: Any, zeta: Any) -> Self:
-        """Return (2ζω s + ω²)/(s² + 2ζω s + ω²), a soil layer on top of the ground: the absolute acceleration
-        of an oscillator of frequency ω [rad/s] and damping ζ [–] (Kanai 1957, Tajimi 1960)."""
+        """Return (2ζω s + ω²)/(s² + 2ζω s + ω²), a soil layer (Kanai 1957, Tajimi 1960).
+
+        It is the transfer function to the absolute acceleration of an oscillator.
+
+        - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
+        """
         omega, zeta = _oscillator("layer", omega, zeta)
-        below = _denominator(omega, zeta)
-        return cls(jnp.pad(below, (1, 0)), below)
+        denominator = _denominator(omega, zeta)
+        return cls(jnp.pad(denominator, (1, 0)), denominator)
 
 
 def _oscillator(name: str, omega: Any, zeta: Any) -> tuple[Array, Array]:
+    """Return frequency and damping as arrays. Raises `ValueError` unless both are > 0."""
     omega, zeta = as_float(omega), as_float(zeta)
     require_positive(f"Filter.{name}", omega=omega, zeta=zeta)
     return omega, zeta
@@ -69,16 +80,20 @@ def _denominator(omega: Array, zeta: Array) -> Array:
 def in_series(
     rates: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
-    """Return rates and output of states s with output C s, followed by filters; each filter adds two states,
-    x and ẋ of ẍ + a₁ẋ + a₀x = input."""
+    """Return the system ṡ = A s with output C s, followed by filters.
+
+    - `rates`: A (m, m); `output`: C (m,); `filters`: filters in the order in which the output passes them
+
+    Each filter adds two states, x and ẋ of ẍ + a₁ẋ + a₀x = input.
+    """
     size = len(output)
-    more = 2 * len(filters)
-    rates, output = jnp.pad(rates, (0, more)), jnp.pad(output, (0, more))
-    for k, one in enumerate(filters):
+    added = 2 * len(filters)
+    rates, output = jnp.pad(rates, (0, added)), jnp.pad(output, (0, added))
+    for k, stage in enumerate(filters):
         x, v = size + 2 * k, size + 2 * k + 1
-        (b_2, b_1, b_0), (a_1, a_0) = one.numerator, one.denominator
-        oscillator = output.at[jnp.array([x, v])].add(jnp.stack([-a_0, -a_1]))
-        rates = rates.at[x, v].set(1.0).at[v].set(oscillator)
-        output = b_2 * oscillator
+        (b_2, b_1, b_0), (a_1, a_0) = stage.numerator, stage.denominator
+        acceleration = output.at[jnp.array([x, v])].add(jnp.stack([-a_0, -a_1]))
+        rates = rates.at[x, v].set(1.0).at[v].set(acceleration)
+        output = b_2 * acceleration
         output = output.at[jnp.array([x, v])].add(jnp.stack([b_0, b_1]))
     return rates, output

@@ -1,14 +1,13 @@
-"""Gaussian ground motions: white noise under an envelope, through the filters of Kanai–Tajimi and
-Clough–Penzien.
+"""Gaussian ground motions: modulated white noise, filtered after Kanai–Tajimi and Clough–Penzien.
 
-With u ∈ ℝⁿ standard normal, w_j = u_j e(t_j) √(2π S₀/dt) is held constant over each interval and passes, from
-rest,
+With u ∈ ℝⁿ standard normal and the envelope e(t), the noise w_j = u_j e(t_j) √(2π S₀/dt) is constant over
+each interval. It passes, from rest, through
 
     ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),
     ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).
 
-Other filters may follow. So ü_g = A u with A lower triangular and zero on its diagonal; the recurrence and
-its transpose, which reverse mode uses, both need O(n) operations.
+Further filters may follow. Therefore ü_g = A u, where A is lower triangular with a zero diagonal. The
+recurrence and its transpose, which reverse mode uses, both need O(n) operations.
 """
 
 from __future__ import annotations
@@ -39,15 +38,15 @@ if TYPE_CHECKING:
     import xarray
 
 Number = Float[Array, ""]
-SQUARINGS = 48  # squarings of a matrix exponential: entries up to 1e14
+MAX_SQUARINGS = 48  # of a matrix exponential; enough for matrices with a norm of up to 1e14
 
 
 class Envelope(Module):
-    """Intensity of the noise over time [–]: (t/t₁)² up to t₁, 1 up to t₂, then e^(−c(t − t₂)).
+    """Envelope of the noise [–]: (t/t₁)² up to t₁, 1 up to t₂, then e^(−c(t − t₂)).
 
-    - `t_1`: end of the rise, > 0 [s]; `t_2`: begin of the decay, ≥ t₁ [s]; `c`: its rate, ≥ 0 [1/s]
+    - `t_1`: end of the rise, > 0 [s]; `t_2`: start of the decay, ≥ t₁ [s]; `c`: rate of the decay, ≥ 0 [1/s]
 
-    Any other function t ↦ e(t) of arrays can take its place.
+    A `GaussianMotion` accepts any other function t ↦ e(t) of arrays as well.
     """
 
     t_1: Number = eqx.field(converter=as_float, default=2.0)
@@ -62,7 +61,7 @@ class Envelope(Module):
             "t_2 − t_1",
             self.t_2 - self.t_1,
             lambda v: v >= 0,
-            ">= 0: the decay begins after the rise",
+            ">= 0, because the decay follows the rise",
         )
 
     def __call__(self, t: Float[Array, "*m"]) -> Float[Array, "*m"]:
@@ -71,15 +70,15 @@ class Envelope(Module):
 
 
 class RandomPulse(Module):
-    """A near-fault pulse of random size, period and phase on top of the noise (Mavroeidis & Papageorgiou
-    2003).
+    """A near-fault pulse of random amplitude, period and phase (Mavroeidis & Papageorgiou 2003).
 
-    The last three entries of u determine it, through the inverse of their distributions.
+    It is added to the noise. The last three entries of u determine it by inverse transform sampling.
 
-    - `amplitude`: of the velocity A, a [`rockjax.Lognormal`][] [m/s]; `period`: T_p = 1/f_p, a
-      [`rockjax.Lognormal`][] [s]
-    - `gamma`: number of oscillations, > 1 [–]; `centre`: time of its middle [s]. The phase ν is uniform in 0
-      … 2π
+    - `amplitude`: velocity amplitude A, a [`rockjax.Lognormal`][] [m/s]
+    - `period`: period T_p = 1/f_p, a [`rockjax.Lognormal`][] [s]
+    - `gamma`: number of oscillations, > 1 [–]; `centre`: time of the middle of the pulse [s]
+
+    The phase ν is uniform in [0, 2π].
     """
 
     amplitude: Lognormal
@@ -90,9 +89,9 @@ class RandomPulse(Module):
     dimension = 3
 
     def __check_init__(self):
-        for name, of in (("amplitude", self.amplitude), ("period", self.period)):
-            require("RandomPulse", f"{name}.median", of.median, lambda v: v > 0, "finite and > 0")
-            require("RandomPulse", f"{name}.dispersion", of.dispersion, lambda v: v >= 0, "finite and >= 0")
+        for name, y in (("amplitude", self.amplitude), ("period", self.period)):
+            require("RandomPulse", f"{name}.median", y.median, lambda v: v > 0, "finite and > 0")
+            require("RandomPulse", f"{name}.dispersion", y.dispersion, lambda v: v >= 0, "finite and >= 0")
         require("RandomPulse", "gamma", self.gamma, lambda v: v > 1, "finite and > 1")
         require_finite("RandomPulse", centre=self.centre)
 
@@ -103,10 +102,10 @@ class RandomPulse(Module):
         )
         phase = 2 * math.pi * norm.cdf(u[2])
         pulse = MavroeidisPapageorgiou(amplitude, 1 / period, self.gamma, phase)
-        since = t - self.centre
+        pulse_time = t - self.centre
         start, end = pulse.support
-        inside = jax.vmap(pulse.piece(jnp.ones((), jnp.int32)))
-        return jnp.where((since >= start) & (since <= end), inside(since), 0.0)
+        piece = jax.vmap(pulse.piece(jnp.ones((), jnp.int32)))
+        return jnp.where((pulse_time >= start) & (pulse_time <= end), piece(pulse_time), 0.0)
 
 
 def _as_tuple(filters: Any) -> tuple:
@@ -114,22 +113,22 @@ def _as_tuple(filters: Any) -> tuple:
 
 
 class GaussianMotion(Module):
-    """Ground motions ü_g = A u of standard normal u, stationary except for their envelope (Kanai–Tajimi,
-    Clough–Penzien).
+    """Ground motions ü_g = A u of standard normal u (Kanai–Tajimi, Clough–Penzien).
 
-    - `n`: samples, ≥ 2; `dt`: sampling interval, > 0 [s]
+    - `n`: number of samples, ≥ 2; `dt`: sampling interval, > 0 [s]
     - `S_0`: two-sided spectral density of the white noise, > 0 [m²/s³]
-    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the ground; `omega_f`, `zeta_f`: of the
-      high-pass; > 0
-    - `envelope`: t ↦ e(t), by default [`rockjax.Envelope`][]; `pulse`: a [`rockjax.RandomPulse`][] on top, or
-      None; `filters`: a [`rockjax.Filter`][] or several, which the noise passes after these two
+    - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil, > 0
+    - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter, > 0
+    - `envelope`: function t ↦ e(t), by default a [`rockjax.Envelope`][]
+    - `pulse`: a [`rockjax.RandomPulse`][] that is added, or None
+    - `filters`: one or more filters ([`rockjax.Filter`][]), which the noise passes after these two
 
-    Differentiable in u and in every number. [`rockjax.synthetic_motions`][] is a different model: stationary
-    noise is filtered first, then multiplied by Saragoni & Hart's envelope, shifted to end at rest and scaled
-    to a PGA. Here the envelope comes before the filters, so velocity and displacement decay by themselves,
-    and motions are linear in u, which reliability needs.
+    Differentiable with respect to u and to every parameter. [`rockjax.synthetic_motions`][] is a different
+    model: stationary noise is filtered first, then multiplied by Saragoni & Hart's envelope, shifted to end
+    at rest and scaled to a PGA. Here the envelope comes before the filters, so velocity and displacement
+    decay without a correction, and the noise is linear in u, which reliability methods need.
 
-    Raises `ValueError` for numbers outside their ranges.
+    Raises `ValueError` for parameters outside their ranges.
     """
 
     n: int = eqx.field(static=True)
@@ -146,19 +145,21 @@ class GaussianMotion(Module):
     def __check_init__(self):
         if isinstance(self.n, bool) or not isinstance(self.n, int | np.integer) or self.n < 2:
             raise ValueError(f"GaussianMotion: n must be a whole number >= 2, got n = {self.n!r}")
-        numbers = {
+        parameters = {
             name: getattr(self, name) for name in ("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f")
         }
-        require_positive("GaussianMotion", **numbers)
+        require_positive("GaussianMotion", **parameters)
         if not callable(self.envelope):
             raise ValueError(f"GaussianMotion: envelope must be a function of time, got {self.envelope!r}")
-        for one in self.filters:
-            if not isinstance(one, Filter):
-                raise ValueError(f"GaussianMotion: filters must be of rockjax.Filter, got {one!r}")
+        for stage in self.filters:
+            if not isinstance(stage, Filter):
+                raise ValueError(
+                    f"GaussianMotion: filters must be one or more instances of rockjax.Filter, got {stage!r}"
+                )
 
     @property
     def dimension(self) -> int:
-        """Length of u: the samples of the noise, and three numbers of the pulse if there is one."""
+        """Length of u: n, plus 3 if there is a pulse."""
         return self.n + (0 if self.pulse is None else self.pulse.dimension)
 
     @property
@@ -167,13 +168,14 @@ class GaussianMotion(Module):
         return jnp.arange(self.n, dtype=float) * self.dt
 
     def acceleration(self, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
-        """Return ü_g at the samples [m/s²], for u of shape (…, dimension)."""
+        """Return ü_g at the samples (…, n) [m/s²], for u of shape (…, dimension)."""
         u = as_float(u)
         if u.ndim == 0 or u.shape[-1] != self.dimension:
             raise ValueError(f"GaussianMotion: u must have shape (…, {self.dimension}), got {u.shape}")
         return _acceleration(self, u)
 
     def _single(self, u: Float[Array, " d"]) -> Float[Array, " n"]:
+        """Return ü_g (n,) for one u (d,)."""
         step, gain, out = self._filter()
 
         def advance(state, w):
@@ -183,16 +185,19 @@ class GaussianMotion(Module):
         return motion if self.pulse is None else motion + self.pulse(u[self.n :], self.t)
 
     def _strength(self) -> Float[Array, " n"]:
-        """Return the strength of the noise for one unit of u, at every sample [m/s²]."""
+        """Return the standard deviation of the noise w at every sample (n,) [m/s²]."""
         return self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
 
     def record(self, u: Float[Array, "*batch d"]) -> Record:
-        """Return the motion of u as a record, linear between its samples; batched if u is."""
+        """Return the motion of u as a record, linear between its samples; batched if u has batch axes."""
         return Record(self.acceleration(u), self.dt)
 
     def _filter(self) -> tuple[Float[Array, "k k"], Float[Array, " k"], Float[Array, " k"]]:
-        """Return (Φ, Γ, C): states (x, ẋ, y, ẏ) and those of further filters advance by Φ s + Γ w, exactly
-        for w constant over dt; ü_g = C s."""
+        """Return (Φ, Γ, C) of the filters in discrete time.
+
+        The states s are (x, ẋ, y, ẏ) and two for each further filter. They advance by Φ s + Γ w, which is
+        exact for w constant over dt, and ü_g = C s.
+        """
         zero, one = jnp.zeros(()), jnp.ones(())
         stiff_g, damp_g = self.omega_g**2, 2 * self.zeta_g * self.omega_g
         stiff_f, damp_f = self.omega_f**2, 2 * self.zeta_f * self.omega_f
@@ -208,12 +213,12 @@ class GaussianMotion(Module):
         rates, out = in_series(rates, out, self.filters)
         size = len(out)
         block = jnp.zeros((size + 1, size + 1)).at[:size, :size].set(rates).at[1, size].set(-1.0)
-        # For filters much faster than dt this is the exponential of large numbers.
-        block = jax.scipy.linalg.expm(block * self.dt, max_squarings=SQUARINGS)
+        # If a filter is much faster than dt, the matrix has large entries and needs many squarings.
+        block = jax.scipy.linalg.expm(block * self.dt, max_squarings=MAX_SQUARINGS)
         return block[:size, :size], block[:size, size], out
 
     def standard_deviation(self) -> Float[Array, " n"]:
-        """Return the root mean square of the noise's ü_g at every sample [m/s²], exact; without the pulse."""
+        """Return the exact standard deviation of ü_g at every sample (n,), without the pulse [m/s²]."""
         step, gain, out = self._filter()
 
         def advance(covariance, s):
@@ -223,7 +228,7 @@ class GaussianMotion(Module):
         return jnp.sqrt(variance)
 
     def scaled(self, factor) -> Self:
-        """Return the motions times a factor: S₀ times its square, the pulse's amplitude times the factor."""
+        """Return the model of the motions multiplied by a factor, which scales S₀ and the amplitude."""
         motion = eqx.tree_at(lambda m: m.S_0, self, self.S_0 * jnp.asarray(factor, float) ** 2)
         if self.pulse is None:
             return motion
@@ -238,14 +243,14 @@ class GaussianMotion(Module):
         count: int = 200,
         seed: int = 0,
     ) -> xarray.Dataset:
-        """Statistics of the pseudo-acceleration spectra of `count` sampled motions (host).
+        """Return statistics of the pseudo-acceleration spectra of sampled motions (host).
 
-        - `periods`: ≥ 0 [s]; `damping`: 0 ≤ ζ < 1 [–]; `count`: ≥ 2
-        - `seed`: of the random numbers; equal seeds give equal results
+        - `periods`: periods, ≥ 0 [s]; `damping`: damping ratio, 0 ≤ ζ < 1 [–]
+        - `count`: number of motions, ≥ 2; `seed`: seed of the random numbers; equal seeds give equal results
 
         Returns a Dataset over `period`: `median`, `fractile_16` and `fractile_84` of Sa [m/s²], and
-        `dispersion`, the standard deviation of ln Sa [–]. Each motion's Sa is exact between its samples.
-        Raises `ValueError` for arguments outside their ranges.
+        `dispersion`, the standard deviation of ln Sa [–]. Sa is exact for motions that are linear between
+        samples. Raises `ValueError` for arguments outside their ranges.
         """
         if isinstance(count, bool) or not isinstance(count, int) or count < 2:
             raise ValueError(
@@ -254,24 +259,25 @@ class GaussianMotion(Module):
         import xarray
 
         motions = Records.of([self.record(u) for u in np.asarray(self.samples(count, seed=seed))])
-        found = intensity_measures(motions, periods=periods, damping=damping)
-        one, period = found["Sa"].values, found["period"]
-        of, unit = ("period",), {"units": "m s-2"}
-        low, middle, high = np.quantile(one, [0.16, 0.5, 0.84], axis=0)
-        words = "dispersion of Sa over motions"
+        measures = intensity_measures(motions, periods=periods, damping=damping)
+        Sa, period = measures["Sa"].values, measures["period"]
+        dims, unit = ("period",), {"units": "m s-2"}
+        low, middle, high = np.quantile(Sa, [0.16, 0.5, 0.84], axis=0)
+        dispersion = np.std(np.log(Sa), axis=0, ddof=1)
+        dispersion_attrs = {"units": "1", "long_name": "dispersion of Sa over motions"}
         return xarray.Dataset(
             {
-                "median": (of, middle, unit | {"long_name": "median Sa"}),
-                "fractile_16": (of, low, unit | {"long_name": "16 % fractile of Sa"}),
-                "fractile_84": (of, high, unit | {"long_name": "84 % fractile of Sa"}),
-                "dispersion": (of, np.std(np.log(one), axis=0, ddof=1), {"units": "1", "long_name": words}),
+                "median": (dims, middle, unit | {"long_name": "median Sa"}),
+                "fractile_16": (dims, low, unit | {"long_name": "16 % fractile of Sa"}),
+                "fractile_84": (dims, high, unit | {"long_name": "84 % fractile of Sa"}),
+                "dispersion": (dims, dispersion, dispersion_attrs),
             },
             coords={"period": period},
             attrs={"title": "Response spectrum of a GaussianMotion", "damping": damping, "count": count},
         )
 
     def samples(self, count: int, *, seed: int) -> Float[Array, "count d"]:
-        """Return standard normal u of `count` motions; equal seeds give equal samples (host)."""
+        """Return standard normal u (count, dimension); equal seeds give equal samples (host)."""
         if not isinstance(count, int) or count < 1:
             raise ValueError(f"GaussianMotion.samples: count must be a whole number >= 1, got {count!r}")
         return as_float(np.random.default_rng(seed).standard_normal((count, self.dimension)))

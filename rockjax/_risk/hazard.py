@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 class Hazard(Module):
     """A hazard curve λ(x): the mean annual rate at which the intensity x is exceeded [1/year].
 
-    It is linear in ln x, ln λ between its points; its first and last segment continue outside.
+    ln λ is linear in ln x between the points of the curve. The first and the last segment continue outside.
 
-    - `intensity`: points x₁ < … < x_n, shape (n,), n ≥ 2, > 0 [`units`]
-    - `annual_rate`: λ₁ ≥ … ≥ λ_n > 0 at them, shape (n,) [1/year]
+    - `intensity`: intensities x₁ < … < x_n of the points, shape (n,), n ≥ 2, > 0 [`units`]
+    - `annual_rate`: rates λ₁ ≥ … ≥ λ_n > 0 of the points, shape (n,) [1/year]
     - `measure`: the intensity measure, as in [`rockjax.Measure`][]: `"PGA"`, `"PGV"`, `"Sa(1 s)"` …
-    - `units`: of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …; a fragility in other units is refused, see
-      `in_si`
+    - `units`: units of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …. Functions that combine the curve with a
+      fragility need both in the same units; `in_si` converts the curve
 
-    Raises `ValueError` for points that do not ascend, and rates that are not positive or increase.
+    Raises `ValueError` for intensities that do not ascend, and for rates that are not positive or increase.
     """
 
     intensity: Float[Array, " n"] = eqx.field(converter=as_float)
@@ -43,7 +43,7 @@ class Hazard(Module):
         shape = self.intensity.shape
         if len(shape) != 1 or shape[0] < 2 or self.annual_rate.shape != shape:
             raise ValueError(
-                "Hazard: intensity and annual_rate must be of one length ≥ 2, "
+                "Hazard: intensity and annual_rate must have equal length ≥ 2, "
                 f"got shapes {shape} and {self.annual_rate.shape}"
             )
         require("Hazard", "intensity", self.intensity, lambda v: v > 0, "finite and > 0")
@@ -65,48 +65,46 @@ class Hazard(Module):
 
     @property
     def logarithms(self) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """ln x and ln λ of the points."""
+        """ln x and ln λ of the points, (n,) each."""
         return jnp.log(self.intensity), jnp.log(self.annual_rate)
 
     def intensity_at(self, annual_rate) -> Float[Array, "*m"]:
-        """Return the intensity that is exceeded at an annual rate [1/year], the inverse of the curve
-        (host)."""
+        """Return the intensities that are exceeded at annual rates [1/year], the inverse (host)."""
         rate = np.asarray(annual_rate, float)
         require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
         log_x, log_rate = (np.asarray(y) for y in self.logarithms)
         if np.any(np.diff(log_rate) == 0):
             raise ValueError(
-                "Hazard.intensity_at: the curve has points of equal annual_rate, where it has no "
-                "inverse; leave "
-                "out all but one of them"
+                "Hazard.intensity_at: the curve has points with equal annual_rate, where it has no inverse; "
+                "leave out all but one of them"
             )
         i = np.clip(np.searchsorted(-log_rate, -np.log(rate)) - 1, 0, log_x.size - 2)
         slope = np.diff(log_x)[i] / np.diff(log_rate)[i]
         return jnp.asarray(np.exp(log_x[i] + slope * (np.log(rate) - log_rate[i])))
 
     def in_si(self) -> Hazard:
-        """Return the curve with its intensity in SI units, as the fragilities of rockjax have them."""
-        found = in_si(self.units)
-        if found is None:
+        """Return the curve with its intensity in SI units, which the fragilities of rockjax use."""
+        factor_and_units = in_si(self.units)
+        if factor_and_units is None:
             raise ValueError(
-                f"Hazard.in_si: units {self.units!r} are unknown; known are {', '.join(INTENSITY_UNITS)}"
+                f"Hazard.in_si: units must be one of {', '.join(INTENSITY_UNITS)}, got {self.units!r}"
             )
-        factor, units = found
+        factor, units = factor_and_units
         return Hazard(self.intensity * factor, self.annual_rate, measure=self.measure, units=units)
 
     @classmethod
     def from_file(cls, path: str | Path, *, site: int | None = None) -> Self:
         """Read a hazard curve from a file (host), in SI units.
 
-        - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or two columns (CSV) with
-          headings, one for the intensity with measure and unit (`PGA [g]`, `Sa(1 s), %g`), one for its
-          exceedance: `annual_rate`, `return period [years]`, or a probability with its investigation time
-          (`PoE in 50 years`, `annual probability of exceedance`). Probabilities p in t years become rates
-          −ln(1 − p)/t; those of 0 and 1, which have none, are left out
-        - `site`: row of an OpenQuake file, from 0; needed if it has several
+        - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or a CSV with two columns. One
+          column has the intensity, with measure and unit in its heading (`PGA [g]`, `Sa(1 s), %g`). The other
+          says how often it is exceeded: `annual_rate`, `return period [years]`, or a probability with its
+          investigation time (`PoE in 50 years`, `annual probability of exceedance`). Probabilities p in t
+          years become rates −ln(1 − p)/t; points with p = 0 or 1 are left out
+        - `site`: row of an OpenQuake file, from 0; needed if the file has several rows
 
-        Raises `ValueError` that quotes the heading for one that is not understood, for probabilities without
-        an investigation time, for other files, and for invalid curves.
+        Raises `ValueError` for headings that are not understood (the message quotes them), for probabilities
+        without an investigation time, for other files, and for invalid curves.
         """
         from .files import read_hazard
 

@@ -1,11 +1,11 @@
-"""The integral ∫ F(x) |dλ(x)| of a fragility F over a hazard curve λ, in closed form on every segment.
+"""The integral ∫ F(x) |dλ(x)| of a fragility F along a hazard curve λ, in closed form on every segment.
 
-A hazard curve is linear in ln x, ln λ between its points, and its first and last segment continue outside. On
-a segment λ = k₀ x^(−k), and for a lognormal F = Φ(z), z = (ln x − ln m)/β,
+ln λ is linear in ln x between the points of a hazard curve, and the first and last segment continue outside.
+On a segment λ = k₀ x^(−k), and for a lognormal F = Φ(z), z = (ln x − ln m)/β,
 
     ∫ F |dλ| = [−F λ] + k₀ m^(−k) e^(k²β²/2) [Φ(z + kβ)].
 
-All functions here use jax.numpy, and are differentiable in every number.
+All functions here use jax.numpy and are differentiable with respect to every array.
 """
 
 from __future__ import annotations
@@ -18,11 +18,16 @@ from jaxtyping import Array, ArrayLike, Float
 
 
 class Contributions(NamedTuple):
-    """Contributions of the pieces of a hazard curve to ∫ F |dλ| [1/year]."""
+    """Contributions of parts of a hazard curve to ∫ F |dλ| [1/year].
 
-    below: Float[Array, ""]  # from below the first given point
-    between: Float[Array, " pieces"]  # from between neighbouring points
-    above: Float[Array, ""]  # from above the last given point
+    - `below`: contribution of intensities below the first point of the hazard curve
+    - `between`: contributions of the pieces between its first and its last point
+    - `above`: contribution of intensities above its last point
+    """
+
+    below: Float[Array, ""]
+    between: Float[Array, " pieces"]
+    above: Float[Array, ""]
 
     @property
     def total(self) -> Float[Array, ""]:
@@ -32,8 +37,9 @@ class Contributions(NamedTuple):
 class Limits(NamedTuple):
     """Intensities at which a fragility curve is cut off or held constant; None for no limit.
 
-    P(x) = 0 up to `zero_below`; P(x) = P(`constant_below`) below that, P(`constant_above`) above that. At
-    most one of the first two is given.
+    - `zero_below`: P(x) = 0 up to this intensity
+    - `constant_below`: below this intensity P(x) keeps its value there; not given together with `zero_below`
+    - `constant_above`: above this intensity P(x) keeps its value there
     """
 
     zero_below: Float[ArrayLike, ""] | None = None
@@ -49,20 +55,22 @@ def segment_slopes(log_x: Float[Array, " n"], log_rate: Float[Array, " n"]) -> F
 def log_rate_at(
     log_x: Float[Array, " n"], log_rate: Float[Array, " n"], s: Float[Array, "*m"]
 ) -> Float[Array, "*m"]:
-    """Return ln λ at s = ln x, on straight lines in the logarithms; the outer segments continue."""
+    """Return ln λ at s = ln x, by linear interpolation; the outer segments continue outside."""
     i = jnp.clip(jnp.searchsorted(log_x, s) - 1, 0, log_x.size - 2)
     return log_rate[i] - segment_slopes(log_x, log_rate)[i] * (s - log_x[i])
 
 
 def _log_difference(low: Array, high: Array) -> Array:
-    """Return ln[Φ(high) − Φ(low)] for low < high, from the tail in which both are small; infinite ends are
-    allowed."""
-    flip = low + high > 0
-    a, b = jnp.where(flip, -high, low), jnp.where(flip, -low, high)
+    """Return ln[Φ(high) − Φ(low)] for low < high, which may be infinite.
+
+    It is evaluated in the tail in which both values of Φ are small, which avoids cancellation.
+    """
+    is_upper_tail = low + high > 0
+    a, b = jnp.where(is_upper_tail, -high, low), jnp.where(is_upper_tail, -low, high)
     larger, smaller = norm.logcdf(b), norm.logcdf(a)
-    gap = smaller - larger
-    # Neighbours as close as rounding have no resolvable difference.
-    return larger + jnp.log(-jnp.expm1(jnp.where(gap < 0, gap, -1e-300)))
+    difference = smaller - larger
+    # A difference below rounding counts as 1e-300, so that its logarithm is finite.
+    return larger + jnp.log(-jnp.expm1(jnp.where(difference < 0, difference, -1e-300)))
 
 
 def integrate_lognormal(
@@ -72,22 +80,22 @@ def integrate_lognormal(
     dispersion: Float[Array, ""],
     limits: Limits = Limits(),
 ) -> Contributions:
-    """Return the contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion), within limits.
+    """Return the contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion), with limits.
 
     - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, (n,)
     - `median`: median of the fragility, > 0 [unit of x]; `dispersion`: its β, > 0 [–]
     - `limits`: intensities at which F is cut off or held constant
 
-    If F stays > 0 at low intensities, it counts from the first given point on, because rates grow without
-    bound below it.
+    If `constant_below` keeps F > 0 at low intensities, only intensities above the first point of the hazard
+    curve count for this constant part, because the extrapolated rate grows without bound below it.
     """
     k = segment_slopes(log_x, log_rate)
-    zero, floor, last = (None if x is None else jnp.log(x) for x in limits)
-    first = floor if zero is None else zero
-    ends = [x for x in (first, last) if x is not None]
-    if not ends:
+    zero_below, constant_below, last = (None if x is None else jnp.log(x) for x in limits)
+    first = constant_below if zero_below is None else zero_below
+    log_limits = [x for x in (first, last) if x is not None]
+    if not log_limits:
         return _unlimited(log_x, log_rate, k, median, dispersion)
-    points = jnp.sort(jnp.concatenate([log_x, jnp.stack(ends)]))
+    points = jnp.sort(jnp.concatenate([log_x, jnp.stack(log_limits)]))
     middle = 0.5 * (points[:-1] + points[1:])
     segment = jnp.clip(jnp.searchsorted(log_x, middle) - 1, 0, log_x.size - 2)
 
@@ -101,17 +109,17 @@ def integrate_lognormal(
     below, pieces, above, constant = parts.below, parts.between, parts.above, jnp.zeros(())
     if first is not None:
         below, pieces = jnp.zeros(()), jnp.where(middle > first, pieces, 0.0)
-    if floor is not None:
-        constant += share(floor) * jnp.maximum(rate(log_x[0]) - rate(floor), 0.0)
+    if constant_below is not None:
+        constant += share(constant_below) * jnp.maximum(rate(log_x[0]) - rate(constant_below), 0.0)
     if last is not None:
-        beyond = rate(jnp.maximum(last, log_x[-1]))
-        above, pieces = share(last) * beyond, jnp.where(middle < last, pieces, 0.0)
-        constant += share(last) * (rate(last) - beyond)
-    lower, upper = middle < log_x[0], middle > log_x[-1]
+        rate_above = rate(jnp.maximum(last, log_x[-1]))
+        above, pieces = share(last) * rate_above, jnp.where(middle < last, pieces, 0.0)
+        constant += share(last) * (rate(last) - rate_above)
+    is_below, is_above = middle < log_x[0], middle > log_x[-1]
     return Contributions(
-        below + jnp.sum(jnp.where(lower, pieces, 0.0)),
-        jnp.append(jnp.where(lower | upper, 0.0, pieces), constant),
-        above + jnp.sum(jnp.where(upper, pieces, 0.0)),
+        below + jnp.sum(jnp.where(is_below, pieces, 0.0)),
+        jnp.append(jnp.where(is_below | is_above, 0.0, pieces), constant),
+        above + jnp.sum(jnp.where(is_above, pieces, 0.0)),
     )
 
 
@@ -122,10 +130,10 @@ def _unlimited(
     median: Float[Array, ""],
     dispersion: Float[Array, ""],
 ) -> Contributions:
-    """Return the contributions to ∫ F |dλ| without limits; k of each segment."""
+    """Return the contributions to ∫ F |dλ| without limits; `k`: slope of each segment."""
     z = (log_x - jnp.log(median)) / dispersion
     share, rate = norm.cdf(z), jnp.exp(log_rate)
-    # ln(k₀ m^(−k) e^(k²β²/2)), k₀ from the left end of the segment.
+    # ln(k₀ m^(−k) e^(k²β²/2)), with k₀ from the left end of each segment.
     level = log_rate[:-1] + k * (log_x[:-1] - jnp.log(median)) + 0.5 * (k * dispersion) ** 2
     shift = k * dispersion
     between = (
@@ -143,13 +151,14 @@ def _unlimited(
 def integrate_piecewise_linear(
     log_x: Float[Array, " n"], log_rate: Float[Array, " n"], x: Float[Array, " m"], share: Float[Array, " m"]
 ) -> Contributions:
-    """Return the contributions to ∫ F |dλ| for an F that is linear between points, zero below and constant
-    above them.
+    """Return the contributions to ∫ F |dλ| for a piecewise linear F.
+
+    F is zero below its first point and constant above its last one.
 
     - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, (n,)
-    - `x`: points of F, ascending, > 0, (m,); `share`: F there, (m,); `share[0]` must be 0
+    - `x`: intensities of the points of F, ascending, > 0, (m,); `share`: F at `x`, (m,), with share[0] = 0
 
-    Contributions from above the last of `x` count as above the given points.
+    Intensities above the last point of F count as `above`, even within the hazard curve.
     """
     k, points = segment_slopes(log_x, log_rate), jnp.exp(log_x)
     ends = jnp.sort(jnp.concatenate([points, x]))
@@ -157,16 +166,16 @@ def integrate_piecewise_linear(
     middle = 0.5 * (left + right)
     i = jnp.clip(jnp.searchsorted(log_x, jnp.log(middle)) - 1, 0, k.size - 1)
     j = jnp.clip(jnp.searchsorted(x, middle) - 1, 0, x.size - 2)
-    within = (middle > x[0]) & (middle < x[-1])
-    slope = jnp.where(within, jnp.diff(share)[j] / jnp.diff(x)[j], 0.0)
-    offset = jnp.where(within, share[j] - slope * x[j], jnp.where(middle < x[0], 0.0, share[-1]))
+    is_inside = (middle > x[0]) & (middle < x[-1])
+    slope = jnp.where(is_inside, jnp.diff(share)[j] / jnp.diff(x)[j], 0.0)
+    offset = jnp.where(is_inside, share[j] - slope * x[j], jnp.where(middle < x[0], 0.0, share[-1]))
     pieces = _linear_piece(left, right, k[i], jnp.exp(log_rate[i] + k[i] * log_x[i]), offset, slope)
-    below, above = middle < points[0], middle > jnp.minimum(points[-1], x[-1])
-    last = jnp.exp(log_rate_at(log_x, log_rate, jnp.log(ends[-1]))) * share[-1]
+    is_below, is_above = middle < points[0], middle > jnp.minimum(points[-1], x[-1])
+    tail = jnp.exp(log_rate_at(log_x, log_rate, jnp.log(ends[-1]))) * share[-1]
     return Contributions(
-        jnp.sum(jnp.where(below, pieces, 0.0)),
-        jnp.where(below | above, 0.0, pieces),
-        last + jnp.sum(jnp.where(above, pieces, 0.0)),
+        jnp.sum(jnp.where(is_below, pieces, 0.0)),
+        jnp.where(is_below | is_above, 0.0, pieces),
+        tail + jnp.sum(jnp.where(is_above, pieces, 0.0)),
     )
 
 

@@ -1,4 +1,4 @@
-"""Limit states G(u) of standard normal u, evaluated in batches; G ≤ 0 is failure."""
+"""Limit states: functions G(u) of standard normal u, evaluated in batches. Failure is G ≤ 0."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-MIN_BATCH = 8  # points of a batch; batches are filled up to powers of two, so that few sizes are compiled
-MAX_BATCH = 4096
+# Points of a batch. Batches are padded to powers of two, so that few sizes are compiled.
+MIN_BATCH, MAX_BATCH = 8, 4096
 
 
 class AbstractLimitState(abc.ABC):
     """Interface of a limit state for the search and the estimators.
 
-    `scenes` counts evaluations, `gradients_taken` those with derivatives.
+    - `dimension`: length d of u; `mirrored`: whether G(−u) = G(u)
+    - `scenes`: number of evaluations so far; `gradients_taken`: number of evaluations with derivatives
     """
 
     dimension: int
-    mirrored = False  # G(−u) = G(u)
+    mirrored = False
 
     def __init__(self, dimension: int):
         self.dimension = dimension
@@ -28,14 +29,14 @@ class AbstractLimitState(abc.ABC):
         self.gradients_taken = 0
 
     def values(self, u: np.ndarray) -> np.ndarray:
-        """Return G at the rows of u, shape (m, d): (m,). Raises `ValueError` if G is not a number."""
+        """Return G (m,) at the rows of u (m, d). Raises `ValueError` if G is NaN."""
         self.scenes += len(u)
         if len(u) == 0:
             return np.zeros(0)
         return self._checked(u, np.asarray(self._values(u), float))
 
     def gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return G and ∇G at the rows of u: (m,), (m, d)."""
+        """Return G (m,) and ∇G (m, d) at the rows of u (m, d)."""
         self.scenes += len(u)
         self.gradients_taken += len(u)
         value, slope = self._gradients(u)
@@ -44,20 +45,22 @@ class AbstractLimitState(abc.ABC):
     def with_sensitivities(
         self, u: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]] | None:
-        """Return G (m,), ∇G (m, d) and ∂G/∂y (m,) for every named number y of the limit state, or None if it
-        has none."""
+        """Return G (m,), ∇G (m, d), and ∂G/∂y (m,) for every named parameter y of the limit state.
+
+        Return None if the limit state has no named parameters.
+        """
         del u
         return None
 
     @staticmethod
     def _checked(u: np.ndarray, value: np.ndarray) -> np.ndarray:
-        bad = np.isnan(value)
-        if bad.any():
-            at = u[np.argmax(bad)]
+        """Return `value`. Raises `ValueError` if an entry is NaN."""
+        is_nan = np.isnan(value)
+        if is_nan.any():
+            distance = np.linalg.norm(u[np.argmax(is_nan)])
             raise ValueError(
-                f"reliability: G is not a number at a point {np.linalg.norm(at):.3g} from the origin; "
-                "return a "
-                "finite value for every u, negative for failure"
+                f"reliability: G is NaN at a distance of {distance:.3g} from the origin; return a finite "
+                "value for every u, negative for failure"
             )
         return value
 
@@ -69,18 +72,21 @@ class AbstractLimitState(abc.ABC):
 
 
 def evaluate_padded(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:
-    """Evaluate `call` for the rows of u in batches of a few fixed sizes, padded by repeating the last row."""
-    parts = []
+    """Evaluate `call` for the rows of u (m, d), in batches of a few fixed sizes.
+
+    `call` maps a batch to a tuple of arrays. Batches are padded by repeating the last row.
+    """
+    results = []
     for start in range(0, len(u), MAX_BATCH):
-        part = u[start : start + MAX_BATCH]
-        size = max(MIN_BATCH, 1 << (len(part) - 1).bit_length())
-        padded = np.concatenate([part, np.repeat(part[-1:], size - len(part), axis=0)])
-        parts.append(tuple(np.asarray(y)[: len(part)] for y in call(jnp.asarray(padded))))
-    return tuple(np.concatenate(ys) for ys in zip(*parts, strict=True))
+        batch = u[start : start + MAX_BATCH]
+        size = max(MIN_BATCH, 1 << (len(batch) - 1).bit_length())
+        padded = np.concatenate([batch, np.repeat(batch[-1:], size - len(batch), axis=0)])
+        results.append(tuple(np.asarray(y)[: len(batch)] for y in call(jnp.asarray(padded))))
+    return tuple(np.concatenate(ys) for ys in zip(*results, strict=True))
 
 
 class FunctionLimitState(AbstractLimitState):
-    """A differentiable function of one u, shape (dimension,)."""
+    """Limit state given by a differentiable function G of one u (dimension,)."""
 
     def __init__(self, G: Callable, dimension: int):
         super().__init__(dimension)
@@ -93,10 +99,11 @@ class FunctionLimitState(AbstractLimitState):
 
     def _gradients(self, u):
         value, slope = evaluate_padded(u, self._slope)
-        # The derivative of `jnp.min` needs the entry that equals the minimum. Fused into other code, that
-        # entry may be rounded differently and not be found, and the derivative is zero. Operation by
-        # operation it is found.
-        flat = ~slope.any(axis=1)
-        if flat.any():
-            value[flat], slope[flat] = (np.asarray(y) for y in self._value_and_grad(jnp.asarray(u[flat])))
+        # The derivative of `jnp.min` looks for the entry that equals the minimum. Compiled code may round
+        # that entry differently and not find it, and then the derivative is zero. Evaluation outside jit
+        # finds it.
+        is_flat = ~slope.any(axis=1)
+        if is_flat.any():
+            exact = self._value_and_grad(jnp.asarray(u[is_flat]))
+            value[is_flat], slope[is_flat] = (np.asarray(y) for y in exact)
         return value, slope

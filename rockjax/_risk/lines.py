@@ -1,8 +1,7 @@
-"""Crossings of straight lines through standard normal space with the surface of failure; all lines are one
-batch.
+"""Crossings of straight lines in standard normal space with the surface of failure, in one batch.
 
-Each line is evaluated at its own places. Intervals whose ends differ between survival and failure are divided
-further, so windows of survival wider than the distance of two places are found.
+Each line is evaluated at given positions c along it. Intervals between survival and failure are divided
+further. Survival and failure windows wider than the distance between two positions are found.
 """
 
 from __future__ import annotations
@@ -18,11 +17,13 @@ from .limit_state import AbstractLimitState
 
 
 class Division(NamedTuple):
-    """Division of intervals with a crossing.
+    """Settings for the division of intervals with a crossing.
 
-    At most `rounds` times, an interval is divided at `parts` even places and at distance `root_offset` on
-    both sides of the root of the straight line [share of the interval], until it is smaller than `min_share`
-    times the narrowest.
+    An interval is divided into `parts` equal parts, and additionally on both sides of the root of its secant.
+
+    - `rounds`: largest number of divisions; `parts`: number of equal parts
+    - `root_offset`: distance of the additional positions from the root, relative to the interval [–]
+    - `min_share`: intervals narrower than this share of the narrowest initial one are not divided [–]
     """
 
     rounds: int = 3
@@ -34,10 +35,11 @@ class Division(NamedTuple):
 class LineCrossings(NamedTuple):
     """Crossings of lines with the surface of failure, along each line in ascending order.
 
-    - `line`: index of the line, (k,); `position`: c on it, on the failing side, (k,); `G`: there, (k,)
-    - `survivor`: the nearest evaluated place on the surviving side, (k,)
-    - `enters`: whether failure begins there, (k,)
-    - `fails_first`, `fails_last`: whether the lines fail at their first and last place, (m,)
+    - `line`: index of the line, (k,)
+    - `position`: c of the crossing on the line, on the failing side, (k,); `G`: G at this position, (k,)
+    - `survivor`: the nearest evaluated position on the surviving side, (k,)
+    - `enters`: whether the line enters failure with ascending c, (k,)
+    - `fails_first`, `fails_last`: whether the lines fail at their first and last position, (m,)
     """
 
     line: np.ndarray
@@ -50,7 +52,7 @@ class LineCrossings(NamedTuple):
 
 
 class _Intervals(NamedTuple):
-    """Intervals (k,) between places `a` < `b` of lines, with G at both."""
+    """Intervals (k,) between positions `a` < `b` on lines, with G at both ends."""
 
     line: np.ndarray
     a: np.ndarray
@@ -60,17 +62,15 @@ class _Intervals(NamedTuple):
 
     def with_crossing(self) -> _Intervals:
         """Return the intervals whose ends differ between survival and failure."""
-        rows = (self.at_a <= 0) != (self.at_b <= 0)
-        return self.select(rows)
+        return self.select((self.at_a <= 0) != (self.at_b <= 0))
 
     def select(self, rows: np.ndarray) -> _Intervals:
         return _Intervals(*(y[rows] for y in self))
 
     def inner_points(self, division: Division) -> np.ndarray:
-        """Return places inside, (k, places): even ones for certainty, two around the root of the straight
-        line."""
-        part = points_near_root(self.at_a, self.at_b, division.parts - 1, division.root_offset)
-        return self.a[:, None] + (self.b - self.a)[:, None] * part
+        """Return positions inside (k, positions): evenly spaced ones, and two around the secant's root."""
+        fraction = points_near_root(self.at_a, self.at_b, division.parts - 1, division.root_offset)
+        return self.a[:, None] + (self.b - self.a)[:, None] * fraction
 
 
 def crossings(
@@ -83,9 +83,9 @@ def crossings(
     """Return the crossings of the lines origin + c·direction with the surface of failure.
 
     - `limit`: limit state
-    - `origin`, `direction`: of each line, (m, d)
+    - `origin`, `direction`: origin and direction of each line, (m, d)
     - `positions`: values of c at which each line is evaluated, ascending, one array per line
-    - `division`: division of the intervals with a crossing
+    - `division`: settings for the division of intervals with a crossing
     """
     sizes = np.array([len(c) for c in positions])
     line, c = np.repeat(np.arange(len(positions)), sizes), np.concatenate([*positions, np.zeros(0)])
@@ -104,19 +104,20 @@ def narrow_crossings(
     value: np.ndarray,
     division: Division = Division(),
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Narrow down the crossings between places at which G is known.
+    """Narrow down the crossings between positions at which G has been evaluated.
 
     - `limit`: limit state
-    - `origin`, `direction`: of each line, (m, d)
-    - `line`: index of the line of each place, ascending, (k,); `c`: the place, ascending on each line, (k,)
-    - `value`: G at the places, (k,)
-    - `division`: division of the intervals with a crossing
+    - `origin`, `direction`: origin and direction of each line, (m, d)
+    - `line`: index of the line of each position, ascending, (k,); `c`: positions, ascending on each line,
+      (k,)
+    - `value`: G at the positions, (k,)
+    - `division`: settings for the division of intervals with a crossing
 
     Returns `line`, `position`, `survivor`, `G` and `enters` as in `LineCrossings`.
     """
-    same_line = line[1:] == line[:-1]
-    parts = (line[:-1], c[:-1], c[1:], value[:-1], value[1:])
-    intervals = _Intervals(*(y[same_line] for y in parts)).with_crossing()
+    is_same_line = line[1:] == line[:-1]
+    neighbours = _Intervals(line[:-1], c[:-1], c[1:], value[:-1], value[1:])
+    intervals = neighbours.select(is_same_line).with_crossing()
     min_width = division.min_share * (intervals.b - intervals.a).min(initial=1e300)
     finished = [intervals.select(np.zeros(intervals.line.size, bool))]
     for _ in range(division.rounds):
@@ -132,9 +133,9 @@ def narrow_crossings(
         row_lines = np.repeat(intervals.line, inside.shape[1] + 1)
         ends = (position[:, :-1], position[:, 1:], values[:, :-1], values[:, 1:])
         intervals = _Intervals(row_lines, *(y.ravel() for y in ends)).with_crossing()
-        wide = intervals.b - intervals.a > min_width
-        finished.append(intervals.select(~wide))
-        intervals = intervals.select(wide)
+        is_wide = intervals.b - intervals.a > min_width
+        finished.append(intervals.select(~is_wide))
+        intervals = intervals.select(is_wide)
     intervals = _Intervals(*(np.concatenate(ys) for ys in zip(*finished, intervals, strict=True)))
     intervals = intervals.select(np.lexsort((intervals.a, intervals.line)))
     enters = intervals.at_b <= 0

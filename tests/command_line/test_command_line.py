@@ -747,7 +747,7 @@ def test_charts_say_what_they_cannot_draw():
         block, **({"vary": ("alpha", (0.1, 0.2)), "pulse": rj.Ricker, "a_p": 3.0, "T_p": [0.5, 1.0]} | more)
     )
     for change, words in (
-        ({"vary": "alpha"}, "vary must be like"),
+        ({"vary": "alpha"}, "vary must be a pair"),
         ({"vary": ("beta", (0.1, 0.2))}, "names 'beta'"),
         ({"T_p": [1.0, 0.5]}, "ascending"),
         ({"a_p": -1.0}, "a_p must be finite and > 0"),

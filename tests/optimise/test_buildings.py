@@ -229,7 +229,7 @@ def test_stories_vary_by_ratios_and_by_dimensions():
 
 
 def test_stories_that_are_not_there_cannot_vary():
-    with pytest.raises(ValueError, match=r"dimensions that may vary are .*story_mass_2, story_stiffness_1"):
+    with pytest.raises(ValueError, match=r"dimensions that can vary are .*story_mass_2, story_stiffness_1"):
         make_variables(DRAWING, {"story_stiffness_3": (1e6, 1e7)})
     with pytest.raises(ValueError, match="vary names 'story_stiffness_3'"):
         make_variables(PODIUM, {"story_stiffness_3": (100.0, 200.0)})

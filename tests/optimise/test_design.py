@@ -135,8 +135,8 @@ def test_scaling_meets_the_bounds_and_inverts():
     ("podium", "vary", "words"),
     [
         (BLOCK, {}, "at least one variable"),
-        (BLOCK, {"slenderness": (0, 1)}, "what may vary of this podium is alpha"),
-        (BLOCK, {"beam_mass": (0, 1)}, r"masses vary with an optimise\.Dimensions"),
+        (BLOCK, {"slenderness": (0, 1)}, "parameters of this podium that can vary are alpha"),
+        (BLOCK, {"beam_mass": (0, 1)}, r"masses and dimensions vary with an optimise\.Dimensions"),
         (
             BLOCK,
             {"alpha": (0.1, 0.2), "width": (0.1, 0.2)},
@@ -145,7 +145,7 @@ def test_scaling_meets_the_bounds_and_inverts():
         (BLOCK, {"alpha": (0.2, 0.1)}, "lowest < highest"),
         (BLOCK, {"alpha": (0.1, math.inf)}, "must be finite"),
         (BLOCK, {"alpha": 0.2}, "must be a pair"),
-        (BLOCK, {"alpha": (0.1, 2.0)}, "exceeds the possible range: Podium: alpha"),
+        (BLOCK, {"alpha": (0.1, 2.0)}, "exceeds the admissible range: Podium: alpha"),
         (BLOCK, {"superstructure.eta": (1.0, 2.0)}, "no superstructure"),
         (
             BLOCK.replace(superstructure=rj.Rigid(1.0)),
@@ -153,10 +153,10 @@ def test_scaling_meets_the_bounds_and_inverts():
             "a Rigid superstructure",
         ),
         (BLOCK, {"restitution": (0.8, 0.9)}, "give it a factor"),
-        (DRAWING, {"alpha": (0.1, 0.2)}, "dimensions that may vary are width"),
+        (DRAWING, {"alpha": (0.1, 0.2)}, "dimensions that can vary are width"),
         (DRAWING.replace(period=None), {"period": (0.1, 0.2)}, "give it a period"),
         (DRAWING.replace(top_mass=0.0), {"top_mass": (1.0, 2.0)}, "give a top_mass"),
-        (dataclasses.replace(BLOCK, alpha=jnp.array([0.1, 0.2])), {"R": (1.0, 2.0)}, "single numbers"),
+        (dataclasses.replace(BLOCK, alpha=jnp.array([0.1, 0.2])), {"R": (1.0, 2.0)}, "scalar parameters"),
         ("podium", {"R": (1.0, 2.0)}, r"must be a rockjax\.Podium"),
     ],
 )
@@ -289,10 +289,10 @@ def test_seed_decides_the_starts():
     [
         (
             {"method": "simplex"},
-            "method must be 'sqp', 'adam' or a gradient transformation of Optax such as optax.adam",
+            "method must be 'sqp', 'adam' or an Optax gradient transformation such as optax.adam",
         ),
-        ({"method": optax.adam}, "method must be 'sqp', 'adam' or a gradient transformation"),
-        ({"method": optax.lbfgs()}, r"has to evaluate the objective by itself.*linesearch=None"),
+        ({"method": optax.adam}, "method must be 'sqp', 'adam' or an Optax gradient transformation"),
+        ({"method": optax.lbfgs()}, r"must not need value_fn.*linesearch=None"),
         ({"starts": 0}, "starts must be a whole number"),
         ({"tolerance": 1.0}, "tolerance must be in"),
         ({"targets": ["PeakRotation"]}, r"targets\[0\] must be a target"),
@@ -582,7 +582,7 @@ def test_probability_counts_and_smooths():
         (lambda: optimise.ExpectedLoss(float, -1.0, TARGETS["risk"]), "loss must be"),
         (lambda: optimise.ExpectedLoss(float, 1.0, HAZARD), "risk must be an optimise.AnnualFrequency"),
         (lambda: optimise.AnnualFrequency(1e-3, IN_G, RECORDS), r"got 'g'; convert it with hazard\.in_si"),
-        (lambda: optimise.AnnualFrequency(1e-5, HAZARD, RECORDS), "give a higher one"),
+        (lambda: optimise.AnnualFrequency(1e-5, HAZARD, RECORDS), "give a higher max_intensity"),
         (lambda: optimise.AnnualFrequency(1e-3, HAZARD, RECORDS[0]), "two motions or more"),
         (lambda: optimise.AnnualFrequency(1e-3, HAZARD, MOTIONS), "samples a motion at times t"),
         (
@@ -652,13 +652,13 @@ def test_fit_recovers_the_truth():
 
 def test_fit_refuses_what_it_cannot_use():
     vary, motion = {"alpha": (0.1, 0.3)}, rj.Ricker(3.0, 1.0)
-    with pytest.raises(ValueError, match="vectors of one length"):
+    with pytest.raises(ValueError, match="vectors of equal length"):
         optimise.fit(BLOCK, vary, motion, [0.0, 1.0], [0.0])
-    with pytest.raises(ValueError, match="times ascending"):
+    with pytest.raises(ValueError, match="times must be ascending"):
         optimise.fit(BLOCK, vary, motion, [1.0, 0.0], [0.0, 0.0])
     with pytest.raises(ValueError, match="do not determine"):
         optimise.fit(BLOCK, {**vary, "R": (1, 2), "gamma": (0, 1)}, motion, [0.0, 1.0], [0.0, 0.0])
-    with pytest.raises(ValueError, match="after the scene does"):
+    with pytest.raises(ValueError, match="not begin before the excitation"):
         optimise.fit(BLOCK, vary, motion, [-9.0, 1.0], [0.0, 0.0])
 
 

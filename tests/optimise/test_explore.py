@@ -131,13 +131,16 @@ def test_buildings_under_both_components():
 @pytest.mark.parametrize(
     ("vary", "said"),
     [
-        ({}, "must name at least one number"),
+        ({}, "must name at least one parameter"),
         ({"widht": (0.2, 1.0)}, "widht"),  # codespell:ignore
         ({"width": 0.5}, "must be a pair"),
         ({"width": (0.5, 1.0)}, "must be a range around the present 0.45"),
         ({"a_p": "no"}, "must be a pair"),
         ({"T_p": (2.0, 0.5)}, "must be a range around the present 1"),
-        ({"T_p": (-1.0, 2.0)}, r"vary\['T_p'\] = \(-1, 2\) exceeds the possible range: Ricker: T_p must be"),
+        (
+            {"T_p": (-1.0, 2.0)},
+            r"vary\['T_p'\] = \(-1, 2\) exceeds the admissible range: Ricker: T_p must be",
+        ),
     ],
 )
 def test_what_makes_no_sense_is_said(vary, said):

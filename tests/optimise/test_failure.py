@@ -222,4 +222,4 @@ def test_a_design_keeps_a_probability_and_an_independent_sample_says_so():
     assert found.probability <= 0.05
     assert found.probability > 0.01  # and is not far inside
     assert target.probability(answer.podium, seed=99).interval[0] <= 0.05
-    assert "sampled anew" in repr(answer)
+    assert "independent sample" in repr(answer)

@@ -99,7 +99,7 @@ def test_a_search_by_fresh_samples_ends_where_the_whole_suite_would():
     assert 0 <= answer.margins[name][0] < 0.2
     assert answer.standard_errors[name][0] == pytest.approx(0.4 / 16, rel=0.3)
     assert answer.multipliers[name][0] == pytest.approx(0.2, rel=0.15)  # d ln α by the median
-    assert "by an independent sample" in repr(answer)
+    assert "from an independent sample" in repr(answer)
     assert answer.stats.scenes >= 3 * (300 * 16 + 256)
     # The same seed gives the same, another one not.
     short = [design_block(seed=seed, max_iterations=20, starts=1).objective for seed in (0, 0, 1)]
@@ -164,12 +164,12 @@ def test_ctrl_c_keeps_the_mean_so_far():
         (lambda: optimise.FreshSamples(MOTION, 16, verify=24), "multiple of batch = 16"),
         (lambda: optimise.FreshSamples(MOTION, 16, verify=8), "verify must be"),
         (lambda: optimise.FreshSamples(rj.Ricker(1.0, 1.0)), "must be a rockjax.GaussianMotion or records"),
-        (lambda: optimise.FreshSamples(records(1)), "two records or more"),
+        (lambda: optimise.FreshSamples(records(1)), "at least two records"),
         (
             lambda: optimise.AnnualFrequency(1e-3, HAZARD, optimise.FreshSamples(MOTION)),
-            "must be FreshSamples of records",
+            "must be drawn from records",
         ),
-        (lambda: design_block(method="sqp"), "give a gradient transformation"),
+        (lambda: design_block(method="sqp"), "need a gradient transformation"),
         (
             lambda: optimise.design(
                 BLOCK, BOX, None, optimise.PeakRotation(0.4, optimise.FreshSamples(MOTION)), method=ADAM
