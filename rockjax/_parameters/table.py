@@ -1,7 +1,8 @@
-"""Tables of parameters of structures and ground motions: name, symbol, unit, range, meaning and place.
+"""Tables of parameters of structures and ground motions: name, symbol, unit, range, meaning and location.
 
 Grids, sweeps, sensitivities, design variables, sliders, problem files, options of the command line and the
-documentation read these tables: a new parameter is an entry here. Nothing here needs JAX.
+documentation are made from these tables. To add a parameter, add an entry here. This module does not import
+JAX.
 """
 
 from __future__ import annotations
@@ -14,15 +15,19 @@ from rockjax._units import displayed
 
 
 class Range(NamedTuple):
-    """Interval of valid values of a parameter, with open or closed ends."""
+    """Interval of valid values of a parameter.
+
+    - `low`, `high`: its ends; `closed`: for each end, whether it is included
+    - `unit`: unit that `words` appends
+    """
 
     low: float = -math.inf
     high: float = math.inf
     closed: tuple[bool, bool] = (False, False)
-    unit: str = ""  # of the words
+    unit: str = ""
 
     def holds(self, value: Any) -> Any:
-        """Return whether a number is inside the range, or each number of an array."""
+        """Return whether a value is inside the range, elementwise for an array."""
         above = value >= self.low if self.closed[0] else value > self.low
         below = value <= self.high if self.closed[1] else value < self.high
         return above & below
@@ -47,14 +52,14 @@ POWER = Range(0.0, 1.0, (False, True))
 
 
 class Parameter(NamedTuple):
-    """One number of a structure or ground motion.
+    """A scalar parameter of a structure or ground motion.
 
-    - `name`: its name in axes, options, keys of problem files and variables; `symbol`, `unit` (as in
-      datasets, "1" for a ratio), `range`, `meaning`
-    - `place`: path of attributes in the structure, with the class of a member of a tuple in between:
-      `superstructure.T_s`, `restrainers.Tendon.stiffness`; empty for derived parameters
-    - `formula`: definition of the symbol; `note`: meaning of a special value, or of none
-    - `instead_of`: parameters for the same quantity, only one of which can be given
+    - `name`: name in axes, options, keys of problem files and variables; `symbol`: its symbol
+    - `unit`: unit as in datasets, "1" for a ratio; `range`: range of valid values; `meaning`: description
+    - `place`: path of attributes in the structure, such as `superstructure.T_s`. Members of a tuple are named
+      by their class, as in `restrainers.Tendon.stiffness`. Empty for derived parameters
+    - `formula`: definition of the symbol; `note`: meaning of a special value, or of a missing value
+    - `instead_of`: parameters of the same quantity, which cannot be given together with this one
     - `is_integer`: whether it is a whole number, which neither varies nor has a derivative
     """
 
@@ -86,11 +91,11 @@ def _by_name(*entries: Parameter) -> dict[str, Parameter]:
 
 
 def _ratio(name: str, symbol: str, meaning: str, place: str, formula: str = "", note: str = "") -> Parameter:
-    """Return a parameter without unit that is not negative."""
+    """Return a dimensionless parameter ≥ 0."""
     return Parameter(name, symbol, "1", NOT_NEGATIVE, meaning, place, formula, note)
 
 
-WIDTH_AND_HEIGHT = ("width", "height")  # of a column: together they are its slenderness and size
+WIDTH_AND_HEIGHT = ("width", "height")  # of a column; together they determine alpha and R
 _SLENDER = "slenderness of the columns"
 _COLUMN = ("alpha", "tan_alpha", "R")
 _PERIOD, _RIGID = "period of the superstructure", "without it the superstructure is rigid"
@@ -101,7 +106,7 @@ _RESIDUAL_HEIGHT = "height of the residual mass above the beam"
 _LINEAR = "1 is a linear damper"
 _ROUND = "less than H, without devices"
 
-# Parameters of a podium. Stored ones have a place; the others are computed in variants.py.
+# Parameters of a podium. Those with a `place` are stored there; variants.py computes the others.
 STRUCTURE = _by_name(
     Parameter("alpha", "α", "rad", ANGLE, _SLENDER, "alpha"),
     Parameter("tan_alpha", "tan α", "1", POSITIVE, _SLENDER, formula="B/H", instead_of=("alpha",)),
@@ -125,7 +130,7 @@ STRUCTURE = _by_name(
     Parameter("residual_height", "h_r", "m", ANY, _RESIDUAL_HEIGHT, "elevation.residual_height"),
 )
 
-# Parameters with one number for each mode, story or column, numbered from 1, as `T_2`.
+# Parameters with one value for each mode, story or column. Names are numbered from 1, such as `T_2`.
 ROWS = _by_name(
     _ratio("eta", "η", "mass ratio of the mode", "superstructure.eta"),
     Parameter("T", "T", "s", POSITIVE, "period of the mode", "superstructure.T"),
@@ -138,7 +143,7 @@ ROWS = _by_name(
     Parameter("position", "x", "m", ANY, "position of the column", "elevation.columns"),
     Parameter("top_height", "h", "m", ANY, "height of the mode or floor", "elevation.top_height"),
 )
-# Parameters of the same superstructures as a whole.
+# Parameters of the same superstructures that have one value for all modes.
 OVERALL = _by_name(
     _ratio("residual", "η_r", "mass ratio of what moves with the beam", "superstructure.residual"),
     _ratio("story_damping", "ζ", "damping ratio of all modes", "superstructure.damping"),
@@ -152,7 +157,7 @@ BUILDING = _by_name(
 
 
 def numbered_parameter(entry: Parameter, number: int) -> Parameter:
-    """Return the parameter of one mode or story."""
+    """Return the parameter of one mode, story or column, counted from 1."""
     return entry._replace(
         name=f"{entry.name}_{number}",
         symbol=f"{entry.symbol}_{number}",
@@ -181,13 +186,13 @@ DIMENSIONS = _by_name(
     Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
     Parameter("end_radius", "r_c", "m", NOT_NEGATIVE, "radius of round ends of a column", note=_ROUND),
 )
-# Arguments that are rows of numbers: one for each story, numbered from 1.
+# Arguments with one value for each story. Names are numbered from 1, such as `story_mass_2`.
 ROWS_OF_DIMENSIONS = _by_name(
     Parameter("story_mass", "m", "kg", POSITIVE, "mass of the floor", "story_masses"),
     Parameter("story_stiffness", "k", "N m-1", POSITIVE, "stiffness of the story", "story_stiffnesses"),
 )
 
-# Parameters of ground motions: fields of their classes, and ratios of pulses, computed in variants.py.
+# Parameters of ground motions: fields of their classes, and ratios of pulses, which variants.py computes.
 MOTION = _by_name(
     Parameter("a_p", "a_p", "m s-2", ANY, "amplitude of the pulse"),
     Parameter("acceleration_ratio", "a_p/(g tan α)", "1", ANY, "amplitude of the pulse", instead_of=("a_p",)),
@@ -199,7 +204,7 @@ MOTION = _by_name(
     Parameter("nu", "ν", "rad", ANY, "phase of the pulse"),
     Parameter("phi", "φ", "rad", ANY, "phase of the pulse"),
     Parameter("scale", "f", "1", ANY, "factor on the motion"),
-    Parameter("vertical_ratio", "v̈_g/ü_g", "1", ANY, "vertical over horizontal ground acceleration"),
+    Parameter("vertical_ratio", "v̈_g/ü_g", "1", ANY, "ratio of vertical to horizontal ground acceleration"),
     Parameter("dt", "Δt", "s", POSITIVE, "sampling interval"),
     Parameter("t_start", "t_0", "s", ANY, "time of the first sample"),
 )
@@ -212,7 +217,7 @@ def attribute_name(parameter: Parameter) -> str:
 
 
 def motion_parameter(name: str) -> Parameter:
-    """Return the parameter of a ground motion; without an entry in the table it has a name only."""
+    """Return the parameter of a ground motion; if the table has no entry, one with only a name."""
     return MOTION.get(name, Parameter(name, name, "", ANY, ""))
 
 
@@ -230,7 +235,7 @@ def variable_attributes(name: str) -> dict[str, str]:
 
 
 def find_clash(names: Iterable[str]) -> tuple[str, str] | None:
-    """Return two of the names that describe the same quantity, None if there are none."""
+    """Return two of the names that describe the same quantity, or None if there are no two."""
     names = tuple(names)
     for table in (STRUCTURE, MOTION):
         for name in names:

@@ -1,4 +1,4 @@
-"""Parameters of structures and motions, read and set by name, and pulses from their dimensionless ratios."""
+"""Parameters of structures read and set by name, and dimensions of pulses from their ratios."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .table import (
 
 
 def find_parameter(name: str) -> Parameter | None:
-    """Return the parameter of a structure with this name or place, None if there is none."""
+    """Return the parameter of a structure with this name or `place`, None if there is none."""
     for table in (STRUCTURE, OVERALL):
         if name in table:
             return table[name]
@@ -38,25 +38,28 @@ def find_parameter(name: str) -> Parameter | None:
 
 
 def place_of(name: str) -> str:
-    """Return the place of a parameter in a structure; empty for other names and for derived parameters."""
-    found = find_parameter(name)
-    return "" if found is None else found.place
+    """Return the `place` of a parameter of a structure; empty for other names and for derived parameters."""
+    parameter = find_parameter(name)
+    return "" if parameter is None else parameter.place
 
 
 def parameters_of(podium: Podium) -> dict[str, Parameter]:
     """Return the parameters of this podium by name, including derived ones."""
     entries = (STRUCTURE | OVERALL).items()
-    found = {name: entry for name, entry in entries if not entry.is_integer and has_parameter(podium, entry)}
+    parameters = {
+        name: entry for name, entry in entries if not entry.is_integer and has_parameter(podium, entry)
+    }
     for entry in ROWS.values():
-        row = _row(podium, entry)
-        each = [numbered_parameter(entry, k + 1) for k in range(len(row))]
-        found |= {parameter.name: parameter for parameter in each}
-    return found
+        numbered = [numbered_parameter(entry, k + 1) for k in range(len(_row(podium, entry)))]
+        parameters |= {parameter.name: parameter for parameter in numbered}
+    return parameters
 
 
 def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
-    """Return the members of a row of parameters; none if the podium has one number instead, or no such
-    parameter."""
+    """Return the members of a row of parameters.
+
+    The result is empty if the podium has a single value instead, or no such parameter.
+    """
     path, _, field = entry.place.partition(".")
     holder = getattr(podium, path)
     if field not in getattr(holder, "rows", ()) or (entry.place == _HEIGHTS and not _has_rows(podium)):
@@ -67,10 +70,12 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
 
 
 def _has_rows(podium: Podium) -> bool:
-    """Return whether heights of an elevation are a row. The superstructure decides: a row of heights of
-    single masses is a batch."""
-    top = podium.superstructure
-    return top is not None and top.height_count is not None
+    """Return whether the superstructure has several modes or floors, so that heights of masses are a row.
+
+    With a single mass, several heights are a batch of structures.
+    """
+    superstructure = podium.superstructure
+    return superstructure is not None and superstructure.height_count is not None
 
 
 _HEIGHTS = STRUCTURE["top_height"].place
@@ -88,8 +93,10 @@ def has_parameter(podium: Podium, parameter: Parameter) -> bool:
 
 
 def is_fixed(podium: Podium, parameter: Parameter) -> bool:
-    """Return whether a parameter of this podium is fixed before tracing, such as the exponent of a linear
-    damper. It then has no derivative."""
+    """Return whether a parameter of this podium is static, such as the exponent of a linear damper.
+
+    A static parameter is fixed before tracing and has no derivative.
+    """
     try:
         return not jax.tree.leaves(_stored_value(podium.split(), parameter.place))
     except AttributeError:  # a residual mass of 0 is left out
@@ -97,8 +104,7 @@ def is_fixed(podium: Podium, parameter: Parameter) -> bool:
 
 
 def read(podium: Podium, name: str) -> Any:
-    """Return the value of a parameter of this podium. Raises `ValueError` for names that are not its
-    parameters."""
+    """Return the value of a parameter of this podium. Raises `ValueError` for other names."""
     parameter = _require_parameter(podium, name)
     if parameter.place:
         return _stored_value(podium, parameter.place)
@@ -109,7 +115,7 @@ def with_values(podium: Podium, values: Mapping[str, Any]) -> Podium:
     """Return the podium with some of its parameters changed.
 
     Raises `ValueError` for names that are not its parameters, for two names of the same quantity, and for
-    numbers out of range.
+    values out of range.
     """
     parameters = {name: _require_parameter(podium, name) for name in values}
     values = {parameters[name].name: value for name, value in values.items()}
@@ -147,12 +153,15 @@ def pulse_period(p: Any, frequency_ratio: Any) -> Any:
 def _require_parameter(podium: Podium, name: str) -> Parameter:
     parameter = find_parameter(name)
     if parameter is None or not has_parameter(podium, parameter):
-        raise ValueError(f"parameters of this podium are {', '.join(parameters_of(podium))}; got {name!r}")
+        raise ValueError(
+            f"name must be one of the parameters of this podium, {', '.join(parameters_of(podium))}; "
+            f"got {name!r}"
+        )
     return parameter
 
 
 def _stored_value(holder: Any, place: str) -> Any:
-    """Return the value stored in a place. Raises `AttributeError` if the place does not exist."""
+    """Return the value stored at a `place`. Raises `AttributeError` if the object has no such value."""
     for step in place.split(".") if place else ():
         if step.isdecimal():
             holder = _row_member(holder, int(step))
@@ -169,7 +178,7 @@ def _stored_value(holder: Any, place: str) -> Any:
 
 
 def _row_member(values: Any, number: int) -> Any:
-    """Return a member of a row, counted from 1."""
+    """Return the member of a row with a number from 1. Raises `AttributeError` if it does not exist."""
     if members(values) is values and not isinstance(values, tuple):
         raise AttributeError("one number stands for all")
     row = parts(values)
@@ -180,14 +189,17 @@ def _row_member(values: Any, number: int) -> Any:
 
 def _index_of_class(members: tuple, class_name: str) -> int:
     """Return the position of the only member of a tuple with this class."""
-    found = [k for k, member in enumerate(members) if type(member).__name__ == class_name]
-    if len(found) != 1:
-        raise AttributeError(f"{len(found)} of class {class_name}")
-    return found[0]
+    indices = [k for k, member in enumerate(members) if type(member).__name__ == class_name]
+    if len(indices) != 1:
+        raise AttributeError(f"{len(indices)} members of class {class_name}")
+    return indices[0]
 
 
 def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
-    """Return a variant of a dataclass, or of a tuple of them, with new values in some places."""
+    """Return a variant of a dataclass, or of a tuple of dataclasses, with new values.
+
+    `changes` maps the path of a value, as a tuple of the steps of its `place`, to the new value.
+    """
     by_step: dict[str, dict[tuple[str, ...], Any]] = {}
     for (step, *rest), value in changes.items():
         by_step.setdefault(step, {})[tuple(rest)] = value
@@ -203,11 +215,11 @@ def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
         places = {_index_of_class(holder, step): value for step, value in new.items()}
         return tuple(places.get(k, member) for k, member in enumerate(holder))
     if any(isinstance(getattr(holder, field), tuple) for field in getattr(holder, "rows", ())):
-        return with_fields(holder, new)  # split, in a program
+        return with_fields(holder, new)  # in a program, rows are split into tuples of scalars
     return dataclasses.replace(holder, **new)
 
 
 def _with_members(values: Any, changes: Mapping[int, Any]) -> Any:
-    """Return a row with new members in some places, counted from 1."""
+    """Return a row with some members replaced; `changes`: number from 1 → new member."""
     row = tuple(changes.get(k, y) for k, y in enumerate(parts(values), start=1))
     return row if isinstance(values, tuple) else joined(row)

@@ -1,7 +1,7 @@
-"""Models of problem files, made from the tables of parameters: type, range and meaning of each key.
+"""Models of problem files, made from the tables of parameters: type, range and description of each key.
 
-Error messages, the JSON schema, the page on problem files and the options of the command line come from them.
-This module does not import JAX.
+Error messages, the JSON schema, the page on problem files and the options of the command line are made from
+these models. This module does not import JAX.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ STATISTICS, CURVE, HAZARD, MACHINES = "Statistics", "Fragility", "Hazard", "Mach
 
 
 class Flag(NamedTuple):
-    """Option of the command line for a key: the panel of its help, and its name if it differs.
+    """Option of the command line for a key: its panel in the help, and its name if it differs from the key.
 
-    Used as `json_schema_extra`, it leaves the schema unchanged.
+    It is stored as `json_schema_extra` of the field and leaves the schema unchanged.
     """
 
     panel: str
@@ -48,16 +48,16 @@ class Flag(NamedTuple):
 
 
 def key(default: Any, meaning: str, panel: str = "", name: str = "") -> Any:
-    """Return the field of a key; with a panel it is also an option of the command line.
+    """Return the field of a key; with a panel, the key is also an option of the command line.
 
-    - `default`: its default, `...` if it is required; `meaning`: its description, with the unit
-    - `panel`: panel of its help; `name`: name of the option if it differs from the key
+    - `default`: default value, `...` for a required key; `meaning`: description of the key, with the unit
+    - `panel`: panel of the option in the help; `name`: name of the option if it differs from the key
     """
     return Field(default, description=meaning, json_schema_extra=Flag(panel, name) if panel else None)
 
 
 def described_as(words: str) -> WrapValidator:
-    """Return a validator whose errors say in these words what a value must be."""
+    """Return a validator whose errors read "must be {words}"."""
 
     def check(value: Any, handler: Any) -> Any:
         try:
@@ -69,7 +69,7 @@ def described_as(words: str) -> WrapValidator:
 
 
 def satisfying(holds: Callable[[Any], bool]) -> AfterValidator:
-    """Return a validator that refuses values for which `holds` is false."""
+    """Return a validator that rejects values for which `holds` is false."""
 
     def check(value: Any) -> Any:
         if not holds(value):
@@ -90,8 +90,8 @@ Numbers = Annotated[list[Number], Field(min_length=1), described_as("a list of n
 Positives = Annotated[list[Positive], Field(min_length=1), described_as("a list of numbers > 0")]
 NotNegatives = Annotated[list[NotNegative], Field(min_length=1), described_as("a list of numbers >= 0")]
 OneOrMore = Annotated[float | Numbers, described_as("a number or a list of numbers")]
-Periods = Annotated[Positive | Positives, described_as("a number > 0 or a list of them")]
-Shares = Annotated[NotNegative | NotNegatives, described_as("a number >= 0 or a list of them")]
+Periods = Annotated[Positive | Positives, described_as("a number > 0 or a list of such numbers")]
+Shares = Annotated[NotNegative | NotNegatives, described_as("a number >= 0 or a list of such numbers")]
 Share = Annotated[float, Field(gt=0, lt=1), described_as("a number in (0, 1)")]
 _ENDS = "two numbers [lowest, highest] with"
 Ends = Annotated[tuple[float, float], Strict(False)]
@@ -123,22 +123,22 @@ class Keys(BaseModel):
         for name in given if isinstance(given, dict) else ():
             if name not in valid:
                 near = difflib.get_close_matches(str(name), valid, 1)
-                hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(valid)}"
-                raise PydanticCustomError("unknown", "is not known; {hint}", {"hint": hint, "key": str(name)})
+                hint = f"did you mean {near[0]}?" if near else f"valid keys are {', '.join(valid)}"
+                raise PydanticCustomError("unknown", "unknown key; {hint}", {"hint": hint, "key": str(name)})
         return given
 
     def as_arguments(self, *without: str) -> dict[str, Any]:
-        """Return the given keys, except those of `without`, as arguments by name."""
+        """Return the keys that the table has, except those of `without`: name → value."""
         names = [name for name in type(self).model_fields if name in self.model_fields_set - set(without)]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
 def require_one(given: Mapping[str, Any], *names: str) -> str:
-    """Return which of two keys is given. Raises `ValueError` for none or both."""
-    found = [name for name in names if given.get(name) is not None]
-    if len(found) != 1:
-        raise ValueError(f"needs {' or '.join(names)}" + (", not both" if found else ""))
-    return found[0]
+    """Return the one of several keys that is given. Raises `ValueError` unless exactly one is."""
+    present = [name for name in names if given.get(name) is not None]
+    if len(present) != 1:
+        raise ValueError(f"needs {' or '.join(names)}" + (", not both" if present else ""))
+    return present[0]
 
 
 def type_of(entry: table.Parameter) -> Any:
@@ -159,12 +159,12 @@ _LAW = "'paper', 'compatible' or a factor in [0, 1]"
 _NOTES = {
     "alpha": ", instead of tan_alpha",
     "restitution": ": paper, Eq. (27); compatible, with Eq. (26); or a number",
-    "columns": "; that of the positions, or 2, where not given",
+    "columns": "; by default the number of positions, or 2",
 }
 
 
 def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
-    """Return the type and field of a parameter."""
+    """Return the type and the field of a parameter; `needed`: whether the key is required."""
     panel = "" if name == "damping" or entry.place.count(".") > 1 else STRUCTURE  # --zeta serves both
     note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
     kind, meaning = type_of(entry), f"{entry.heading}{note}."
@@ -172,13 +172,13 @@ def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
 
 
 def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
-    """Return a model with a key for each parameter."""
+    """Return a model with a key for each parameter, of which those in `needed` are required."""
     fields: Any = {name: make_field(name, entry, name in needed) for name, entry in entries.items()}
     return create_model("Parameters", __base__=Keys, **fields)
 
 
 def _stored_in(*places: str) -> dict[str, table.Parameter]:
-    """Return the parameters of a structure stored in these places, without the sides of a column."""
+    """Return the parameters of a structure stored under these attributes, except width and height."""
     entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.WIDTH_AND_HEIGHT}
     return {name: entry for name, entry in entries.items() if entry.place.partition(".")[0] in places}
 
@@ -199,22 +199,22 @@ class ModesOfSuperstructure(Keys):
 
     eta: NotNegatives = key(..., "Mass ratios of the modes [–].")
     T: Positives = key(..., "Periods of the modes [s].")
-    zeta: Shares | None = key(None, "Damping ratios, or one of all [–].")
-    residual: NotNegative | None = key(None, "Mass ratio of what moves with the beam [–].")
+    zeta: Shares | None = key(None, "Damping ratios, or one for all modes [–].")
+    residual: NotNegative | None = key(None, "Ratio of the residual mass, which moves with the beam [–].")
 
 
 class Building(Keys):
     """A building, floor by floor from the bottom."""
 
     masses: Positives = key(..., "Mass ratios of the floors [–].")
-    stiffnesses: Positives = key(..., "Stiffnesses of the stories over the mass of all columns [1/s²].")
-    damping: Shares | None = key(None, "Damping ratios of the modes, or one of all [–].")
-    modes: Index | None = key(None, "How many modes are kept; all where not given.")
+    stiffnesses: Positives = key(..., "Stiffnesses of the stories divided by the mass of all columns [1/s²].")
+    damping: Shares | None = key(None, "Damping ratios of the modes, or one for all modes [–].")
+    modes: Index | None = key(None, "Number of modes that are kept; by default all.")
     heights: Positives | None = key(None, "Heights of the stories [m].")
 
 
-_COLUMNS = "Positions of the columns along the motion [m]; equal for columns of one line across it."
-_HEIGHTS = "Height of the superstructure above the beam, of each mode or floor if it has several [m]."
+_COLUMNS = "Positions of the columns along the motion [m]; columns in a line across it have equal positions."
+_HEIGHTS = "Height of the superstructure above the beam [m]; a list for several modes or floors."
 _RESIDUAL = "Height of the residual mass of modes above the beam [m]."
 
 
@@ -228,7 +228,7 @@ class Elevation(Keys):
 
 
 def _top(given: Any) -> str:
-    kinds = {"masses": "Building", "T": "Modes"}  # tags of unions are no keys: messages leave them out
+    kinds = {"masses": "Building", "T": "Modes"}  # these tags are not keys, so messages leave them out
     return next((kinds[name] for name in kinds if isinstance(given, dict) and name in given), "one")
 
 
@@ -245,8 +245,8 @@ class ByRatios(
             Discriminator(_top),
         ]
         | None
-    ) = key(None, "What stands on the beam; nothing where not given.")
-    elevation: Elevation | None = key(None, "Where columns stand and masses lie, for forces in the joints.")
+    ) = key(None, "Superstructure on the beam; by default none.")
+    elevation: Elevation | None = key(None, "Positions of columns and masses, for forces in the joints.")
 
     @model_validator(mode="after")
     def _check(self) -> ByRatios:
@@ -258,9 +258,9 @@ class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "heigh
     """A structure by dimensions, as `rockjax.Podium.from_dimensions`."""
 
     story_masses: Positives | None = key(None, "Masses of the floors of a building from the bottom [kg].")
-    story_stiffnesses: Positives | None = key(None, "Stiffnesses of its stories [N/m].")
-    story_heights: Positives | None = key(None, "Heights of its stories [m].")
-    modes: Index | None = key(None, "How many modes are kept; all where not given.")
+    story_stiffnesses: Positives | None = key(None, "Stiffnesses of the stories [N/m].")
+    story_heights: Positives | None = key(None, "Heights of the stories [m].")
+    modes: Index | None = key(None, "Number of modes that are kept; by default all.")
     positions: Numbers | None = key(None, _COLUMNS)
     beam_depth: NotNegative | None = key(None, "Depth of the beam, with positions [m].")
     top_height: OneOrMore | None = key(None, _HEIGHTS)
@@ -268,10 +268,11 @@ class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "heigh
 
 
 def _structure(given: Any) -> str:
-    sides = isinstance(given, dict) and any(
+    """Return the tag of the model of a structure."""
+    has_dimensions = isinstance(given, dict) and any(
         name in given for name in (*table.WIDTH_AND_HEIGHT, "column_mass")
     )
-    return "dimensions" if sides and "R" not in given else "ratios"
+    return "dimensions" if has_dimensions and "R" not in given else "ratios"
 
 
 Structure = Annotated[
@@ -287,7 +288,9 @@ class Pulses(Keys):
     a_p: OneOrMore | None = key(None, "Amplitude of the pulse a_p [m/s²], instead of the ratio.", MOTION)
     T_p: Periods | None = key(None, "Period of the pulse T_p [s].", MOTION)
     frequency_ratio: Periods | None = key(None, "Frequency ω_p/p [–], instead of the period.", MOTION)
-    vertical_ratio: Number | None = key(None, "Vertical over horizontal ground acceleration [–].", MOTION)
+    vertical_ratio: Number | None = key(
+        None, "Ratio of vertical to horizontal ground acceleration [–].", MOTION
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Pulses:
@@ -295,18 +298,20 @@ class Pulses(Keys):
         pair = require_one(given, "a_p", "acceleration_ratio"), require_one(given, "T_p", "frequency_ratio")
         a_p, T_p = (len(y) if isinstance(y, list) else 1 for y in (given[name] for name in pair))
         if a_p > 1 and T_p > 1 and a_p != T_p:
-            raise ValueError(f"has {a_p} amplitudes and {T_p} periods; give as many of both, or one")
+            raise ValueError(
+                f"has {a_p} amplitudes and {T_p} periods; give equal numbers of both, or one of one"
+            )
         return self
 
 
 class _Recorded(Keys):
     """Keys for reading files of records."""
 
-    units: RecordUnit | None = key(None, "Unit of the samples, where the file does not say it.", MOTION)
-    dt: Positive | None = key(None, "Sampling interval [s], where the file does not say it.", MOTION)
-    component: Label | None = key(None, "Number or name of the channel, where there are several.", MOTION)
-    scale: Number | None = key(None, "Factor on the record [–]; 1 where not given.", MOTION)
-    vertical_ratio: Number | None = key(None, "Vertical over horizontal ground acceleration [–].")
+    units: RecordUnit | None = key(None, "Unit of the samples, if the file does not state it.", MOTION)
+    dt: Positive | None = key(None, "Sampling interval [s], if the file does not state it.", MOTION)
+    component: Label | None = key(None, "Number or name of the channel, if there are several.", MOTION)
+    scale: Number | None = key(None, "Factor on the record [–]; by default 1.", MOTION)
+    vertical_ratio: Number | None = key(None, "Ratio of vertical to horizontal ground acceleration [–].")
 
 
 class Record(_Recorded):
@@ -314,42 +319,42 @@ class Record(_Recorded):
 
     file: str = key(..., "File of a record: .AT2, .V2, text, .npy …", MOTION, "--record")
     vertical: str | None = key(None, "File of the record's vertical component.", MOTION)
-    vertical_component: Label | None = key(None, "Number or name of its channel.")
+    vertical_component: Label | None = key(None, "Number or name of the channel of the vertical component.")
 
     @model_validator(mode="after")
     def _check(self) -> Record:
         if self.vertical is None and self.vertical_component is not None:
             raise ValueError("vertical_component needs vertical, the file of the vertical record")
         if self.vertical is not None and self.vertical_ratio is not None:
-            raise ValueError("vertical_ratio and a vertical record: give one of them")
+            raise ValueError("has both vertical_ratio and a vertical record; give one of them")
         return self
 
 
 class Suite(_Recorded):
     """All records of a folder or of a table."""
 
-    suite: str = key(..., "Folder or table (suite.csv) of records, beside the problem file.")
-    pattern: str | None = key(None, "Which files of folders, such as '*.AT2'.", MOTION)
-    paired: bool | None = key(None, "Each horizontal record with the vertical one of its station.", MOTION)
+    suite: str = key(..., "Folder or table (suite.csv) of records, relative to the problem file.")
+    pattern: str | None = key(None, "Pattern of the files in a folder, such as '*.AT2'.", MOTION)
+    paired: bool | None = key(None, "Combine horizontal and vertical records of each station.", MOTION)
 
     @model_validator(mode="after")
     def _check(self) -> Suite:
         if self.paired and self.vertical_ratio is not None:
-            raise ValueError("vertical_ratio and a vertical record: give one of them")
+            raise ValueError("has both vertical_ratio and a vertical record; give one of them")
         return self
 
 
 class Synthetic(Keys):
     """Synthetic motions: filtered noise under an envelope."""
 
-    synthetic: Count = key(20, "How many motions.", MOTION, "--count")
-    seed: Index = key(0, "The same seed gives the same motions.", MOTION)
+    synthetic: Count = key(20, "Number of motions.", MOTION, "--count")
+    seed: Index = key(0, "Seed of the random numbers; equal seeds give equal motions.", MOTION)
     dt: Positive = key(0.01, "Sampling interval [s].", MOTION)
     duration: Positive = key(20.0, "Duration [s].", MOTION)
     pga: Positive = key(2.94, "Peak acceleration of the noise [m/s²].", MOTION)
     omega_g: Positive = key(15.0, "Frequency of the soil ω_g [rad/s].", MOTION)
     zeta_g: Positive = key(0.6, "Damping ratio of the soil ζ_g [–].", MOTION)
-    vertical_ratio: Number | None = key(None, "Vertical over horizontal ground acceleration [–].")
+    vertical_ratio: Number | None = key(None, "Ratio of vertical to horizontal ground acceleration [–].")
 
 
 class Measures(Keys):
@@ -375,7 +380,7 @@ Entry = Annotated[
     Discriminator(
         _source,
         "source",
-        "needs one of kind (of a pulse), file (of a record), suite (of records) and synthetic (how many)",
+        "needs one of kind (for a pulse), file (for a record), suite (for records) and synthetic (a number)",
     ),
 ]
 MotionSet = Annotated[
@@ -388,12 +393,12 @@ class Options(Keys):
     """Accuracy, as `rockjax.Options`."""
 
     rtol: Positive | None = key(None, "Relative tolerance of the step-size control [–].", ACCURACY)
-    atol: Positive | None = key(None, "Absolute tolerance [–]; 0.01 rtol where not given.")
+    atol: Positive | None = key(None, "Absolute tolerance [–]; by default 0.01 rtol.")
     method: str | None = key(None, "Runge–Kutta method: dopri8, tsit5, dopri5, bosh3 …", ACCURACY)
-    engine: str | None = key(None, "flat or segments.")
+    engine: str | None = key(None, "Integration loop: flat or segments.")
     overturn_ratio: Positive | None = key(None, "Limit state max|θ|/α [–].", ACCURACY, "--limit")
     rest_velocity: Positive | None = key(None, "Speed at which impacts end [–].")
-    max_steps: Count | None = key(None, "Most trial steps of a scene.")
+    max_steps: Count | None = key(None, "Largest number of trial steps of a scene.")
     outputs: list[str] | None = key(None, "Requested outputs.")
     history: Count | None = key(None, "Steps that a history can hold under jit.")
     throw: bool | None = key(None, "Raise an error if a scene does not finish.")
@@ -402,8 +407,8 @@ class Options(Keys):
 class _OneMotion(Keys):
     """The choice of a motion."""
 
-    motion: str | None = key(None, "Which set of motions, where there are several.", MOTION)
-    number: Count | None = key(None, "Which motion of the set, where it has several.", MOTION)
+    motion: str | None = key(None, "Name of the set of motions, if there are several.", MOTION)
+    number: Count | None = key(None, "Number of the motion in the set, if there are several.", MOTION)
 
 
 class Response(_OneMotion):
@@ -419,7 +424,9 @@ class _Panels(Keys):
     """Structures with different superstructures, under one kind of pulse."""
 
     pulse: PulseName = key("ricker", "Kind of the pulse.", MOTION)
-    vertical_ratio: Number | None = key(None, "Vertical over horizontal ground acceleration [–].", MOTION)
+    vertical_ratio: Number | None = key(
+        None, "Ratio of vertical to horizontal ground acceleration [–].", MOTION
+    )
     frequency_ratio: Frequencies = key((1.0, 8.0), "Range of ω_p/p [–].", GRID, "--frequency")
     eta_over_gamma: NotNegatives = key([1.0, 5.0, 10.0], "Mass ratios η/γ [–]: a panel for each.", STRUCTURE)
     T_s: NotNegatives = key([0.0, 0.1, 0.5, 1.0], "Periods [s]: a panel for each; 0 is rigid.", STRUCTURE)
@@ -437,14 +444,14 @@ class Overturning(_Panels):
     """Table of `rockjax overturning`."""
 
     max_acceleration_ratio: Positive = key(12.0, "Largest a_p/(g tan α) [–].", GRID, "--max-acceleration")
-    points: Points = key(141, "Frequencies.", GRID)
+    points: Points = key(141, "Number of frequencies.", GRID)
     sensitivities: list[str] = key(["alpha", "gamma"], "Parameters y of d a_ov/d ln y.", GRID)
 
 
 class Fragility(Keys):
     """Table of `rockjax fragility`."""
 
-    motions: str | None = key(None, "Which set of motions of the file, where it has several.", MOTION)
+    motions: str | None = key(None, "Name of the set of motions, if the file has several.", MOTION)
     measure: Literal["PGA", "PGV", "Sa", "scale"] = key(
         "PGA", "Intensity: PGA, PGV, Sa at --measure-period, or the factor on the records.", GRID
     )
@@ -459,7 +466,7 @@ class Fragility(Keys):
     method: Literal["capacities", "stripes"] = key(
         "capacities", "Fit of the least overturning intensities, or of the counts at the levels.", STATISTICS
     )
-    confidence: Share = key(0.9, "Of the intervals and bands, in 0…1 [–].", STATISTICS)
+    confidence: Share = key(0.9, "Confidence level of intervals and bands, in (0, 1) [–].", STATISTICS)
     seed: Index = key(0, "Seed of --synthetic motions.", STATISTICS)
     sensitivities: list[str] = key([], "Parameters y of d ln(median)/d ln y.", STATISTICS)
 
@@ -468,21 +475,21 @@ class Risk(Keys):
     """Table of `rockjax risk`."""
 
     fragility: str | None = key(None, "File of `rockjax fragility` (.nc) or OpenQuake's (.xml).", CURVE)
-    structure: str | None = key(None, "Which structure of a model (.xml), where it has several.", CURVE)
-    median: Positive | None = key(None, "Instead of a file: median, in SI units of the hazard.", CURVE)
-    dispersion: Positive | None = key(None, "… and standard deviation of its logarithm [–].", CURVE)
+    structure: str | None = key(None, "Name of the structure in a model (.xml), if it has several.", CURVE)
+    median: Positive | None = key(None, "Median of the curve, in SI units, instead of a file.", CURVE)
+    dispersion: Positive | None = key(None, "Logarithmic standard deviation, with the median [–].", CURVE)
     hazard: str | None = key(None, "Hazard curve: CSV of two columns, or of OpenQuake.", HAZARD)
-    site: Index | None = key(None, "Row of an OpenQuake file, from 0, where it has several.", HAZARD)
-    years: NotNegative = key(50.0, "Time in which the probability of failure is wanted [years].", OUTPUT)
+    site: Index | None = key(None, "Row of an OpenQuake file, from 0, if it has several.", HAZARD)
+    years: NotNegative = key(50.0, "Period of the reported probability of failure [years].", OUTPUT)
 
 
 class Span(Keys):
-    """Numbers at equal distances or at equal ratios."""
+    """Values of an axis at equal distances or at equal ratios."""
 
-    low: Number = Field(alias="from", description="First number.")
-    high: Number = Field(alias="to", description="Last number.")
-    points: Points = key(..., "How many.")
-    log: bool = key(False, "Whether ratios are equal.")
+    low: Number = Field(alias="from", description="First value.")
+    high: Number = Field(alias="to", description="Last value.")
+    points: Points = key(..., "Number of values.")
+    log: bool = key(False, "Whether the ratios of neighbours are equal, instead of their distances.")
 
     @model_validator(mode="after")
     def _check(self) -> Span:
@@ -500,16 +507,18 @@ Axis = Annotated[
 class Sweep(_OneMotion):
     """Table of `rockjax sweep`; without a number, the motions of a set are an axis."""
 
-    outputs: list[str] = key(["peak_rotation"], "Wanted answers: peak_rotation, peak_shear, margin …", GRID)
-    chunk: Count | None = key(None, "Scenes in a chunk; by default some seconds of them.", MACHINES)
-    axes: dict[str, Axis] = key({}, "Axes of the grid by names of parameters, as of `rockjax.grid`.")
+    outputs: list[str] = key(
+        ["peak_rotation"], "Requested outputs: peak_rotation, peak_shear, margin …", GRID
+    )
+    chunk: Count | None = key(None, "Scenes in a chunk; by default those of some seconds.", MACHINES)
+    axes: dict[str, Axis] = key({}, "Axes of the grid: name of a parameter → values, as in `rockjax.grid`.")
 
 
 class Problem(Keys):
     """A problem file: tables for several commands, and one for each command."""
 
     structure: Structure | None = key(None, "The structure, by ratios or by dimensions.")
-    motions: dict[str, MotionSet] = key({}, "Sets of motions, by names of your own.")
+    motions: dict[str, MotionSet] = key({}, "Sets of motions, by names that you choose.")
     options: Options = Field(default_factory=Options)
     response: Response = Field(default_factory=Response)
     spectrum: Spectrum = Field(default_factory=Spectrum)
@@ -518,10 +527,10 @@ class Problem(Keys):
     risk: Risk = Field(default_factory=Risk)
     sweep: Sweep = Field(default_factory=Sweep)
     # Keys of `rockjax design`, whose full models are in `optimise`.
-    starts: Count | None = key(None, "Starting points; by default 1.", ACCURACY)
+    starts: Count | None = key(None, "Number of starting points; by default 1.", ACCURACY)
     seed: Index | None = key(None, "Seed of the starting points; by default 0.", ACCURACY)
     tolerance: Positive | None = key(None, "Tolerance of the optimality conditions [–].")
-    max_iterations: Count | None = key(None, "Most iterations of a start.")
-    vary: Any = key(None, "What may vary.")
-    minimise: Any = key(None, "What is to be least.")
-    targets: Any = key(None, "What the design must keep.")
+    max_iterations: Count | None = key(None, "Largest number of iterations of a start.")
+    vary: Any = key(None, "Design variables.")
+    minimise: Any = key(None, "Objective.")
+    targets: Any = key(None, "Conditions that the design must satisfy.")

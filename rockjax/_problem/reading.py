@@ -1,4 +1,4 @@
-"""Reading of problem files: check tables by the models, and make structures, motions and options."""
+"""Reading of problem files: check tables by the models, and build structures, motions and options."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ K = TypeVar("K", bound=models.Keys)
 
 
 class LocatedError(ValueError):
-    """An error that names the file and the key already."""
+    """An error whose message already names the file and the key."""
 
 
 def load_table(path: Path) -> dict[str, Any]:
-    """Return the table of a TOML file. Raises `ValueError` that names the file and the cause."""
+    """Return the table of a TOML file. Raises `ValueError`, which names the file and the cause."""
     try:
         return tomllib.loads(read_text(path, utf8_only=True))
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{path}: is not TOML: {error}") from None
+        raise ValueError(f"{path}: the file is not valid TOML: {error}") from None
 
 
 class Reader:
-    """Reads the tables of a problem file; every error names the file, the key and the accepted values.
+    """Reader of the tables of a problem file. Errors name the file, the key and the cause.
 
-    - `path`: the file, to which other paths are relative; None for tables without a file
-    - `options`: key → (flag, value) of keys that the command line has set; errors name the flag
+    - `path`: the file, to whose folder other paths are relative; None for tables without a file
+    - `options`: key → (flag, value) for keys that the command line has set; their errors name the flag
     """
 
     def __init__(self, path: Path | None = None, options: Mapping[str, tuple[str, Any]] | None = None):
@@ -61,7 +61,7 @@ class Reader:
 
     @contextlib.contextmanager
     def at(self, key: str) -> Iterator[None]:
-        """Name the file and a key in errors."""
+        """Return a context in which errors name the file and a key."""
         try:
             yield
         except LocatedError:
@@ -70,7 +70,7 @@ class Reader:
             self.fail(key, str(error))
 
     def fail(self, key: str, reason: str) -> NoReturn:
-        """Raise an error of a key."""
+        """Raise `LocatedError`, which names the file, a key and the reason."""
         raise LocatedError(f"{self.prefix}{key}: {reason}")
 
     def check(self, model: type[K], given: Any) -> K:
@@ -85,7 +85,7 @@ class Reader:
         return self.fail(key, reason)
 
     def options(self, given: models.Options, **changes: Any) -> Options:
-        """Return the options of a file; `changes` are defaults where the file gives none."""
+        """Return the options of a file; `changes` are defaults for options that the file does not give."""
         chosen: dict[str, Any] = {"throw": False} | changes | given.as_arguments()
         with self.at("options"):
             return Options(**chosen)
@@ -96,28 +96,28 @@ class Reader:
         by_dimensions: Callable[..., Any] = Podium.from_dimensions,
     ) -> Any:
         """Return the podium of a table, or the result of `by_dimensions` for a table by dimensions."""
-        numbers = given.as_arguments("superstructure", "elevation")
+        parameters = given.as_arguments("superstructure", "elevation")
         with self.at("structure"):
             if isinstance(given, models.ByDimensions):
-                return by_dimensions(**numbers)
-            if "tan_alpha" in numbers:
-                numbers["alpha"] = math.atan(numbers.pop("tan_alpha"))
-            found: dict[str, dict[str, Any]] = {}
-            for name in [name for name in numbers if STRUCTURE[name].place.startswith("restrainers.")]:
+                return by_dimensions(**parameters)
+            if "tan_alpha" in parameters:
+                parameters["alpha"] = math.atan(parameters.pop("tan_alpha"))
+            devices: dict[str, dict[str, Any]] = {}
+            for name in [name for name in parameters if STRUCTURE[name].place.startswith("restrainers.")]:
                 _, class_name, field = STRUCTURE[name].place.split(".")
-                found.setdefault(class_name, {})[field] = numbers.pop(name)
-            if "Damper" in found and "coefficient" not in found["Damper"]:
-                raise ValueError("exponent needs the coefficient of a damper")
+                devices.setdefault(class_name, {})[field] = parameters.pop(name)
+            if "Damper" in devices and "coefficient" not in devices["Damper"]:
+                raise ValueError("exponent also needs coefficient, the coefficient of the damper")
             defaults = {"Tendon": {"prestress": 0.0}}
-            parts = tuple(
-                KINDS[name](**defaults.get(name, {}) | found[name]) for name in KINDS if name in found
+            restrainers = tuple(
+                KINDS[name](**defaults.get(name, {}) | devices[name]) for name in KINDS if name in devices
             )
             with self.at("structure.elevation"):
                 elevation = given.elevation and Elevation(**given.elevation.as_arguments())
             return Podium(
-                **numbers,
+                **parameters,
                 superstructure=self.superstructure(given.superstructure),
-                restrainers=parts,
+                restrainers=restrainers,
                 elevation=elevation,
             )
 
@@ -143,19 +143,21 @@ class Reader:
     ) -> list[Motion | AbstractExcitation]:
         """Return the motions of a set: pulses, and records with their names and sources.
 
-        - `sets`: sets by name; `name`: of the set
-        - `podium`: the structure that ratios of pulses refer to, or None
+        - `sets`: all sets by name; `name`: name of the set
+        - `podium`: the structure to which ratios of pulses refer, or None
         """
-        found, is_list = [], isinstance(sets[name], list)
+        motions, is_list = [], isinstance(sets[name], list)
         for k, entry in enumerate(entries_of(sets[name])):
             with self.at(f"motions.{name}[{k}]" if is_list else f"motions.{name}"):
-                found += _pulses(entry, podium) if isinstance(entry, models.Pulses) else self._records(entry)
-        return found
+                motions += (
+                    _pulses(entry, podium) if isinstance(entry, models.Pulses) else self._records(entry)
+                )
+        return motions
 
     def records(self, sets: Mapping[str, models.MotionSet], name: str) -> Motions:
         """Return a set of records, with their names. Raises `ValueError` for pulses."""
         if has_pulses(sets[name]):
-            self.fail(f"motions.{name}", "holds pulses; only records are wanted: file, suite or synthetic")
+            self.fail(f"motions.{name}", "must have records (file, suite or synthetic) here, not pulses")
         return Motions(tuple(self.members(sets, name, None)))  # pyright: ignore[reportArgumentType]
 
     def require_set(self, sets: Mapping[str, Any], name: str | None, key: str) -> str:
@@ -167,24 +169,24 @@ class Reader:
             return next(iter(sets))
         if name is None or name not in sets:
             got = "" if name is None else f", got {name!r}"
-            self.fail(key, f"must name a set under [motions]{got}; there are {', '.join(sets) or 'none'}")
+            self.fail(key, f"must name a set under [motions]{got}; the sets are {', '.join(sets) or 'none'}")
         return name
 
     def _records(self, entry: Any) -> Motions:
         """Return the records of an entry."""
         arguments = entry.as_arguments("vertical_ratio", "paired", "file", "suite", "synthetic")
         if isinstance(entry, models.Synthetic):
-            found = synthetic_motions(entry.synthetic, **{"seed": 0} | arguments)
+            motions = synthetic_motions(entry.synthetic, **{"seed": 0} | arguments)
         elif isinstance(entry, models.Suite):
-            found = read_suite(self.folder / entry.suite, **arguments)
+            motions = read_suite(self.folder / entry.suite, **arguments)
         else:
-            found = Motions((self._record(self.folder / entry.file, arguments),))
+            motions = Motions((self._record(self.folder / entry.file, arguments),))
         if (ratio := entry.vertical_ratio) is not None:
-            found = found.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(ratio)))
-        return found.paired() if getattr(entry, "paired", False) else found
+            motions = motions.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(ratio)))
+        return motions.paired() if getattr(entry, "paired", False) else motions
 
     def _record(self, path: Path, arguments: dict[str, Any]) -> Motion:
-        """Return the record of a file, with its vertical component if any."""
+        """Return the record of a file, with its vertical component if one is given."""
         scale, file, component = (
             arguments.pop(name, None) for name in ("scale", "vertical", "vertical_component")
         )
@@ -198,25 +200,25 @@ class Reader:
 def _explain(error: ValidationError, given: Any) -> tuple[str, str, Any]:
     """Return the key of the first error of a table, the cause and the value."""
     first = error.errors(include_url=False)[0]
-    place, value, reason = "", given, first["msg"].removeprefix("Value error, ")
-    for part in first["loc"]:  # other parts name branches of unions
-        if isinstance(value, dict) and part in value:
-            place, value = f"{place}.{part}".lstrip("."), value[part]
-        elif isinstance(value, list) and isinstance(part, int) and part < len(value):
-            place, value = f"{place}[{part}]", value[part]
+    location, value, reason = "", given, first["msg"].removeprefix("Value error, ")
+    for step in first["loc"]:  # steps that are not keys or indices name branches of unions
+        if isinstance(value, dict) and step in value:
+            location, value = f"{location}.{step}".lstrip("."), value[step]
+        elif isinstance(value, list) and isinstance(step, int) and step < len(value):
+            location, value = f"{location}[{step}]", value[step]
     error_type, context = first["type"], first.get("ctx", {})
     if error_type == "missing":
-        return place or "file", f"{first['loc'][-1]} is missing", None
+        return location or "file", f"{first['loc'][-1]} is missing", None
     if error_type == "unknown":
-        return f"{place}.{context['key']}".lstrip("."), reason, value[context["key"]]
+        return f"{location}.{context['key']}".lstrip("."), reason, value[context["key"]]
     if error_type == "union_tag_invalid":
-        return f"{place}.kind", f"must be one of {context['expected_tags']}, got {context['tag']!r}", None
+        return f"{location}.kind", f"must be one of {context['expected_tags']}, got {context['tag']!r}", None
     if error_type == "union_tag_not_found":
-        return place, "kind is missing", None
+        return location, "kind is missing", None
     if error_type in ("model_type", "dict_type"):
         reason = "must be a table"
-    reason = reason.replace("Input should be", "must be").replace("a valid string", "a text")
-    return place or "file", f"{reason}, got {value!r}" if reason.startswith("must") else reason, value
+    reason = reason.replace("Input should be", "must be").replace("a valid string", "a string")
+    return location or "file", f"{reason}, got {value!r}" if reason.startswith("must") else reason, value
 
 
 def entries_of(motions: models.MotionSet) -> list[Any]:
@@ -235,7 +237,7 @@ def to_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
 
 
 def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitation]:
-    """Return the pulses of an entry; ratios refer to the podium."""
+    """Return the pulses of an entry; `podium`: the structure to which ratios refer, or None."""
     pulse_class = PULSES[entry.kind]
     a_p = (
         entry.a_p
@@ -259,6 +261,7 @@ def pulse_periods(entry: Any, podium: Podium | None) -> Any:
 
 
 def _require_structure(podium: Podium | None) -> Podium:
+    """Return the podium. Raises `ValueError` if there is none."""
     if podium is None:
-        raise ValueError("is given by ratios, which need a table [structure]")
+        raise ValueError("the pulse is given by ratios, which need a table [structure]")
     return podium

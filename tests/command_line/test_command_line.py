@@ -219,8 +219,8 @@ def test_panels_are_what_options_and_file_say():
 
 WRONG = [  # each message once
     ("response none.toml", "none.toml: cannot be read: No such file"),
-    ("response bad.toml", "bad.toml: structure.foo: is not known; known are alpha, tan_alpha, R, gamma"),
-    ("spectrum worse.toml", "worse.toml: spektrum: is not known; did you mean spectrum?"),
+    ("response bad.toml", "bad.toml: structure.foo: unknown key; valid keys are alpha, tan_alpha, R, gamma"),
+    ("spectrum worse.toml", "worse.toml: spektrum: unknown key; did you mean spectrum?"),
     ("response text.toml", "text.toml: structure.tan_alpha: must be a number > 0, got '0.15'"),
     ("design goals.toml", "goals.toml: targets[0].limit: must be a number > 0, got '0.4'"),
     ("design good.toml", "good.toml: file: vary is missing"),
@@ -242,18 +242,21 @@ WRONG = [  # each message once
     ("response good.toml", "response: motion is missing: which of a, b? ([response] motion, or --motion)"),
     (
         "response good.toml --motion c",
-        "response.motion: must name a set under [motions], got 'c'; there are a, b",
+        "response.motion: must name a set under [motions], got 'c'; the sets are a, b",
     ),
     (
         "response good.toml --motion a --T-p 2",
         "motions.a: holds 2 motions: which? ([response] number, or --n",
     ),
     ("response --number 2", "motions.pulse: holds 1 motions, there is no number 2"),
-    ("response good.toml --motion b --scale 2", "--scale: is not known; known are kind, acceleration_ratio"),
+    (
+        "response good.toml --motion b --scale 2",
+        "--scale: unknown key; valid keys are kind, acceleration_ratio",
+    ),
     ("response --T-p 1 --frequency-ratio 2", "--frequency-ratio and --T-p: give one of them"),
-    ("response --T-p -1", "--T-p: must be a number > 0 or a list of them, got -1.0"),
+    ("response --T-p -1", "--T-p: must be a number > 0 or a list of such numbers, got -1.0"),
     ("response --width 0.4", "structure: height is missing"),
-    ("response --width 0.4 --R 2", "--width: is not known; known are alpha, tan_alpha, R"),
+    ("response --width 0.4 --R 2", "--width: unknown key; valid keys are alpha, tan_alpha, R"),
     ("response --restitution lawless", "--restitution: must be 'paper', 'compatible' or a factor in [0, 1]"),
     ("response --rtol 2", "options: Options: rtol must be in [1e-14, 0.1], got rtol = 2.0"),
     ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
@@ -261,7 +264,7 @@ WRONG = [  # each message once
         "response --record record.txt",
         "record.txt: does not say in what units; give units (on the command line",
     ),
-    ("response --record record.txt --T-p 2", "--T-p: is not known; known are units, dt, component"),
+    ("response --record record.txt --T-p 2", "--T-p: unknown key; valid keys are units, dt, component"),
     ("spectrum -o out.csv", "--output out.csv: .csv is not written here; data go to .nc, pictures to .png"),
     ("sweep --axis R=1,2 -o out.nc", "--output out.nc: a sweep is written as a zarr store"),
     (
@@ -269,7 +272,10 @@ WRONG = [  # each message once
         "sweep.axes: grid: tan_alpha must be finite and > 0, got tan_alpha = -0",
     ),
     ("fragility", "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"),
-    ("fragility good.toml --motions b", "motions.b: holds pulses; only records are wanted"),
+    (
+        "fragility good.toml --motions b",
+        "motions.b: must have records (file, suite or synthetic) here, not pulses",
+    ),
     ("fragility good.toml bad.toml", "bad.toml: is a second problem file; give one"),
     ("fragility --synthetic 3 --measure Sa", "--measure Sa: needs --measure-period"),
     ("fragility --synthetic 3 --measure-period 1", "--measure-period: is for Sa only"),
@@ -491,7 +497,7 @@ def test_a_design_takes_options_over_its_file(run, monkeypatch, tmp_path):
     assert (str(output), problem.settings, quiet, suffix) == ("rockjax-design", {"starts": 2}, False, ".png")
     code, _, err = run("design", PROBLEMS / "column.toml", "--gamma", 2)
     assert code == 2
-    assert "--gamma: is not known; known are width, height, column_mass" in err
+    assert "--gamma: unknown key; valid keys are width, height, column_mass" in err
 
 
 def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):

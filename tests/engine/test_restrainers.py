@@ -529,7 +529,7 @@ def test_problem_files():
     assert repr(structure) == repr(all_three())
     assert repr(read(column | {"stiffness": 100.0}).restrainers) == repr((rj.Tendon(0.0, 100.0),))
     assert read(column).restrainers == ()
-    with pytest.raises(ValueError, match="exponent needs the coefficient of a damper"):
+    with pytest.raises(ValueError, match="exponent also needs coefficient"):
         read(column | {"exponent": 0.5})
     with pytest.raises(ValueError, match="prestress: must be a number >= 0"):
         read(column | {"prestress": -1.0})

@@ -603,8 +603,8 @@ def test_motions_of_a_problem_file_on_the_command_line(folder):
         (lambda text: text, ["problem.toml"], "2 paths"),
         (lambda text: text.split("[motions")[0], [], "problem.toml: motions: "),
         (lambda text: text.replace("b.AT2", "none.AT2"), [], "motions.records[0]: "),
-        (lambda text: text[text.index("[motions") :], [], "motions.pulses: is given by ratios"),
-        (lambda text: text + "[motion]", [], "motion: is not known"),
+        (lambda text: text[text.index("[motions") :], [], "motions.pulses: the pulse is given by ratios"),
+        (lambda text: text + "[motion]", [], "motion: unknown key"),
     ],
 )
 def test_motions_of_a_problem_file_that_cannot_be_listed(folder, change, flags, words):
@@ -660,8 +660,8 @@ def test_problems_take_suites(folder, suite):
     for entry, words in (
         ('suite = "."\nfile = "a.csv"', "needs one of kind"),
         ('suite = "none"', "motions.records: .*none: cannot be read"),
-        ("suite = 1", "suite: must be a text, got 1"),
-        ('file = "a.csv"\npattern = "*"', "pattern: is not known"),
+        ("suite = 1", "suite: must be a string, got 1"),
+        ('file = "a.csv"\npattern = "*"', "pattern: unknown key"),
         ('suite = "."\ncomponent = 1.5', "component: must be a whole number or text"),
     ):
         path.write_text(f"{PROBLEM}[motions.records]\n{entry}\n")

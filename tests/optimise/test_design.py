@@ -729,7 +729,7 @@ def test_a_file_is_the_problem_it_says(folder):
     [
         ("R = 1.5", "", r"structure: R is missing"),
         ("R = 1.5", "R = -1.5", r"structure\.R: must be a number > 0"),
-        ("R = 1.5", "radius = 1.5", r"structure\.radius: is not known"),
+        ("R = 1.5", "radius = 1.5", r"structure\.radius: unknown key"),
         ("tan_alpha = 0.15", "", r"needs alpha or tan_alpha"),
         ("alpha = [0.1, 0.4]", "beta = [0.1, 0.4]", r"vary: .*names 'beta'"),
         ('kind = "ricker"', 'kind = "mexican"', r"motions\.pulses\.kind: must be 'ricker'"),
@@ -744,7 +744,7 @@ def test_a_file_is_the_problem_it_says(folder):
         ('kind = "peak-rotation"', 'kind = "peak"', r"targets\[0\]\.kind: must be one of"),
         ('quantity = "alpha"', 'quantity = "peak-shear"', r"minimise: motions is missing"),
         ("rtol = 1e-9", "rtol = 9", r"options: Options: rtol"),
-        ("[options]", "[options", r"is not TOML"),
+        ("[options]", "[options", r"is not valid TOML"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_named(folder, old, new, words):

@@ -46,7 +46,9 @@ def test_which_parameters_a_podium_has():
     left_out |= {"beam_depth", "top_height", "residual_height"}
     assert set(variants.parameters_of(UNRESTRAINED)) == set(table.STRUCTURE) - left_out
     assert "eta" in variants.parameters_of(rj.Podium(0.2, 1.5, 1.0, rj.Rigid(5.0)))
-    with pytest.raises(ValueError, match=r"parameters of this podium are alpha, tan_alpha, .*; got 'T_s'"):
+    with pytest.raises(
+        ValueError, match=r"one of the parameters of this podium, alpha, tan_alpha, .*; got 'T_s'"
+    ):
         variants.read(UNRESTRAINED, "T_s")
 
 

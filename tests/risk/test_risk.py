@@ -342,7 +342,7 @@ def test_fragilities_are_written_for_openquake_and_read_back(tmp_path):
     (tmp_path / "no.xml").write_text("<nrml/>")
     with pytest.raises(ValueError, match="has no fragilityModel"):
         rj.read_fragility_model(tmp_path / "no.xml")
-    with pytest.raises(ValueError, match="intensity measure must be .*got 'scale'"):
+    with pytest.raises(ValueError, match=r"intensity measure must be .*got 'scale'"):
         rj.write_fragility_model(tmp_path / "x.xml", fragility("scale", "1"))
 
 
