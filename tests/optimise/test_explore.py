@@ -134,9 +134,9 @@ def test_buildings_under_both_components():
         ({}, "must name at least one parameter"),
         ({"widht": (0.2, 1.0)}, "widht"),  # codespell:ignore
         ({"width": 0.5}, "must be a pair"),
-        ({"width": (0.5, 1.0)}, "must be a range around the present 0.45"),
+        ({"width": (0.5, 1.0)}, "must be a range that contains the present value 0.45"),
         ({"a_p": "no"}, "must be a pair"),
-        ({"T_p": (2.0, 0.5)}, "must be a range around the present 1"),
+        ({"T_p": (2.0, 0.5)}, "must be a range that contains the present value 1"),
         (
             {"T_p": (-1.0, 2.0)},
             r"vary\['T_p'\] = \(-1, 2\) exceeds the admissible range: Ricker: T_p must be",
