@@ -174,7 +174,7 @@ def test_ctrl_c_keeps_the_mean_so_far():
             lambda: optimise.design(
                 BLOCK, BOX, None, optimise.PeakRotation(0.4, optimise.FreshSamples(MOTION)), method=ADAM
             ),
-            "not for PeakRotation",
+            "PeakRotation cannot use them",
         ),
         (
             lambda: optimise.design(
@@ -187,7 +187,7 @@ def test_ctrl_c_keeps_the_mean_so_far():
                 ),
                 method=ADAM,
             ),
-            "not for AnnualFrequency here",
+            "AnnualFrequency cannot use them here",
         ),
     ],
 )
