@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
 from rockjax._engine.fast_forward.rest import advance_to_uplift
-from rockjax._engine.flat import runs
+from rockjax._engine.flat import is_running
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.state import LoopState, Plan, Scene, differentiated_fields
 from rockjax._engine.step import trial
@@ -57,8 +57,8 @@ class LaneDerivatives(NamedTuple):
 def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
     """Return whether a lane has trials to make. A rigid podium leaves full contact directly, at the next
     exchange."""
-    is_running = runs(lane, options.max_steps)
-    return is_running if plan.follows_contact else is_running & (lane.sigma != 0)
+    goes_on = is_running(lane, options.max_steps)
+    return goes_on if plan.follows_contact else goes_on & (lane.sigma != 0)
 
 
 def automaton(plan: Plan, options: Options):
@@ -66,14 +66,14 @@ def automaton(plan: Plan, options: Options):
     uplift of a rigid podium in full contact."""
 
     def try_step(scene: Scene, lane: LoopState) -> LoopState:
-        is_running = barrier(makes_trials(plan, options, lane))
+        goes_on = barrier(makes_trials(plan, options, lane))
         after, _ = trial(scene, plan, lane)
-        return jax.tree.map(lambda new, old: jnp.where(is_running, new, old), after, lane)
+        return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, lane)
 
     def lift_off(scene: Scene, lane: LoopState) -> LoopState:
         if plan.follows_contact:
             return lane
-        waits = (lane.sigma == 0) & runs(lane, options.max_steps)
+        waits = (lane.sigma == 0) & is_running(lane, options.max_steps)
         lifted, _ = advance_to_uplift(scene, plan, lane)
         return jax.tree.map(lambda new, old: jnp.where(waits, new, old), lifted, lane)
 

@@ -18,7 +18,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._engine.coefficients import present
 from rockjax._engine.fast_forward.samples import past_sample
-from rockjax._engine.flat import closed, runs
+from rockjax._engine.flat import closed, is_running
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, differentiated_fields
 from rockjax._options import Options
@@ -83,7 +83,7 @@ def advance(
 
     def exchange(loop: Loop) -> Loop:
         state = apply(lift_off, loop.lanes)
-        ended = (state.scene_index >= 0) & ~runs(state.lane, options.max_steps)
+        ended = (state.scene_index >= 0) & ~is_running(state.lane, options.max_steps)
         found, numbers = _answers_of(chunk, plan, state), Numbers(first, stride, count)
         return exchange_scenes(chunk, numbers, loop._replace(lanes=state), ended, found, refill)
 

@@ -1,4 +1,4 @@
-"""A trial step: its length, its error, its outcome and the length of the next step."""
+"""A trial step: its length, its error, the state just past its end, and the length of the next step."""
 
 from __future__ import annotations
 
@@ -20,39 +20,42 @@ from .runge_kutta import Acceleration, Step
 from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene
 
-# Times the resolution of time: the end of the scene and an event this close to it count as simultaneous.
-AT_ONCE = 100
-SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0  # of the step-size control
-MOST_BENT = 0.8  # limit of 8 θ̇ d³θ/dt³ / (3 θ̈²) over a hop; above 1 the columns would not return
-GroundMotion = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece
+# An event or breakpoint counts as simultaneous with the end of the scene if it is closer to it than this
+# multiple of the resolution of time.
+SIMULTANEOUS = 100
+# Step-size control: safety factor, and the limits of the factor from one step length to the next.
+SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
+# Limit of y = 8 θ̇ d³θ/dt³ / (3 θ̈²) over a hop; for y > 1 the columns would not return.
+MAX_SERIES_ARGUMENT = 0.8
+GroundMotion = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece of the excitation
 
 
 class Attempt(NamedTuple):
     """A trial step and its accuracy."""
 
-    h: Value
-    reaches: Flag  # the stop
-    stop: Value  # the next breakpoint or the end of the scene; moves with the parameters
-    ends: Flag  # the scene
-    fresh: Flag  # on θ = 0, after an impact or an uplift
-    a0: Vector
-    end: Step
-    error: Value  # over tolerance
+    h: Value  # length of the step [s]
+    reaches_stop: Flag  # the step ends at `stop`
+    stop: Value  # time of the next breakpoint or of the end of the scene [s]; varies with the parameters
+    ends: Flag  # the step ends at the end of the scene
+    starts_on_guard: Flag  # the step starts on θ = 0, after an impact or an uplift
+    a0: Vector  # accelerations at the start
+    end: Step  # state, accelerations and error estimates at the end
+    error: Value  # estimated error divided by the tolerance
     growth: Value  # factor on the step length that this error allows for the next step
-    finite: Flag
-    accurate: Flag
-    tiny: Value  # the resolution of time
+    finite: Flag  # the error is neither inf nor NaN
+    accurate: Flag  # the error is within the tolerance, or the step cannot be shortened any further
+    time_resolution: Value  # a shorter time is rounding [s]
 
 
 class StepOutcome(NamedTuple):
     """Outcome of a trial: accepted, shortened or rejected, and the events at its end."""
 
     accepted: Flag
-    cut: Value  # fraction of the step to try instead; inf where no shorter step is needed
-    lands: Flag  # ends on an event …
-    after: Value  # … this long after its end; also carries the derivative of the time of a breakpoint
-    false_uplift: Flag  # a lift that the next step does not confirm: back to full contact
-    largest: tuple[Any, ...]  # value of each output over the step; None for those without
+    cut: Value  # fraction of the step to try instead; inf if no shorter step is needed
+    lands: Flag  # the step ends on an event, up to the time `after`
+    after: Value  # time from the end of the step to its event or breakpoint [s], with its derivative
+    false_uplift: Flag  # the columns return to full contact, as this step does not confirm their uplift
+    largest: tuple[Any, ...]  # largest value of each output over the step; None for outputs without one
 
 
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
@@ -61,9 +64,9 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
-    - `replayed`: recorded decision of an accepted step, whose length is used; None for a free choice
+    - `replayed`: recorded decision of an accepted step, which fixes the length; None for a free choice
 
-    Returns the `Attempt`. Its error is a constant for derivatives.
+    Returns the `Attempt`. Its error is held constant under differentiation.
     """
     constant = jax.lax.stop_gradient
     c, t = over_inertia(scene.c), state.t
@@ -72,115 +75,128 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     def field(t, x, v):
         return acceleration(c, state.sigma, ground_at(t), x, v)
 
-    # A step reaches the next breakpoint at most, and covers a hop at once.
-    tiny = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
+    # A step ends at the next breakpoint at the latest. It covers a whole hop if it is accurate enough.
+    time_resolution = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     edge = scene.excitation.breakpoint(state.piece)
-    # A breakpoint just before the end of the scene is ignored: the step ends with the scene, and moves with
-    # its end.
-    last = constant(scene.end) <= constant(edge) + AT_ONCE * tiny
-    stop = jnp.where(last, scene.end, edge)
+    # A breakpoint just before the end of the scene is ignored. The step then ends with the scene, and its end
+    # has the derivative of the scene's end.
+    is_last = constant(scene.end) <= constant(edge) + SIMULTANEOUS * time_resolution
+    stop = jnp.where(is_last, scene.end, edge)
     a0 = field(t, state.x, state.v)
-    fresh = (state.sigma != 0) & (state.x[0] == 0)
+    starts_on_guard = (state.sigma != 0) & (state.x[0] == 0)
     jerk = (
         _jerk(state, field, a0)
         if plan.follows_impacts or isinstance(scene.excitation, AbstractSampled)
         else None
     )
-    h, reaches = _length(scene, state, constant(a0[0]), jerk, fresh, constant(stop))
+    h, reaches_stop = _length(scene, state, constant(a0[0]), jerk, starts_on_guard, constant(stop))
     if replayed is not None:
-        h, reaches = replayed.h, replayed.reaches
-    h, reaches, a0, stop, last = barrier((h, reaches, a0, stop, last))
+        h, reaches_stop = replayed.h, replayed.reaches_stop
+    h, reaches_stop, a0, stop, is_last = barrier((h, reaches_stop, a0, stop, is_last))
     end = barrier(runge_kutta(plan.tableau, field, t, h, state.x, state.v, a0))
-    error = constant(over_tolerance(scene, state.x, state.v, end))
+    error = constant(scaled_error(scene, state.x, state.v, end))
     if scene.estimate_factor is not None:
         error = error * scene.estimate_factor
     finite = jnp.isfinite(error)
     return Attempt(
         h,
-        reaches,
+        reaches_stop,
         stop,
-        reaches & last,
-        fresh,
+        reaches_stop & is_last,
+        starts_on_guard,
         a0,
         end,
         error,
-        barrier(factor(plan, error)),
+        barrier(step_factor(plan, error)),
         finite,
-        finite & ((error <= 1) | (h < tiny)),
-        tiny,
+        finite & ((error <= 1) | (h < time_resolution)),
+        time_resolution,
     )
 
 
 def _length(
-    scene: Scene, state: LoopState, angular: Value, jerk: Value | None, fresh: Flag, stop: Value
+    scene: Scene, state: LoopState, theta_ddot: Value, jerk: Value | None, starts_on_guard: Flag, stop: Value
 ) -> tuple[Value, Flag]:
-    """Return the length of the trial [s], and whether it reaches the stop."""
-    room = stop - state.t
-    takes_all = (state.h > 0.999 * room) & ((state.h < 1.001 * room) | (state.h > scene.unsplit_limit * room))
-    h = jnp.where(takes_all, room, jnp.where(state.h > 0.5 * room, scene.split_fraction * room, state.h))
-    # After an impact θ̈ is nearly constant over a short hop, which lasts 2|θ̇/θ̈| …
-    speed = jax.lax.stop_gradient(state.v[0])
-    returns = fresh & (speed * angular < 0)
-    falls = jnp.where(returns, angular, 1.0)
-    hop = jnp.where(returns, -2 * speed / falls, jnp.inf)
-    if jerk is not None:  # … or follows a straight line: 2/(1 + √(1 − y)) times as long, as a series
-        y = jnp.where(returns, jnp.clip(8 / 3 * jerk * speed / falls**2, -MOST_BENT, MOST_BENT), 0.0)
+    """Return the length of the trial [s], and whether it ends at the stop."""
+    remaining = stop - state.t
+    takes_all = (state.h > 0.999 * remaining) & (
+        (state.h < 1.001 * remaining) | (state.h > scene.unsplit_limit * remaining)
+    )
+    split = jnp.where(state.h > 0.5 * remaining, scene.split_fraction * remaining, state.h)
+    h = jnp.where(takes_all, remaining, split)
+    # After an impact θ̈ is nearly constant over a short hop, which then lasts 2|θ̇/θ̈|.
+    theta_dot = jax.lax.stop_gradient(state.v[0])
+    returns = starts_on_guard & (theta_dot * theta_ddot < 0)
+    safe_theta_ddot = jnp.where(returns, theta_ddot, 1.0)
+    hop = jnp.where(returns, -2 * theta_dot / safe_theta_ddot, jnp.inf)
+    if jerk is not None:  # With a linear θ̈ it lasts 2/(1 + √(1 − y)) times as long, here as a series in y.
+        y = 8 / 3 * jerk * theta_dot / safe_theta_ddot**2
+        y = jnp.where(returns, jnp.clip(y, -MAX_SERIES_ARGUMENT, MAX_SERIES_ARGUMENT), 0.0)
         hop = hop * (1 + y * (1 / 4 + y * (1 / 8 + y * 5 / 64)))
     h = jnp.minimum(h, jnp.minimum(state.cut, hop))
     if jerk is not None:
-        h = jnp.where(jnp.isinf(state.cut), _to_impact(state, angular, jerk, h), h)
+        h = jnp.where(jnp.isinf(state.cut), _to_impact(state, theta_ddot, jerk, h), h)
     restraint = scene.c.restraint
     if restraint is not None and restraint.steep:
-        steady = jax.lax.stop_gradient(steady_for(scene.c, restraint, speed, angular))
+        steady = jax.lax.stop_gradient(steady_for(scene.c, restraint, theta_dot, theta_ddot))
         h = jnp.where(state.sigma == 0, h, jnp.minimum(h, steady))
-    return h, h >= room
+    return h, h >= remaining
 
 
-def _to_impact(state: LoopState, angular: Value, jerk: Value, h: Value) -> Value:
-    """Shorten the step to the impact that a cubic of θ predicts. Between samples of a record the prediction
-    is so close that most impacts are landed on at the first trial."""
+def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Value:
+    """Return the step length, shortened to the next impact if a cubic of θ predicts one.
+
+    Between samples of a record the prediction is so close that most first trials end on their impact.
+    """
     one, zero = jnp.ones_like(h), jnp.zeros_like(h)
-    theta, speed = jax.lax.stop_gradient((state.x[0], state.v[0]))
-    left, speed, angular, jerk = (state.sigma * y for y in (theta, speed, angular, jerk))
-    ahead = barrier(Quintic(left, h * speed, h**2 * angular / 2, h**3 * jerk / 6, zero, zero))
-    meets = (left > 0) & (ahead.value(one) < 0)
-    return jnp.where(meets, h * crossing(ahead, zero, one), h)
+    theta, theta_dot = jax.lax.stop_gradient((state.x[0], state.v[0]))
+    angle, rate, curvature, jerk = (state.sigma * y for y in (theta, theta_dot, theta_ddot, jerk))
+    path = barrier(Quintic(angle, h * rate, h**2 * curvature / 2, h**3 * jerk / 6, zero, zero))
+    hits = (angle > 0) & (path.value(one) < 0)
+    return jnp.where(hits, h * crossing(path, zero, one), h)
 
 
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
-    """Return d³θ/dt³ at the start of the step, which predicts the next impact. It is used under records, and
-    under pulses where all impacts are requested: a bouncing column has many."""
+    """Return d³θ/dt³ at the start of the step [rad/s³].
+
+    It predicts the next impact under records, and under pulses if an output counts every impact.
+    """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)
     return jax.lax.stop_gradient(jerks[0])
 
 
-def over_tolerance(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
-    """Return the root mean square of a step's estimated error over tolerance, in natural units.
+def scaled_error(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
+    """Return the estimated error of a step divided by its tolerance: the root mean square over positions and
+    velocities.
 
     - `scene`: the prepared scene, which holds the tolerances
     - `x`, `v`: positions and velocities at the start of the step
     - `trial`: the step with its error estimates
 
-    A step is accurate where the result is at most 1.
+    A step is accurate if the result is at most 1.
     """
-    x_unit, v_unit = units(scene.c)
+    x_units, v_units = natural_units(scene.c)
     total = jnp.zeros_like(x[0])
-    for old, new, error, of_each in (
-        (x, trial.x, trial.x_error, x_unit),
-        (v, trial.v, trial.v_error, v_unit),
+    for old, new, errors, units in (
+        (x, trial.x, trial.x_error, x_units),
+        (v, trial.v, trial.v_error, v_units),
     ):
-        for y0, y1, e, unit in zip(old, new, error, of_each, strict=True):
-            scale = scene.atol * unit + scene.rtol * jnp.maximum(jnp.abs(y0), jnp.abs(y1))
-            total = total + summed((e / scale) ** 2)
-    # Divided by the number of degrees of freedom, not of modes: many modes at rest would hide one that moves.
+        for y0, y1, error, unit in zip(old, new, errors, units, strict=True):
+            tolerance = scene.atol * unit + scene.rtol * jnp.maximum(jnp.abs(y0), jnp.abs(y1))
+            total = total + summed((error / tolerance) ** 2)
+    # The sum is divided by the number of positions and velocities in the tuples, where all modes count as
+    # one: many modes at rest would hide one that moves.
     return jnp.sqrt(total / (2 * len(x)))
 
 
-def units(c: Coefficients) -> tuple[Vector, Vector]:
-    """Return natural units of positions and velocities: α and pα for the rotation. The unit of the
-    superstructure is its deformation at uplift, g tan α/ω², or the sway of the beam's corner if that is
-    smaller."""
+def natural_units(c: Coefficients) -> tuple[Vector, Vector]:
+    """Return the natural units of positions and velocities, in which tolerances are measured.
+
+    They are α and pα for the rotation. For a mode of the superstructure they are u = g tan α/ω², a
+    deformation typical of uplift, but at most 2R sin α, the displacement of the beam at |θ| = α; and
+    u·max(p, ω).
+    """
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
     if c.vibration is not None:
         omega2 = c.vibration.omega2
@@ -189,9 +205,9 @@ def units(c: Coefficients) -> tuple[Vector, Vector]:
     return x_unit, v_unit
 
 
-def factor(plan: Plan, error: Value) -> Value:
-    """Return the factor on the step length that this error allows."""
-    root = jnp.exp(-jnp.log(jnp.clip(error, 1e-30, 1e30)) / plan.tableau.order)  # a power takes longer
+def step_factor(plan: Plan, error: Value) -> Value:
+    """Return the factor on the step length that an error, divided by the tolerance, allows."""
+    root = jnp.exp(-jnp.log(jnp.clip(error, 1e-30, 1e30)) / plan.tableau.order)  # cheaper than a power
     return jnp.clip(SAFETY * root, SHRINK, GROW)
 
 
@@ -199,8 +215,8 @@ def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Val
     """Return the controller's next step length [s].
 
     - `scene`: the prepared scene
-    - `state`, `trial`: state before the accepted step, and that step
-    - `t`: time at its end [s]
+    - `state`, `trial`: the state before the accepted step, and the step
+    - `t`: time at the end of the step [s]
 
     A step that an event or a breakpoint has shortened does not reduce the controller's length.
     """
@@ -214,10 +230,11 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
     """Return positions and velocities shortly after the end of a step, by Taylor expansion from the end.
 
     - `scene`: the prepared scene
-    - `state`, `trial`: state before the step, and the step
+    - `state`, `trial`: the state before the step, and the step
     - `after`: time past the end of the step [s]
 
-    Third to fifth derivatives are those of the quintic through both ends.
+    The quintic through both ends gives the third to fifth derivatives; over a very short step the third is a
+    mean and the others are zero.
     """
     h = trial.h
     z = safe_ratio(after, h, h > 0)
@@ -226,7 +243,8 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
         state.x, state.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True
     ):
         path, long = quintic(x0, v0, a0, x1, v1, a1, h), is_long(h, scene.max_step)
-        # Third to fifth derivative at the end, over 3!, 4!, 5!; the step itself gives the lower ones.
+        # Third to fifth derivatives at the end, divided by 3!, 4! and 5!; lower ones come from the step
+        # itself.
         d3 = third_at_end(path, a0, a1, h, scene.max_step)
         d4, d5 = jnp.where(long, path.c4 + 5 * path.c5, 0.0), jnp.where(long, path.c5, 0.0)
         x.append(x1 + after * (v1 + 0.5 * after * a1) + z**3 * (d3 + z * (d4 + z * d5)))

@@ -10,13 +10,15 @@ from .state import LoopState, Plan, Scene
 
 
 def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value | Shaking) -> Flag:
-    """Return whether all requested outputs are final, whatever the rest of the excitation does: the columns
-    stay inside the well, or rest for good, and every output says of its record that it stands.
+    """Return whether all requested outputs are final, whatever the rest of the excitation does.
+
+    This holds if the columns stay inside the well or rest for good, and every output confirms that its record
+    can no longer change.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state after a step
-    - `piece`: piece of the excitation that follows
-    - `ground`: ground acceleration on it now, ü_g, or ü_g and v̈_g [m/s²]
+    - `piece`: piece of the excitation after the step
+    - `ground`: ground acceleration at the end of the step on that piece, ü_g, or ü_g and v̈_g [m/s²]
     """
     bounds = Bounds.of(scene, state, piece, ground, plan.follows_contact)
     final = bounds.stays_inside | bounds.rests

@@ -1,4 +1,4 @@
-"""The flat engine: one loop whose body is one step of its scene."""
+"""The flat engine: a single loop, in which every iteration is one trial step of the scene."""
 
 from __future__ import annotations
 
@@ -17,21 +17,24 @@ from rockjax._types import Index, Value
 from .state import Decision, LoopState, Plan, Scene, StepInfo, ready_for_tangents
 from .step import step
 
-MANY_STEPS = 50_000  # trials; only beyond this number is a cause searched for
-BOUNCING = 0.2  # fraction of steps that end with an impact, above which the columns only bounce
-MANY_RADIANS = 50_000  # of a superstructure's vibration on lifted columns, above which it counts as too stiff
+# A scene that has used up its steps gets a result with a cause only after this many trials.
+MANY_STEPS = 50_000
+# The result is CHATTERING if more than this fraction of the accepted steps end with an impact.
+BOUNCING = 0.2
+# The result is TOO_STIFF if the superstructure on lifted columns vibrates by more than this angle [rad].
+MANY_RADIANS = 50_000
 
 
 class Nodes(NamedTuple):
     """Accepted steps of a scene: node k holds the state from which the next step starts, after any impact."""
 
-    t: Float[Array, " n"]  # inf where unused
-    x: tuple[Float[Array, " n ..."], ...]
-    v: tuple[Float[Array, " n ..."], ...]
-    sigma: Float[Array, " n"]
-    piece: Array
-    impact_time: Float[Array, " n"]  # NaN unless the node is an impact
-    used: Index
+    t: Float[Array, " n"]  # times [s]; inf for unused nodes
+    x: tuple[Float[Array, " n ..."], ...]  # positions
+    v: tuple[Float[Array, " n ..."], ...]  # velocities
+    sigma: Float[Array, " n"]  # modes
+    piece: Array  # pieces of the excitation
+    impact_time: Float[Array, " n"]  # time of the impact [s]; NaN unless the node is an impact
+    used: Index  # number of nodes; may exceed the capacity n
 
 
 def blank_nodes(state: LoopState, capacity: int) -> Nodes:
@@ -54,6 +57,7 @@ def _put(buffers, at: Index, values):
 
 
 def _append(nodes: Nodes, state: LoopState, impact_time: Value, valid: Array) -> Nodes:
+    """Append the state as a node if `valid` is True."""
     row = Nodes(state.t, state.x, state.v, state.sigma, state.piece, impact_time, nodes.used)
     at = jnp.where(valid, nodes.used, nodes.t.shape[0])
     filled = _put(nodes._replace(used=None), at, row._replace(used=None))
@@ -64,22 +68,24 @@ def _first_node(state: LoopState, capacity: int) -> Nodes:
     return _append(blank_nodes(state, capacity), state, jnp.full_like(state.t, jnp.nan), jnp.ones((), bool))
 
 
-def runs(state: LoopState, max_steps: int) -> Array:
-    """Return whether a scene is still running."""
+def is_running(state: LoopState, max_steps: int) -> Array:
+    """Return whether a scene has no result yet and may try another step."""
     return (state.code == results.RUNNING) & (state.steps + state.rejected < max_steps)
 
 
 def closed(scene: Scene, state: LoopState) -> LoopState:
-    """Give a scene that has used up its steps a result, which names the cause if one of two known causes
-    applies."""
-    cause = jnp.full_like(state.code, results.OUT_OF_STEPS)
-    many = state.steps + state.rejected >= MANY_STEPS
+    """Set the result of a scene that has used up its steps.
+
+    It is CHATTERING or TOO_STIFF if one of these causes applies, else OUT_OF_STEPS. Other results stay.
+    """
+    code = jnp.full_like(state.code, results.OUT_OF_STEPS)
+    has_many_steps = state.steps + state.rejected >= MANY_STEPS
     if scene.c.vibration is not None:
         radians = jax.lax.stop_gradient(scene.c.vibration.uplifted_frequency * (scene.end - scene.start))
-        cause = jnp.where(many & (radians > MANY_RADIANS), results.TOO_STIFF, cause)
+        code = jnp.where(has_many_steps & (radians > MANY_RADIANS), results.TOO_STIFF, code)
     impacts, steps = (count.astype(state.t.dtype) for count in (state.impacts, state.steps))
-    cause = jnp.where(many & (impacts > BOUNCING * steps), results.CHATTERING, cause)
-    return state._replace(code=jnp.where(state.code == results.RUNNING, cause, state.code))
+    code = jnp.where(has_many_steps & (impacts > BOUNCING * steps), results.CHATTERING, code)
+    return state._replace(code=jnp.where(state.code == results.RUNNING, code, state.code))
 
 
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
@@ -91,7 +97,7 @@ def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState
     """
     state = ready_for_tangents(state)
     state = jax.lax.while_loop(
-        lambda state: runs(state, max_steps), lambda state: step(scene, plan, state)[0], state
+        lambda state: is_running(state, max_steps), lambda state: step(scene, plan, state)[0], state
     )
     return closed(scene, state)
 
@@ -104,7 +110,7 @@ def run_with_history(
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: initial state
     - `max_steps`: limit of accepted and rejected steps together
-    - `capacity`: number of nodes that can be stored; a scene with more ends with HISTORY_FULL
+    - `capacity`: number of nodes that can be stored; a scene that needs more ends with HISTORY_FULL
     """
 
     def keep(state: LoopState, nodes: Nodes, info: StepInfo) -> tuple[LoopState, Nodes]:
@@ -124,8 +130,8 @@ def record_decisions(
     - `state`: initial state
     - `max_steps`: limit of accepted and rejected steps together, and length of the arrays of decisions
     """
-    like = jax.eval_shape(lambda: step(scene, plan, state)[1].decision)
-    decisions = jax.tree.map(lambda y: jnp.zeros((max_steps,), y.dtype), like)
+    shapes = jax.eval_shape(lambda: step(scene, plan, state)[1].decision)
+    decisions = jax.tree.map(lambda y: jnp.zeros((max_steps,), y.dtype), shapes)
 
     def keep(
         state: LoopState, stored: tuple[Decision, Index], info: StepInfo
@@ -141,23 +147,27 @@ def record_decisions(
 
 
 def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, stored):
-    """Integrate a scene and return its final state, and the data that `keep(state, stored, info)` stores for
-    every step.
+    """Integrate a scene and store data of every accepted step.
 
-    Lanes that have ended store nothing more. If each lane decided for itself when the loop ends, JAX would
-    select between old and new buffers as a whole in every step of a vmapped loop, although only one row is
+    - `scene`, `plan`, `state`, `max_steps`: as in `run`
+    - `keep`: (state, stored, info) ↦ (state, stored), called after every trial
+    - `stored`: storage at the start
+
+    Returns the final state and the storage. Under `vmap` a scene is called a lane, and all lanes leave
+    the loop together; a lane that has ended stores nothing more. If every lane left the loop on its own,
+    JAX would select between whole old and new buffers in every iteration, although only one row is
     written.
     """
 
     def body(carry):
         state, stored = carry
-        goes_on = runs(state, max_steps)
+        goes_on = is_running(state, max_steps)
         after, info = step(scene, plan, state)
         after, stored = keep(after, stored, info._replace(accepted=info.accepted & goes_on))
         return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, state), stored
 
     state, stored = jax.lax.while_loop(
-        lambda carry: eqxi.unvmap_any(runs(carry[0], max_steps)), body, (state, stored)
+        lambda carry: eqxi.unvmap_any(is_running(carry[0], max_steps)), body, (state, stored)
     )
     return closed(scene, state), stored
 
@@ -165,31 +175,32 @@ def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, s
 def replay(
     scene: Scene, plan: Plan, state: LoopState, decisions: Decision, count: Index, capacity: int | None
 ) -> tuple[LoopState, Nodes | None]:
-    """Repeat a scene through recorded decisions, in a loop that reverse mode can differentiate with bounded
+    """Repeat a scene from recorded decisions, in a loop that reverse mode can differentiate with bounded
     memory.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: initial state
-    - `decisions`, `count`: recorded decisions in rows of length `max_steps`, and their number
-    - `capacity`: number of nodes to store, None for none
+    - `decisions`, `count`: recorded decisions, arrays of length `max_steps`, and their number
+    - `capacity`: number of nodes to store; None stores none
 
     Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints.
-    Rounding differs between compilations of a step, and a step rejected only the second time would leave
-    states and cotangents at different times; therefore the decisions are recorded beforehand.
+    Rounding differs between compilations of a step. If a step were rejected in the second computation
+    only, states and cotangents would belong to different times. Therefore the decisions are recorded
+    beforehand.
 
-    Checkpoints have two levels, √`max_steps` apart, and only the state before each step is stored: more
-    levels or more data per step would double the compilation time.
+    There are two levels of checkpoints, √`max_steps` steps apart, which store only the state before a
+    step: more levels or more data per step would double the compilation time.
     """
-    first = state
+    initial = state
 
     @functools.partial(jax.checkpoint, prevent_cse=False)
     def body(carry):
         state, nodes, k = carry
-        # Under `vmap` finished lanes go on until the last has ended. Their results are dropped, but zero
-        # times an infinite derivative is NaN: they repeat their first step. A lane that never made a step
-        # has a decision of zeros; its length must not be zero.
+        # Under `vmap` finished lanes continue until the last has ended. Their results are dropped, but a
+        # derivative that is infinite would give NaN even if it is multiplied by zero. Therefore they repeat
+        # their first step. In a lane without any step the recorded length is zero and is replaced.
         goes_on = k < count
-        state = jax.tree.map(lambda now, at_first: jnp.where(goes_on, now, at_first), state, first)
+        state = jax.tree.map(lambda now, at_start: jnp.where(goes_on, now, at_start), state, initial)
         replayed = jax.tree.map(lambda y: y[jnp.where(goes_on, k, 0)], decisions)
         replayed = replayed._replace(h=jnp.where(count > 0, replayed.h, scene.max_step))
         state, info = step(scene, plan, state, replayed)

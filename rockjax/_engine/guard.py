@@ -1,4 +1,8 @@
-"""The guard over a step: when and where a mode ends."""
+"""The guard of a mode over a step, and when it breaks.
+
+A mode of the automaton (full contact, or rocking on one side) lasts as long as its guard stays within its
+limits. The guard breaks when it leaves them; this is an event: an impact, overturning or an uplift.
+"""
 
 from __future__ import annotations
 
@@ -27,93 +31,104 @@ from .state import LoopState, Plan, Scene
 
 
 class Guard(NamedTuple):
-    """Guard of a mode: σθ while rocking, which may not reach 0 or the overturning angle; in full contact the
-    demand q, within ±q_up.
+    """The guard over a trial step.
 
-    Over a step it is monotone on both sides of at most one turning point. Everything but the two paths and
-    `ending` is a constant for derivatives.
+    While rocking it is σθ, which stays between 0 and the overturning angle. In full contact it is the demand
+    q, which stays within ±q_up.
+
+    The fields assume at most one turning point. If `turns_twice` is set, there may be more, and the step is
+    halved. All fields but `path`, `at_end` and `margin_at_end` are held constant under differentiation.
     """
 
-    path: Quintic  # over the step, z ∈ [0, 1]
-    at_end: Quintic  # a cubic in the time past the end of the step
-    rising: Flag  # at the start …
-    rises_on: Flag  # … and at the end
-    turned: Flag
-    turn: Value  # the turning point, 1 where there is none
-    top: Value  # the value there
-    last: Value  # the value at the end
-    breaks_before_turn: Flag  # broken before the turning point …
-    breaks_after_turn: Flag  # … or after it
-    inside: Value  # where it breaks
-    ending: Quintic  # distance to breaking, in the time past the end of the step …
-    time_past_end: Value  # … and its root …
-    converges: Flag  # … if Newton converges to it
-    turns_twice: Flag  # it turns more than once, and may break in between
+    path: Quintic  # the guard over the step, as a function of z ∈ [0, 1]
+    at_end: Quintic  # the guard as a cubic in the time past the end of the step [s]
+    rising: Flag  # the guard increases at the start
+    rising_at_end: Flag  # the guard increases at the end
+    turned: Flag  # the guard has a turning point: its slopes at start and end have opposite signs
+    turn: Value  # z of the turning point; 1 without one
+    top: Value  # value at the turning point; at the end of the step without one
+    end_value: Value  # value at the end
+    breaks_before_turn: Flag  # the guard is broken at the turning point
+    breaks_after_turn: Flag  # the guard is broken at the end, but not at the turning point
+    break_point: Value  # z at which the guard breaks, valid if it is broken
+    margin_at_end: Quintic  # signed distance to the limit, positive inside, in the time past the end [s]
+    time_past_end: Value  # root of `margin_at_end` [s], valid if `converges` is set
+    converges: Flag  # Newton's method converges to the root
+    turns_twice: Flag  # the guard turns more than once, and may break in between
 
 
 def watch(
-    scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step, fresh: Flag
+    scene: Scene,
+    plan: Plan,
+    state: LoopState,
+    ground_at,
+    h: Value,
+    a0: Vector,
+    end: Step,
+    starts_on_guard: Flag,
 ) -> Guard:
-    """Return the guard over a trial step.
+    """Evaluate the guard over a trial step.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
     - `h`: length of the step [s]
-    - `a0`: accelerations at its start
-    - `end`: state and accelerations at its end
-    - `fresh`: whether the step starts on θ = 0, after an impact or an uplift
+    - `a0`: accelerations at the start of the step
+    - `end`: state and accelerations at the end of the step
+    - `starts_on_guard`: True if the step starts on θ = 0, after an impact or an uplift
     """
     constant = jax.lax.stop_gradient
     rocking = state.sigma != 0
     path, at_end = barrier(_paths(scene, plan, state, ground_at, h, a0, end))
     fixed: Quintic = constant(path)
     one = jnp.ones_like(h)
-    rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | fresh
-    rises_on = constant(at_end.c1) > 0
-    turned = rising != rises_on
-    # Without the barrier every kernel that needs these would compute them again.
-    rising, rises_on, turned = barrier((rising, rises_on, turned))
+    rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | starts_on_guard
+    rising_at_end = constant(at_end.c1) > 0
+    turned = rising != rising_at_end
+    # Without the barrier every kernel would compute these flags again.
+    rising, rising_at_end, turned = barrier((rising, rising_at_end, turned))
     turn, dips = turning_point_or_dip(fixed, turned, rising)
     turn = jnp.where(turned, turn, one)
-    last = constant(at_end.c0)
-    top = jnp.where(turned, fixed.value(turn), last)
+    end_value = constant(at_end.c0)
+    top = jnp.where(turned, fixed.value(turn), end_value)
     turn, top = barrier((turn, top))
     overturn_angle = constant(scene.overturn_angle)
     uplift = constant(scene.c.uplift)
 
-    def broken(value):
+    def is_broken(value):
         return jnp.where(rocking, (value < 0) | (value >= overturn_angle), jnp.abs(value) > uplift)
 
-    breaks_before_turn = turned & broken(top)
-    breaks_after_turn = broken(last) & ~breaks_before_turn
+    breaks_before_turn = turned & is_broken(top)
+    breaks_after_turn = is_broken(end_value) & ~breaks_before_turn
     breaks_before_turn, breaks_after_turn = barrier((breaks_before_turn, breaks_after_turn))
-    edge = jnp.where(breaks_before_turn, top, last)
-    margin = constant(_margin(scene, rocking, path, edge, edge < 0))
-    inside = crossing(
+    broken_value = jnp.where(breaks_before_turn, top, end_value)
+    margin = constant(_margin(scene, rocking, path, broken_value, broken_value < 0))
+    break_point = crossing(
         margin, jnp.where(breaks_after_turn & turned, turn, 0.0), jnp.where(breaks_before_turn, turn, one)
     )
-    ending = _margin(scene, rocking, at_end, last, ~rises_on)
+    margin_at_end = _margin(scene, rocking, at_end, end_value, ~rising_at_end)
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
-    time_past_end, converges = _newton_to(ending, 0.5 * h, rounding)
-    busy = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)  # else no lift is possible
-    turns_twice = turns_more_than_once(fixed, rising, rises_on, dips & is_long(h, scene.max_step)) & busy
-    ending, inside, time_past_end, converges, turns_twice = barrier(
-        (ending, inside, time_past_end, converges, turns_twice)
+    time_past_end, converges = _newton_to(margin_at_end, 0.5 * h, rounding)
+    # The demand cannot exceed the sum of its absolute coefficients.
+    may_break = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)
+    dips &= is_long(h, scene.max_step)
+    turns_twice = turns_more_than_once(fixed, rising, rising_at_end, dips) & may_break
+    margin_at_end, inside, time_past_end, converges, turns_twice = barrier(
+        (margin_at_end, break_point, time_past_end, converges, turns_twice)
     )
     return Guard(
         path,
         at_end,
         rising,
-        rises_on,
+        rising_at_end,
         turned,
         turn,
         top,
-        last,
+        end_value,
         breaks_before_turn,
         breaks_after_turn,
-        inside,
-        ending,
+        break_point,
+        margin_at_end,
         time_past_end,
         converges,
         turns_twice,
@@ -123,11 +138,11 @@ def watch(
 def _paths(
     scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step
 ) -> tuple[Quintic, Quintic]:
-    """Return the guard over the step as a quintic, and past its end as a cubic in time.
+    """Return the guard over the step as a quintic in z, and past the end of the step as a cubic in time.
 
-    The guard is σθ while rocking and the demand q in full contact, whose derivatives follow from linearity.
-    Over a very short step the slopes of the quintic are differences of nearly equal numbers, so the cubic at
-    the end uses the slopes of the step itself.
+    While rocking the guard is σθ. In full contact it is the demand q; its derivatives in time come from
+    `demand_jet`. Over a very short step the slopes of the quintic are differences of nearly equal numbers.
+    Therefore the cubic takes value, slope and curvature from the state at the end of the step.
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
@@ -150,8 +165,8 @@ def _paths(
 
 
 def _through(ends: Iterable[Value], h: Value, max_step: Value) -> tuple[Quintic, Quintic]:
-    """Return the quintic through (value, slope, curvature) at both ends of a step, and the cubic at
-    its end."""
+    """Return the quintic through value, slope and curvature at both ends of a step, and the cubic in time at
+    the end of the step. `ends` are the six numbers, those at the start first."""
     x0, v0, a0, x1, v1, a1 = ends
     zero = jnp.zeros_like(x1)
     path = quintic(x0, v0, a0, x1, v1, a1, h)
@@ -159,26 +174,38 @@ def _through(ends: Iterable[Value], h: Value, max_step: Value) -> tuple[Quintic,
     return path, Quintic(x1, v1, 0.5 * a1, third, zero, zero)
 
 
-def _margin(scene: Scene, rocking: Flag, guard: Quintic, edge: Value, falling: Flag) -> Quintic:
-    """Return the distance to breaking of the guard: to impact or overturning while rocking, to uplift in full
-    contact."""
-    sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(edge))
+def _margin(scene: Scene, rocking: Flag, guard: Quintic, value: Value, falling: Flag) -> Quintic:
+    """Return the signed distance of the guard to one of its limits, positive inside.
+
+    - `scene`, `rocking`: the prepared scene, and whether the columns rock
+    - `guard`: the guard as a polynomial
+    - `value`: a value of the guard; in full contact its sign selects the threshold +q_up or −q_up
+    - `falling`: while rocking, True for the limit 0 (impact), False for the overturning angle
+    """
+    sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(value))
     sign = barrier(sign)
     limit = jnp.where(rocking, jnp.where(falling, 0.0, scene.overturn_angle), scene.c.uplift)
     scaled = Quintic(*(sign * k for k in guard))
     return barrier(scaled._replace(c0=scaled.c0 + limit))
 
 
-def _newton_to(margin: Quintic, most: Value, rounding: Value) -> tuple[Value, Flag]:
-    """Return the root of the margin past the end of the step [s], limited to ±`most`, and whether the margin
-    falls to zero there. Both are constants for derivatives."""
+def _newton_to(margin: Quintic, max_shift: Value, rounding: Value) -> tuple[Value, Flag]:
+    """Find the root of the margin near the end of the step by Newton's method.
+
+    - `margin`: polynomial in the time past the end of the step [s]
+    - `max_shift`: largest distance of the root from the end of the step [s]
+    - `rounding`: margins of this size count as zero
+
+    Returns the time of the root past the end [s], and whether Newton's method has converged to a root at
+    which the margin decreases. Both are held constant under differentiation.
+    """
     margin = jax.lax.stop_gradient(margin)
     time_past_end = jnp.zeros_like(margin.c0)
-    falls = margin.c1 < 0
+    decreases = margin.c1 < 0
     for _ in range(3):
         slope = margin.slope(time_past_end)
-        time_past_end = time_past_end - safe_ratio(margin.value(time_past_end), slope, falls & (slope < 0))
-        time_past_end = barrier(jnp.clip(time_past_end, -most, most))
-    # Newton converges slowly to a margin that only touches zero.
-    arrives = jnp.abs(margin.value(time_past_end)) <= 1e-3 * jnp.abs(margin.c0) + rounding
-    return time_past_end, falls & arrives
+        time_past_end -= safe_ratio(margin.value(time_past_end), slope, decreases & (slope < 0))
+        time_past_end = barrier(jnp.clip(time_past_end, -max_shift, max_shift))
+    # Newton's method converges slowly if the margin only touches zero.
+    is_root = jnp.abs(margin.value(time_past_end)) <= 1e-3 * jnp.abs(margin.c0) + rounding
+    return time_past_end, decreases & is_root

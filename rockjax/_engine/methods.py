@@ -1,4 +1,4 @@
-"""Names of integration methods, and Diffrax's solvers behind them."""
+"""Names of integration methods, and the Diffrax solvers that they stand for."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import diffrax
 
-# Names of Diffrax classes, because Diffrax is slow to import; the flat engine has its own tableaus.
+# Method and name of the Diffrax class. Names avoid the slow import of Diffrax; the flat engine reads stored
+# tableaus instead.
 METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "Bosh3", "kvaerno5": "Kvaerno5"}
 EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
 
 
 def solver_of(method: str | diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """Return the Diffrax solver of a method. Raises `ValueError` for unknown names."""
+    """Return the Diffrax solver of a method; a solver is returned as it is. Raises `ValueError` for unknown
+    names."""
     import diffrax
 
     if isinstance(method, diffrax.AbstractSolver):

@@ -7,7 +7,10 @@ import jax.numpy as jnp
 from rockjax._types import Flags, Values
 
 
-def safe_ratio(a: Values, b: Values, wanted: Flags) -> Values:
-    """Return a/b where wanted, else 0; neither the value nor its derivatives are ever NaN."""
-    good = wanted & (b != 0)
-    return jnp.where(good, a, 0.0) / jnp.where(good, b, 1.0)
+def safe_ratio(a: Values, b: Values, is_valid: Flags) -> Values:
+    """Return a/b where `is_valid` holds and b ≠ 0, else 0.
+
+    A zero denominator gives NaN neither in the value nor in its derivatives.
+    """
+    divides = is_valid & (b != 0)
+    return jnp.where(divides, a, 0.0) / jnp.where(divides, b, 1.0)

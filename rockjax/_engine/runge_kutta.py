@@ -1,8 +1,12 @@
 """One explicit Runge–Kutta step for second-order systems, from the tableau of any explicit method.
 
-For x' = v, v' = a(t, x, v) the stage velocities need not be stored. With the stage accelerations k_j, x_i = x
-+ c_i h v + h² Σ (AA)_ij k_j and v_i = v + h Σ A_ij k_j. This is algebraically the same method, with half the
-sums if the acceleration does not depend on the velocity.
+For x' = v, v' = a(t, x, v), stages need only their accelerations k_j:
+
+    x_i = x + c_i h v + h² Σ_j (AA)_ij k_j
+    v_i = v + h Σ_j A_ij k_j
+
+This is algebraically the same as the method for first-order systems. If the acceleration does not depend on
+the velocity, the compiler removes the second sum.
 """
 
 from __future__ import annotations
@@ -31,12 +35,13 @@ class Step(NamedTuple):
     v_error: Vector
 
 
-def _combine(weights: np.ndarray, k: list[Vector], component: int) -> Values | float:
+def _weighted_sum(weights: np.ndarray, k: list[Vector], component: int) -> Values | float:
+    """Return Σ_j w_j k_j of one component over the stages computed so far."""
     total = 0.0
-    for w, stage in zip(weights, k, strict=False):
-        # Products of a tableau with itself leave rounding where the exact weight is zero.
-        if abs(w) > 1e-14:
-            total = total + float(w) * stage[component]
+    for weight, stage in zip(weights, k, strict=False):
+        # In products of a tableau with itself, exact zeros appear as rounding.
+        if abs(weight) > 1e-14:
+            total = total + float(weight) * stage[component]
     return total
 
 
@@ -48,24 +53,24 @@ def step(
     - `tab`: tableau of the method
     - `acceleration`: (t, x, v) ↦ accelerations
     - `t`, `h`: time at the start and length of the step [s]
-    - `x`, `v`, `a`: positions, velocities and known accelerations at the start
+    - `x`, `v`, `a`: positions, velocities and accelerations at the start
     """
-    parts = range(len(x))
+    components = range(len(x))
     h2 = h * h
 
-    def at(c, weights_x, weights_v):
-        xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _combine(weights_x, k, d) for d in parts)
-        vi = tuple(v[d] + h * _combine(weights_v, k, d) for d in parts)
-        # All accelerations need the whole state.
+    def stage_state(c, weights_x, weights_v):
+        xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _weighted_sum(weights_x, k, d) for d in components)
+        vi = tuple(v[d] + h * _weighted_sum(weights_v, k, d) for d in components)
+        # Every acceleration uses all components; without the barrier each would compute them again.
         return barrier((xi, vi)) if len(x) > 1 else (xi, vi)
 
     k = [a]
     for i in range(1, len(tab.c)):
-        xi, vi = at(tab.c[i], tab.AA[i], tab.A[i])
-        # Without the barrier each stage would be computed again inside every later one.
+        xi, vi = stage_state(tab.c[i], tab.AA[i], tab.A[i])
+        # Without the barrier every later stage would compute this one again.
         k.append(barrier(acceleration(t + float(tab.c[i]) * h, xi, vi)))
-    x1, v1 = at(1.0, tab.bA, tab.b)
+    x1, v1 = stage_state(1.0, tab.bA, tab.b)
     a1 = k[-1] if tab.fsal else acceleration(t + h, x1, v1)
-    x_error = tuple(jnp.asarray(h2 * _combine(tab.errorA, k, d)) for d in parts)
-    v_error = tuple(jnp.asarray(h * _combine(tab.error, k, d)) for d in parts)
+    x_error = tuple(jnp.asarray(h2 * _weighted_sum(tab.errorA, k, d)) for d in components)
+    v_error = tuple(jnp.asarray(h * _weighted_sum(tab.error, k, d)) for d in components)
     return Step(x1, v1, a1, x_error, v_error)

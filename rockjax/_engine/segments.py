@@ -29,10 +29,10 @@ from rockjax._options import Options
 from rockjax._outputs.views import Moment
 from rockjax._types import Flag, Index, Value, Values, Vector
 
-from .attempt import units
+from .attempt import natural_units
 from .certificate import certificate
 from .fast_forward.rest import advance_to_uplift
-from .flat import Nodes, blank_nodes, closed, runs
+from .flat import Nodes, blank_nodes, closed, is_running
 from .model import acceleration, uplift_demand
 from .state import LoopState, Plan, Scene
 from .transitions import transition
@@ -68,7 +68,7 @@ def run_segments(
 
     def running(carry):
         state, _ = carry
-        return runs(state, options.max_steps)
+        return is_running(state, options.max_steps)
 
     def body(carry):
         state, nodes = carry
@@ -150,7 +150,7 @@ class _Mode(NamedTuple):
 
 
 def _mode(scene: Scene, state: LoopState) -> _Mode:
-    return _Mode(scene, state.sigma, scene.excitation.piece(state.piece), units(scene.c))
+    return _Mode(scene, state.sigma, scene.excitation.piece(state.piece), natural_units(scene.c))
 
 
 def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:

@@ -1,4 +1,8 @@
-"""Data types of the integration loop: the plan, the scene, the carried state, and the record of a step."""
+"""Data types of the integration loop: the plan, the scene, the carried state, and the record of a step.
+
+A time of an event or breakpoint varies with the parameters. The loop works with its fixed value, called the
+stamp, and carries its derivative separately.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +22,15 @@ from .tableaus import Tableau
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """Choices that are made before tracing.
+    """Choices that are made before tracing; static under `jax.jit`.
 
-    - `elastic`: the superstructure vibrates
-    - `outputs`: the outputs that are followed, the rotation first; each an `AbstractOutput` of
-      `rockjax._outputs`, which this folder knows only by its methods
+    - `elastic`: True if the superstructure vibrates
+    - `outputs`: the outputs that are followed, the rotation first; each is an `AbstractOutput` of
+      `rockjax._outputs`, of which this folder uses only the methods
     - `absent`: outputs that are not requested
-    - `tableau`: the Runge–Kutta method
-    - `to_the_end`: a history goes on until t_end or final rest
-    - `fast_forwards`: names of the fast-forwards that may be used
+    - `tableau`: tableau of the Runge–Kutta method
+    - `to_the_end`: True if the scene is followed until t_end or final rest, for a history
+    - `fast_forwards`: names of the fast-forwards that may be used (see `fast_forward/`)
     """
 
     elastic: bool
@@ -38,17 +42,19 @@ class Plan:
 
     @property
     def refines(self) -> bool:
-        """True if the method is of higher order than the Hermite polynomial, so that peaks are landed on."""
+        """True if the method is of higher order than 5, the degree of the polynomial over a step. Steps then
+        end on peaks."""
         return self.tableau.order > 5
 
     @property
     def follows_contact(self) -> bool:
-        """True if full contact is followed step by step; a rigid podium goes to its next uplift otherwise."""
+        """True if full contact is followed step by step. Otherwise the podium goes directly to its next
+        uplift."""
         return "rest" not in self.fast_forwards
 
     @property
     def follows_impacts(self) -> bool:
-        """True if every impact counts, however slow."""
+        """True if an output needs every impact, however slow."""
         return any(output.follows_impacts for output in self.outputs)
 
     @property
@@ -58,53 +64,53 @@ class Plan:
 
 
 class Scene(NamedTuple):
-    """One podium under one excitation, with everything the loop needs computed once."""
+    """One podium under one excitation, with all constants of the loop."""
 
     c: Coefficients
     excitation: AbstractExcitation
-    lookahead: AbstractLookahead
-    start: Value
-    end: Value
+    lookahead: AbstractLookahead  # answers questions about the remaining excitation
+    start: Value  # start of the scene [s]
+    end: Value  # end of the scene [s]
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest_speed: Value  # rest velocity [rad/s]
     log_restitution: Value  # −ln e
     min_impact_speed: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
-    estimate_factor: Value | None  # factor on error estimates of lower order than usual; None for none
-    pass_below: Value  # error over tolerance up to which samples are passed
-    landing_fraction: Value  # part of a step within which it lands on an event
-    split_fraction: Value  # first of two steps up to a breakpoint, as a part of the distance to it …
-    unsplit_limit: Value  # … if the controller's step is at most this times the distance
-    rtol: Value
-    atol: Value
-    max_step: Value  # longest step [s] …
-    max_excited_step: Value  # … and while the ground moves
-    excitation_end: Value  # end of the excitation
+    estimate_factor: Value | None  # factor on error estimates of unusually low order; None leaves them
+    pass_below: Value  # largest error divided by the tolerance at which a sample is passed without a trial
+    landing_fraction: Value  # a step ends on an event closer to its end than this fraction of its length
+    split_fraction: Value  # length of the first of two steps to a breakpoint, divided by the distance to it
+    unsplit_limit: Value  # a step longer than this multiple of the distance to a breakpoint is not split
+    rtol: Value  # relative tolerance
+    atol: Value  # absolute tolerance, in natural units
+    max_step: Value  # longest step [s]
+    max_excited_step: Value  # longest step during the excitation [s]
+    excitation_end: Value  # end of the excitation [s]
 
 
 class LoopState(NamedTuple):
-    """State of the automaton. Times and steps are constants for derivatives; states at them carry the
-    tangents."""
+    """State of the automaton. Times and step lengths are held constant under differentiation; positions,
+    velocities and records at these times carry the tangents."""
 
-    t: Value
-    event_time: Value  # t with its derivative: the varying time of the event or breakpoint at t
-    x: Vector
-    v: Vector
+    t: Value  # time stamp [s]
+    event_time: Value  # t with the derivative of the event or breakpoint at t [s]
+    x: Vector  # positions
+    v: Vector  # velocities
     sigma: Value  # mode: 0 full contact, ±1 rocking
-    piece: Index
-    h: Value  # the controller's step
-    cut: Value  # a shorter step to land on an event, inf if none is needed
-    code: Index  # results.RUNNING, or how the scene ended
-    records: tuple[Any, ...]  # of the outputs of the plan; they carry tangents. The first is max|θ|
-    notes: tuple[Any, ...]  # beside them; batches do not follow their tangents
-    uplifted: Flag
-    uplift_time: Value
-    overturn_time: Value
-    impacts: Index
-    min_impact_speed: Value  # least impact speed so far …
-    min_impact_speed_before_peak: Value  # … and up to the largest rotation
-    steps: Index
-    rejected: Index
-    passing: Flag | None = None  # samples may be passed from here; None where they never are
+    piece: Index  # piece of the excitation
+    h: Value  # step length of the controller [s]
+    cut: Value  # shorter length to land on an event [s]; inf if none is needed
+    code: Index  # result code, or results.RUNNING
+    records: tuple[Any, ...]  # records of the plan's outputs, with tangents; the first is max|θ|
+    notes: tuple[Any, ...]  # further data of the outputs, without tangents in batches
+    uplifted: Flag  # the columns have lifted
+    uplift_time: Value  # time of the first uplift [s], else NaN
+    overturn_time: Value  # time of overturning [s], else NaN
+    impacts: Index  # number of impacts
+    min_impact_speed: Value  # least |θ̇| before an impact so far [rad/s]
+    min_impact_speed_before_peak: Value  # the same up to the largest rotation [rad/s]
+    steps: Index  # number of accepted steps
+    rejected: Index  # number of rejected steps
+    passing: Flag | None = None  # samples may be passed from here; None if the scene never passes samples
 
     @property
     def peak(self) -> Value:
@@ -112,8 +118,8 @@ class LoopState(NamedTuple):
         return self.records[0]
 
 
-# Fields that carry tangents from step to step. Modes, times and step lengths are constants for derivatives,
-# and recorded event times and impact speeds affect nothing else.
+# Fields with tangents that later steps use. Modes, times and step lengths have none; no later step uses the
+# tangents of notes, event times and impact speeds.
 DIFFERENTIATED = ("event_time", "x", "v", "records")
 
 # Other fields that have a tangent after the first step.
@@ -121,54 +127,57 @@ _REPORTED = ("notes", "uplift_time", "overturn_time", "min_impact_speed", "min_i
 
 
 @jax.custom_jvp
-def _given(numbers):
-    return numbers
+def _with_tangents(values):
+    return values
 
 
-def _given_jvp(primals, tangents):
-    """Give every number a tangent, of the same rows as the tangents that exist."""
-    absent = lambda y: isinstance(y, SymbolicZero)
-    one = next(y for y in jax.tree.leaves(tangents[0], is_leaf=absent) if not absent(y))
-    zero = jax.lax.select(False, one, jnp.zeros_like(one))[(0,) * one.ndim]
+def _with_tangents_jvp(primals, tangents):
+    """Replace symbolic zeros by zero tangents that are batched like the existing tangents."""
+    is_absent = lambda y: isinstance(y, SymbolicZero)
+    existing = next(y for y in jax.tree.leaves(tangents[0], is_leaf=is_absent) if not is_absent(y))
+    zero = jax.lax.select(False, existing, jnp.zeros_like(existing))[(0,) * existing.ndim]
 
-    def full(tangent):
+    def zeros(tangent):
         shape = tangent.aval.shape
         return jnp.broadcast_to(zero, shape) if shape else zero
 
-    return primals[0], jax.tree.map(lambda y: full(y) if absent(y) else y, tangents[0], is_leaf=absent)
+    tangent = jax.tree.map(lambda y: zeros(y) if is_absent(y) else y, tangents[0], is_leaf=is_absent)
+    return primals[0], tangent
 
 
-_given.defjvp(_given_jvp, symbolic_zeros=True)
+_with_tangents.defjvp(_with_tangents_jvp, symbolic_zeros=True)
 
 
 def ready_for_tangents(state: LoopState) -> LoopState:
-    """Return the state, with tangents for all fields that get them in the loop if any field has one.
+    """Return the state with a tangent, possibly zero, for every field that may get one in the loop. A state
+    without any tangent stays as it is.
 
-    JAX differentiates and batches the body of a loop again whenever it finds another field with a tangent.
-    With all tangents from the start it does so only once.
+    JAX transforms the body of a loop again whenever it finds another field with a tangent. If all tangents
+    exist from the start, it does so only once.
     """
-    return state._replace(**_given({name: getattr(state, name) for name in (*DIFFERENTIATED, *_REPORTED)}))
+    fields = {name: getattr(state, name) for name in (*DIFFERENTIATED, *_REPORTED)}
+    return state._replace(**_with_tangents(fields))
 
 
 def differentiated_fields(state: LoopState) -> dict[str, Any]:
-    """Return the fields of a state that carry tangents from step to step."""
+    """Return the fields of a state with tangents that later steps use."""
     return {name: getattr(state, name) for name in DIFFERENTIATED}
 
 
 class Decision(NamedTuple):
-    """All discrete choices of an accepted step. With them a step can be repeated whatever its rounding."""
+    """All discrete choices of an accepted step. With them the step can be repeated, however rounding
+    differs."""
 
-    h: Value
-    reaches: Flag  # the stop
-    lands: Flag  # on an event
-    false_uplift: Flag
-    mode: Value  # afterwards
+    h: Value  # length of the step [s]
+    reaches_stop: Flag  # the step ends at the next breakpoint or at the end of the scene
+    lands: Flag  # the step ends on an event
+    false_uplift: Flag  # the columns return to full contact
+    mode: Value  # mode after the step
 
 
 class StepInfo(NamedTuple):
-    """Record of a trial: whether it was accepted, the time of the impact it ended on (else NaN), and its
-    decision."""
+    """Record of a trial."""
 
     accepted: Flag
-    impact_time: Value
+    impact_time: Value  # time of the impact on which the step ended [s], else NaN
     decision: Decision

@@ -13,7 +13,7 @@ import functools
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.attempt import over_tolerance
+from rockjax._engine.attempt import scaled_error
 from rockjax._engine.coefficients import over_inertia, present
 from rockjax._engine.model import acceleration
 from rockjax._engine.runge_kutta import Step
@@ -70,7 +70,7 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     end = barrier(runge_kutta(nystrom(), moving_field, 0.0, h, state.x, state.v, a))
     # The last sample is not passed: the motion may jump to zero there.
     passes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
-    passes &= constant(over_tolerance(scene, state.x, state.v, end)) <= scene.pass_below
+    passes &= constant(scaled_error(scene, state.x, state.v, end)) <= scene.pass_below
     passes &= _goes_on(scene, state, a, end, h)
     sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (last, end.x, end.v, end.a))
     for output, so_far in zip(plan.outputs, state.records, strict=True):
