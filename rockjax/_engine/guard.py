@@ -113,7 +113,7 @@ def watch(
     may_break = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)
     dips &= is_long(h, scene.max_step)
     turns_twice = turns_more_than_once(fixed, rising, rising_at_end, dips) & may_break
-    margin_at_end, inside, time_past_end, converges, turns_twice = barrier(
+    margin_at_end, break_point, time_past_end, converges, turns_twice = barrier(
         (margin_at_end, break_point, time_past_end, converges, turns_twice)
     )
     return Guard(

@@ -1,12 +1,11 @@
 """The model: equations of motion, uplift demand and impact map, with the paper's equation numbers.
 
-σ ∈ {−1, 0, +1} is the mode: 0 is full contact, ±1 rocking with the sign of θ. One vector field serves all of
-them: with σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ, u_b and u̇_b vanish, and Eq. (22) becomes Eq. (4).
+σ ∈ {−1, 0, +1} is the mode: 0 is full contact, ±1 rocking with the sign of θ. One vector field serves all
+modes: for σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ, u_b and u̇_b vanish, and Eq. (22) becomes Eq. (4).
 
-States are positions x and velocities v, both tuples over the degrees of freedom: (θ,) for rigid podiums, (θ,
-u) with an elastic superstructure, where u is a number for one mode and a row (u_1, …, u_n) for several. The
-number of modes is known before tracing. The equations of modes are the same for both, and `summed` sums over
-modes.
+A state consists of positions x and velocities v. Both are tuples: (θ,) for rigid podiums, (θ, u) with an
+elastic superstructure, where u is a scalar for one vibration mode and an array (u_1, …, u_n) for several. The
+number of vibration modes is static. The equations are the same for one and several; `summed` sums over them.
 
 Restrainers add forces that depend on an elongation and its rate; their equations are numbered (C1) … in
 docs/control.md. A podium without restrainers skips them.
@@ -26,49 +25,51 @@ from rockjax._types import Value, Values, Vector
 
 from .coefficients import Coefficients, ModalConstants, Restraint, present, summed, weighted
 
-# Longest steps near a moment without motion: fractions of the time until it, and of the time since it.
+# Longest step near an instant at which θ̇ = 0, divided by |θ̇/θ̈|: before it, and after it.
 SLOWING, GATHERING = 0.75, 3.0
 
 
 def steady_for(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_ddot: Value) -> Value:
-    """Return the longest step [s] over which the rate of rotation keeps its order of magnitude, for forces
-    with an infinite slope at θ̇ = 0.
+    """Return the longest step [s] over which θ̇ keeps its order of magnitude. It is needed for forces with an
+    infinite slope at θ̇ = 0.
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
 
-    The step is a fraction of the time until the columns stop, or since they started from rest. Steps then
-    approach a moment without motion geometrically, and keep the order of the method although the slope of
-    forces is infinite there. Derivatives stay accurate too, whose error the step-size control does not see.
+    The step is proportional to |θ̇/θ̈|, the time until the columns stop or since they were at rest. Step
+    lengths then decrease geometrically towards an instant with θ̇ = 0, and the method keeps its order
+    although the slope of the force is infinite there. Derivatives stay accurate too, although the
+    step-size control does not see their error.
     """
     speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
-    rounded = restraint.slip / (2 * c.sin_alpha)  # over p
-    share = jnp.where(theta_dot * theta_ddot < 0, SLOWING, GATHERING)
-    still = 0.5 * jnp.sqrt(rounded / c.alpha) / c.p  # from an uplift on, θ̇ ~ t²
-    span = share * (speed + rounded * c.p) / jnp.where(change > 0, change, 1.0)
+    slip_speed = restraint.slip / (2 * c.sin_alpha)  # |θ̇|/p below which the slope is rounded
+    fraction = jnp.where(theta_dot * theta_ddot < 0, SLOWING, GATHERING)
+    from_rest = 0.5 * jnp.sqrt(slip_speed / c.alpha) / c.p  # after an uplift θ̇ ~ t²
+    span = fraction * (speed + slip_speed * c.p) / jnp.where(change > 0, change, 1.0)
     span = jnp.where(change > 0, span, jnp.inf)
-    return jnp.where(speed > 0, span, jnp.minimum(span, still))
+    return jnp.where(speed > 0, span, jnp.minimum(span, from_rest))
 
 
 class Elongation(NamedTuple):
-    """Elongation ℓ of (C1) and its derivative with respect to θ, over R; both are zero in full contact."""
+    """Elongation of a device, and its derivative; both are zero in full contact."""
 
-    stretch: Value
-    lever: Value
+    stretch: Value  # ℓ/R, (C1)
+    lever: Value  # dℓ/dθ divided by R
 
 
 def elongation(c: Coefficients, sigma: Value, theta: Value) -> Elongation:
-    """Return the elongation of a device over both joints of a column."""
+    """Return the elongation of a device that connects beam and foundation across both joints of a column,
+    (C1)."""
     return _elongation(c, sigma, *sincos(0.5 * theta))
 
 
 def _elongation(c: Coefficients, sigma: Value, s: Value, cos: Value) -> Elongation:
-    """Return the elongation from sin θ/2 and cos θ/2."""
+    """Return the elongation from s = sin(θ/2) and cos = cos(θ/2)."""
     return Elongation(4 * c.sin_alpha * sigma * s, 2 * c.sin_alpha * sigma * cos)
 
 
 def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, Elongation]:
-    """Return sin ψ, cos ψ and the elongation from one sine and cosine, of θ/2. cos ψ is not valid in full
+    """Return sin ψ, cos ψ and the elongation, all from the sine and cosine of θ/2. cos ψ is not valid in full
     contact."""
     s, cos = barrier(sincos(0.5 * theta))
     sin_theta, cos_theta = 2 * s * cos, 1 - 2 * s * s
@@ -80,8 +81,8 @@ def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, 
 def _restraint(
     c: Coefficients, restraint: Restraint, open_by: Elongation, theta_dot: Value
 ) -> tuple[Value, Value | float]:
-    """Return the moment of restrainers, which the right side of Eq. (24) loses, and their addition to its
-    inertia, (C8)."""
+    """Return the moment of the restrainers, which is subtracted on the right side of Eq. (24), and their
+    addition to the inertia, (C8)."""
     stretch, lever = open_by
     rate = lever * theta_dot / c.p
     against = (
@@ -121,7 +122,7 @@ def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
 
 
 def _relief(c: Coefficients, ground: Shaking) -> Value:
-    """Return q_up(t) over its static value, (C10): positive as long as g + v̈_g is."""
+    """Return q_up(t) divided by its static value, (C10). It is positive as long as g + v̈_g is positive."""
     return 1 + present(c.tilt) * ground.vertical / c.uplift
 
 
@@ -209,7 +210,8 @@ def plus(value: Value, addend: Value | float) -> Value: ...
 @overload
 def plus(value: float, addend: float) -> float: ...
 def plus(value: Value | float, addend: Value | float) -> Value | float:
-    """Return the sum, or the value alone if nothing is to be added, which is known before tracing."""
+    """Return the sum of an array and an addend. The addend 0.0, a Python float, stands for nothing to
+    add: the value itself is returned, and nothing is compiled."""
     return value if isinstance(addend, float) else value + addend
 
 
@@ -220,8 +222,8 @@ def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities
 
-    The columns uplift where |q| exceeds `c.uplift`, to the side −sign q. Under vertical motion q is divided
-    by q_up(t) over its static value, (C10), so that the threshold stays the same.
+    The columns uplift if |q| exceeds `c.uplift`, to the side −sign q. Under vertical motion q is divided by
+    the ratio of q_up(t) to its static value, (C10), so that the threshold is constant.
     """
     q = horizontal_demand(c, ground, x, v)
     return q / _relief(c, ground) if isinstance(ground, Shaking) else q
@@ -241,37 +243,43 @@ def horizontal_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Ve
 
 
 def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
-    """Return the demand and its first two derivatives in time, from those of the ground motion and of the
-    state (x, v). In full contact everything is linear except the weight, which vertical motion changes."""
+    """Return the demand q in full contact and its first two derivatives in time.
+
+    - `c`: constants of the podium
+    - `grounds`: ground acceleration and its first two derivatives in time
+    - `states`: (x, v) and its first two derivatives in time
+
+    Eq. (9) is linear, so it also maps derivatives. Under vertical motion the quotient rule is applied.
+    """
     if not isinstance(grounds[0], Shaking):
         return tuple(uplift_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))  # pyright: ignore[reportReturnType]
     q, q1, q2 = (horizontal_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))
     r = _relief(c, grounds[0])
     r1, r2 = (present(c.tilt) * ground.vertical / c.uplift for ground in grounds[1:])
-    share = q / r
-    rate = (q1 - share * r1) / r
-    return share, rate, (q2 - 2 * rate * r1 - share * r2) / r
+    demand = q / r
+    rate = (q1 - demand * r1) / r
+    return demand, rate, (q2 - 2 * rate * r1 - demand * r2) / r
 
 
 def impact(c: Coefficients, theta_dot: Value) -> Value:
-    """Return θ̇ after an impact, Eq. (27): the sense of rotation stays; u_t and u̇_t are continuous, Eq.
-    (26).
+    """Return θ̇ after an impact [rad/s], Eq. (27).
 
-    If e ≤ 0 the result is 0: rocking ends.
+    The sense of rotation stays, and u_t and u̇_t are continuous, Eq. (26). If e ≤ 0 the result is 0, and
+    rocking ends.
     """
     return jnp.maximum(c.restitution, 0.0) * theta_dot
 
 
 def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector) -> Value:
-    """Return the shear of the superstructure over its weight V_s/(m_t g) [–], Eq. (7).
+    """Return the shear of the superstructure divided by its weight, V_s/(m_t g) [–], Eq. (7).
 
     - `c`: constants of the podium
     - `sigma`: mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
 
-    It is the absolute horizontal acceleration of the superstructure over −g; with several modes, the mean
-    over the modal masses and the residual mass.
+    It is the absolute horizontal acceleration of the superstructure divided by −g. With several vibration
+    modes this is the weighted mean over the modal masses and the residual mass.
     """
     ground = horizontal(ground)
     if c.vibration is None:
@@ -292,17 +300,17 @@ def _carried(
     v: Vector,
     a: Vector,
 ) -> Value:
-    """Return Σ w_i(ü_i + ü_g) over the retained modes, plus 1 − Σ w_i times the beam's absolute
-    acceleration."""
-    found = weighted(weights, a[1] + ground)
+    """Return Σ w_i(ü_i + ü_g) + (1 − Σ w_i) a_b: the retained modes i, and the absolute acceleration a_b
+    of the beam for the residual mass if there is one."""
+    of_modes = weighted(weights, a[1] + ground)
     if modal.residual is None:
-        return found
-    return found + (1 - summed(weights)) * beam_absolute(c, sigma, ground, x, v, a)
+        return of_modes
+    return of_modes + (1 - summed(weights)) * beam_absolute(c, sigma, ground, x, v, a)
 
 
 def drift_weights(floors: Values) -> Values:
-    """Return Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i; the drift of a story is their sum weighted by
-    the modal deformations."""
+    """Return Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, from Γ_iφ_ji of each floor j. The drift of a
+    story is the sum of these weights times the deformations of the modes."""
     return jnp.concatenate([floors[:1], floors[1:] - floors[:-1]])
 
 
@@ -316,7 +324,8 @@ def floor_accelerations(
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
 
-    They are −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b over the retained modes, with F_i = −(ü_i + ü_g).
+    For floor j it is −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b, summed over the retained modes i, with the absolute
+    acceleration a_b of the beam and F_i = −(ü_i + ü_g).
     """
     modal, ground = present(c.modal), horizontal(ground)
     of_floor = lambda weights: _carried(c, modal, weights, sigma, ground, x, v, a)

@@ -1,4 +1,8 @@
-"""Preparation of a scene for the loop: the plan, the constants and the initial state."""
+"""Preparation of a scene for the loop: the plan, the constants and the initial state.
+
+A scene may be solved a second time with finer settings (`Options._stride` < 1) to estimate its error.
+This second solution is called the closer solution here, and the first one the usual solution.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +41,9 @@ def plan_for(
 ) -> Plan:
     """Return the choices that are made before tracing.
 
-    - `podium`, `options`: of the scenes
-    - `history`: whether the accepted steps are kept
-    - `extra_outputs`: outputs that are followed besides those of the options
+    - `podium`, `options`: structure and solver options of the scenes
+    - `history`: True if the accepted steps are stored
+    - `extra_outputs`: outputs that are followed in addition to the requested ones
     """
     elastic = podium.vibrates
     velocities = elastic or bool(podium.restrainers) or options.engine != "flat"
@@ -48,9 +52,10 @@ def plan_for(
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
     outputs = (rotation, *others, *extra_outputs)
-    # A history keeps every step; a requested method of lower order makes a trial of every sample.
-    short = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
-    names = allowed(outputs, short)
+    # A history stores every step, so neither bounces nor samples are passed. Samples are passed with a
+    # method of high order, and are followed with a method of lower order, which the user has requested.
+    eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
+    names = allowed(outputs, eligible)
     return Plan(
         elastic=elastic,
         outputs=outputs,
@@ -62,11 +67,14 @@ def plan_for(
 
 
 def as_compiled(podium: Podium, options: Options) -> Options:
-    """Return the options with defaults for everything that does not affect the program: the order of outputs,
-    outputs that the podium does not have, `history` and `throw`. Equal requests then share one program."""
-    numbers, structure = jax.tree.flatten(options)
+    """Return the options with defaults for everything that does not affect the program.
+
+    This is the order of outputs, outputs that do not apply to the podium, `history` and `throw`. Equivalent
+    requests then share one program.
+    """
+    parameters, structure = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
-    return jax.tree.unflatten(_as_compiled(structure, applicable), numbers)
+    return jax.tree.unflatten(_as_compiled(structure, applicable), parameters)
 
 
 @functools.lru_cache(maxsize=256)
@@ -74,28 +82,30 @@ def _as_compiled(structure, applicable: frozenset[str]):
     """Return the tree structure of the options for `as_compiled`."""
     options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
     user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
-    applicable_of = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
-    outputs = applicable_of(options.outputs) or (() if user_outputs else options.outputs)
-    if outputs == applicable_of(PEAKS):
+    select = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
+    outputs = select(options.outputs) or (() if user_outputs else options.outputs)
+    if outputs == select(PEAKS):
         outputs = PEAKS
     return jax.tree.structure(options.replace(outputs=(*outputs, *user_outputs), history=HISTORY, throw=True))
 
 
-# The closer solution, which estimates errors, has a lower rest velocity: the speed after this many further
-# impacts, at most half of the usual one. The least fraction of it holds for rigid podiums that hop on for
-# long, where an impact takes less than the last factor times rtol.
+# The rest velocity is lower in the closer solution, by the factor e³ (three impacts later), limited to
+# [MIN_REST, MAX_REST]. For rigid podiums that lose little speed in an impact, 1 − e < LITTLE_LOSS · rtol, the
+# factor is MIN_REST.
 IMPACTS_LATER, MAX_REST, MIN_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
-# Part of a step within which its quintic carries the state on to an event: times √rtol, and at most.
+# A step ends on an event if the event is closer to its end than LANDING · √rtol times its length, limited to
+# MAX_LANDING. The Taylor expansion at the end of the step then carries the state to the event.
 LANDING, MAX_LANDING = 10.0, 0.02
-# Up to a breakpoint the usual solution takes one step or halves it. The closer solution splits at a third,
-# so that its errors differ; after an event too, unless the controller's step is twice as long.
+# If a breakpoint is less than two steps away, the usual solution takes one step or two equal steps to it. The
+# closer solution takes a third of the distance first, so that its errors differ. It does so also for a step
+# that could end at the breakpoint, unless the controller's step is more than twice the distance.
 SPLIT, SPLIT_CLOSER, UNSPLIT_CLOSER = 0.5, 1 / 3, 2.0
-LANDING_CLOSER = 0.1  # times LANDING in the closer solution, so that its landing errors differ as well
+LANDING_CLOSER = 0.1  # factor on the landing fraction in the closer solution, so that landing errors differ
 
 
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
-    """Return the default end of a scene [s]: the end of the excitation plus 30/p, or plus 10 T_s if that is
-    longer."""
+    """Return the default end of a scene [s]: max(30/p, 10 T_s) after the end of the excitation, with the
+    longest period T_s of the superstructure."""
     after = 30 / podium.p
     modes = None if podium.superstructure is None else podium.superstructure.oscillators
     if modes is not None:
@@ -105,15 +115,18 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
 
 
 def _closer(options: Options, closer: Value | float, usual: Value | float) -> Value:
-    """Return one of two numbers: that of the closer solution, which estimates errors, or the usual one."""
+    """Return the value `closer` for the closer solution, else the value `usual`."""
     return jnp.where(options._stride < 1, closer, usual)
 
 
 def _estimate_factor(plan: Plan, options: Options) -> Value | None:
-    """Return the factor that corrects an error estimate of lower order than usual at the step length it
-    allows; None for an estimate of the usual order."""
-    behind = plan.tableau.order - 1 - plan.tableau.estimate
-    return jnp.asarray(options.rtol) ** (behind / plan.tableau.order) if behind else None
+    """Return the factor on error estimates of unusually low order.
+
+    An estimate is usually one order lower than the method; then the result is None. A missing order n
+    makes the estimate too large by about rtol^(−n/order) at the step length that the tolerance allows.
+    """
+    missing_order = plan.tableau.order - 1 - plan.tableau.estimate
+    return jnp.asarray(options.rtol) ** (missing_order / plan.tableau.order) if missing_order else None
 
 
 def _max_step(c: Coefficients) -> Value:
@@ -132,10 +145,10 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
     max_excited_step = jnp.where(
         duration > 0, jnp.minimum(max_step, options._stride * duration / 16), max_step
     )
-    pair = isinstance(excitation, GroundMotion)
-    parts = (excitation.horizontal, excitation.vertical) if pair else (excitation,)
-    intervals = [part.sampling.dt for part in parts if isinstance(part, AbstractSampled)]
-    if len(intervals) == len(parts):  # steps end on every sample, so the longest are the sampling interval
+    is_pair = isinstance(excitation, GroundMotion)
+    components = (excitation.horizontal, excitation.vertical) if is_pair else (excitation,)
+    intervals = [component.sampling.dt for component in components if isinstance(component, AbstractSampled)]
+    if len(intervals) == len(components):  # steps end on every sample, so none is longer than the interval
         shortest = functools.reduce(jnp.minimum, intervals)
         max_excited_step = _closer(
             options, jnp.minimum(max_excited_step, (1 - SPLIT_CLOSER) * shortest), max_excited_step
@@ -151,9 +164,10 @@ def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> A
 
 
 def _landing_fraction(options: Options) -> Value:
-    """Return the part of a step within which it lands on an event."""
-    part = jnp.minimum(LANDING * jnp.sqrt(options.rtol), MAX_LANDING)
-    return part * _closer(options, LANDING_CLOSER, 1.0)
+    """Return the largest distance of an event from the end of a step that still lands on it, divided by the
+    length of the step."""
+    fraction = jnp.minimum(LANDING * jnp.sqrt(options.rtol), MAX_LANDING)
+    return fraction * _closer(options, LANDING_CLOSER, 1.0)
 
 
 def _rest_speed(c: Coefficients, options: Options) -> Value:
@@ -162,28 +176,29 @@ def _rest_speed(c: Coefficients, options: Options) -> Value:
     The closer solution lets them rest some impacts later, which reveals the error of the rest velocity.
     """
     relative = options.rtol if options.rest_velocity is None else options.rest_velocity
-    left = jnp.clip(c.restitution, 0.0, 1.0)
-    later = jnp.clip(left**IMPACTS_LATER, MIN_REST, MAX_REST)
-    if c.vibration is None:  # with vibration, the superstructure takes up the speed that impacts leave
-        later = jnp.where(1 - left < LITTLE_LOSS * options.rtol, MIN_REST, later)
-    return relative * c.p * c.alpha * _closer(options, later, 1.0)
+    e = jnp.clip(c.restitution, 0.0, 1.0)
+    closer_factor = jnp.clip(e**IMPACTS_LATER, MIN_REST, MAX_REST)
+    if c.vibration is None:  # otherwise the superstructure also damps the hops
+        closer_factor = jnp.where(1 - e < LITTLE_LOSS * options.rtol, MIN_REST, closer_factor)
+    return relative * c.p * c.alpha * _closer(options, closer_factor, 1.0)
 
 
 def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
-    """Return positions and velocities at the start; one number may stand for all modes."""
+    """Return positions and velocities at the start. A scalar u_t or u̇_t applies to all modes."""
     if modes is None:
         return (initial.theta,), (initial.theta_dot,)
 
-    def of_modes(given: Any) -> Values:
+    def of_modes(value: Any) -> Values:
         if modes.modal is None:
-            return given[0] if isinstance(given, tuple) else given
-        return joined(as_many(given, modes.omega2.size))
+            return value[0] if isinstance(value, tuple) else value
+        return joined(as_many(value, modes.omega2.size))
 
     return (initial.theta, of_modes(initial.u_t)), (initial.theta_dot, of_modes(initial.u_t_dot))
 
 
 def _total(values: Values) -> Value:
-    """Return one number that is finite if all numbers of a row are."""
+    """Return the sum of an array, which is finite only if all elements are finite; a scalar stays as it
+    is."""
     return jnp.sum(values) if values.ndim else values
 
 
@@ -197,7 +212,7 @@ def prepare(
 ) -> tuple[Scene, LoopState]:
     """Return the prepared scene and its state at the start of the excitation.
 
-    - `podium`, `excitation`: structure and ground motion, with scalar numbers
+    - `podium`, `excitation`: structure and ground motion, with scalar parameters
     - `initial`: initial state
     - `t_end`: end of the scene [s]; None for the default
     - `options`, `plan`: options of the solver, and the static choices made from them
@@ -230,7 +245,7 @@ def _scene(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest_speed=rest_speed,
         estimate_factor=_estimate_factor(plan, options),
-        pass_below=_closer(options, 0.0, 1.0),  # none in the closer solution, to reveal their error
+        pass_below=_closer(options, 0.0, 1.0),  # the closer solution passes none, which reveals their error
         log_restitution=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         min_impact_speed=constant(rest_speed / jnp.maximum(c.restitution, jnp.finfo(rest_speed.dtype).tiny)),
         landing_fraction=_landing_fraction(options),
@@ -252,22 +267,22 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
     is_rocking = (initial.theta != 0) | (initial.theta_dot != 0)
     x, v = _start(c.vibration, initial)
     q = uplift_demand(c, excitation.piece(piece)(t), x, v)
+    # The sign of an initial rotation gives the mode; at θ = 0, the sign of an initial velocity.
     side = jnp.where(initial.theta != 0, jnp.sign(initial.theta), jnp.sign(initial.theta_dot))
     sigma = constant(jnp.where(is_rocking, side, contact_mode(c, q)))
-    # An initial rotation gives the mode; at θ = 0 an initial velocity gives it.
     toppled = jnp.abs(initial.theta) >= scene.overturn_angle
-    sane = jnp.all(jnp.isfinite(jnp.stack([*map(_total, jax.tree.leaves((c, start, end, x, v)))])))
-    sane &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
-    begins = jnp.where(start >= end, results.END_OF_TIME, results.RUNNING)
-    code = jnp.where(toppled, results.OVERTURNED, begins)
+    is_valid = jnp.all(jnp.isfinite(jnp.stack([*map(_total, jax.tree.leaves((c, start, end, x, v)))])))
+    is_valid &= (c.alpha > 0) & (c.p > 0) & (c.inertia > 0)
+    code = jnp.where(start >= end, results.END_OF_TIME, results.RUNNING)
+    code = jnp.where(toppled, results.OVERTURNED, code)
     nan, inf = jnp.full_like(t, jnp.nan), jnp.full_like(t, jnp.inf)
 
     def moment() -> Moment:
         ground = excitation.piece(piece)(t)
         return Moment(c, sigma, t, ground, x, v, acceleration(c, sigma, ground, x, v))
 
-    begin = Start(scene, initial, start, moment)
-    records = [output.start(begin) for output in plan.outputs]
+    view = Start(scene, initial, start, moment)
+    records_and_notes = [output.start(view) for output in plan.outputs]
     x, v = restart(scene, t, start - t, x, v, sigma, piece)
     state = LoopState(
         t=t,
@@ -278,9 +293,9 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         piece=piece,
         h=0.05 * scene.max_excited_step,
         cut=inf,
-        code=jnp.where(sane, code, results.NOT_FINITE).astype(jnp.int32),
-        records=tuple(record for record, _ in records),
-        notes=tuple(note for _, note in records),
+        code=jnp.where(is_valid, code, results.NOT_FINITE).astype(jnp.int32),
+        records=tuple(record for record, _ in records_and_notes),
+        notes=tuple(note for _, note in records_and_notes),
         uplifted=sigma != 0,
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),
@@ -292,6 +307,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         passing=jnp.zeros((), bool) if passes_samples(scene, plan) else None,
     )
     if isinstance(excitation, GroundMotion):
-        weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0
-        state = state._replace(code=jnp.where(weightless, results.WEIGHTLESS, state.code).astype(jnp.int32))
+        is_weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0
+        code = jnp.where(is_weightless, results.WEIGHTLESS, state.code)
+        state = state._replace(code=code.astype(jnp.int32))
     return state

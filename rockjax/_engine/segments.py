@@ -1,16 +1,16 @@
-"""The segments engine: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`, with the impact map
-between segments.
+"""The segments engine: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`.
 
-It cross-checks the flat engine and accepts any Diffrax solver. Both share the equations, the guard, the
-impact map, the certificate and the direct search for the next uplift of rigid scenes. Events alone are not
-accurate enough, so four corrections are made:
+A segment is the motion between two events or breakpoints; the impact map and the other transitions apply
+between segments. The engine cross-checks the flat engine and accepts any Diffrax solver. Both engines
+share the equations, the transitions, the certificate and the direct search for the next uplift of rigid
+scenes. Diffrax's events alone are not accurate enough, so four corrections are made:
 
-- The root on the interpolant is only a first guess: the segment is solved again to end there, and finished by
-  Newton.
-- A guard that breaks and recovers between the ends of a step is found on a dense sample, and the segment is
-  cut there.
-- A segment that starts on its own guard starts exactly on it, with a first step that fits the hop.
-- Peaks are solved to, not interpolated.
+- The event on the interpolant is a first guess. The segment is solved again up to the guess, and Newton's
+  method finds the event from there.
+- The interpolant is sampled densely. If the guard breaks and recovers between the ends of a step, the
+  segment is solved again up to there.
+- After an impact or an uplift the guard is exactly zero, and the first step is shorter than the hop.
+- The segment is solved up to a peak; the peak is not interpolated.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from .model import acceleration, uplift_demand
 from .state import LoopState, Plan, Scene
 from .transitions import transition
 
-STEPS = 4096  # of one solve; a longer segment is continued
-SAMPLES = 513  # of the interpolant, to look for peaks and missed events
-State2 = tuple[Vector, Vector]
-Rows = tuple[Float[Array, " n ..."], ...]  # rows over nodes, for each degree of freedom
+STEPS = 4096  # limit of steps of one solve; a longer segment is continued by another solve
+SAMPLES = 513  # number of samples of the interpolant, on which peaks and missed events are found
+State2 = tuple[Vector, Vector]  # positions and velocities
+Rows = tuple[Float[Array, " n ..."], ...]  # for each degree of freedom, values at n nodes
 
 
 def run_segments(
@@ -50,15 +50,15 @@ def run_segments(
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: initial state
-    - `options`: options with the solver
-    - `capacity`: number of nodes to store, None for none
+    - `options`: options, which hold the Diffrax solver
+    - `capacity`: number of nodes to store; None stores none
 
-    Returns the final state, and the accepted steps or None.
+    Returns the final state, and the accepted steps as nodes or None.
     """
     nodes = None
     if capacity is not None:
         nodes = blank_nodes(state, capacity)
-        nodes = _keep(
+        nodes = _append(
             nodes,
             state,
             jnp.full((1,), state.t),
@@ -66,7 +66,7 @@ def run_segments(
             tuple(y[None] for y in state.v),
         )
 
-    def running(carry):
+    def condition(carry):
         state, _ = carry
         return is_running(state, options.max_steps)
 
@@ -79,25 +79,25 @@ def run_segments(
             state, nodes = carry
             state, _ = advance_to_uplift(scene, plan, state)
             if nodes is not None:
-                one = (state.t[None], tuple(y[None] for y in state.x), tuple(y[None] for y in state.v))
-                nodes = _keep(nodes, state, *one)
+                node = (state.t[None], tuple(y[None] for y in state.x), tuple(y[None] for y in state.v))
+                nodes = _append(nodes, state, *node)
             return state, nodes
 
         return jax.lax.cond(
             state.sigma == 0, advance, lambda c: _segment(scene, plan, options, *c), (state, nodes)
         )
 
-    state, nodes = jax.lax.while_loop(running, body, (state, nodes))
+    state, nodes = jax.lax.while_loop(condition, body, (state, nodes))
     code = closed(scene, state).code
     if nodes is not None:
         code = jnp.where(nodes.used > nodes.t.shape[0], results.HISTORY_FULL, code)
     return state._replace(code=code), nodes
 
 
-def _keep(
+def _append(
     nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, sigma=None, piece=None, impact_time=None
 ) -> Nodes:
-    """Append nodes; those with a time of inf are padding."""
+    """Append nodes at the times `ts`; nodes with the time inf are left out."""
     valid = jnp.isfinite(ts)
     at = jnp.where(valid, nodes.used + jnp.cumsum(valid, dtype=jnp.int32) - 1, nodes.t.shape[0])
 
@@ -116,8 +116,8 @@ def _keep(
 
 
 class _Mode(NamedTuple):
-    """Equations of one mode on one piece of the ground motion, in states (x, v) and in states over their
-    units."""
+    """Equations of one mode on one piece of the ground motion. Diffrax integrates states that are divided by
+    their natural units (`scaled`)."""
 
     scene: Scene
     sigma: Value
@@ -143,7 +143,7 @@ class _Mode(NamedTuple):
         return self.scaled((v, self.rates(t, x, v)))
 
     def guard(self, t, x, v):
-        """Return the guard, positive inside the mode, as in the flat engine."""
+        """Return the distance of the guard to its nearest limit, positive inside the mode."""
         angle = self.sigma * x[0]
         lift = self.scene.c.uplift - jnp.abs(uplift_demand(self.scene.c, self.ground_at(t), x, v))
         return jnp.where(self.rocking, jnp.minimum(angle, self.scene.overturn_angle - angle), lift)
@@ -154,14 +154,14 @@ def _mode(scene: Scene, state: LoopState) -> _Mode:
 
 
 def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:
-    """Return a function (t1, what to save, event) ↦ Diffrax's solution from the state to t1."""
+    """Return the function (t1, saveat, event) ↦ solution by Diffrax from the state to t1, or to the event."""
     scene, t0 = mode.scene, state.t
     start = mode.scaled((state.x, state.v))
     a0 = mode.rates(t0, state.x, state.v)
     fresh = mode.rocking & (state.x[0] == 0)
     returns = fresh & (state.v[0] * a0[0] < 0)
     hop = jnp.where(returns, -0.5 * state.v[0] / jnp.where(returns, a0[0], 1.0), jnp.inf)
-    first = jnp.minimum(jnp.minimum(0.05 * scene.max_excited_step, hop), stop - t0)
+    first_step = jnp.minimum(jnp.minimum(0.05 * scene.max_excited_step, hop), stop - t0)
     controller = diffrax.PIDController(
         rtol=scene.rtol,
         atol=scene.atol,
@@ -175,7 +175,7 @@ def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Cal
             solver,
             t0,
             t1,
-            jnp.minimum(first, t1 - t0),
+            jnp.minimum(first_step, t1 - t0),
             start,
             saveat=saveat,
             stepsize_controller=controller,
@@ -189,28 +189,28 @@ def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Cal
 
 
 class _Path(NamedTuple):
-    """A segment, solved until its guard broke or to its stop."""
+    """A segment, solved until its guard breaks or to its stop."""
 
     mode: _Mode
-    solve: Callable[..., Any]
-    solution: Any
-    start: Value
-    stop: Value
-    reached: Value
+    solve: Callable[..., Any]  # as returned by `_solver`
+    solution: Any  # Diffrax's solution
+    start: Value  # time of the start [s]
+    stop: Value  # time of the next breakpoint, of the end of the scene or of the cut [s]
+    reached: Value  # time that the solution has reached [s]
     fired: Flag  # the guard broke
-    times: Value  # samples, between the ends of the steps too
-    samples: State2
+    times: Value  # times of the samples [s]
+    samples: State2  # positions and velocities at these times
 
     def solve_to(self, t1) -> State2:
-        """Return the state at t1, from a solve that ends there."""
+        """Return the state at t1, from a new solution that ends there."""
         t0, p = self.start, self.mode.scene.c.p
         inside = jnp.maximum(t1, t0 + 4 * jnp.finfo(t0.dtype).eps * (jnp.abs(t0) + 1 / p))
         solution = self.solve(inside, diffrax.SaveAt(t1=True))
         return self.mode.natural(jax.tree.map(lambda y: y[0], solution.ys))
 
     def missed(self) -> tuple[Flag, Value]:
-        """Return whether the guard broke between the ends of steps without notice, and the first such time
-        (else inf)."""
+        """Return whether the guard is broken at a sample although no event was reported, and the time of the
+        first such sample [s] (else inf)."""
         mode, c, times = self.mode, self.mode.scene.c, self.times
         values = jax.vmap(mode.guard)(times, *self.samples)
         scale = jnp.where(mode.rocking, c.alpha, c.uplift)
@@ -219,12 +219,13 @@ class _Path(NamedTuple):
         return missed, jnp.where(missed, times[jnp.argmax(broken)], jnp.inf)
 
     def end(self) -> tuple[Value, Vector, Vector]:
-        """Return time and state at the end of the segment; an event is solved to its guess and finished by
-        Newton."""
+        """Return time and state at the end of the segment.
+
+        The segment is solved again up to the reported time of the event, and two Newton steps lead from
+        there to the event.
+        """
         mode, fired, t0 = self.mode, self.fired, self.start
-        guess = jnp.where(fired, self.reached, t0 + 0.5 * (self.reached - t0))
-        x, v = self.solve_to(jnp.where(fired, guess, self.reached))
-        ended = jnp.where(fired, guess, self.reached)
+        x, v = self.solve_to(self.reached)
 
         def newton(_, carry):
             t, x, v = carry
@@ -236,11 +237,16 @@ class _Path(NamedTuple):
             v = tuple(r + delta * s for r, s in zip(v, a, strict=True))
             return t + delta, x, v
 
-        return jax.lax.fori_loop(0, 2, newton, (ended, x, v))
+        return jax.lax.fori_loop(0, 2, newton, (self.reached, x, v))
 
     def largest(self, quantity, record) -> tuple[Value, Value]:
-        """Return (value, time) of the largest |quantity| of the segment; a maximum inside that beats the
-        record is solved to."""
+        """Return the largest |quantity| of the segment and its time [s].
+
+        - `quantity`: (t, x, v) ↦ the quantity
+        - `record`: largest value so far
+
+        The segment is solved again up to a maximum inside it, if that may exceed the record.
+        """
         values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)
         here = self.times[k]
@@ -261,12 +267,12 @@ class _Path(NamedTuple):
             return jnp.where(up, mid, lo), jnp.where(up, hi, mid)
 
         lo, _ = jax.lax.fori_loop(0, 40, halve, (lo, hi))
-        at = jnp.where(inside, lo, here)
-        worth = values[k] > record * (1 - 1e-2)
-        best = jax.lax.cond(
-            worth & inside, lambda: jnp.abs(quantity(at, *self.solve_to(at))), lambda: values[k]
+        time = jnp.where(inside, lo, here)
+        may_exceed = values[k] > record * (1 - 1e-2)
+        value = jax.lax.cond(
+            may_exceed & inside, lambda: jnp.abs(quantity(time, *self.solve_to(time))), lambda: values[k]
         )
-        return best, at
+        return value, time
 
 
 def _path(mode: _Mode, options: Options, state: LoopState) -> _Path:
@@ -291,16 +297,16 @@ def _path(mode: _Mode, options: Options, state: LoopState) -> _Path:
 class _Arrival(NamedTuple):
     """The end of a segment, after the transition of the automaton."""
 
-    t: Value
-    x: Vector
-    v: Vector
-    sigma: Value
-    piece: Index
-    ground: Value  # ground acceleration on the piece that follows
-    speed: Value  # |θ̇| before an impact
-    hit: Flag
-    toppled: Flag
-    finite: Flag
+    t: Value  # time [s]
+    x: Vector  # positions
+    v: Vector  # velocities
+    sigma: Value  # mode
+    piece: Index  # piece of the excitation that follows
+    ground: Value  # ground acceleration on that piece [m/s²]
+    speed: Value  # |θ̇| before the transition [rad/s]
+    hit: Flag  # the segment ended with an impact
+    toppled: Flag  # the segment ended at the overturning angle
+    finite: Flag  # time and state before the transition are finite
 
 
 def _arrival(path: _Path, state: LoopState) -> _Arrival:
@@ -319,7 +325,7 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
 
 
 def _raised(path: _Path, output: Any, record: Values) -> Values:
-    """Return the updated record of an output; numbers of a row are updated one after another."""
+    """Return the updated record of an output; elements of an array are updated one after another."""
     mode = path.mode
 
     def quantity(t, x, v):
@@ -329,28 +335,28 @@ def _raised(path: _Path, output: Any, record: Values) -> Values:
     if not record.ndim:
         return jnp.maximum(record, path.largest(quantity, record)[0])
 
-    def of_one(numbered):
-        k, record = numbered
+    def raise_element(index_and_record):
+        k, record = index_and_record
         largest, _ = path.largest(lambda t, x, v: quantity(t, x, v)[k], record)
         return jnp.maximum(record, largest)
 
-    return jax.lax.map(of_one, (jnp.arange(record.size), record))
+    return jax.lax.map(raise_element, (jnp.arange(record.size), record))
 
 
 def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopState:
-    """Return the state after the segment, with its records."""
+    """Return the state after the segment, with updated records."""
     mode, scene = path.mode, path.mode.scene
     sigma = mode.sigma
     peak, peak_time = path.largest(lambda t, x, v: sigma * x[0], state.peak)
     peak = jnp.where(end.toppled, scene.overturn_angle, jnp.minimum(peak, scene.overturn_angle))
     peak_time = jnp.where(end.toppled, end.t, peak_time)
-    raises = mode.rocking & (peak > state.peak)
-    records = [jnp.where(raises, peak, state.peak)]
-    notes = [jnp.where(raises, peak_time, state.notes[0])]
+    raises_peak = mode.rocking & (peak > state.peak)
+    records = [jnp.where(raises_peak, peak, state.peak)]
+    notes = [jnp.where(raises_peak, peak_time, state.notes[0])]
     for output, record, note in list(zip(plan.outputs, state.records, state.notes, strict=True))[1:]:
         records.append(record if output.follows_impacts else _raised(path, output, record))
         notes.append(note)
-    starts = ~mode.rocking & (end.sigma != 0)
+    uplifts = ~mode.rocking & (end.sigma != 0)
     stats = path.solution.stats
     return state._replace(
         t=end.t,
@@ -362,15 +368,15 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
         cut=jnp.full_like(end.t, jnp.inf),
         records=tuple(records),
         notes=tuple(notes),
-        uplifted=state.uplifted | starts,
-        uplift_time=jnp.where(starts & ~state.uplifted, end.t, state.uplift_time),
+        uplifted=state.uplifted | uplifts,
+        uplift_time=jnp.where(uplifts & ~state.uplifted, end.t, state.uplift_time),
         overturn_time=jnp.where(end.toppled, end.t, state.overturn_time),
         impacts=state.impacts + end.hit.astype(jnp.int32),
         min_impact_speed=jnp.where(
             end.hit, jnp.minimum(state.min_impact_speed, end.speed), state.min_impact_speed
         ),
         min_impact_speed_before_peak=jnp.where(
-            raises, state.min_impact_speed, state.min_impact_speed_before_peak
+            raises_peak, state.min_impact_speed, state.min_impact_speed_before_peak
         ),
         steps=state.steps + jnp.maximum(stats["num_accepted_steps"], 1).astype(state.steps.dtype),
         rejected=state.rejected + stats["num_rejected_steps"].astype(state.steps.dtype),
@@ -378,8 +384,11 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 
 
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
-    """Advance by one segment, or return the same state with a cut if the guard broke without notice; return
-    the stored nodes as well."""
+    """Advance by one segment, and append its steps to the nodes.
+
+    If the guard broke and no event was reported, the state stays, and its `cut` is the time up to which the
+    segment is solved next.
+    """
     path = _path(_mode(scene, state), options, state)
     missed, cut = path.missed()
     end = _arrival(path, state)
@@ -395,14 +404,14 @@ def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes
     again = state._replace(cut=cut, rejected=state.rejected + jnp.maximum(count, 1).astype(state.steps.dtype))
     after = jax.tree.map(lambda yes, no: jnp.where(missed, yes, no), again, advanced)
     if nodes is not None:
-        # The solver's own steps, short of the end, then the end itself.
+        # First the solver's steps before the end, then the end itself.
         ts = path.solution.ts
         inner = jnp.where((ts < end.t) & (ts > state.t) & ~missed, ts, jnp.inf)
         xs, vs = jax.vmap(path.mode.natural)(path.solution.ys)
-        nodes = _keep(nodes, state, inner, xs, vs)
+        nodes = _append(nodes, state, inner, xs, vs)
         at = jnp.where(missed, jnp.inf, end.t)[None]
         at_end = (tuple(y[None] for y in advanced.x), tuple(y[None] for y in advanced.v))
-        nodes = _keep(
+        nodes = _append(
             nodes, state, at, *at_end, end.sigma, advanced.piece, jnp.where(end.hit, end.t, jnp.nan)
         )
         full = (nodes.used >= nodes.t.shape[0]) & (after.code == results.RUNNING)

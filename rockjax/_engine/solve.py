@@ -1,9 +1,9 @@
 """Solution of one scene from a structure and an excitation, with derivatives.
 
-Derivatives with respect to numbers are a Jacobian, computed in forward mode together with the value, in one
-pass. Forward and reverse mode both use it, so `jax.grad` costs as much as `jax.jacfwd`. For arrays (the
-samples of a record) the loop itself is differentiated, in a form that reverse mode can differentiate with
-bounded memory.
+Derivatives with respect to scalar parameters are a Jacobian, computed in forward mode in one pass
+together with the value. Forward and reverse mode both use it, so `jax.grad` costs as much as
+`jax.jacfwd`. For arrays (the samples of a record) the loop itself is differentiated, in a form that
+reverse mode can differentiate with bounded memory.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ def solve(
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
     """Solve one scene.
 
-    - `podium`, `excitation`: structure and ground motion, with scalar numbers
+    - `podium`, `excitation`: structure and ground motion, with scalar parameters
     - `initial`: initial state
     - `t_end`: end of the scene [s]; None for the default
     - `options`: options of the solver
-    - `history`: number of steps to keep; None keeps none
+    - `history`: number of steps to store; None stores none
 
-    Returns ((floats, nodes), (integers and flags, rest of the nodes)). If all numbers are concrete, with or
-    without derivatives, stored programs are used.
+    Returns ((floats, nodes), (integers and flags, rest of the nodes)). Stored programs are used if all
+    values are concrete; `jax.grad` and `jax.jvp` of concrete values count as concrete.
     """
     podium = podium.split().without_idle_restrainers()
     podium = podium if options.of_joints else podium.without_elevation()
@@ -87,8 +87,8 @@ def _solve_with_slopes(
     numbers: tuple[int, ...],
     history: int | None = None,
 ):
-    """Return the answers, and in rows the derivatives of their floats with respect to the leaves
-    `numbers`."""
+    """Return the answers, and the derivatives of their floats with respect to the leaves with the indices
+    `numbers`, one row per leaf."""
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
     function, _ = _functions(structure, plan_for(podium, options, history is not None), options, history)
     floats, jacobian, integers = _with_jacobian(function, leaves, numbers)
@@ -96,8 +96,8 @@ def _solve_with_slopes(
 
 
 def _functions(structure: Any, plan: Plan, options: Options, history: int | None):
-    """Return the function from the leaves of the arguments to the answers, and its form for derivatives with
-    respect to arrays."""
+    """Return the function from the leaves of the arguments to the answers, and a second form of it for
+    derivatives with respect to arrays."""
 
     def scene(leaves) -> tuple[Scene, LoopState]:
         podium, excitation, initial, t_end, options = jax.tree.unflatten(structure, leaves)
@@ -116,15 +116,15 @@ def _functions(structure: Any, plan: Plan, options: Options, history: int | None
         return _with_nodes(answers(ready, plan, state), nodes)
 
     def recorded(*leaves):
-        """Return the answers in a form for derivatives with respect to arrays, in forward and
+        """Return the answers from recorded decisions, for derivatives with respect to arrays in forward and
         reverse mode."""
         constant = jax.lax.stop_gradient
         ready, state = scene(leaves)
-        state = state._replace(passing=None)  # a decision for every step
-        last, decisions, count = record_decisions(constant(ready), plan, constant(state), options.max_steps)
+        state = state._replace(passing=None)  # no sample is passed, so every step has a decision
+        final, decisions, count = record_decisions(constant(ready), plan, constant(state), options.max_steps)
         state, nodes = replay(ready, plan, state, decisions, count, history)
         floats, _ = answers(ready, plan, state)
-        _, integers = answers(ready, plan, last)
+        _, integers = answers(ready, plan, final)
         return _with_nodes((floats, integers), nodes)
 
     return function, recorded
@@ -135,7 +135,8 @@ SLOPES = KeptProgram(_solve_with_slopes)
 
 
 def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the outputs of a finished scene: numbers with derivatives, and integers and flags."""
+    """Return the outputs of a finished scene by name: floats, which have derivatives, and integers and
+    flags."""
     floats = {
         "overturn_time": state.overturn_time,
         "uplift_time": state.uplift_time,
@@ -161,27 +162,31 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
 
 
 def _with_nodes(answer, nodes: Nodes | None):
-    """Return floats and integers separately, since only floats have tangents."""
+    """Return ((floats, nodes), (integers, integers of the nodes)), since only floats have tangents."""
     floats, integers = answer
     if nodes is None:
         return (floats, None), (integers, None)
     return (floats, nodes._replace(piece=None, used=None)), (integers, (nodes.piece, nodes.used))
 
 
-def _differentiable(function, for_arrays, provided: bool):
-    """Return `function(*leaves)` → (floats, integers) with the derivative rule of this module."""
+def _differentiable(function, for_arrays, has_derivatives: bool):
+    """Return `function`, leaves ↦ (floats, integers), with the derivative rule of this module.
+
+    - `for_arrays`: the form of the function for derivatives with respect to arrays
+    - `has_derivatives`: whether the engine supports derivatives
+    """
     evaluate = jax.custom_jvp(function)
 
     def rule(primals, tangents):
-        if not provided:
+        if not has_derivatives:
             raise NotImplementedError("rockjax: derivatives need Options(engine='flat')")
-        live = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
-        directions = tuple(tangents[i] for i in live)
-        if any(jnp.ndim(primals[i]) for i in live):
-            point, of_live = _of_some(for_arrays, primals, live)
-            floats, floats_dot, integers = jax.jvp(of_live, point, directions, has_aux=True)
+        varied = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
+        directions = tuple(tangents[i] for i in varied)
+        if any(jnp.ndim(primals[i]) for i in varied):
+            point, of_varied = _of_some(for_arrays, primals, varied)
+            floats, floats_dot, integers = jax.jvp(of_varied, point, directions, has_aux=True)
         else:
-            floats, jacobian, integers = _with_jacobian(function, primals, live)
+            floats, jacobian, integers = _with_jacobian(function, primals, varied)
             direction = jnp.stack(directions)
             floats_dot = jax.tree.map(lambda J: jnp.tensordot(direction, J, axes=1), jacobian)
         no_tangent = jax.tree.map(lambda y: np.zeros(jnp.shape(y), jax.dtypes.float0), integers)
@@ -191,36 +196,37 @@ def _differentiable(function, for_arrays, provided: bool):
     return evaluate
 
 
-def _of_some(function, leaves, live):
-    """Return some of the leaves, and the function of these leaves alone."""
+def _of_some(function, leaves, varied):
+    """Return the leaves with the indices `varied`, and the function of these leaves alone."""
 
-    def of_live(*values):
+    def of_varied(*values):
         changed = list(leaves)
-        for i, value in zip(live, values, strict=True):
+        for i, value in zip(varied, values, strict=True):
             changed[i] = value
         return function(*changed)
 
-    return tuple(_first_order_only(leaves[i]) for i in live), of_live
+    return tuple(_first_order_only(leaves[i]) for i in varied), of_varied
 
 
-def _with_jacobian(function, leaves, live):
-    """Return (floats, their derivatives with respect to some of the leaves in rows, integers), in
-    one pass."""
-    point = [_first_order_only(y) if i in live else y for i, y in enumerate(leaves)]
-    units: list[Any] = [None] * len(point)
-    for k, i in enumerate(live):
-        units[i] = jnp.eye(len(live), dtype=point[i].dtype)[k]
-    return pushed(function, point, units, loops=True)
+def _with_jacobian(function, leaves, varied):
+    """Return floats, their derivatives with respect to the leaves with the indices `varied` (one row per
+    leaf), and integers, in one pass."""
+    point = [_first_order_only(y) if i in varied else y for i, y in enumerate(leaves)]
+    unit_tangents: list[Any] = [None] * len(point)
+    for k, i in enumerate(varied):
+        unit_tangents[i] = jnp.eye(len(varied), dtype=point[i].dtype)[k]
+    return pushed(function, point, unit_tangents, loops=True)
 
 
 @jax.custom_jvp
 def _first_order_only(x):
-    """Return x; second derivatives raise an error, since event times are held fixed to first order only."""
+    """Return x. Second derivatives raise an error, since the treatment of event times is exact to first order
+    only."""
     return x
 
 
 @_first_order_only.defjvp
 def _first_order_only_jvp(primals, tangents):
     raise NotImplementedError(
-        "rockjax gives first derivatives only: second derivatives through events are not provided"
+        "rockjax has first derivatives only; second derivatives through events are not available"
     )

@@ -1,8 +1,8 @@
-"""Butcher tableaus: stored beside this file for the named methods, taken from the solver for other explicit
-Diffrax solvers.
+"""Butcher tableaus of explicit Runge–Kutta methods.
 
-The numbers are Diffrax's, which a test compares. They are stored because importing Diffrax is slow; `write`
-stores them again.
+The tableaus of the named methods are stored in `tableaus.json`, because importing Diffrax is slow. They
+are copies of Diffrax's tableaus, as a test verifies; `write` renews them. The tableau of another explicit
+Diffrax solver is taken from the solver itself.
 """
 
 from __future__ import annotations
@@ -21,53 +21,60 @@ if TYPE_CHECKING:
     import diffrax
 
 STORED = Path(__file__).with_suffix(".json")
-OF_ORDER_8 = "dopri8"
+ORDER_8 = "dopri8"  # the named method of order 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tableau:
-    """A Butcher tableau, squared for positions; NumPy constants of the compiled step. Each method has one
-    instance."""
+    """A Butcher tableau for second-order systems, as NumPy constants of the compiled step.
 
-    order: int
+    Instances are compared by identity; each method has one instance.
+    """
+
+    order: int  # order of the method
     estimate: int  # order of the embedded error estimate
-    c: np.ndarray
-    A: np.ndarray
-    AA: np.ndarray
-    b: np.ndarray
-    bA: np.ndarray
-    error: np.ndarray  # weights of the embedded error estimate, over the stages
-    errorA: np.ndarray
-    fsal: bool  # the last stage is the acceleration at the end of the step
+    c: np.ndarray  # times of the stages, as fractions of the step
+    A: np.ndarray  # weights of the accelerations in the stage velocities
+    AA: np.ndarray  # weights of the accelerations in the stage positions
+    b: np.ndarray  # weights of the accelerations in the final velocities
+    bA: np.ndarray  # weights of the accelerations in the final positions
+    error: np.ndarray  # weights of the accelerations in the error estimate of velocities
+    errorA: np.ndarray  # weights of the accelerations in the error estimate of positions
+    fsal: bool  # True if the last stage is the acceleration at the end of the step
 
 
 @functools.cache
 def tableau(method: str | diffrax.AbstractERK) -> Tableau:
     """Return the tableau of an explicit method of [`rockjax.Options`][]."""
     stored = _stored().get(method) if isinstance(method, str) else None
-    numbers = coefficients_of(solver_of(method)) if stored is None else stored
-    stages = len(numbers["a"]) + 1
+    entries = coefficients_of(solver_of(method)) if stored is None else stored
+    stages = len(entries["a"]) + 1
     A = np.zeros((stages, stages))
-    for i, row in enumerate(numbers["a"], start=1):
+    for i, row in enumerate(entries["a"], start=1):
         A[i, :i] = row
-    b, error, c = (np.array(numbers[name]) for name in ("b", "error", "c"))
-    order = numbers["order"]
-    return Tableau(order, order - 1, c, A, A @ A, b, b @ A, error, error @ A, numbers["fsal"])
+    b, error, c = (np.array(entries[name]) for name in ("b", "error", "c"))
+    order = entries["order"]
+    return Tableau(order, order - 1, c, A, A @ A, b, b @ A, error, error @ A, entries["fsal"])
 
 
 def tableau_for(method: str | diffrax.AbstractERK, velocities: bool) -> Tableau:
-    """Return the tableau for a method, which depends on whether accelerations depend on velocities: for
-    `"dopri8"` it is the method of order 8 with the fewest stages."""
-    return nystrom() if method == OF_ORDER_8 and not velocities else tableau(method)
+    """Return the tableau that is used for a method.
+
+    - `method`: name of an explicit method, or an explicit Diffrax solver
+    - `velocities`: whether accelerations depend on velocities
+
+    For `"dopri8"` and accelerations that do not depend on velocities it is the Nyström method of order 8,
+    which needs fewer stages.
+    """
+    return nystrom() if method == ORDER_8 and not velocities else tableau(method)
 
 
 @functools.cache
 def nystrom() -> Tableau:
-    """Return RKN8(6)9FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987, 423–430): order 8
-    with eight new accelerations a step, for accelerations that do not depend on the velocity.
+    """Return RKN8(6)9FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987, 423–430).
 
-    The weights for positions are its own, not products of those for velocities; there are no stage
-    velocities.
+    It has order 8, needs eight new accelerations a step, and applies if accelerations do not depend on the
+    velocity. The weights for positions are independent of the weights for velocities, and A is zero.
     """
     rows = [
         (1 / 800,),
@@ -103,7 +110,7 @@ def nystrom() -> Tableau:
 
 
 def coefficients_of(solver: diffrax.AbstractSolver) -> dict[str, Any]:
-    """Return the tableau of an explicit Diffrax solver as numbers and lists of numbers."""
+    """Return the tableau of an explicit Diffrax solver as a dict that JSON can store."""
     import diffrax
 
     source, order = getattr(solver, "tableau", None), solver.order(None)  # pyright: ignore[reportArgumentType]
@@ -125,9 +132,9 @@ def _stored() -> dict[str, dict[str, Any]]:
 
 
 def write() -> None:
-    """Write the numbers of the installed Diffrax."""
+    """Write the tableaus of the installed Diffrax to `tableaus.json`."""
     from rockjax._files import write_atomically
 
     tables = {name: coefficients_of(solver_of(name)) for name in EXPLICIT}
-    lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(numbers)}" for name, numbers in tables.items())
+    lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(entries)}" for name, entries in tables.items())
     write_atomically(STORED, lambda name: Path(name).write_text(f"{{\n{lines}\n}}\n", encoding="utf-8"))

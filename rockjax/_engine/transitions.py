@@ -1,4 +1,7 @@
-"""Events: their effect on mode and state, and the derivative of their time."""
+"""Events: their effect on mode and state, and the effect of their time on derivatives.
+
+The time of an event or breakpoint varies with the parameters. Its fixed value is called its stamp.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +22,9 @@ from .state import Scene
 class Transition(NamedTuple):
     """State and mode after an event, or after a step without one."""
 
-    x: Vector
-    v: Vector
-    sigma: Value
+    x: Vector  # positions
+    v: Vector  # velocities
+    sigma: Value  # mode
 
 
 def transition(
@@ -39,16 +42,17 @@ def transition(
     """Apply the transition of the automaton at the end of a step.
 
     - `scene`: the prepared scene
-    - `sigma`: mode σ before it
-    - `x`, `v`: positions and velocities before it
-    - `ground`: ground acceleration that follows, ü_g, or ü_g and v̈_g [m/s²]
-    - `hit`: an impact
-    - `lifted`: an uplift under the demand `demand` before the event [m/s²]
-    - `halted`: a false uplift, back to full contact
-    - `to_rest`: an impact that leads to rest
+    - `sigma`: mode σ before the transition
+    - `x`, `v`: positions and velocities before the transition
+    - `ground`: ground acceleration after the transition, ü_g, or ü_g and v̈_g [m/s²]
+    - `hit`: True for an impact
+    - `lifted`: True for an uplift
+    - `demand`: demand before the uplift [m/s²]; its sign gives the side
+    - `halted`: True for a false uplift, after which the columns are in full contact
+    - `to_rest`: True for an impact that leads to rest
 
-    Without an event the mode stays, but columns at rest lift if the ground acceleration has jumped above the
-    threshold.
+    Without an event the mode stays, with one exception: columns in full contact lift if the ground
+    acceleration has jumped above the threshold.
     """
     c, rocking = scene.c, sigma != 0
     rests = halted | ~rocking
@@ -63,8 +67,8 @@ def transition(
 
 
 def contact_mode(c: Coefficients, q: Value) -> Value:
-    """Return the mode of columns at rest under the demand q. They lift where |q| exceeds Eq. (9); equality is
-    not uplift."""
+    """Return the mode of columns in full contact under the demand q [m/s²]. They lift if |q| exceeds the
+    threshold of Eq. (9); equality is not uplift."""
     return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
 
 
@@ -74,12 +78,12 @@ def after_impact(
     """Return (θ̇⁺, σ⁺) after an impact, Eq. (27).
 
     - `scene`: the prepared scene
-    - `sigma`, `theta_dot`: mode and θ̇ before it [rad/s]
-    - `q`: demand in full contact after it [m/s²]
-    - `to_rest`: whether the columns come to rest at any speed
+    - `sigma`, `theta_dot`: mode and θ̇ [rad/s] before the impact
+    - `q`: demand in full contact after the impact [m/s²]
+    - `to_rest`: True if the columns come to rest whatever their speed
 
-    Columns rock on the other side; below the rest velocity, or with `to_rest`, full contact or a new uplift
-    follows.
+    The columns rock on to the other side. If |θ̇⁺| is at most the rest velocity, or with `to_rest`, rocking
+    stops: full contact follows, or a new uplift if q exceeds the threshold.
     """
     theta_dot_after = impact(scene.c, theta_dot)
     rocks_on = (jnp.abs(theta_dot_after) > scene.rest_speed) & ~jnp.asarray(to_rest)
@@ -89,16 +93,16 @@ def after_impact(
 def past_breakpoint(
     scene: Scene, stamp: Value, delta: Value, x: Vector, v: Vector, sigma: Value, pieces: tuple[Index, Index]
 ) -> tuple[Vector, Vector]:
-    """Return the state after a breakpoint between two pieces, moved from its varying time to its fixed stamp.
+    """Return the state after a breakpoint between two pieces, moved from the breakpoint's time to its stamp.
 
     - `scene`: the prepared scene
     - `stamp`: fixed time stamp of the breakpoint [s]
-    - `delta`: difference of its time, zero in value, with derivatives [s]
+    - `delta`: time of the breakpoint minus its stamp, zero in value, with derivatives [s]
     - `x`, `v`, `sigma`: positions, velocities and mode
-    - `pieces`: pieces before and after
+    - `pieces`: pieces before and after the breakpoint
 
-    If breakpoints of a horizontal and a vertical motion coincide but move differently, the field between them
-    applies from one to the other.
+    Breakpoints of the horizontal and the vertical motion may coincide, but have different derivatives.
+    Then the field between them applies from one to the other.
     """
     before, after = pieces
     if isinstance(scene.excitation, GroundMotion):
@@ -117,13 +121,14 @@ def restart(
 
     - `scene`: the prepared scene
     - `t`: fixed time stamp [s]
-    - `delta`: time of the event after the stamp, zero in value, with derivatives [s]
+    - `delta`: time of the event minus the stamp, zero in value, with derivatives [s]
     - `x`, `v`, `sigma`: positions, velocities and mode after the event
-    - `piece`: piece of the excitation after it
+    - `piece`: piece of the excitation after the event
 
-    The event's time moves with the parameters; the stamp does not. The state is taken to the event by the
-    field before it, mapped, and brought back by the field after it; the derivative of this sequence is the
-    saltation matrix. The way back is zero in value, so only derivatives pay for it.
+    The event's time varies with the parameters; the stamp does not. The state goes to the event with the
+    field before it, is mapped by the transition, and returns to the stamp with the field after it. The
+    derivative of this sequence is the saltation matrix. This function is the return: it changes
+    derivatives, not values.
     """
     del scene, t, delta, sigma, piece
     return x, v

@@ -1,10 +1,11 @@
-"""Fast-forwards: stretches of a scene that are passed over without trial steps.
+"""Fast-forwards: parts of a scene that are passed without trial steps.
 
-Each module has one, and each asks the outputs of the plan: `over_rest`, `over_sample` and `over_bounces` of
-an output return its record after the stretch, or whether the record stands. No fast-forward names an output.
-One may be used only if every followed output has written its method.
+Each module has one fast-forward, which asks the outputs of the plan. The methods `over_rest`,
+`over_sample` and `over_bounces` of an output return its record after the passed part, or whether its
+record stays the same. A fast-forward never names an output. It may be used only if every followed output
+implements the method.
 
-| name | module | what is passed over |
+| name | module | passed part |
 |---|---|---|
 | `rest` | `rest.py` | full contact of a rigid podium, until its next uplift |
 | `samples` | `samples.py` | samples of a record over which rigid columns rock on |
@@ -13,10 +14,10 @@ One may be used only if every followed output has written its method.
 
 from __future__ import annotations
 
-# Name, and the method of an output that allows it.
+# Name of a fast-forward, and the method that an output must implement for it.
 FAST_FORWARDS = {"rest": "over_rest", "samples": "over_sample", "bounces": "over_bounces"}
 
 
 def allowed(outputs, names) -> tuple[str, ...]:
-    """Return those of some fast-forwards that all outputs allow."""
+    """Return the fast-forwards among `names` that all outputs allow."""
     return tuple(name for name in names if all(output.passes(FAST_FORWARDS[name]) for output in outputs))

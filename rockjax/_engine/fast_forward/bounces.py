@@ -1,8 +1,8 @@
 """Detection of bounces that certainly end at rest, which need not be followed.
 
-A rigid column that hits the ground slowly bounces on in ever shorter hops. Each hop keeps the fraction e of
-the speed, so the time until rest is easily bounded. If the ground cannot lift the column before then, and no
-hop exceeds the recorded peak, the bounces are skipped: the column is put to rest at the first of them.
+A rigid column that hits the ground slowly bounces on in ever shorter hops. Each impact reduces the speed
+by the factor e, which bounds the time until rest. If the ground cannot lift the column before then, and
+no hop exceeds the recorded peak, the bounces are skipped: the column is put to rest at the first impact.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from rockjax._outputs.views import Bounces
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Index, Value
 
-AHEAD = 2.0  # the ground motion is bounded over this many times the estimated duration of the bounces
+# The ground motion is bounded over this multiple of the estimated duration of the bounces.
+AHEAD = 2.0
 
 
 class Skipped(NamedTuple):
     """Bounces after an impact that are not followed."""
 
-    to_rest: Flag  # bounces are skipped, and the columns rest
+    to_rest: Flag  # the bounces are skipped, and the columns rest
     impacts: Index  # number of skipped impacts
-    min_impact_speed: Value  # least |θ̇| of them and of the impact before them
+    min_impact_speed: Value  # least |θ̇| before the present and the skipped impacts [rad/s]
 
 
 def skipped_bounces(
@@ -44,14 +45,14 @@ def skipped_bounces(
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state before the step that ends with the impact
     - `now`: time [s], piece of the excitation and ground acceleration [m/s²] at the impact
-    - `hit`: whether the step ends with an impact
+    - `hit`: True if the step ends with an impact
     - `speed`: |θ̇| before the impact [rad/s]
     - `replayed`: recorded decision to follow, or None
 
-    Bounces are followed if something is elastic, restrainers act, impacts are requested, or the ground motion
-    has no bound over a time interval.
+    Bounces are not skipped if the superstructure is elastic, restrainers act, an output needs every
+    impact, or the excitation has no bound over a time interval.
     """
-    if replayed is not None:  # a column at rest has no speed, whichever rule put it to rest
+    if replayed is not None:  # the recorded mode includes the decision to skip
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
     to_rest = None
     if "bounces" in plan.fast_forwards and scene.c.restraint is None:
@@ -70,35 +71,39 @@ def _bounces_to_rest(
     now: tuple[Value, Index, Value | Shaking],
     speed: Value,
 ) -> Flag | None:
-    """Return whether columns that leave θ = 0 with the speed |θ̇| rest before the ground can lift them, with
-    all hops below the recorded peak; None if the ground motion has no bound.
+    """Return whether the columns come to rest before the ground can lift them, with all hops below the
+    recorded peak. Return None if the excitation has no bound over a time interval.
 
-    Hops begin with speeds w eᵏ. If the ground leaves a deceleration of at least a, hop k is at most w²/(2a)
-    high and lasts at most 2w eᵏ/a; all of them last at most 2w/(a(1 − e)).
+    - `scene`, `plan`, `state`, `now`: as in `skipped_bounces`
+    - `speed`: |θ̇| after the impact [rad/s]
+
+    Hop k starts with the speed w eᵏ, where w is `speed`. If the deceleration is at least a, its height is
+    at most w² e²ᵏ/(2a) and its duration at most 2w eᵏ/a. All hops together last at most 2w/(a(1 − e)).
     """
     scene, state, now, speed = jax.lax.stop_gradient((scene, state, now, speed))
     c, (t, piece, shaking) = scene.c, now
     ground = jnp.abs(horizontal(shaking))
 
-    def at_foot(ground: Value) -> Value:
-        """Return −θ̈ times its inertia at θ = 0, Eq. (24), on the side to which the ground accelerates the
-        columns."""
+    def restoring_moment(ground: Value) -> Value:
+        """Return −θ̈ times the inertia at θ = 0, Eq. (24), for a ground acceleration |ü_g| that drives the
+        columns away from θ = 0."""
         return c.gravity * c.sin_alpha - c.ground * ground * c.cos_alpha
 
-    # Duration of all hops, times the deceleration and the lost fraction 1 − e.
-    lasts, taken = 2 * speed * c.inertia, 1 - c.restitution
-    slows, room = at_foot(ground) * taken, scene.excitation.breakpoint(piece) - t
-    ahead = jnp.minimum(AHEAD * lasts / jnp.where(slows > 0, slows, 1.0), room)
-    ahead = jnp.where((slows > 0) & jnp.isfinite(ahead), ahead, 0.0)
-    most = scene.excitation.at_most(piece, t, ahead, ground)
-    if most is None:
+    # The duration of all hops is 2w · inertia / (moment · (1 − e)).
+    momentum, loss = 2 * speed * c.inertia, 1 - c.restitution
+    present_loss, remaining = restoring_moment(ground) * loss, scene.excitation.breakpoint(piece) - t
+    span = jnp.minimum(AHEAD * momentum / jnp.where(present_loss > 0, present_loss, 1.0), remaining)
+    span = jnp.where((present_loss > 0) & jnp.isfinite(span), span, 0.0)
+    max_ground = scene.excitation.at_most(piece, t, span, ground)
+    if max_ground is None:
         return None
-    least = at_foot(most)
-    height = speed**2 * c.inertia / jnp.where(least > 0, least, 1.0)  # if half is left there
-    # The slope of the sine is at most 1, and that of the cosine at most sin α.
-    at_top = least - height * (c.gravity + c.ground * most * c.sin_alpha)
-    rests = (least > 0) & (at_top > 0.5 * least) & (lasts < ahead * at_top * taken)
-    bounces = Bounces(c, scene.overturn_angle, most, height, speed)
+    moment = restoring_moment(max_ground)
+    # Bound of |θ| if at least half of the moment is left at the top of a hop, which `rests` requires.
+    height = speed**2 * c.inertia / jnp.where(moment > 0, moment, 1.0)
+    # From θ = 0 to the top, sin ψ decreases by at most |θ|, and cos ψ increases by at most |θ| sin α.
+    moment_at_top = moment - height * (c.gravity + c.ground * max_ground * c.sin_alpha)
+    rests = (moment > 0) & (moment_at_top > 0.5 * moment) & (momentum < span * moment_at_top * loss)
+    bounces = Bounces(c, scene.overturn_angle, max_ground, height, speed)
     for output, record in zip(plan.outputs, state.records, strict=True):
         rests &= output.over_bounces(bounces, record)
     return rests

@@ -1,4 +1,5 @@
-"""Full contact of rigid podiums: nothing moves before the next uplift, which is a root of the excitation."""
+"""Fast-forward over full contact of a rigid podium: nothing moves before the next uplift, which is the
+next time at which the uplift demand of the excitation exceeds its threshold."""
 
 from __future__ import annotations
 
@@ -18,9 +19,9 @@ from rockjax._types import Index
 
 @functools.partial(jax.jit, static_argnames="plan")
 def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopState, StepInfo]:
-    """Advance a rigid podium in full contact to its next uplift, a root of the excitation.
+    """Advance a rigid podium in full contact to its next uplift.
 
-    Returns the lifted state and the step's record. A scene that does not lift again ends.
+    Returns the state after the uplift and the record of the step. A scene without a further uplift ends.
     """
     constant = jax.lax.stop_gradient
     c, t, excitation = scene.c, state.t, scene.excitation
@@ -35,9 +36,9 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         return lambda t: uplift_demand(c, ground_at(t), state.x, state.v)
 
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
-    # The time of the uplift moves with the crossing, or with the breakpoint at which the ground acceleration
-    # jumps above the threshold.
-    # A crossing that coincides with a breakpoint up to rounding belongs to the piece before it.
+    # The time of the uplift has the derivative of the crossing, or of the breakpoint at which the ground
+    # acceleration jumps above the threshold. A crossing at a breakpoint, up to rounding, belongs to the piece
+    # before it.
     edge = excitation.breakpoint(excitation.before(piece))
     on_edge = constant(edge) == stamp
     jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)
@@ -53,9 +54,9 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME)
     )
     until = jnp.where(lifts, now, scene.end)
-    # At a jump of the ground acceleration the columns lift before the superstructure responds.
-    digit = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
-    rest = Rest(scene, state.event_time, until, jnp.where(lifts & jumps, digit, 0.0))
+    # If the ground acceleration jumps, the columns lift before its new value counts for the rest.
+    rounding = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
+    rest = Rest(scene, state.event_time, until, jnp.where(lifts & jumps, rounding, 0.0))
     records = tuple(
         output.over_rest(rest, record) for output, record in zip(plan.outputs, state.records, strict=True)
     )
@@ -72,5 +73,6 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         uplift_time=jnp.where(lifts & ~state.uplifted, now, state.uplift_time),
         steps=state.steps + 1,
     )
-    no, yes = jnp.zeros((), bool), jnp.ones((), bool)
-    return lifted, StepInfo(yes, jnp.full_like(t, jnp.nan), Decision(jnp.zeros_like(t), no, no, no, mode))
+    false, true = jnp.zeros((), bool), jnp.ones((), bool)
+    decision = Decision(jnp.zeros_like(t), false, false, false, mode)
+    return lifted, StepInfo(true, jnp.full_like(t, jnp.nan), decision)

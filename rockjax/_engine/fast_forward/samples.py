@@ -1,9 +1,9 @@
-"""Passing samples of a record without a trial.
+"""Fast-forward over samples of a record without a trial.
 
-Under a record steps end on every sample, and are far shorter than the tolerance requires. At most samples no
-event occurs: rigid columns rock on from one sample to the next. Such samples are passed by steps of a Nyström
-method of which only the error is checked. A rotation that is monotone and stays inside the well meets no
-guard, and sets no record that the next trial would miss. All other samples get a trial.
+Under a record, steps end on every sample and are far shorter than the tolerance requires. No event occurs
+between most samples: rigid columns rock on from one sample to the next. Such samples are passed by a
+Nyström step without the search for events. Its error is checked, and that the rotation is monotone and
+stays inside the well; then no guard breaks. All other samples get a trial.
 """
 
 from __future__ import annotations
@@ -27,19 +27,20 @@ from rockjax._types import Flag, Value, Vector
 
 
 def passes_samples(scene: Scene, plan: Plan) -> bool:
-    """Return whether the excitation has samples to pass, and accelerations depend on time and
-    rotation only."""
+    """Return whether the plan allows to pass samples, the excitation is sampled, and accelerations depend
+    only on time and rotation."""
     sampled = isinstance(scene.excitation, AbstractSampled)
     return "samples" in plan.fast_forwards and sampled and scene.c.restraint is None
 
 
 def may_pass(scene: Scene, mode: Value, t: Value) -> Flag:
-    """Return whether samples may be passed after an accepted step."""
+    """Return whether samples may be passed after an accepted step, into the mode `mode` at the time t [s]."""
     return (mode != 0) & (t >= jax.lax.stop_gradient(scene.start)) & (t < scene.excitation_end)
 
 
 def past_all(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """Return the state at the first sample that needs a trial, for one scene alone."""
+    """Pass all samples until one needs a trial, and return the state there. It is used for single scenes;
+    batches call `past_sample`."""
     if state.passing is None:
         return state
     pass_sample = functools.partial(past_sample, scene, plan)
@@ -59,24 +60,24 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         return acceleration(c, sigma, ground, x, v)
 
     before, after = (jnp.clip(piece - 1 + k, 0, count - 1) for k in (0, 1))
-    first, last = barrier([scale * record.among(record.table, place) for place in (before, after)])
-    slope = barrier((last - first) / dt)
-    ground = barrier(first + slope * (state.t - record.sample_time(before)))
-    now = record.sample_time(piece)  # it moves with the parameters, its stamp does not
+    ground_before, ground_after = barrier([scale * record.among(record.table, k) for k in (before, after)])
+    slope = barrier((ground_after - ground_before) / dt)
+    ground = barrier(ground_before + slope * (state.t - record.sample_time(before)))
+    now = record.sample_time(piece)  # varies with the parameters; its fixed value is the stamp
     stamp = constant(now)
     h = stamp - state.t
     a = barrier(field(ground, state.x, state.v))
-    moving_field = lambda s, x, v: field(ground + slope * s, x, v)
-    end = barrier(runge_kutta(nystrom(), moving_field, 0.0, h, state.x, state.v, a))
-    # The last sample is not passed: the motion may jump to zero there.
+    field_after = lambda s, x, v: field(ground + slope * s, x, v)
+    end = barrier(runge_kutta(nystrom(), field_after, 0.0, h, state.x, state.v, a))
+    # The last sample is not passed, since the motion may jump to zero there.
     passes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
     passes &= constant(scaled_error(scene, state.x, state.v, end)) <= scene.pass_below
     passes &= _goes_on(scene, state, a, end, h)
-    sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (last, end.x, end.v, end.a))
-    for output, so_far in zip(plan.outputs, state.records, strict=True):
-        passes &= output.over_sample(sample, so_far)
+    sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (ground_after, end.x, end.v, end.a))
+    for output, record_so_far in zip(plan.outputs, state.records, strict=True):
+        passes &= output.over_sample(sample, record_so_far)
     passes = barrier(passes)
-    # The field is continuous at a sample: if the sample moves, the state at the stamp does not.
+    # The field is continuous at a sample, so the derivative of the sample's time does not affect the state.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)
     moved = jax.tree.map(lambda new, old: jnp.where(passes, new, old), moved, state)
     return moved._replace(passing=passes)
@@ -85,13 +86,17 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
     """Return whether the rotation is monotone over the sample and stays inside the well.
 
-    θ̈ is nearly linear from one sample to the next. If it keeps its sign, or is too small to stop the
-    columns, θ̇ does not change its sign twice.
+    θ̇ has the same sign at both ends. As θ̈ is nearly linear from one sample to the next, θ̇ has this
+    sign all the time if θ̈ keeps its sign, or is too small to stop the columns.
     """
-    angle, speeds, changes = jax.lax.stop_gradient(
+    angle, theta_dots, theta_ddots = jax.lax.stop_gradient(
         (state.sigma * end.x[0], (state.v[0], end.v[0]), (a[0], end.a[0]))
     )
-    min_speed = jnp.minimum(*map(jnp.abs, speeds))
-    steady = (changes[0] * changes[1] >= 0) | (min_speed > h * jnp.maximum(*map(jnp.abs, changes)))
-    inside = (angle > 0) & (angle < jax.lax.stop_gradient(scene.overturn_angle))
-    return inside & steady & (speeds[0] * speeds[1] > 0)
+    keeps_sign = theta_ddots[0] * theta_ddots[1] >= 0
+    min_speed, max_change = (
+        jnp.minimum(*map(jnp.abs, theta_dots)),
+        h * jnp.maximum(*map(jnp.abs, theta_ddots)),
+    )
+    is_monotone = keeps_sign | (min_speed > max_change)
+    is_inside = (angle > 0) & (angle < jax.lax.stop_gradient(scene.overturn_angle))
+    return is_inside & is_monotone & (theta_dots[0] * theta_dots[1] > 0)
