@@ -1,7 +1,8 @@
 """A barrier against repeated computation by the compiler.
 
-XLA splits a step into kernels, loops over lanes, and computes in each kernel again all intermediate results
-that it needs, back to stored values. Values behind the barrier are stored once and read by all kernels.
+XLA splits a step into kernels, which are loops over the scenes of a batch. Every kernel computes all
+intermediate results again that it needs, back to stored values. Values behind the barrier are stored
+once, and all kernels read them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Derivatives of one scene with concrete numbers: one stored program serves all requested derivatives.
+"""Derivatives of one scene with concrete parameters: one stored program serves all requested derivatives.
 
-The program computes the answers and their derivatives with respect to every number of the podium and the
-excitation, in one pass. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
+The program computes the answers and their derivatives with respect to every scalar parameter of the
+podium and the excitation, in one pass. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
 """
 
 from __future__ import annotations
@@ -23,67 +23,72 @@ from rockjax._programs.program import KeptProgram
 def pushed(
     function: Callable, arguments: Sequence[Any], slopes: Sequence[Any], *, loops: bool = False
 ) -> tuple[Any, Any, Any]:
-    """Return (floats, their slopes, rest) of `function(*arguments)` → (floats, rest), with one evaluation.
+    """Evaluate a function, and push derivatives of its arguments forward to its floats, with one evaluation.
 
-    - `function`: the function to push forward
+    - `function`: function of `arguments` that returns (floats, rest)
     - `arguments`: its arguments, pytrees
-    - `slopes`: a pytree for each argument: rows of derivatives with respect to some parameters, along a first
-      axis; None beside leaves that do not depend on them
-    - `loops`: True for a function with loops, which is evaluated once together with all slopes. A function
-      without loops is linearised first, so that rows share all intermediate results
-    """
-    absent = lambda y: y is None
-    leaves, structure = jax.tree.flatten(tuple(arguments), is_leaf=absent)
-    rows = jax.tree.leaves(tuple(slopes), is_leaf=absent)
-    live = [i for i, row in enumerate(rows) if row is not None]
-    point = [leaves[i] for i in live]
+    - `slopes`: for each argument a pytree of its derivatives with respect to n parameters, along a new
+      first axis of length n; None for leaves that do not depend on the parameters
+    - `loops`: True for a function with loops, which is evaluated once together with all n tangents. A
+      function without loops is linearised first, so that the tangents share all intermediate results
 
-    def of_live(*values):
+    Returns (floats, derivatives of the floats along a new first axis of length n, rest).
+    """
+    is_none = lambda y: y is None
+    leaves, structure = jax.tree.flatten(tuple(arguments), is_leaf=is_none)
+    tangents = jax.tree.leaves(tuple(slopes), is_leaf=is_none)
+    varied = [i for i, tangent in enumerate(tangents) if tangent is not None]
+    point = [leaves[i] for i in varied]
+
+    def of_varied(*values):
         changed = list(leaves)
-        for i, value in zip(live, values, strict=True):
+        for i, value in zip(varied, values, strict=True):
             changed[i] = value
         return function(*jax.tree.unflatten(structure, changed))
 
-    directions = [rows[i] for i in live]
+    directions = [tangents[i] for i in varied]
     if loops:
-        tangent = lambda *row: jax.jvp(of_live, point, list(row), has_aux=True)
-        return jax.vmap(tangent, out_axes=(None, 0, None))(*directions)
-    floats, linear, rest = jax.linearize(of_live, *point, has_aux=True)
-    # Without the barrier every row would compute the coefficients again.
+        push = lambda *direction: jax.jvp(of_varied, point, list(direction), has_aux=True)
+        return jax.vmap(push, out_axes=(None, 0, None))(*directions)
+    floats, linear, rest = jax.linearize(of_varied, *point, has_aux=True)
+    # Without the barrier the coefficients would be computed again for every tangent.
     coefficients, form = jax.tree.flatten(linear)
     linear = jax.tree.unflatten(form, barrier(coefficients))
     return floats, jax.vmap(linear)(*directions), rest
 
 
-def find_dependent_outputs(function: Callable, at: Any) -> Any:
-    """Return, for each output of a function, whether it depends on the argument."""
-    found: list[Any] = []
+def find_dependent_outputs(function: Callable, argument: Any) -> Any:
+    """Return whether each output of a function depends on its argument, as a pytree of booleans. Only
+    shapes and types of `argument` are used."""
+    dependences: list[Any] = []
 
     @jax.custom_jvp
     def probe(outputs):
         return outputs
 
     def rule(primals, tangents):
-        found.append(jax.tree.map(lambda y: not isinstance(y, SymbolicZero), tangents[0]))
+        dependences.append(jax.tree.map(lambda y: not isinstance(y, SymbolicZero), tangents[0]))
         return primals[0], tangents[0]
 
     probe.defjvp(rule, symbolic_zeros=True)
-    jax.eval_shape(lambda x: jax.jvp(lambda y: probe(function(y)), (x,), (x,)), at)
-    # Without any dependence the rule is not asked.
-    return found[-1] if found else jax.tree.map(lambda _: False, jax.eval_shape(function, at))
+    jax.eval_shape(lambda x: jax.jvp(lambda y: probe(function(y)), (x,), (x,)), argument)
+    if not dependences:  # JAX does not call the rule if no output depends on the argument
+        return jax.tree.map(lambda _: False, jax.eval_shape(function, argument))
+    return dependences[-1]
 
 
 def is_concrete(leaf: Any) -> bool:
-    """Return whether the value of a leaf is concrete, possibly inside a derivative."""
+    """Return whether a leaf has a concrete value. Inside `jax.grad` or `jax.jvp` of a concrete value it
+    has one."""
     if not isinstance(leaf, Tracer):
         return True
-    # A tracer of derivatives holds the concrete value at which they are taken.
+    # A tracer of `grad` or `jvp` holds the value at which the derivative is evaluated.
     value = getattr(leaf, "to_concrete_value", None)
     return value is not None and value() is not None
 
 
 def value_of(leaf: Any) -> Any:
-    """Return the concrete value of a leaf, without derivatives."""
+    """Return the concrete value of a leaf for which `is_concrete` holds."""
     while isinstance(leaf, Tracer):
         leaf = leaf.to_concrete_value()  # pyright: ignore[reportAttributeAccessIssue]
     return leaf
@@ -94,10 +99,10 @@ def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any,
     """Return the function from the leaves of a scene to its answers, with the derivative rule of this module.
 
     - `program`: computes the answers
-    - `slopes_of`: computes the answers and, in rows, the derivatives of their floats with respect to the
-      leaves `numbers`
+    - `slopes_of`: computes the answers, and the derivatives of their floats with respect to the leaves
+      with the indices `numbers`, one row per leaf
     - `structure`: tree structure of the arguments
-    - `history`: number of steps to keep, None for none
+    - `history`: number of steps to store; None stores none
     """
 
     @jax.custom_jvp
@@ -105,13 +110,13 @@ def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any,
         return program(*jax.tree.unflatten(structure, leaves), history=history)
 
     def rule(primals, tangents):
-        live = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
+        varied = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
         podium, excitation, *_ = structure.children()
         numbers = scalar_positions(primals[: podium.num_leaves + excitation.num_leaves])
-        if not set(live) <= set(numbers) or any(isinstance(y, Tracer) for y in primals):
-            return _traced(program, structure, history, primals, tangents, live)
+        if not set(varied) <= set(numbers) or any(isinstance(y, Tracer) for y in primals):
+            return _traced(program, structure, history, primals, tangents, varied)
         answer, slopes = slopes_of(*jax.tree.unflatten(structure, primals), numbers=numbers, history=history)
-        directions = {numbers.index(i): tangents[i] for i in live}
+        directions = {numbers.index(i): tangents[i] for i in varied}
         _, integers = answer
         floats_dot = jax.tree.map(lambda slope: directional_derivative(np.asarray(slope), directions), slopes)
         return answer, (
@@ -124,8 +129,7 @@ def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any,
 
 
 def scalar_positions(leaves) -> tuple[int, ...]:
-    """Return the positions of the leaves that are single floating-point numbers, which may be
-    differentiated."""
+    """Return the indices of the leaves that are floating-point scalars."""
     return tuple(
         i
         for i, y in enumerate(leaves)
@@ -134,23 +138,28 @@ def scalar_positions(leaves) -> tuple[int, ...]:
 
 
 def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
-    """Return the derivative of one answer along directions, by few and small operations, since each is
-    compiled."""
+    """Return Σ_k directions[k] · slope[k], the derivative of one answer.
+
+    - `slope`: derivatives of the answer with respect to the parameters, along the first axis
+    - `directions`: scalar tangents of parameters, by their index
+
+    Every operation compiles separately, so it uses few and small ones.
+    """
     terms = []
     for k, direction in directions.items():
-        each = jax.lax.broadcast(direction, slope.shape[1:]) if slope.ndim > 1 else direction
-        terms.append(jax.lax.mul(each, slope[k]))
+        factor = jax.lax.broadcast(direction, slope.shape[1:]) if slope.ndim > 1 else direction
+        terms.append(jax.lax.mul(factor, slope[k]))
     return functools.reduce(jax.lax.add, terms)
 
 
-def _traced(program: KeptProgram, structure: Any, history: int | None, primals, tangents, live):
-    """Apply the rule by tracing: with respect to samples or initial states, or inside another
-    transformation."""
+def _traced(program: KeptProgram, structure: Any, history: int | None, primals, tangents, varied):
+    """Differentiate the traced program with respect to the leaves `varied`: samples or initial states, or
+    inside another transformation."""
 
-    def of_live(*values):
+    def of_varied(*values):
         leaves = list(primals)
-        for i, value in zip(live, values, strict=True):
+        for i, value in zip(varied, values, strict=True):
             leaves[i] = value
         return program.traced(*jax.tree.unflatten(structure, leaves), history=history)
 
-    return jax.jvp(of_live, [primals[i] for i in live], [tangents[i] for i in live])
+    return jax.jvp(of_varied, [primals[i] for i in varied], [tangents[i] for i in varied])

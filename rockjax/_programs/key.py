@@ -1,8 +1,9 @@
-"""Cache keys of programs, as text: equal texts mean the same program, in every process.
+"""Cache keys of programs, as strings: equal keys mean the same program, in every process.
 
-A key holds the structure of the arguments (classes, static fields, shapes and types of the numbers), the
-versions of the libraries, the source of this package, JAX's settings, and the processor. User-defined classes
-and functions have no key, since they may change between processes under the same name.
+A key contains the structure of the arguments (classes, static fields, shapes and types of arrays and
+numbers), the versions of the libraries, the source of this package, JAX's settings, and the processor.
+User-defined classes and functions have no key, since they may change between processes under the same
+name.
 """
 
 from __future__ import annotations
@@ -22,23 +23,24 @@ from typing import Any
 import jax
 import numpy as np
 
-_OWN_PACKAGES = ("rockjax", "optimise")  # identified by their source
-_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")  # by their versions
-_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source is part of no program
+_OWN_PACKAGES = ("rockjax", "optimise")  # packages that their source identifies
+_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")  # identified by version
+_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders that affect no program
 _PROCESSOR = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "features", "cpu part")
-_IGNORED_SETTINGS = ("cache", "log", "dump", "traceback", "profil", "hash")  # in names of JAX's settings
+# JAX's settings are ignored if their name contains one of these words.
+_IGNORED_SETTINGS = ("cache", "log", "dump", "traceback", "profil", "hash")
 
 
 class NoKeyError(Exception):
-    """Raised for objects without a key that means the same in every process."""
+    """Raised for objects that no key identifies across processes."""
 
 
 class TracedFunction:
-    """A user-defined function, identified by the trace of itself and of its derivatives.
+    """A user-defined function, which the lowered program of the function and its derivative identifies.
 
     - `function`: the function
-    - `like`: pytrees of arrays, or of their shapes, with the shapes of its arguments. Other arguments give
-      the right answer too, under the same key
+    - `like`: example arguments, pytrees of arrays or of their shapes, for which it is lowered. Arguments
+      of other shapes give correct answers too
     """
 
     def __init__(self, function: Callable, *like: Any):
@@ -59,7 +61,7 @@ class TracedFunction:
 
 
 def describe(value: Any) -> str:
-    """Return the key of a static part of the arguments. Raises `NoKeyError` if it has none."""
+    """Return the key of a static value. Raises `NoKeyError` if it has none."""
     if value is None:
         return "None"
     if isinstance(value, TracedFunction):
@@ -86,18 +88,22 @@ def describe(value: Any) -> str:
 
 
 def _qualified_name(obj: Any) -> str:
-    """Return the full name of a class or function at the top level of a module with known source or
-    version."""
-    module, name = obj.__module__ or "", obj.__qualname__  # None in code run from a text
+    """Return the full name of a class or function that its module or a class in it contains under this name.
+
+    Raises `NoKeyError` for packages that the key does not identify by source or version, and for other
+    objects, such as local functions.
+    """
+    module, name = obj.__module__ or "", obj.__qualname__  # the module is None for code run by `exec`
     found = sys.modules.get(module)
-    for part in name.split("."):
-        found = getattr(found, part, None)
+    for attribute in name.split("."):
+        found = getattr(found, attribute, None)
     if module.split(".")[0] not in (*_OWN_PACKAGES, *_LIBRARIES, "builtins") or found is not obj:
         raise NoKeyError(f"{module}.{name}")
     return f"{module}.{name}"
 
 
 def _structure(tree: Any) -> str:
+    """Return the key of a tree structure."""
     node = tree.node_data()
     if node is None:
         return "*" if tree.num_leaves else "-"
@@ -109,13 +115,14 @@ def _structure(tree: Any) -> str:
 
 
 def describe_shapes(leaves: Iterable[Any]) -> str:
-    """Return shapes and types of arrays and numbers as text."""
-    kinds = map(jax.typeof, leaves)
-    return ";".join(f"{type_.dtype}{type_.shape}{'~' if type_.weak_type else ''}" for type_ in kinds)
+    """Return the shapes and types of arrays and numbers as a string."""
+    types = map(jax.typeof, leaves)
+    return ";".join(f"{type_.dtype}{type_.shape}{'~' if type_.weak_type else ''}" for type_ in types)
 
 
 def describe_machine() -> str:
-    """Return everything a program depends on besides its trace: versions, settings, processor."""
+    """Return everything that a compiled program depends on besides its trace: versions, settings,
+    processor."""
     settings = [
         (name, getattr(jax.config, name, value))
         for name, value in sorted(jax.config.values.items())
@@ -128,7 +135,7 @@ def describe_machine() -> str:
 def _describe_versions() -> str:
     device = jax.local_devices(backend="cpu")[0]
     libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
-    try:  # the features a compiler uses; on other systems the name of the machine
+    try:  # the processor's features, which the compiler uses; without this file, the name of the machine
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         processor = [line for line in lines if line.split(":")[0].strip().lower() in _PROCESSOR]
     except OSError:
@@ -141,10 +148,8 @@ def _describe_versions() -> str:
 
 @functools.cache
 def source_hash() -> str:
-    """Return a hash of the package's source and of its tables of numbers.
-
-    Raises `NoKeyError` if the source cannot be read.
-    """
+    """Return a hash of the source of both packages and of their JSON tables. Raises `NoKeyError` if there
+    are no files of the source."""
     digest = hashlib.sha256()
     for package in _OWN_PACKAGES:
         spec = find_spec(package)
@@ -153,8 +158,8 @@ def source_hash() -> str:
             raise NoKeyError(f"no source of {package}")
         folder = Path(origin).parent
         for file in sorted([*folder.rglob("*.py"), *folder.glob("*/*.json")]):
-            part = file.relative_to(folder)
-            if part.parts[0] not in _WITHOUT_PROGRAMS:
-                digest.update(f"{package}/{part.as_posix()}\0".encode())
+            path = file.relative_to(folder)
+            if path.parts[0] not in _WITHOUT_PROGRAMS:
+                digest.update(f"{package}/{path.as_posix()}\0".encode())
                 digest.update(file.read_bytes())
     return digest.hexdigest()

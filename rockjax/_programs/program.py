@@ -1,5 +1,8 @@
-"""Functions that are traced and compiled once for each kind of arguments, in this process and in
-later ones."""
+"""Compiled functions that are stored on disk.
+
+A function is traced and compiled once for each kind of arguments (structure, static values, shapes and
+types). This process and later ones then use the compiled program.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +26,11 @@ from rockjax._machine.threads import submit
 from . import key as keys
 from . import store
 
-ARRAYS = np.ndarray | np.generic | jax.Array  # tracers are instances, too
-COUNTS = {"loaded": 0, "compiled": 0}  # programs in this process
+ARRAYS = np.ndarray | np.generic | jax.Array  # includes tracers
+COUNTS = {"loaded": 0, "compiled": 0}  # numbers of programs in this process
 _LOG = logging.getLogger("rockjax")
-_ANNOUNCE_AFTER = 2.0  # s of compiling, after which a message announces it
-# Settings that a program is traced under and that may change within a process.
+_ANNOUNCE_AFTER = 2.0  # duration of a compilation after which a message announces it [s]
+# JAX's settings that affect tracing and may change within a process.
 _SETTINGS = operator.attrgetter(
     "jax_enable_x64",
     "jax_default_matmul_precision",
@@ -41,24 +44,24 @@ _OPTIMISATION = {"xla_backend_optimization_level": 1}
 class _StaticInputs(NamedTuple):
     """Static inputs of a program: everything besides the shapes and types of its arrays."""
 
-    structure: Any
-    leaves: tuple[Any, ...]  # static leaves: functions, texts, …; None in the place of a passed leaf
-    keywords: tuple[tuple[str, Any], ...]
+    structure: Any  # tree structure of the arguments
+    leaves: tuple[Any, ...]  # static leaves, such as functions and strings; None for leaves that are passed
+    keywords: tuple[tuple[str, Any], ...]  # keyword arguments, sorted by name
 
 
 class KeptProgram:
     """A compiled function of pytrees of arrays and numbers; other leaves and keyword arguments are static.
 
     - `function`: the function
-    - `donate`: positions of arguments whose buffers are reused
+    - `donate`: positions of arguments whose buffers may be reused for the result
     - `arrays_only`: whether Python numbers are static, too
     - `compiler_options`: options of XLA
-    - `name`: name in keys; by default that of the function
+    - `name`: name of the program in its key; by default the full name of the function
     - `words`: name of the program in progress bars
 
-    Concrete arguments on the CPU run a program that is stored between processes: it is loaded without tracing
-    and compiling, and gives bitwise the same answers. All other arguments, such as tracers, go through
-    `jax.jit`.
+    For concrete arguments on a single CPU, the program is loaded from the store if it is there, without
+    tracing and compiling, and gives bitwise the same answers. All other arguments, such as tracers, are
+    passed to `jax.jit`.
     """
 
     def __init__(
@@ -93,12 +96,12 @@ class KeptProgram:
             return (self._ready.get(key) or self._make(key, passed))(*passed)
 
     def ahead(self, *arguments: Any, **keywords: Any) -> None:
-        """Load or compile, in another thread, the program for arguments of these kinds."""
+        """Load or compile the program for such arguments in another thread."""
         passed, static = self._split(arguments, keywords)
         key = static, _types(passed), _SETTINGS(jax.config)
 
         def make() -> None:
-            if _SETTINGS(jax.config) == key[2]:  # settings of the calling thread may not hold in this one
+            if _SETTINGS(jax.config) == key[2]:  # settings may apply to the calling thread only
                 self._make(key, passed)
 
         if key[1] is not None and key not in self._ready and _runs_on_one_cpu():
@@ -110,11 +113,12 @@ class KeptProgram:
         return self._jit(static)(*passed)
 
     def forget(self) -> None:
-        """Drop the programs of this process; those in the store stay."""
+        """Drop the programs of this process. Stored programs stay."""
         for cache in (self._jits, self._ready, self._locks):
             cache.clear()
 
     def _split(self, arguments: tuple, keywords: dict[str, Any]) -> tuple[list, _StaticInputs]:
+        """Return the leaves that are passed to the program, and its static inputs."""
         leaves, structure = jax.tree.flatten(arguments)
         flags = [type(y) is np.ndarray or isinstance(y, self._passed) for y in leaves]
         passed = [y for y, is_passed in zip(leaves, flags, strict=True) if is_passed]
@@ -122,7 +126,7 @@ class KeptProgram:
         return passed, _StaticInputs(structure, static_leaves, tuple(sorted(keywords.items())))
 
     def _jit(self, static: _StaticInputs) -> Any:
-        """Return the jitted function of the passed leaves alone."""
+        """Return the jitted function of the passed leaves."""
         if static not in self._jits:
 
             def function(*passed):
@@ -131,10 +135,10 @@ class KeptProgram:
                 return self._function(*jax.tree.unflatten(static.structure, leaves), **dict(static.keywords))
 
             function.__name__ = self._function.__name__
-            argument = [
-                k for k, part in enumerate(static.structure.children()) for _ in range(part.num_leaves)
+            argument_of_leaf = [
+                k for k, child in enumerate(static.structure.children()) for _ in range(child.num_leaves)
             ]
-            passed = [k for k, y in zip(argument, static.leaves, strict=True) if y is None]
+            passed = [k for k, y in zip(argument_of_leaf, static.leaves, strict=True) if y is None]
             donated = [i for i, k in enumerate(passed) if k in self._donate]
             jitted = jax.jit(function, donate_argnums=donated, compiler_options=self._options or None)
             return self._jits.setdefault(static, jitted)
@@ -142,8 +146,8 @@ class KeptProgram:
 
     def _make(self, key: Any, passed: list) -> Callable:
         """Load or compile the program of a key."""
-        # One thread compiles while others wait. A tracing thread must not wait, since the first one may wait
-        # for its turn to trace.
+        # One thread compiles a program, and others wait for it. A thread that holds the lock for tracing
+        # must not wait: the compiling thread may wait for that lock.
         lock = self._locks.setdefault(key, threading.Lock())
         with contextlib.nullcontext() if _THREAD_STATE.tracing else lock:
             if key not in self._ready:
@@ -153,40 +157,40 @@ class KeptProgram:
     def _load_or_compile(self, passed: list, static: _StaticInputs) -> Callable:
         options = _OPTIMISATION | self._options
         compile_key = f"{self.name}\ndonated {self._donate}, {options}"
-        stored, text = store.enabled(), None
+        uses_store, key = store.enabled(), None
         with contextlib.suppress(keys.NoKeyError):
-            if stored:
+            if uses_store:
                 argument_key = f"{keys.describe(tuple(static))}\n{keys.describe_shapes(passed)}"
-                text = f"{compile_key}\n{keys.source_hash()}\n{keys.describe_machine()}\n{argument_key}"
-        found = _load(text) if text else None
-        if found is not None:
-            return found
+                key = f"{compile_key}\n{keys.source_hash()}\n{keys.describe_machine()}\n{argument_key}"
+        loaded = _load(key) if key else None
+        if loaded is not None:
+            return loaded
         with compiling(self._words):
             with _tracing():
                 lowered = self._jit(static).lower(*passed)
-            if stored and not text:  # user-defined classes: identified by the trace
-                # Empty branches of the answers' tree leave no trace in the text of the program.
-                text = f"{compile_key}\n{keys.describe_machine()}\n{lowered.out_tree}\n{lowered.as_text()}"
-                found = _load(text)
-            if found is not None:
-                return found
+            if uses_store and not key:  # the lowered program identifies user-defined classes and functions
+                # It does not contain empty branches of the answers' tree, so the tree belongs to the key.
+                key = f"{compile_key}\n{keys.describe_machine()}\n{lowered.out_tree}\n{lowered.as_text()}"
+                loaded = _load(key)
+            if loaded is not None:
+                return loaded
             _watch_cache_hits()
             _THREAD_STATE.from_jax = False
             compiled = lowered.compile(compiler_options=options)
         COUNTS["compiled"] += 1
         # XLA cannot serialise programs that it has loaded from JAX's own cache.
-        if text and not _THREAD_STATE.from_jax:
-            _PENDING_WRITES.append(submit(_write, text, compiled))
+        if key and not _THREAD_STATE.from_jax:
+            _PENDING_WRITES.append(submit(_write, key, compiled))
         return compiled
 
 
 _PROGRAMS: list[KeptProgram] = []
-_PENDING_WRITES: list[Future] = []  # programs on their way into the store
+_PENDING_WRITES: list[Future] = []  # programs that are being written to the store
 
 
 class _ThreadState(threading.local):
-    tracing = False  # whether this thread has its turn to trace
-    from_jax = False  # whether what it compiled last came from JAX's own cache
+    tracing = False  # True while this thread holds the lock for tracing
+    from_jax = False  # True if the program that it compiled last came from JAX's own cache
 
 
 _THREAD_STATE = _ThreadState()
@@ -195,7 +199,8 @@ _TRACE_LOCK = threading.RLock()
 
 @contextlib.contextmanager
 def _tracing() -> Iterator[None]:
-    """Trace inside, one thread at a time: concurrent tracing delays compilation in other threads."""
+    """Hold the lock for tracing: one thread traces at a time, since concurrent tracing delays compilation
+    in other threads."""
     with _TRACE_LOCK:
         before, _THREAD_STATE.tracing = _THREAD_STATE.tracing, True
         try:
@@ -212,40 +217,44 @@ def _watch_cache_hits() -> None:
     jax.monitoring.register_event_listener(record_event)
 
 
-def _load(text: str) -> Callable | None:
-    """Return a stored program, None if there is no usable one."""
-    content = store.read(text)
+def _load(key: str) -> Callable | None:
+    """Return the program stored under a key; None if there is none, or if it cannot be loaded."""
+    content = store.read(key)
     if content is None:
         return None
     try:
         program, arguments, answers = pickle.loads(content)
         if b"lapack" in program:
             _register_lapack()
-        found = deserialize_and_load(program, arguments, answers, execution_devices=[_cpu()])
-    except Exception as error:  # a changed format, a class that no longer exists
+        loaded = deserialize_and_load(program, arguments, answers, execution_devices=[_cpu()])
+    except Exception as error:  # a changed format, or a class that no longer exists
         _LOG.debug("a stored program cannot be loaded: %r", error)
-        store.discard(text)
+        store.discard(key)
         return None
     COUNTS["loaded"] += 1
-    return found
+    return loaded
 
 
 @functools.cache
 def _register_lapack() -> None:
-    """Register LAPACK with XLA. JAX does so when it lowers the first program that needs it; without this, a
-    program that is only loaded would call a missing function and crash the process."""
+    """Register LAPACK with XLA.
+
+    JAX registers it when it lowers the first program that needs it. A loaded program is not lowered, and
+    without this call would crash the process by calling a missing function.
+    """
     jax.jit(jax.numpy.linalg.cholesky).lower(np.eye(1))
 
 
-def _write(text: str, compiled: Any) -> None:
-    """Store a program, if possible."""
+def _write(key: str, compiled: Any) -> None:
+    """Store a program under a key, if possible."""
     try:
         content = serialize(compiled)
-        # A tree of modules does not survive storage, and would fail when the program is called: fail now.
+        # Some trees of answers cannot be rebuilt after pickling. This raises now, not when the stored
+        # program is called.
         answers = pickle.loads(pickle.dumps(content[2]))
         jax.tree.unflatten(answers, range(answers.num_leaves))
-        store.write(text, pickle.dumps(content))
-    except Exception as error:  # a full disk, a program that cannot be serialised
+        store.write(key, pickle.dumps(content))
+    except Exception as error:  # a full disk, or a program that cannot be serialised
         _LOG.debug("a program cannot be stored: %r", error)
 
 
@@ -256,7 +265,7 @@ def finish_writing() -> None:
 
 
 def forget() -> None:
-    """Drop all programs of this process, including JAX's; those in the store stay."""
+    """Drop all programs of this process, including JAX's. Stored programs stay."""
     for program in _PROGRAMS:
         program.forget()
     jax.clear_caches()
@@ -267,10 +276,10 @@ _ANNOUNCED = threading.Event()
 
 
 @contextlib.contextmanager
-def compiling(what: str) -> Iterator[None]:
-    """Name the program being compiled inside, for progress bars; once per process a message announces a long
-    compilation."""
-    _COMPILING.append(what)
+def compiling(name: str) -> Iterator[None]:
+    """Register the name of the program that is compiled inside, for progress bars. Once per process, a
+    message announces a compilation of more than 2 s."""
+    _COMPILING.append(name)
     timer = threading.Timer(_ANNOUNCE_AFTER, _announce)
     timer.daemon = True
     timer.start()
@@ -278,20 +287,20 @@ def compiling(what: str) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
-        _COMPILING.remove(what)
+        _COMPILING.remove(name)
 
 
 def current_compilation() -> str | None:
-    """Return the name of the program being compiled, the latest of several; None if there is none."""
-    names = _COMPILING[-1:]  # another thread may remove it
+    """Return the name of the program whose compilation started last; None if none is being compiled."""
+    names = _COMPILING[-1:]  # a slice, since another thread may empty the list
     return names[0] if names else None
 
 
 def _announce() -> None:
     if not _ANNOUNCED.is_set():
         _ANNOUNCED.set()
-        stored_note = f"it is kept in {store.folder()}, and only loaded the next time"
-        note = stored_note if store.enabled() else "it is not kept (ROCKJAX_CACHE is off)"
+        stored_note = f"it is stored in {store.folder()} and only loaded the next time"
+        note = stored_note if store.enabled() else "it is not stored, since ROCKJAX_CACHE is off"
         _LOG.warning("compiling a program for this kind of scene, which may take some seconds; %s", note)
 
 
@@ -302,19 +311,19 @@ def _cpu() -> Any:
 
 def _types(leaves: list[Any]) -> tuple[Hashable, ...] | None:
     """Return the shapes and types of numbers and arrays; None unless all are concrete and on the CPU."""
-    cpu_sharding, found = jax.sharding.SingleDeviceSharding(_cpu()), []
+    cpu_sharding, types = jax.sharding.SingleDeviceSharding(_cpu()), []
     for y in leaves:
         if isinstance(y, np.ndarray | np.generic):
-            found.append((y.shape, y.dtype, False))
+            types.append((y.shape, y.dtype, False))
         elif isinstance(y, Tracer) or (isinstance(y, jax.Array) and y.sharding != cpu_sharding):
             return None
         else:
-            found.append((y.shape, y.dtype, y.weak_type) if isinstance(y, jax.Array) else type(y))
-    return tuple(found)
+            types.append((y.shape, y.dtype, y.weak_type) if isinstance(y, jax.Array) else type(y))
+    return tuple(types)
 
 
 def _runs_on_one_cpu() -> bool:
-    """Return whether programs run on a single CPU and JAX's settings do not change how."""
+    """Return whether programs run on a single CPU, without settings for debugging or several processes."""
     settings: Any = jax.config
     uses_cpu = settings.jax_default_device in (None, "cpu", _cpu()) and jax.default_backend() == "cpu"
     is_debugged = settings.jax_disable_jit or settings.jax_check_tracer_leaks
@@ -323,7 +332,7 @@ def _runs_on_one_cpu() -> bool:
 
 @contextlib.contextmanager
 def nans_allowed() -> Iterator[None]:
-    """Disable JAX's checks for NaN and inf inside: answers use them for "none" and "not requested"."""
+    """Disable JAX's checks for NaN and inf inside. Answers use NaN and inf for "none" and "not requested"."""
     settings: Any = jax.config
     if settings.jax_debug_nans or settings.jax_debug_infs:
         with jax.debug_nans(False), jax.debug_infs(False):

@@ -1,8 +1,8 @@
-"""The folder of stored programs: its place, its permissions and its size limit.
+"""The folder of stored programs: its path, its permissions and its size limit.
 
 Stored programs are executed, so the folder is used only if it belongs to this user and no other user can
-write to it. Files are written atomically and carry a checksum. Beyond the size limit the least recently used
-files are deleted.
+write to it. Files are written atomically and contain a checksum. If the folder exceeds the size limit,
+the least recently used files are deleted.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 from rockjax._machine.environment import switched_off
 
-LIMIT = 2048  # MiB
-_DIGEST = 32  # bytes
+LIMIT = 2048  # default size limit of the folder [MiB]
+_DIGEST = 32  # length of the checksum [bytes]
 _LOG = logging.getLogger("rockjax")
 
 
@@ -37,8 +37,11 @@ def enabled() -> bool:
 
 
 def root() -> Path:
-    """Return the cache folder: `ROCKJAX_CACHE_DIR`, or `rockjax` in the user's cache folder
-    (`XDG_CACHE_HOME`, or the platform's)."""
+    """Return the cache folder.
+
+    It is `ROCKJAX_CACHE_DIR`; by default `rockjax` in `XDG_CACHE_HOME`, or in the platform's folder for
+    caches.
+    """
     if chosen := os.environ.get("ROCKJAX_CACHE_DIR"):
         return Path(chosen).expanduser()
     if shared := os.environ.get("XDG_CACHE_HOME"):
@@ -49,14 +52,14 @@ def root() -> Path:
 
 
 def folder() -> Path:
-    """Return the folder of the programs."""
+    """Return the folder of stored programs."""
     return root() / "programs"
 
 
 def limit() -> int:
-    """Return the size limit of the folder [bytes], `ROCKJAX_CACHE_SIZE` in MiB.
+    """Return the size limit of the folder [bytes].
 
-    Raises `ValueError` if that is not a number ≥ 0.
+    `ROCKJAX_CACHE_SIZE` sets it in MiB. Raises `ValueError` if its value is not a finite number ≥ 0.
     """
     text = os.environ.get("ROCKJAX_CACHE_SIZE", "").strip()
     try:
@@ -69,26 +72,26 @@ def limit() -> int:
 
 
 def _reason_unsafe(path: Path) -> str | None:
-    """Return the reason why a folder or file is not trusted, None if it is. Raises `OSError` if it cannot be
-    read."""
+    """Return the reason why a folder or file is not trusted, None if it is trusted. Raises `OSError` if its
+    permissions cannot be read."""
     if not hasattr(os, "geteuid"):
-        return None  # Windows: the user's folders have access lists of their own
+        return None  # Windows, where access lists protect the user's folders
     status = path.stat()
     if status.st_uid != os.geteuid():
         return f"{path} belongs to another user"
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        return f"others can write to {path}; chmod go-w makes it usable"
+        return f"other users can write to {path}; remove the permission with chmod go-w"
     return None
 
 
 def reason_unused() -> str | None:
-    """Return the reason why programs are not stored, None if they are."""
+    """Return the reason why programs are not stored, None if they are stored."""
     if not enabled():
         return "ROCKJAX_CACHE is off"
     try:
         unsafe = _reason_unsafe(folder())
     except FileNotFoundError:
-        return None  # it is created when needed
+        return None  # the first program creates the folder
     except OSError as error:
         return f"{folder()}: {error.strerror}"
     usable = os.access(folder(), os.R_OK | os.W_OK | os.X_OK)
@@ -121,14 +124,16 @@ def read(key: str) -> bytes | None:
         _LOG.debug("%s is damaged", file)
         discard(key)
         return None
-    with contextlib.suppress(OSError):  # a folder that can only be read
-        os.utime(file)  # used just now
+    with contextlib.suppress(OSError):  # the folder may be read-only
+        os.utime(file)  # records the last use
     return data
 
 
 def write(key: str, data: bytes) -> None:
-    """Store data under a key, and delete old programs beyond the size limit. Raises `OSError` on failure,
-    such as a full disk."""
+    """Store data under a key, and delete the least recently used programs beyond the size limit.
+
+    Data larger than the limit are not stored. Raises `OSError` on failure, such as a full disk.
+    """
     path, limit_bytes = folder(), limit()
     path.parent.mkdir(parents=True, exist_ok=True)
     path.mkdir(mode=0o700, exist_ok=True)
@@ -136,7 +141,7 @@ def write(key: str, data: bytes) -> None:
         raise PermissionError(unsafe)
     if len(data) + _DIGEST > limit_bytes:
         return
-    handle, temporary = tempfile.mkstemp(prefix=".", suffix=".part", dir=path)  # for this user only
+    handle, temporary = tempfile.mkstemp(prefix=".", suffix=".part", dir=path)  # only this user may read it
     try:
         with os.fdopen(handle, "wb") as opened:
             opened.write(_digest(key, data) + data)
@@ -159,17 +164,17 @@ def discard(key: str) -> None:
 
 
 def entries() -> list[Entry]:
-    """Return all stored programs, the least recently used first."""
+    """Return all files of the folder, the least recently used first."""
     stored = []
     for path in folder().glob("*"):  # includes partial files of killed processes
-        with contextlib.suppress(OSError):  # another process has just deleted it
+        with contextlib.suppress(OSError):  # another process may have deleted the file
             status = path.stat()
             stored.append(Entry(path, status.st_size, status.st_mtime))
     return sorted(stored, key=lambda entry: entry.used)
 
 
 def clear() -> int:
-    """Delete all stored programs and return their number. Raises `OSError` if one cannot be deleted."""
+    """Delete all files of the folder and return their number. Raises `OSError` if one cannot be deleted."""
     stored = entries()
     for entry in stored:
         entry.path.unlink(missing_ok=True)

@@ -1,15 +1,14 @@
-"""Base class of restrainers, which respond to the elongation between the ground and the beam on a column's
-centre line.
+"""Base class of restrainers: devices on the centre line of a column, between the ground and the beam.
 
-Each joint of a rocking column opens by a chord about its contact corner. A device over both joints therefore
-lengthens by
+At each joint, the centre line of a rocking column opens by a chord about the contact corner. A device
+that spans both joints therefore lengthens by
 
     ℓ = 4R sin α sin(|θ|/2),
     (C1)
 
-and one over a single joint by half of it. Lengths are over R, times over 1/p and forces over the static
-weight of a column m_c g. The contribution of a device to the model is then a function of the stretch s = ℓ/R
-and its rate r = ℓ̇/(Rp) alone.
+and a device that spans one joint by half of it. Lengths are divided by R, times by 1/p and forces by the
+weight of a column m_c g. The force of a device is then a function of the stretch s = ℓ/R and its rate r =
+ℓ̇/(Rp), apart from an inerter, whose force is proportional to the acceleration of the elongation.
 """
 
 import abc
@@ -24,10 +23,14 @@ from rockjax._types import Number, Value
 
 
 class AbstractRestrainer(Module):
-    """A device of each column. A new kind defines its response to its own elongation; responses that it does
-    not define are zero."""
+    """A device of each column.
 
-    strengths: ClassVar[tuple[str, ...]] = ()  # fields; the device does nothing if all are zero
+    A subclass defines the response of a device to the elongation of the joints that it spans, by the
+    private methods. Responses that it does not define are zero. The public methods refer to the
+    elongation of both joints.
+    """
+
+    strengths: ClassVar[tuple[str, ...]] = ()  # names of fields; the device does nothing if all are zero
 
     @property
     @abc.abstractmethod
@@ -42,95 +45,96 @@ class AbstractRestrainer(Module):
 
     @abc.abstractmethod
     def _check(self, owner: str) -> None:
-        """Raise `ValueError`, in the name of `owner`, for invalid numbers."""
+        """Raise `ValueError` for invalid parameters; the message begins with `owner`."""
 
     def _force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
-        """Return the force that pulls beam and ground together, over m_c g; a jump may be rounded below the
-        rate `slip`."""
+        """Return the force that pulls beam and ground together, divided by m_c g. It may be rounded for
+        rates below `slip`, if its slope is infinite at zero rate."""
         del stretch, rate, slip
         return 0.0
 
     def _potential(self, stretch: Value) -> Value | float:
-        """Return the energy stored by the static force, over m_c g R, zero at no stretch."""
+        """Return the energy that the static force stores, divided by m_c g R; it is zero at zero stretch."""
         del stretch
         return 0.0
 
     def _power(self, rate: Value, slip: Value) -> Value | float:
-        """Return the dissipated power, over m_c g R p: never negative."""
+        """Return the dissipated power divided by m_c g R p; it is never negative."""
         del rate, slip
         return 0.0
 
     @property
     def _apparent_mass(self) -> Number | None:
-        """Force over the acceleration of the elongation, over m_c; None if there is none. Such a device
-        transmits an impulse at impacts."""
+        """Inertance divided by m_c; None without inertance. A device with inertance transmits an impulse at
+        impacts."""
         return None
 
     @property
     def _stiffness(self) -> Number | None:
-        """Slope of the static force at no stretch, K R/(m_c g); None if there is none."""
+        """Slope of the static force at zero stretch, K R/(m_c g); None without stiffness."""
         return None
 
     @abc.abstractmethod
     def of_block(self, weight: Number, inertia: Number, speed: Number) -> Self:
-        """Return the device for the equivalent solitary block of a frame with this device.
+        """Return the device of the solitary block that is equivalent to a frame with this device.
 
-        - `weight`: weight of one column of the frame over that of the block
-        - `inertia`: inertia of the frame over that of the block
-        - `speed`: p of the block over p of the frame
+        - `weight`: 1+2γ, the restoring moment of the frame divided by the moment of the block
+        - `inertia`: 3γ+¾(1+λ), the inertia of the frame divided by the inertia of the block
+        - `speed`: p of the block divided by p of the frame
         """
 
     @property
     def elongation_ratio(self) -> float:
-        """The device's own elongation over that of both joints."""
+        """Elongation of the device divided by the elongation of both joints."""
         return 0.5 if self.joints == 1 else 1.0
 
     def force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
-        """Return the force over m_c g that does the device's work along the elongation of both joints."""
+        """Return the force divided by m_c g that does the work of the device along the elongation of both
+        joints."""
         return self.elongation_ratio * self._force(
             self.elongation_ratio * stretch, self.elongation_ratio * rate, self.elongation_ratio * slip
         )
 
     def potential(self, stretch: Value) -> Value | float:
-        """Return the stored energy over m_c g R, at a stretch of both joints."""
+        """Return the stored energy divided by m_c g R, at a stretch of both joints."""
         return self._potential(self.elongation_ratio * stretch)
 
     def power(self, rate: Value, slip: Value) -> Value | float:
-        """Return the dissipated power over m_c g R p, at a rate of both joints."""
+        """Return the dissipated power divided by m_c g R p, at a rate of both joints."""
         return self._power(self.elongation_ratio * rate, self.elongation_ratio * slip)
 
     def static_force(self, stretch: Value) -> Value | float:
-        """Return the force over m_c g of a device that is held at a stretch of both joints."""
+        """Return the force divided by m_c g of a device that is held at a stretch of both joints."""
         return self.force(stretch, jnp.zeros_like(stretch), jnp.ones_like(stretch))
 
     @property
     def stores(self) -> bool:
-        """True if there is a static force, known before tracing."""
+        """True if the class defines a static force (`_potential`), even if its strength is zero."""
         return type(self)._potential is not AbstractRestrainer._potential
 
     @property
     def idle(self) -> bool:
-        """True if all its strengths are single zeros, known before tracing: the device does nothing."""
+        """True if all strengths are concrete scalars equal to zero. The device then does nothing."""
         values = [concrete(getattr(self, name)) for name in self.strengths]
         return bool(values) and all(y is not None and y.ndim == 0 and y == 0 for y in values)
 
     @property
     def steep(self) -> bool:
-        """True if the force has an infinite slope at zero rate, known before tracing. Steps are then
-        shortened near moments without motion."""
+        """True if the force may have an infinite slope at zero rate. Steps are then shortened near θ̇ = 0."""
         return False
 
     @property
     def apparent_mass(self) -> Number | None:
-        """Inertance over m_c of the equivalent device over both joints, None if there is none."""
-        own = self._apparent_mass
-        return None if own is None else self.elongation_ratio**2 * own
+        """Inertance divided by m_c of the equivalent device that spans both joints; None without
+        inertance."""
+        inertance = self._apparent_mass
+        return None if inertance is None else self.elongation_ratio**2 * inertance
 
     @property
     def slope(self) -> Number | None:
-        """Stiffness K R/(m_c g) of the equivalent device over both joints, None if there is none."""
-        own = self._stiffness
-        return None if own is None else self.elongation_ratio**2 * own
+        """Stiffness K R/(m_c g) of the equivalent device that spans both joints; None without stiffness."""
+        stiffness = self._stiffness
+        return None if stiffness is None else self.elongation_ratio**2 * stiffness
 
     def __repr__(self):
         return format_call(self)

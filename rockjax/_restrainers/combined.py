@@ -16,7 +16,7 @@ from rockjax._types import Number
 from . import KINDS
 from .base import AbstractRestrainer
 
-ROUNDS = 40  # iterations of the search for the stability angle: more than needed; bisection safeguards them
+ROUNDS = 40  # iterations of the search for the stability angle; more than needed
 
 
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
@@ -29,36 +29,38 @@ def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
 
 
 def check_restrainers(value: tuple) -> None:
-    """Raise `ValueError` for members that are not restrainers."""
-    for each in value:
-        if not isinstance(each, AbstractRestrainer):
+    """Raise `ValueError` for elements that are not restrainers."""
+    for element in value:
+        if not isinstance(element, AbstractRestrainer):
             raise ValueError(
-                f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got one that is "
-                f"{format_value(each)}"
+                f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got a tuple with the element "
+                f"{format_value(element)}"
             )
 
 
 def devices_by_joints(
     restrainers: Sequence[AbstractRestrainer],
 ) -> tuple[list[AbstractRestrainer], list[AbstractRestrainer]]:
-    """Return the devices over both joints of a column, and those over its bottom joint alone."""
+    """Return the devices that span both joints of a column, and the devices that span only the bottom
+    joint."""
     return [y for y in restrainers if y.joints == 2], [y for y in restrainers if y.joints == 1]
 
 
 def prestress(restrainers: Sequence[AbstractRestrainer], like: Number) -> Number:
-    """Return τ, the sum of all forces at uplift over m_c g."""
+    """Return τ, the sum of all static forces at uplift divided by m_c g, with the shape and type of
+    `like`."""
     zero = jnp.zeros_like(like)
-    return zero + sum(each.static_force(zero) for each in restrainers if each.stores)
+    return zero + sum(device.static_force(zero) for device in restrainers if device.stores)
 
 
 def apparent_mass(restrainers: Sequence[AbstractRestrainer]) -> Number | None:
-    """Return μ, the sum of all inertances over m_c; None if there are none, known before tracing."""
-    return _sum([each.apparent_mass for each in restrainers])
+    """Return μ, the sum of all inertances divided by m_c; None without inerters."""
+    return _sum([device.apparent_mass for device in restrainers])
 
 
 def stiffness(restrainers: Sequence[AbstractRestrainer]) -> Number | None:
-    """Return κ, the sum of all stiffnesses K R/(m_c g); None if there are none, known before tracing."""
-    return _sum([each.slope for each in restrainers])
+    """Return κ, the sum of all stiffnesses K R/(m_c g); None without tendons."""
+    return _sum([device.slope for device in restrainers])
 
 
 def _sum(terms: Sequence[Number | None]) -> Number | None:
@@ -67,13 +69,17 @@ def _sum(terms: Sequence[Number | None]) -> Number | None:
 
 
 def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[AbstractRestrainer]) -> Number:
-    """Return θ_s of (C7), the smallest |θ| in (0, π/2] at which gravity and restrainers no longer restore;
-    inf if there is none.
+    """Return θ_s of (C7) [rad], the smallest |θ| in (0, π/2] at which gravity and restrainers together no
+    longer restore; inf if there is none.
 
-    `weight` is w = γ+η+½. Up to α both restore, so the root lies between α and π/2, where V' of (C5) falls
-    through zero at most once.
+    - `alpha`: α [rad]
+    - `weight`: w = γ+η+½ [–]
+    - `restrainers`: devices of a column
+
+    Up to α both restore. Therefore the root lies between α and π/2, where V' of (C5) decreases through
+    zero at most once.
     """
-    with_static_force = [each for each in restrainers if each.stores]
+    with_static_force = [device for device in restrainers if device.stores]
     if not with_static_force:
         return alpha
     return _find_stability_angle(alpha, weight, with_static_force)
@@ -87,13 +93,14 @@ def _find_stability_angle(
         """Return V'(A)/(Rg)."""
         lever, stretch = 2 * jnp.sin(alpha) * jnp.cos(0.5 * angle), 4 * jnp.sin(alpha) * jnp.sin(0.5 * angle)
         return 2 * weight * jnp.sin(alpha - angle) + lever * sum(
-            each.static_force(stretch) for each in with_static_force
+            device.static_force(stretch) for device in with_static_force
         )
 
-    top = jnp.full_like(moment(alpha), math.pi / 2)
-    found = jax.lax.stop_gradient(newton(moment, jnp.broadcast_to(alpha, top.shape), top, ROUNDS)[2])
-    # One more step carries the derivative, by the implicit function theorem.
-    value, slope = jax.jvp(moment, (found,), (jnp.ones_like(found),))
-    found = found - value / jnp.where(slope < 0, slope, -1.0)
-    falls = moment(top) <= 8 * np.finfo(np.asarray(0.0).dtype).eps * weight
-    return jnp.where(falls, jnp.minimum(found, top), jnp.inf)
+    right_angle = jnp.full_like(moment(alpha), math.pi / 2)
+    lower_end = jnp.broadcast_to(alpha, right_angle.shape)
+    root = jax.lax.stop_gradient(newton(moment, lower_end, right_angle, ROUNDS)[2])
+    # One more Newton step gives the derivative, by the implicit function theorem.
+    value, slope = jax.jvp(moment, (root,), (jnp.ones_like(root),))
+    root = root - value / jnp.where(slope < 0, slope, -1.0)
+    has_root = moment(right_angle) <= 8 * np.finfo(np.asarray(0.0).dtype).eps * weight
+    return jnp.where(has_root, jnp.minimum(root, right_angle), jnp.inf)

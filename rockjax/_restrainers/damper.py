@@ -1,4 +1,4 @@
-"""Viscous dampers, linear and with a power law."""
+"""Viscous dampers, linear or with a power law."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .base import AbstractRestrainer
 
 
 class Linear(float):
-    """The exponent 1, known before tracing: it is not a number of the program, so a linear damper needs no
+    """The exponent 1 as a static value. It is no input of the compiled program, so a linear damper needs no
     powers."""
 
     def __new__(cls) -> Linear:
@@ -29,23 +29,23 @@ jax.tree_util.register_pytree_node(Linear, lambda _: ((), None), lambda *_: Line
 
 
 def as_exponent(value, what: str = "Damper: exponent") -> Any:
-    """Convert the exponent of a damper; a plain 1 becomes `Linear`."""
+    """Convert the exponent of a damper. A Python number equal to 1 becomes `Linear`."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 1:
         return Linear()
     return as_float(value, what)
 
 
 class Damper(AbstractRestrainer):
-    """A viscous damper beside every column: force C|ℓ̇|^ν against the rate of the elongation ℓ.
+    """A viscous damper of every column, with the force C|ℓ̇|^ν against the rate ℓ̇ of the elongation ℓ.
 
     - `coefficient`: δ = C (Rp)^ν/(m_c g), ≥ 0 [–]
-    - `exponent`: ν, 0 < ν ≤ 1 [–]. A plain 1 is a linear damper, decided before tracing; an array of 1 is a
-      general one
-    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only the bottom one
+    - `exponent`: ν, 0 < ν ≤ 1 [–]. The Python number 1 gives a linear damper, which compiles to a simpler
+      program; an array with the value 1 gives the general program
+    - `joints`: number of joints that it spans: 2 (from the ground to the beam) or 1 (only the bottom joint)
 
-    The force is 0 at zero rate: a damper never holds the column. For ν < 1 its slope is infinite there; it is
-    rounded below a rate that is tied to the tolerance, see docs/control.md. Raises `ValueError` for concrete
-    numbers outside these ranges.
+    The force is 0 at zero rate, so a damper never holds the column. For ν < 1 its slope is infinite
+    there; the force is rounded below a rate that is proportional to the tolerance, see docs/control.md.
+    Raises `ValueError` for concrete values outside these ranges.
     """
 
     coefficient: Number = eqx.field(converter=as_number("Damper: coefficient"))
@@ -61,7 +61,7 @@ class Damper(AbstractRestrainer):
 
     @property
     def linear(self) -> bool:
-        """True if ν is known to be 1."""
+        """True if ν is the static value 1."""
         return isinstance(self.exponent, Linear)
 
     @property
@@ -69,7 +69,7 @@ class Damper(AbstractRestrainer):
         return not self.linear
 
     def _growth(self, rate: Value, slip: Value) -> Value | float:
-        """Return |rate|^(ν−1), rounded near its pole."""
+        """Return |rate|^(ν−1), rounded near its pole at zero rate."""
         if self.linear:
             return 1.0
         return jnp.exp(0.5 * (self.exponent - 1) * jnp.log(rate * rate + slip * slip))

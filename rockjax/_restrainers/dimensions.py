@@ -1,4 +1,4 @@
-"""Restrainers from numbers in SI units."""
+"""Restrainers from parameters in SI units."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .tendon import Tendon
 def restrainers_of(
     owner: str, mass: Number, R: Number, g: Number, force, slope, coefficient, exponent, inertance
 ) -> tuple[AbstractRestrainer, ...]:
-    """Return the restrainers of a column from numbers in SI units.
+    """Return the restrainers of a column from parameters in SI units.
 
     - `owner`: name for error messages
     - `mass`: mass of the column [kg]
@@ -24,30 +24,31 @@ def restrainers_of(
     - `coefficient`, `exponent`: coefficient [N(s/m)^ν] and exponent ν of the damper
     - `inertance`: inertance of the inerter [kg]
 
-    Devices with a plain 0 are left out. Raises `ValueError` for numbers out of range.
+    Devices are left out if their parameters are the Python number 0. Raises `ValueError` for concrete
+    values out of range.
     """
-    given = {
-        "tendon_force": force,
-        "tendon_stiffness": slope,
-        "damper_coefficient": coefficient,
-        "inertance": inertance,
-    }
-    require_not_negative(owner, **given)
+    require_not_negative(
+        owner,
+        tendon_force=force,
+        tendon_stiffness=slope,
+        damper_coefficient=coefficient,
+        inertance=inertance,
+    )
     require(owner, "damper_exponent", exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
     absent = [isinstance(y, int | float) and y == 0 for y in (force, slope, coefficient, inertance)]
-    weight, found = mass * g, []
+    weight, restrainers = mass * g, []
     if not (absent[0] and absent[1]):
-        found.append(
+        restrainers.append(
             Tendon(as_numpy_unless_traced(force) / weight, as_numpy_unless_traced(slope) * R / weight)
         )
     if not absent[2]:
         speed = array_module(g, R).sqrt(0.75 * g * R)  # Rp
-        found.append(
+        restrainers.append(
             Damper(
                 as_numpy_unless_traced(coefficient) * speed ** as_numpy_unless_traced(exponent) / weight,
                 exponent,
             )
         )
     if not absent[3]:
-        found.append(Inerter(as_numpy_unless_traced(inertance) / mass))
-    return tuple(found)
+        restrainers.append(Inerter(as_numpy_unless_traced(inertance) / mass))
+    return tuple(restrainers)

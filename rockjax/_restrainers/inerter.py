@@ -11,14 +11,14 @@ from .base import AbstractRestrainer
 
 
 class Inerter(AbstractRestrainer):
-    """An inerter beside every column: force b ℓ̈ against the acceleration of the elongation ℓ.
+    """An inerter of every column, with the force b ℓ̈ against the acceleration ℓ̈ of the elongation ℓ.
 
     - `inertance`: μ = b/m_c, ≥ 0 [–]
-    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only the bottom one
+    - `joints`: number of joints that it spans: 2 (from the ground to the beam) or 1 (only the bottom joint)
 
-    A rigid link in both directions, without play or clutch. It transmits an impulse at impacts, which lowers
-    the restitution factor of the laws `"paper"` and `"compatible"`, [`rockjax.Podium.restitution_factor`][].
-    Raises `ValueError` for concrete numbers outside this range.
+    It acts in both directions, without play or clutch. It transmits an impulse at impacts, which lowers
+    the restitution factor of the laws `"paper"` and `"compatible"`,
+    [`rockjax.Podium.restitution_factor`][]. Raises `ValueError` for concrete values outside this range.
     """
 
     inertance: Number = eqx.field(converter=as_number("Inerter: inertance"))

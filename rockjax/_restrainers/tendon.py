@@ -11,16 +11,16 @@ from .base import AbstractRestrainer
 
 
 class Tendon(AbstractRestrainer):
-    """An unbonded elastic tendon along the centre line of every column: force P₀ + K ℓ, never slack, without
-    yielding.
+    """An unbonded elastic tendon along the centre line of every column, with the force P₀ + K ℓ.
 
-    - `prestress`: initial force τ = P₀/(m_c g), ≥ 0 [–]. At uplift it acts as a massless weight on each
-      column
-    - `stiffness`: axial stiffness κ = K R/(m_c g), ≥ 0 [–]. From [`rockjax.Podium.critical_stiffness`][] on
-      it makes the rocking stiffness positive
-    - `joints`: number of joints it spans; 2 from the ground to the beam, 1 only the bottom one
+    - `prestress`: initial force τ = P₀/(m_c g), ≥ 0 [–]. At uplift it acts like a weight without mass on
+      each column
+    - `stiffness`: axial stiffness κ = K R/(m_c g), ≥ 0 [–]. Above [`rockjax.Podium.critical_stiffness`][]
+      the rocking stiffness is positive
+    - `joints`: number of joints that it spans: 2 (from the ground to the beam) or 1 (only the bottom joint)
 
-    Raises `ValueError` for concrete numbers outside these ranges.
+    The tendon never becomes slack and does not yield. Raises `ValueError` for concrete values outside
+    these ranges.
     """
 
     prestress: Number = eqx.field(converter=as_number("Tendon: prestress"))

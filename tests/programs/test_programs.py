@@ -140,7 +140,7 @@ def test_nothing_is_read_that_others_own_or_can_write(stored, monkeypatch, caplo
         stored.folder.chmod(mode)
         with caplog.at_level(logging.DEBUG, "rockjax"):
             assert stored.call()
-        assert "others can write" in caplog.text
+        assert "other users can write" in caplog.text
     stored.folder.chmod(0o700)
     stored.file().chmod(0o666)
     assert stored.call()  # and written again
