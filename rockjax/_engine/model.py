@@ -58,8 +58,7 @@ class Elongation(NamedTuple):
 
 
 def elongation(c: Coefficients, sigma: Value, theta: Value) -> Elongation:
-    """Return the elongation of a device that connects beam and foundation across both joints of a column,
-    (C1)."""
+    """Return the elongation of a device between the ground and the beam, (C1)."""
     return _elongation(c, sigma, *sincos(0.5 * theta))
 
 
