@@ -1,9 +1,10 @@
 """Excitations: callables t ↦ ü_g with support and breakpoints.
 
-Breakpoints divide an excitation into smooth pieces. The engine never steps across a breakpoint and evaluates
-the smooth formula `piece(i)` of piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)`
-bounds the rest of the motion: when |ü_g| next exceeds the threshold, and how large |ü_g| and its integral can
-still be.
+Breakpoints are the times at which ü_g or one of its derivatives jumps. They divide an excitation into
+smooth pieces. The engine never steps across a breakpoint and evaluates the smooth formula `piece(i)` of
+piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)` answers questions about the
+remaining motion: when |ü_g| next exceeds the threshold, and how large |ü_g| and its integral can still
+become.
 """
 
 from __future__ import annotations
@@ -24,22 +25,24 @@ from rockjax._text.cards import card, format_call
 from rockjax._tree import Module
 from rockjax._types import Index, Number, Value
 
-SAMPLES = 4097  # of a motion given by a formula, to find its minimum
+SAMPLES = 4097  # number of samples on which the minimum of a motion is found by default
 
 
 class Shaking(NamedTuple):
-    """Ground acceleration with a vertical component [m/s²]; without one it is a number."""
+    """Horizontal and vertical ground acceleration [m/s²]. Motions without a vertical component return a
+    scalar instead."""
 
-    horizontal: Value
-    vertical: Value  # upwards
+    horizontal: Value  # ü_g
+    vertical: Value  # v̈_g, positive upwards
 
 
 class AbstractLookahead(Module):
-    """Bounds of the rest of an excitation, all of them constants for derivatives."""
+    """Bounds of the remaining excitation, held constant under differentiation (`stop_gradient`)."""
 
     @abc.abstractmethod
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first time ≥ t at which |ü_g| exceeds the threshold, inf if it never does [s]."""
+        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], inf without one. `piece` is
+        the piece at t."""
 
     @abc.abstractmethod
     def impulse(self, t: Value, piece: Index) -> Value:
@@ -51,7 +54,8 @@ class AbstractLookahead(Module):
 
     @abc.abstractmethod
     def highest_time(self, start: Value, end: Value) -> Value:
-        """Return when |ü_g| is largest between two times [s]; needs a threshold. `end` may be inf."""
+        """Return the time at which |ü_g| is largest between two times [s]; `end` may be inf. It is
+        available only if the lookahead was created with a threshold."""
 
 
 class AbstractExcitation(Module):
@@ -60,19 +64,19 @@ class AbstractExcitation(Module):
     def __init_subclass__(cls, **kwargs):
         super().__init_subclass__(**kwargs)
         if "outlook" in cls.__dict__ and "lookahead" not in cls.__dict__:
-            words = f"{cls.__name__}.outlook is called lookahead now: rename the method"
-            warnings.warn(words, DeprecationWarning, stacklevel=2)
+            message = f"{cls.__name__}.outlook is called lookahead now: rename the method"
+            warnings.warn(message, DeprecationWarning, stacklevel=2)
             cls.lookahead = cls.__dict__["outlook"]
 
     @property
     @abc.abstractmethod
     def support(self) -> tuple[Number, Number]:
-        """(t_start, t_end) [s]; outside, ü_g is zero or below rounding."""
+        """(t_start, t_end) [s]; outside this interval, ü_g is zero or smaller than rounding."""
 
     @property
     @abc.abstractmethod
     def breakpoints(self) -> Float[Array, "*batch n"]:
-        """Times at which ü_g or a derivative of it jumps, ascending, on the last axis [s]."""
+        """Times at which ü_g or one of its derivatives jumps, ascending along the last axis [s]."""
 
     @abc.abstractmethod
     def piece(self, index: Index) -> Callable[[Value], Value]:
@@ -80,14 +84,16 @@ class AbstractExcitation(Module):
 
     @abc.abstractmethod
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
-        """Return bounds of the rest; without `threshold`, exceedances are unavailable."""
+        """Return the lookahead for a threshold of |ü_g| [m/s²]. With None, `next_exceedance` and
+        `highest_time` are unavailable."""
 
     def scaled(self, factor) -> Self:
-        """Return the motion times a factor."""
-        raise NotImplementedError(f"{type(self).__name__} cannot be scaled; give it a method `scaled`")
+        """Return the motion with ü_g multiplied by a factor."""
+        raise NotImplementedError(f"{type(self).__name__} cannot be scaled; define its method `scaled`")
 
     def strength(self) -> np.ndarray | None:
-        """Return a number in proportion to max|ü_g| of each motion (host), None if not cheaply known."""
+        """Return a NumPy array proportional to max|ü_g| of each motion of a batch; None if it takes much
+        computation."""
         return None
 
     @property
@@ -97,44 +103,53 @@ class AbstractExcitation(Module):
 
     @property
     def most_pieces(self) -> int:
-        """Largest possible number of pieces, known before tracing."""
+        """Upper bound of the number of pieces; static."""
         return self.breakpoints.shape[-1] + 1
 
     def common_form(self) -> AbstractExcitation:
-        """Return the motion in a form whose compiled programs serve its whole kind, for any length."""
+        """Return the same motion in a form for which fewer programs are compiled: samples, for example,
+        are padded to a few common lengths."""
         return self
 
     @property
     def own_dimensions(self) -> dict[str, int]:
-        """Number of dimensions of fields that are arrays for a single motion; further ones are of a batch."""
+        """Number of dimensions, by name, of the fields that are arrays in a single motion. Further
+        leading dimensions belong to a batch."""
         return {}
 
     def past(self, index: Index, passed: Array) -> Index:
-        """Return the next piece if the end of this one is `passed`, else this one."""
+        """Return the next piece if `passed` (the end of this piece is reached), else this piece."""
         return index + passed.astype(jnp.int32)
 
     def before(self, index: Index, by: Any = 1) -> Index:
-        """Return the piece before one; itself where `by` is 0."""
+        """Return the previous piece if `by` is 1, the same piece if it is 0."""
         return index - by
 
     def curvature(self) -> Value:
-        """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴]; needed for components of a pair."""
+        """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴]. The components of a `GroundMotion`
+        need it."""
         raise NotImplementedError(
-            f"{type(self).__name__} has no bound of its curvature; give it a method `curvature`, a bound "
-            "of |d²ü_g/dt²| between breakpoints"
+            f"{type(self).__name__} cannot be a component of a GroundMotion; define its method "
+            "`curvature`, which returns a bound of |d²ü_g/dt²| between breakpoints"
         )
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value | None:
-        """Return a bound of |ü_g| from t to t + `ahead` within a piece [m/s²], or None if unknown.
+        """Return a bound of |ü_g| from t to t + `ahead` within a piece [m/s²]; None if the class has no
+        bound.
 
-        - `piece`: index of the piece; `t`: time [s]; `ahead`: duration, not past the end of the piece [s]
+        - `piece`: index of the piece
+        - `t`: time [s]
+        - `ahead`: duration [s], at most until the end of the piece
         - `now`: |ü_g(t)| [m/s²]
         """
         del piece, t, ahead, now
         return None
 
     def lowest(self) -> tuple[Value, Value]:
-        """Return the least ü_g [m/s²], which may be positive, and its time [s], of a single motion."""
+        """Return the minimum of ü_g [m/s²], which may be positive, and its time [s], for a single motion.
+
+        By default it is the least of 4097 samples and the breakpoints, refined by a parabola.
+        """
         start, end = self.support
         times = jnp.concatenate(
             [start + (end - start) * jnp.linspace(0.0, 1.0, SAMPLES), jnp.atleast_1d(self.breakpoints)]
@@ -142,16 +157,16 @@ class AbstractExcitation(Module):
         times = jnp.where(jnp.isfinite(times), times, start)
         values = self(times)
         k = jnp.argmin(values)
-        # A parabola through the neighbours if all three are on one piece.
-        inside = jnp.clip(k, 1, SAMPLES - 2)
-        low, mid, high = values[inside - 1], values[inside], values[inside + 1]
-        bend = low - 2 * mid + high
-        least = mid - (high - low) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))
-        smooth = (inside == k) & (bend > 0) & (self.locate(times[k - 1]) == self.locate(times[k + 1]))
-        return jnp.where(smooth, jnp.minimum(least, values[k]), values[k]), times[k]
+        # Minimum of the parabola through the sample and its neighbours, if all three are on one piece.
+        inner = jnp.clip(k, 1, SAMPLES - 2)
+        before, mid, after = values[inner - 1], values[inner], values[inner + 1]
+        bend = before - 2 * mid + after
+        minimum = mid - (after - before) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))
+        is_smooth = (inner == k) & (bend > 0) & (self.locate(times[k - 1]) == self.locate(times[k + 1]))
+        return jnp.where(is_smooth, jnp.minimum(minimum, values[k]), values[k]), times[k]
 
     def breakpoint(self, index: Index) -> Value:
-        """Return the time of breakpoint `index`, inf past the last one [s]."""
+        """Return the time of a breakpoint [s]; inf for an index after the last one."""
         times = self.breakpoints
         result = jnp.asarray(jnp.inf, times.dtype)
         for k in reversed(range(times.shape[-1])):
@@ -159,20 +174,20 @@ class AbstractExcitation(Module):
         return result
 
     def locate(self, t: Value) -> Index:
-        """Return the piece that begins at or before t (the right limit at a breakpoint)."""
+        """Return the index of the piece at t; at a breakpoint, the piece that starts there."""
         return jnp.sum(self.breakpoints <= t).astype(jnp.int32)
 
     def __call__(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return ü_g(t) [m/s²]: the right limit at breakpoints, the left limit at the last one."""
+        """Return ü_g(t) [m/s²]: the right limit at breakpoints, but the left limit at the last breakpoint."""
         t = as_float(t)
 
-        def at(s):
+        def evaluate(s):
             piece = self.locate(s)
-            last = (piece == self.last_piece) & (self.breakpoint(piece - 1) == s)
-            return self.piece(piece - last.astype(piece.dtype))(s)
+            is_last = (piece == self.last_piece) & (self.breakpoint(piece - 1) == s)
+            return self.piece(piece - is_last.astype(piece.dtype))(s)
 
-        with nans_allowed():  # the breakpoint after the last one is inf
-            return jax.vmap(at)(t.ravel()).reshape(t.shape)
+        with nans_allowed():  # `breakpoint` returns inf after the last one
+            return jax.vmap(evaluate)(t.ravel()).reshape(t.shape)
 
     def __repr__(self):
         return format_call(self)
@@ -181,7 +196,9 @@ class AbstractExcitation(Module):
         return card(self)
 
 
-class _Silence(AbstractLookahead):
+class _RestLookahead(AbstractLookahead):
+    """Lookahead of a motion that is zero."""
+
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         return jnp.full_like(t, jnp.inf)
 
@@ -210,7 +227,7 @@ class Rest(AbstractExcitation):
         return jnp.zeros_like
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
-        return _Silence()
+        return _RestLookahead()
 
     def curvature(self) -> Value:
         return jnp.zeros(())

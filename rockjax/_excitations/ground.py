@@ -1,8 +1,9 @@
-"""Ground motions with a vertical component: two excitations in one.
+"""Ground motions with a vertical component: pairs of two excitations.
 
-A piece of the pair is a pair of pieces, with one number. If breakpoints of both components coincide, both
-advance to their next pieces together. The columns lift when one of the combined signals ±ü_g − K v̈_g exceeds
-a level (C10); lookaheads find these crossings.
+A piece of the pair is a piece i of the horizontal and a piece j of the vertical component, with the
+single index i·n + j, where n is the number of vertical pieces. If breakpoints of both components
+coincide, both advance to their next pieces together. The columns lift when one of the combined signals
+±ü_g − K v̈_g exceeds a level, (C10); lookaheads find these crossings.
 """
 
 from __future__ import annotations
@@ -24,16 +25,22 @@ from rockjax._types import Index, Number, Value
 from .base import AbstractExcitation, AbstractLookahead, Shaking
 
 PARTS = "horizontal", "vertical"
-MAX_PIECES = 2**31  # pairs of pieces are numbered by one 32-bit integer
-TOUCH = 1e-9  # over the time scale of the motion: shorter excursions above a level are ignored
-CAUTION = 1 - 1e-6  # factor on the level above which the horizontal motion is searched closely
+MAX_PIECES = 2**31  # limit of pairs of pieces, whose index is a 32-bit integer
+# Excursions above a level are ignored if they are shorter than this multiple of the time scale of the motion.
+TOUCH = 1e-9
+CAUTION = 1 - 1e-6  # safety factor on the horizontal acceleration below which no search is needed
 
 
 def _component(name: str) -> Callable[[Any], AbstractExcitation]:
+    """Return the converter of a component. It accepts motions, and objects with a method `record`."""
+
     def convert(value: Any) -> AbstractExcitation:
         motion = value.record() if callable(getattr(value, "record", None)) else value
         if isinstance(motion, GroundMotion):
-            raise ValueError(f"GroundMotion: {name} must be one component, got a GroundMotion")
+            raise ValueError(
+                f"GroundMotion: {name} must be one component, got a GroundMotion; pass its horizontal or "
+                "vertical component"
+            )
         if not isinstance(motion, AbstractExcitation):
             raise ValueError(f"GroundMotion: {name} must be a rockjax motion, got {format_value(value)}")
         return motion
@@ -46,11 +53,12 @@ class GroundMotion(AbstractExcitation):
 
     - `horizontal`: ü_g, any motion; `vertical`: v̈_g, upwards positive, any motion [m/s²]
 
-    `scaled(f)` scales both components. The support is the union of their supports; each component is zero
-    outside its own. A call returns the horizontal acceleration. g + v̈_g must be positive at all times,
-    otherwise joints could open vertically, which the model excludes: a single scene of concrete numbers
-    raises `ValueError`, others have the result `weightless`. Raises `ValueError` for components that are no
-    single motions.
+    `scaled(f)` scales both components. The support reaches from the start of the earlier component to the
+    end of the later one. A call returns the horizontal acceleration.
+
+    g + v̈_g must be positive at all times, because otherwise joints could open vertically, which the
+    model excludes. A single scene of concrete values raises `ValueError` if it is not; other scenes have
+    the result `weightless`. Raises `ValueError` for components that are not single motions.
     """
 
     horizontal: AbstractExcitation = eqx.field(converter=_component("horizontal"))
@@ -59,8 +67,9 @@ class GroundMotion(AbstractExcitation):
     def __check_init__(self):
         if self.horizontal.most_pieces * self.vertical.most_pieces >= MAX_PIECES:
             raise ValueError(
-                "GroundMotion: horizontal and vertical have too many samples together, "
-                f"{self.horizontal.most_pieces} and {self.vertical.most_pieces}; resample one of them"
+                "GroundMotion: the product of the numbers of pieces of horizontal and vertical must be "
+                f"below 2³¹, got {self.horizontal.most_pieces} and {self.vertical.most_pieces}; "
+                "resample one component"
             )
 
     @property
@@ -70,7 +79,8 @@ class GroundMotion(AbstractExcitation):
 
     @property
     def shorter(self) -> Number:
-        """Duration of the shorter component [s], ignoring components without a duration."""
+        """Duration of the shorter component [s]. A component without a duration is ignored; 0 if both
+        have none."""
         durations = [end - start for start, end in (self.horizontal.support, self.vertical.support)]
         durations = [jnp.where(duration > 0, duration, jnp.inf) for duration in durations]
         shorter = jnp.minimum(*durations)
@@ -118,10 +128,11 @@ class GroundMotion(AbstractExcitation):
         return dataclasses.replace(self, horizontal=horizontal, vertical=vertical)
 
     def _combined_index(self, i: Any, j: Any) -> Any:
+        """Return the index of the pair of pieces i and j."""
         return i * self.vertical.most_pieces + j
 
     def parts(self, index: Index) -> tuple[Index, Index]:
-        """Return the pieces of both components."""
+        """Return the indices of the pieces of both components."""
         return index // self.vertical.most_pieces, index % self.vertical.most_pieces
 
     def piece(self, index: Index) -> Callable[[Value], Shaking]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -155,9 +166,12 @@ class GroundMotion(AbstractExcitation):
         return self._combined_index(i - retreats(first >= other, i), j - retreats(other >= first, j))
 
     def tie(self, index: Index) -> tuple[Value, Index]:
-        """Return the derivative-carrying offset between coinciding breakpoints, and the piece between them.
+        """Return the difference of breakpoints that coincide at the end of a piece, and the piece between
+        them.
 
-        The offset of the horizontal from the vertical breakpoint is zero in value [s].
+        The difference, horizontal minus vertical [s], is zero in value; its derivative is not, if the
+        breakpoints depend on the parameters differently. The piece between them is the next horizontal
+        piece with the present vertical piece.
         """
         i, j = self.parts(index)
         first, other = self._ends(index)
@@ -172,26 +186,32 @@ class GroundMotion(AbstractExcitation):
 
     @staticmethod
     def in_proportion(pulse: Callable[[Any, Any], AbstractExcitation], ratio: float) -> Proportional:
-        """Return a function (a_p, T_p) → motion for spectra, with v̈_g = `ratio` ü_g."""
+        """Return the function (a_p, T_p) ↦ motion with v̈_g = `ratio` · ü_g, for spectra.
+
+        - `pulse`: the function (a_p, T_p) ↦ component, such as a class of pulses
+        - `ratio`: finite number [–]
+        """
         return Proportional(pulse, ratio)
 
     def lookahead(self, threshold: Value | None, tilt: Value | None = None) -> PairLookahead:
-        """Return bounds of the rest; with `tilt` K, exceedances refer to max_± (±ü_g − K v̈_g)."""
+        """Return the lookahead for a threshold [m/s²]. With `tilt` K, exceedances are those of the
+        combined signals ±ü_g − K v̈_g; otherwise those of ±ü_g."""
         motion: GroundMotion = jax.lax.stop_gradient(self)
         vertical = motion.vertical.lookahead(None)
         if threshold is None or tilt is None:
             return PairLookahead(motion, motion.horizontal.lookahead(threshold), vertical, None, None, None)
         threshold, tilt = jax.lax.stop_gradient((threshold, tilt))
-        fall = jnp.minimum(motion.vertical.lowest()[0], 0.0)
-        doubtful = jnp.maximum(CAUTION * (threshold + tilt * fall), jnp.finfo(threshold.dtype).tiny)
+        # A combined signal can exceed the threshold only where |ü_g| exceeds this level.
+        min_vertical = jnp.minimum(motion.vertical.lowest()[0], 0.0)
+        level = jnp.maximum(CAUTION * (threshold + tilt * min_vertical), jnp.finfo(threshold.dtype).tiny)
         curvature = motion.horizontal.curvature() + tilt * motion.vertical.curvature()
-        horizontal = motion.horizontal.lookahead(doubtful)
+        horizontal = motion.horizontal.lookahead(level)
         return PairLookahead(motion, horizontal, vertical, threshold, tilt, curvature)
 
 
 @dataclasses.dataclass(frozen=True)
 class Proportional:
-    """Pulses with a proportional vertical component, v̈_g = `ratio` ü_g."""
+    """Pulses with a proportional vertical component, v̈_g = `ratio` · ü_g."""
 
     pulse: Callable[[Any, Any], AbstractExcitation]
     ratio: float
@@ -208,7 +228,8 @@ class Proportional:
 
 
 class ScaledByAmplitude(AbstractExcitation):
-    """Motions of a function (a_p, T_p) → excitation, with a_p as their scale; a_p = 1 unscaled."""
+    """The motions of a function (a_p, T_p) ↦ excitation, where a_p is the scale. The unscaled motion has
+    a_p = 1."""
 
     T_p: Number
     pulse: Callable[[Any, Any], AbstractExcitation] = eqx.field(static=True)
@@ -232,14 +253,15 @@ class ScaledByAmplitude(AbstractExcitation):
 
 
 class PairLookahead(AbstractLookahead):
-    """Bounds of the rest of both components; methods for one component refer to the horizontal one."""
+    """Bounds of the remaining motion of both components. `impulse`, `peak` and `highest_time` refer to
+    the horizontal component."""
 
     motion: GroundMotion
-    horizontal: AbstractLookahead
-    vertical: AbstractLookahead
-    threshold: Value | None
-    tilt: Value | None
-    curvature: Value | None  # of the combined signals
+    horizontal: AbstractLookahead  # lookahead of the horizontal component
+    vertical: AbstractLookahead  # lookahead of the vertical component
+    threshold: Value | None  # threshold of the combined signals [m/s²]
+    tilt: Value | None  # K of the combined signals [–]
+    curvature: Value | None  # bound of the second derivatives of the combined signals [m/s⁴]
 
     def impulse(self, t: Value, piece: Index) -> Value:
         return self.horizontal.impulse(t, self.motion.parts(piece)[0])
@@ -256,14 +278,16 @@ class PairLookahead(AbstractLookahead):
 
     def vertical_peak(self, t: Value, piece: Index) -> Value:
         """Return an upper bound of |v̈_g| from t on [m/s²]."""
-        own = self.motion.parts(piece)[1]
-        return self.vertical.peak(t, own, jnp.abs(self.motion.vertical.piece(own)(t)))
+        vertical_piece = self.motion.parts(piece)[1]
+        now = jnp.abs(self.motion.vertical.piece(vertical_piece)(t))
+        return self.vertical.peak(t, vertical_piece, now)
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first exceedance of the combined signals after t, or inf.
+        """Return the first time ≥ t at which a combined signal exceeds the threshold [s], inf without one.
 
-        The search visits times at which the horizontal motion is large enough. Its steps cannot pass a
-        crossing: they follow the parabolas of greatest curvature through value and slope of both signals.
+        The search advances only through times at which the horizontal motion is large enough. Its steps
+        cannot pass a crossing: each ends where the parabola through value and slope of a signal, with the
+        bound of the curvature, would reach the level.
         """
         del piece
         level, tilt, curvature = self.threshold, self.tilt, self.curvature

@@ -1,4 +1,4 @@
-"""Analytical pulses of fixed shape, a_p·s(t/T_p)."""
+"""Analytical pulses a_p·s(t/T_p) with a fixed shape s."""
 
 from __future__ import annotations
 
@@ -26,46 +26,54 @@ from .base import AbstractExcitation, AbstractLookahead
 from .names import PULSE_CLASSES
 
 MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
-# sup of |z (z²−3)| e^(−z²/2), at z = √(3−√6): normalises the antisymmetric Ricker to max|ü_g| = a_p, Eq.
-# (32).
+# Maximum of |z (z²−3)| e^(−z²/2), at z = √(3−√6). Divided by it, the antisymmetric Ricker pulse has
+# max|ü_g| = a_p, Eq. (32).
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
-_NEGLIGIBLE = 1e-15  # over the height of a pulse: smaller ends are zero but for rounding
-_HALVINGS, _NEWTON_STEPS = 10, 5
+_NEGLIGIBLE = 1e-15  # a value of a shape below this, at an end of the span, is rounding
+_HALVINGS, _NEWTON_STEPS = 10, 5  # of the search for a root
 
 
 def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
-    """Return the root of an increasing f in [lo, hi], to rounding, on the side with f > 0; hi without a root.
+    """Return the root of an increasing function in [lo, hi], exact to rounding, on the side with f > 0;
+    hi without a root.
 
-    Bisection, Newton steps, and final bisection, which takes more than a few steps only if f is flat at its
-    root.
+    It bisects, makes Newton steps and bisects again. The last bisection needs more than a few rounds only
+    if f is flat at its root.
     """
-    above = lambda z: f(z) > 0
-    lo = jnp.where((f(lo) <= 0) & above(hi), lo, hi)
-    hi, lo = bisect(above, hi, lo, _HALVINGS, jnp)
+    is_positive = lambda z: f(z) > 0
+    lo = jnp.where((f(lo) <= 0) & is_positive(hi), lo, hi)
+    hi, lo = bisect(is_positive, hi, lo, _HALVINGS, jnp)
     hi, lo, z, slope = newton(f, hi, lo, _NEWTON_STEPS)
-    time_per_height = 1 / jnp.where(slope == 0, jnp.inf, slope)
-    rounding = (
-        4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(time_per_height))
-    )  # rounding of time and of height
+    # Rounding of z, and of f (of order 1) divided by its slope.
+    inverse_slope = 1 / jnp.where(slope == 0, jnp.inf, slope)
+    rounding = 4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(inverse_slope))
     for trial in (z - rounding, z + rounding):
         trial = jnp.clip(trial, lo, hi)
-        lo, hi = jnp.where(above(trial), lo, trial), jnp.where(above(trial), trial, hi)
+        lo, hi = jnp.where(is_positive(trial), lo, trial), jnp.where(is_positive(trial), trial, hi)
 
     def is_unresolved(ends):
         hi, lo = ends
         middle = 0.5 * (lo + hi)
         return jnp.any((lo < middle) & (middle < hi))
 
-    return jax.lax.while_loop(is_unresolved, lambda ends: bisect(above, *ends, 1, jnp), (hi, lo))[0]
+    return jax.lax.while_loop(is_unresolved, lambda ends: bisect(is_positive, *ends, 1, jnp), (hi, lo))[0]
 
 
 class _PulseLookahead(AbstractLookahead):
+    """Lookahead of a pulse, from the crossings of the threshold on its monotone intervals.
+
+    - `a_p`, `T_p`: amplitude [m/s²] and period [s]
+    - `lead`, `trail`: on the interval k between the knots b_k and b_{k+1}, |ü_g| exceeds the threshold in
+      [b_k, lead_k) and in (trail_k, b_{k+1}); in units of T_p, None without a threshold
+    - `pulse`: class of the pulse
+    """
+
     a_p: Value
     T_p: Value
-    lead: Float[Array, " n"] | None  # on monotone interval k, |ü_g| > threshold in [b_k, lead_k) …
-    trail: Float[Array, " n"] | None  # … and in (trail_k, b_{k+1}); in units of T_p
+    lead: Float[Array, " n"] | None
+    trail: Float[Array, " n"] | None
     pulse: type[AbstractPulse] = eqx.field(static=True)
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
@@ -85,18 +93,19 @@ class _PulseLookahead(AbstractLookahead):
         knots = (*pulse.zeros, pulse.span[1])
         velocity = [float(pulse.velocity(np.float64(z))) for z in knots]
         tau = jnp.clip(t / self.T_p, *pulse.span)
-        # The rest of the present lobe, and the complete lobes after it.
-        reached, later_lobes = velocity[-1], 0.0
+        # The integral is the remainder of the present lobe, up to the next zero of the shape, plus the
+        # later lobes.
+        lobe_end, later_lobes = velocity[-1], 0.0
         for k in reversed(range(len(pulse.zeros))):
-            lobe = sum(abs(b - a) for a, b in zip(velocity[k:-1], velocity[k + 1 :], strict=True))
-            reached, later_lobes = (
-                jnp.where(tau < knots[k], a, b) for a, b in ((velocity[k], reached), (lobe, later_lobes))
+            lobes = sum(abs(b - a) for a, b in zip(velocity[k:-1], velocity[k + 1 :], strict=True))
+            lobe_end, later_lobes = (
+                jnp.where(tau < knots[k], a, b) for a, b in ((velocity[k], lobe_end), (lobes, later_lobes))
             )
-        return jnp.abs(self.a_p) * self.T_p * (jnp.abs(reached - pulse.velocity(tau)) + later_lobes)
+        return jnp.abs(self.a_p) * self.T_p * (jnp.abs(lobe_end - pulse.velocity(tau)) + later_lobes)
 
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
         del piece
-        # Monotone between turning points: the supremum is at t or at a later knot.
+        # The shape is monotone between knots, so the largest value is at t or at a later knot.
         later_peak = 0.0
         for z in self.pulse.knots():
             height = abs(float(self.pulse.shape(np.float64(z))))
@@ -104,7 +113,7 @@ class _PulseLookahead(AbstractLookahead):
         return jnp.maximum(jnp.abs(now), jnp.abs(self.a_p) * later_peak)
 
     def highest_time(self, start: Value, end: Value) -> Value:
-        # Monotone between knots: at a knot inside, or at an end.
+        # The shape is monotone between knots, so the maximum is at a knot or at an end of the interval.
         knots = jnp.asarray(self.pulse.knots()) * self.T_p
         start, end = (jnp.clip(t, knots[0], knots[-1]) for t in (start, end))
         times = jnp.append(jnp.clip(knots, start, end), jnp.stack([start, end]))
@@ -114,17 +123,17 @@ class _PulseLookahead(AbstractLookahead):
 class AbstractPulse(AbstractExcitation):
     """A pulse a_p·s(t/T_p) with a fixed shape s.
 
-    - `a_p`: amplitude, max|ü_g| [m/s²]; a negative one mirrors the response
-    - `T_p`: period, > 0 [s]; ω_p = 2π/T_p
+    - `a_p`: amplitude [m/s²], |a_p| = max|ü_g|; a negative amplitude mirrors the response
+    - `T_p`: period [s], > 0; ω_p = 2π/T_p
     """
 
     a_p: Number = eqx.field(converter=as_number("a_p"))
     T_p: Number = eqx.field(converter=as_number("T_p"))
 
-    span: ClassVar[tuple[float, float]]  # support, in units of T_p
-    compact: ClassVar[bool]  # exactly zero outside the span, with breakpoints at its ends
-    zeros: ClassVar[tuple[float, ...]]  # interior zeros of the shape
-    turning: ClassVar[tuple[float, ...]]  # interior extrema of the shape
+    span: ClassVar[tuple[float, float]]  # support [T_p]
+    compact: ClassVar[bool]  # True if the pulse is exactly zero outside the span, which ends in breakpoints
+    zeros: ClassVar[tuple[float, ...]]  # zeros of the shape inside the span [T_p]
+    turning: ClassVar[tuple[float, ...]]  # extrema of the shape inside the span [T_p]
 
     def __check_init__(self):
         require_finite(type(self).__name__, a_p=self.a_p)
@@ -132,17 +141,17 @@ class AbstractPulse(AbstractExcitation):
         size = concrete(self.a_p)
         if size is not None and size.ndim == 0 and abs(size) > MAX_AMPLITUDE:
             in_g = f"a_p = {float(size):g} m/s² is {abs(float(size)) / STANDARD_GRAVITY:.3g} g"
-            warn_about_units(f"{type(self).__name__}: {in_g}; was it meant in gal (cm/s²)?", stacklevel=4)
+            warn_about_units(f"{type(self).__name__}: {in_g}; did you pass gal (cm/s²)?", stacklevel=4)
 
     @staticmethod
     @abc.abstractmethod
     def shape(tau: Any) -> Any:
-        """Return ü_g/a_p at τ = t/T_p, inside the span."""
+        """Return ü_g/a_p at τ = t/T_p, for τ inside the span."""
 
     @staticmethod
     @abc.abstractmethod
     def velocity(tau: Any) -> Any:
-        """Return an antiderivative of the shape; NumPy in, NumPy out."""
+        """Return an antiderivative of the shape; a NumPy value for a NumPy argument."""
 
     @classmethod
     def knots(cls) -> tuple[float, ...]:
@@ -173,10 +182,10 @@ class AbstractPulse(AbstractExcitation):
         def formula(t):
             return self.a_p * self.shape(t / self.T_p)
 
-        def inside(t):
+        def formula_of_piece(t):
             return jnp.where(index == 1, formula(t), 0.0)
 
-        return inside if self.compact else formula
+        return formula_of_piece if self.compact else formula
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
         del piece, t
@@ -187,21 +196,22 @@ class AbstractPulse(AbstractExcitation):
 
     def lowest(self) -> tuple[Value, Value]:
         heights = np.array([float(self.shape(np.float64(z))) for z in self.knots()])
-        least = jnp.minimum(self.a_p * heights.min(), self.a_p * heights.max())
-        places = np.asarray(self.knots())[[heights.argmin(), heights.argmax()]]
-        return least, self.T_p * jnp.where(self.a_p > 0, *places)
+        minimum = jnp.minimum(self.a_p * heights.min(), self.a_p * heights.max())
+        extrema = np.asarray(self.knots())[[heights.argmin(), heights.argmax()]]
+        return minimum, self.T_p * jnp.where(self.a_p > 0, *extrema)
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         a_p, T_p = jax.lax.stop_gradient((self.a_p, self.T_p))
         if threshold is None:
             return _PulseLookahead(a_p, T_p, None, None, type(self))
-        # Relative to the amplitude; a pulse of zero amplitude never exceeds.
+        # The threshold divided by the amplitude; a pulse with zero amplitude never exceeds it.
         level = jax.lax.stop_gradient(threshold) / jnp.where(a_p == 0, 1.0, jnp.abs(a_p))
         level = jnp.where(a_p == 0, jnp.inf, level)
         knots = np.asarray(self.knots())
         heights = np.asarray(self.shape(knots))
         start, end = heights[:-1], heights[1:]
-        # Monotone from `start` to `end`: above the level near the left knot, near the right one, or neither.
+        # Each interval is monotone from `start` to `end`, so |s| exceeds the level next to a knot or not
+        # at all.
         falls = self._level_crossings(level, start, rises=False)
         rises = self._level_crossings(level, end, rises=True)
         lead = jnp.where(
@@ -213,10 +223,14 @@ class AbstractPulse(AbstractExcitation):
         return _PulseLookahead(a_p, T_p, lead, trail, type(self))
 
     def _level_crossings(self, level: Value, tops: np.ndarray, rises: bool) -> Array:
-        """Return where |s| crosses the level on each monotone interval.
+        """Return the τ at which |s| crosses the level on each monotone interval.
 
-        |s| rises to its top at the end of the interval or falls from its top at the start. The number is
-        arbitrary where the top is below the level.
+        - `level`: the level [–]
+        - `tops`: values of the shape s at one end of each interval
+        - `rises`: True if `tops` are the values at the right ends, to which |s| rises; False if they are
+          the values at the left ends, from which |s| falls
+
+        Where |top| is below the level, the result has no meaning.
         """
         knots = np.asarray(self.knots())
         high = np.flatnonzero(np.abs(tops) > _NEGLIGIBLE)
@@ -229,7 +243,8 @@ class AbstractPulse(AbstractExcitation):
 
 @functools.cache
 def _derivative_bound(pulse: type[AbstractPulse], order: int) -> float:
-    """Return a bound of a derivative of a shape inside its span, by differences."""
+    """Return the largest absolute value of the first or second derivative of a shape inside its span,
+    from differences on a fine grid and with 1 % in reserve."""
     h, (start, end) = 1e-4, pulse.span
     with jax.ensure_compile_time_eval():
         s = np.asarray(pulse.shape(np.arange(start + 0.5 * h, end, h)))
@@ -251,7 +266,7 @@ def _cos(x):
 class Ricker(AbstractPulse):
     """Symmetric Ricker ("Mexican hat") pulse, Eq. (32)₁, centred on t = 0:
 
-    ü_g = a_p (1 − 2x) e^(−x), x = (π t/T_p)². Support ±2.2 T_p, where |ü_g| is below 1e-18 a_p.
+    ü_g = a_p (1 − 2x) e^(−x), x = (π t/T_p)². The support is ±2.2 T_p; outside, |ü_g| is below 1e-18 |a_p|.
     """
 
     span = (-2.2, 2.2)
@@ -276,8 +291,8 @@ def _z_to_tau(z: float) -> float:
 class AntisymmetricRicker(AbstractPulse):
     """Antisymmetric Ricker pulse, Eq. (32)₂, centred on t = 0:
 
-    ü_g = (a_p/β)(z²−3) z e^(−z²/2), z = 2πt/(√3 T_p), with β = 1.380119 so that max|ü_g| = a_p.
-    Support ±2.75 T_p, where |ü_g| is below 1e-18 a_p.
+    ü_g = (a_p/β)(z²−3) z e^(−z²/2), z = 2πt/(√3 T_p), with β = 1.380119, so that max|ü_g| = |a_p|. The
+    support is ±2.75 T_p; outside, |ü_g| is below 1e-18 |a_p|.
     """
 
     span = (-2.75, 2.75)

@@ -18,15 +18,15 @@ from rockjax._types import Index, Value
 
 from .base import AbstractExcitation, AbstractLookahead
 
-# Least size, and the ratio of successive sizes. Single records have few sizes, because each compiles a
-# program; tables have closer sizes, because each row is padded.
+# Smallest padded size, and the ratio of successive sizes. Single records have few sizes, because each
+# size needs a compiled program; tables have closer sizes, because every row is padded.
 RECORD_SIZES, TABLE_SIZES = (8192, 4), (2048, 2)
 
 
 def common_size(count: int, least: int, ratio: int) -> int:
-    """Return the padded size of `count` numbers: `least` times a power of `ratio`.
+    """Return the smallest size ≥ `count` that is `least` times a power of `ratio`.
 
-    Each size compiles its own program; padding costs a scene little.
+    Samples are padded to such sizes, since each size needs a compiled program. Padding costs a scene little.
     """
     size = least
     while size < count:
@@ -35,20 +35,20 @@ def common_size(count: int, least: int, ratio: int) -> int:
 
 
 def pad_samples(samples, *sizes: int):
-    """Pad samples with zeros at the end of the last axes."""
-    last = zip(samples.shape[samples.ndim - len(sizes) :], sizes, strict=True)
-    padding = [(0, 0)] * (samples.ndim - len(sizes)) + [(0, size - count) for count, size in last]
+    """Pad samples with zeros, so that the last axes have the given sizes."""
+    counts_and_sizes = zip(samples.shape[samples.ndim - len(sizes) :], sizes, strict=True)
+    padding = [(0, 0)] * (samples.ndim - len(sizes)) + [(0, size - count) for count, size in counts_and_sizes]
     # NumPy, because JAX would compile for every length.
     return jnp.pad(samples, padding) if isinstance(samples, Tracer) else np.pad(np.asarray(samples), padding)
 
 
 class Sampling(NamedTuple):
-    """Sampling of a motion: first one at `start` [s], `count` samples every `dt` [s], times `scale` [–]."""
+    """Sampling of a motion; scalars for one motion, arrays for a batch."""
 
-    start: Any
-    dt: Any
-    count: Any
-    scale: Any
+    start: Any  # time of the first sample [s]
+    dt: Any  # sampling interval [s]
+    count: Any  # number of samples
+    scale: Any  # factor on the samples [–]
 
 
 class AbstractSampled(AbstractExcitation):
@@ -57,16 +57,16 @@ class AbstractSampled(AbstractExcitation):
     @property
     @abc.abstractmethod
     def sampling(self) -> Sampling:
-        """Sampling of one motion, or arrays for a batch."""
+        """Start, interval, number and scale of the samples."""
 
     @property
     @abc.abstractmethod
     def table(self) -> Float[Array, "*table n"]:
-        """Array that holds the samples, unscaled [m/s²]."""
+        """Array of the unscaled samples [m/s²], along the last axis. It may hold several motions."""
 
     @abc.abstractmethod
     def among(self, table: Float[Array, "*table n"], i: Index) -> Value:
-        """Return entry i of this motion in an array shaped like `table`."""
+        """Return the element of this motion with the index i, from an array with the layout of `table`."""
 
     def counts_of_rows(self) -> Int[Array, "*rows 1"]:
         """Return the number of samples in each row of the table."""
@@ -74,7 +74,7 @@ class AbstractSampled(AbstractExcitation):
 
     @abc.abstractmethod
     def sizes(self) -> Float[Array, "*table n"]:
-        """Return |samples|, unscaled, zero in the padding [m/s²]."""
+        """Return the absolute values of the unscaled samples [m/s²]; the padding is zero."""
 
     def strength(self) -> np.ndarray:
         row_peak: Any = np.abs(self.table).max(axis=-1)
@@ -103,7 +103,7 @@ class AbstractSampled(AbstractExcitation):
 
     def locate(self, t: Value) -> Index:
         start, dt, count, _ = self.sampling
-        # Rounding may be one off; the sample times decide.
+        # With rounding the guess may be wrong by one, so it is compared with the times of samples.
         guess = jnp.clip(jnp.floor((t - start) / dt), -1, jnp.asarray(count - 1, dt.dtype)).astype(jnp.int32)
         guess = jnp.where(self.breakpoint(guess + 1) <= t, guess + 1, guess)
         guess = jnp.where((guess >= 0) & (self.breakpoint(guess) > t), guess - 1, guess)
@@ -111,15 +111,15 @@ class AbstractSampled(AbstractExcitation):
 
     def piece(self, index: Index) -> Callable[[Value], Value]:
         _, dt, count, scale = self.sampling
-        inside = (index > 0) & (index < count)
+        is_inside = (index > 0) & (index < count)
         i = jnp.clip(index - 1, 0, count - 2)
         a0, a1 = self.among(self.table, i), self.among(self.table, i + 1)
-        a0, slope = (jnp.where(inside, scale * a, 0.0) for a in (a0, (a1 - a0) / dt))
+        a0, slope = (jnp.where(is_inside, scale * a, 0.0) for a in (a0, (a1 - a0) / dt))
         t0 = self.sample_time(i)
         return lambda t: a0 + slope * (t - t0)
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
-        # Linear between samples, so that the largest value is at an end.
+        # The motion is linear between samples, so the largest value is at an end.
         return jnp.maximum(now, jnp.abs(self.piece(piece)(t + ahead)))
 
     def curvature(self) -> Value:
@@ -127,31 +127,33 @@ class AbstractSampled(AbstractExcitation):
 
     def lowest(self) -> tuple[Value, Value]:
         scale, table = self.sampling.scale, self.table  # padding is zero
-        places = jnp.argmin(table, axis=-1), jnp.argmax(table, axis=-1)
-        low, high = (jnp.take_along_axis(table, k[..., None], axis=-1)[..., 0] for k in places)
-        low, high, first, last = (self.of_row(y) for y in (low, high, *places))
-        falls = scale > 0
-        return scale * jnp.where(falls, low, high), self.sample_time(jnp.where(falls, first, last))
+        indices = jnp.argmin(table, axis=-1), jnp.argmax(table, axis=-1)
+        low, high = (jnp.take_along_axis(table, k[..., None], axis=-1)[..., 0] for k in indices)
+        low, high, index_of_low, index_of_high = (self.of_row(y) for y in (low, high, *indices))
+        is_positive = scale > 0  # a negative scale makes the largest sample the minimum
+        sample = jnp.where(is_positive, index_of_low, index_of_high)
+        return scale * jnp.where(is_positive, low, high), self.sample_time(sample)
 
     def of_row(self, rows: Array) -> Array:
-        """Return the entry of this motion from an array with one entry for each row of the table."""
+        """Return the element of this motion from an array with one element per row of the table."""
         return rows
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         record: AbstractSampled = jax.lax.stop_gradient(self)
         size = record.sizes()
-        # The trapezoid of |ü_g| is an upper bound where the motion changes sign inside a piece.
+        # If the motion changes sign between samples, the trapezoid of |ü_g| is an upper bound of the
+        # integral.
         areas = 0.5 * (size[..., 1:] + size[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
-        # Summed from the last sample on, so that padding does not change the sums in the last digit.
+        # The sums start at the last sample, so that padding does not change their last digit.
         counts = record.counts_of_rows()
         samples = jnp.arange(size.shape[-1], dtype=counts.dtype).reshape((1,) * (size.ndim - 1) + (-1,))
-        place = counts - 1 - samples
-        reverse_rows = lambda y: jnp.take_along_axis(y, jnp.clip(place, 0), axis=-1)
+        mirrored = counts - 1 - samples
+        reverse_rows = lambda y: jnp.take_along_axis(y, jnp.clip(mirrored, 0), axis=-1)
         remaining_integral = reverse_rows(
-            jnp.cumsum(jnp.where(place >= 0, reverse_rows(areas), 0.0), axis=-1)
+            jnp.cumsum(jnp.where(mirrored >= 0, reverse_rows(areas), 0.0), axis=-1)
         )
-        remaining_integral = jnp.where(place >= 0, remaining_integral, 0.0)
+        remaining_integral = jnp.where(mirrored >= 0, remaining_integral, 0.0)
         remaining_peak = jax.lax.cummax(size, axis=size.ndim - 1, reverse=True)
         if threshold is None:
             return SampledLookahead(record, None, remaining_integral, remaining_peak, None)
@@ -161,16 +163,19 @@ class AbstractSampled(AbstractExcitation):
 
 
 class SampledLookahead(AbstractLookahead):
-    """Bounds of the rest of a sampled motion, from sums and maxima over its samples."""
+    """Bounds of the remaining motion, from sums and maxima over the samples."""
 
     record: AbstractSampled
     threshold: Value | None
-    # ∫|ü_g| dt/dt from sample i on, unscaled; zero past the end of a padded row.
+    # Bound of ∫|ü_g| dt from sample i on, divided by the sampling interval and unscaled; zero in the padding.
     remaining_integral: Float[Array, "*table n"]
     remaining_peak: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
-    tree: Float[Array, "*table m"] | None  # of |samples|, unscaled; None without a threshold
+    tree: (
+        Float[Array, "*table m"] | None
+    )  # tree of maxima of |samples|, see `_tree`; None without a threshold
 
     def _from_piece(self, table: Float[Array, "*table n"], piece: Index) -> Value:
+        """Return the scaled element of a table at the sample where a piece starts; zero after the motion."""
         _, _, count, scale = self.record.sampling
         value = jnp.abs(scale) * self.record.among(table, jnp.clip(piece - 1, 0, count - 1))
         return jnp.where(piece < count, value, 0.0)
@@ -182,16 +187,16 @@ class SampledLookahead(AbstractLookahead):
         return self._from_piece(self.remaining_peak, piece)
 
     def highest_time(self, start: Value, end: Value) -> Value:
-        # Linear between samples: at a sample inside, or at an end.
+        # The motion is linear between samples, so the maximum is at a sample or at an end of the interval.
         record = self.record
         first, last = record.support
         start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
-        inside = record.breakpoint(self._highest_sample(record.locate(start), record.locate(end)))
-        times = jnp.stack([jnp.clip(inside, start, end), start, end])
+        time_of_sample = record.breakpoint(self._highest_sample(record.locate(start), record.locate(end)))
+        times = jnp.stack([jnp.clip(time_of_sample, start, end), start, end])
         return times[jnp.argmax(jnp.stack([jnp.abs(record(t)) for t in times]))]
 
     def _highest_sample(self, first: Index, end: Index) -> Index:
-        """Return the sample of largest size in [first, end), along the tree of maxima."""
+        """Return the sample with the largest absolute value in [first, end), found in the tree of maxima."""
         tree = self.tree
         assert tree is not None
         leaves = tree.shape[-1] // 2
@@ -200,7 +205,7 @@ class SampledLookahead(AbstractLookahead):
 
         def up(_, carry):
             left, right, best = carry
-            # Nodes at the ends of the range whose parents reach beyond it.
+            # A node at an end of the range counts by itself if its parent has a child outside the range.
             for odd, node in ((left, left), (right, right - 1)):
                 best = jnp.where((left < right) & (odd % 2 == 1) & (size(node) > size(best)), node, best)
             return (left + left % 2) // 2, (right - right % 2) // 2, best
@@ -216,7 +221,8 @@ class SampledLookahead(AbstractLookahead):
         return (jax.lax.fori_loop(0, levels, down, best) - leaves).astype(first.dtype)
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first exceedance from t on: at t, or before the next sample above the threshold."""
+        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], inf without one: t itself,
+        or the crossing before the next sample above the threshold."""
         record, threshold = self.record, self.threshold
         assert threshold is not None
         count = record.sampling.count
@@ -225,22 +231,23 @@ class SampledLookahead(AbstractLookahead):
         exceeds_now = (piece < count) & (jnp.abs(record.piece(piece)(t)) > threshold)
         sample = self._next_sample(piece, threshold)
         formula = record.piece(sample)
-        begin = jnp.maximum(t, record.breakpoint(sample - 1))
+        start = jnp.maximum(t, record.breakpoint(sample - 1))
         end = record.breakpoint(sample)
-        a0, a1 = formula(begin), formula(end)
-        slope = (a1 - a0) / jnp.where(end > begin, end - begin, 1.0)
-        crossing = begin + (threshold - jnp.sign(a1) * a0) / jnp.abs(jnp.where(slope == 0, 1.0, slope))
-        crossing = jnp.clip(crossing, begin, end)
-        # The next number, to exceed the threshold. (Older versions of JAX cannot differentiate nextafter.)
-        at = jax.lax.stop_gradient(crossing)
-        crossing += jnp.nextafter(at, jax.lax.stop_gradient(end)) - at
+        a0, a1 = formula(start), formula(end)
+        slope = (a1 - a0) / jnp.where(end > start, end - start, 1.0)
+        crossing = start + (threshold - jnp.sign(a1) * a0) / jnp.abs(jnp.where(slope == 0, 1.0, slope))
+        crossing = jnp.clip(crossing, start, end)
+        # The next floating-point number, at which the threshold is exceeded. Older versions of JAX cannot
+        # differentiate `nextafter`.
+        fixed = jax.lax.stop_gradient(crossing)
+        crossing += jnp.nextafter(fixed, jax.lax.stop_gradient(end)) - fixed
         return jnp.where(exceeds_now, t, jnp.where(sample < count, crossing, jnp.inf))
 
     def _next_sample(self, first: Index, threshold: Value) -> Index:
-        """Return the first sample from `first` on that exceeds the threshold, `count` if there is none.
+        """Return the first sample ≥ `first` that exceeds the threshold; the number of samples without one.
 
-        The search in the tree of maxima skips nodes below the threshold, so that its cost is logarithmic in
-        the length of the record.
+        The search skips nodes of the tree of maxima that are below the threshold. Its cost is logarithmic
+        in the length of the record.
         """
         tree = self.tree
         assert tree is not None
@@ -252,22 +259,27 @@ class SampledLookahead(AbstractLookahead):
 
         def advance(carry):
             node, _ = carry
-            inside = exceeds(node)
-            # To the first child; else to the right neighbour, or from a right child to that of its parent.
-            next_node = jnp.where(inside, 2 * node, jnp.where(node % 2 == 1, (node + 1) // 2, node + 1))
-            found = inside & (node >= leaves)
-            past = ~inside & ((node & (node + 1)) == 0)  # the rightmost of its row
-            return jnp.where(found | past, node, next_node), found | past
+            is_above = exceeds(node)
+            # Go to the first child. If the node is below the threshold, go to its right neighbour
+            # instead, or from a right child to the right neighbour of its parent.
+            next_node = jnp.where(is_above, 2 * node, jnp.where(node % 2 == 1, (node + 1) // 2, node + 1))
+            is_found = is_above & (node >= leaves)
+            is_last = ~is_above & ((node & (node + 1)) == 0)  # the rightmost node of its level
+            return jnp.where(is_found | is_last, node, next_node), is_found | is_last
 
-        # A search that begins past the end stops at once.
-        begin = leaves + jnp.minimum(first, leaves - 1)
-        node, _ = jax.lax.while_loop(lambda carry: ~carry[1], advance, (begin, first >= count))
+        # A search that starts after the last sample stops at once.
+        start = leaves + jnp.minimum(first, leaves - 1)
+        node, _ = jax.lax.while_loop(lambda carry: ~carry[1], advance, (start, first >= count))
         is_found = (node >= leaves) & exceeds(node) & (first < count)
         return jnp.where(is_found, node - leaves, count).astype(first.dtype)
 
 
 def _tree(size: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
-    """Return the tree of maxima: node k is the larger of nodes 2k and 2k+1; the leaves are the last half."""
+    """Return the tree of maxima of the last axis.
+
+    Node 1 is the root, and node k is the larger of its children 2k and 2k+1. The second half of the array
+    holds the leaves: the values, padded to a power of two.
+    """
     n = size.shape[-1]
     width = 1 << (n - 1).bit_length()
     rows = [jnp.pad(size, [(0, 0)] * (size.ndim - 1) + [(0, width - n)])]

@@ -1,4 +1,8 @@
-"""Wavelets with a variable number of oscillations, searched by bounds instead of tables of extrema."""
+"""Wavelets with a variable number of oscillations.
+
+Their extrema depend on parameters. Therefore lookaheads search for crossings by bounds of the
+derivatives, not on monotone intervals.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,7 @@ from .base import AbstractExcitation, AbstractLookahead
 
 
 class _BoundedLookahead(AbstractLookahead):
-    """Lookahead of a smooth motion with known bounds |ü_g| ≤ amplitude and |d²ü_g/dt²| ≤ curvature."""
+    """Lookahead of a smooth motion with |ü_g| ≤ amplitude and |d²ü_g/dt²| ≤ curvature."""
 
     motion: AbstractExcitation
     threshold: Value | None
@@ -29,10 +33,10 @@ class _BoundedLookahead(AbstractLookahead):
     curvature: Value
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first exceedance after t, or inf.
+        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], inf without one.
 
-        Steps cannot pass a crossing: the parabola of greatest curvature through the present value and slope
-        stays below the threshold until its root. The search converges quadratically.
+        A step cannot pass a crossing: it ends where the parabola through the present value and slope,
+        with the bound of the curvature, reaches the threshold. The search converges quadratically.
         """
         del piece
         threshold = self.threshold
@@ -48,12 +52,13 @@ class _BoundedLookahead(AbstractLookahead):
             _, t, _ = carry
             formula = self.motion.piece(self.motion.locate(t))
             a, slope = jax.jvp(formula, (t,), (jnp.ones_like(t),))
-            found = jnp.abs(a) > threshold
+            is_above = jnp.abs(a) > threshold
             step = jnp.minimum(safe_step(a, slope, 1.0), safe_step(a, slope, -1.0))
-            # Steps are at least the resolution of time, to pass a touch that does not exceed; also after an
-            # exceedance, because a comparison that is evaluated twice may differ.
-            least = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
-            return t, t + jnp.maximum(step, least), found
+            # Steps are at least the resolution of time, to pass a point that only touches the threshold.
+            # They are so also after an exceedance, because a comparison that is evaluated twice may
+            # differ.
+            min_step = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
+            return t, t + jnp.maximum(step, min_step), is_above
 
         t = jnp.maximum(t, self.motion.support[0])
         is_below = self.amplitude <= threshold
@@ -77,26 +82,28 @@ class _BoundedLookahead(AbstractLookahead):
         times = start + (end - start) * jnp.linspace(0.0, 1.0, 1025)
         spacing = (end - start) / 1024
         best = times[jnp.argmax(jnp.abs(self.motion(times)))]
-        # Newton on the slope, kept within the neighbouring samples.
+        # Newton's method finds a zero of the slope between the neighbouring samples.
         formula = self.motion.piece(self.motion.locate(best))
         slope = jax.grad(formula)
-        polished = best
+        refined = best
         for _ in range(4):
-            bend = jax.grad(slope)(polished)
-            step = jnp.where(bend == 0, 0.0, -slope(polished) / jnp.where(bend == 0, 1.0, bend))
-            polished = jnp.clip(
-                polished + step, jnp.maximum(start, best - spacing), jnp.minimum(end, best + spacing)
+            bend = jax.grad(slope)(refined)
+            step = jnp.where(bend == 0, 0.0, -slope(refined) / jnp.where(bend == 0, 1.0, bend))
+            refined = jnp.clip(
+                refined + step, jnp.maximum(start, best - spacing), jnp.minimum(end, best + spacing)
             )
-        return jnp.where(jnp.abs(formula(polished)) > jnp.abs(formula(best)), polished, best)
+        return jnp.where(jnp.abs(formula(refined)) > jnp.abs(formula(best)), refined, best)
 
 
 class MavroeidisPapageorgiou(AbstractExcitation):
-    """Mavroeidis & Papageorgiou (2003) pulse; ü_g is the derivative of the ground velocity
+    """Pulse of Mavroeidis & Papageorgiou (2003); ü_g is the derivative of the ground velocity
 
     v = (A/2) [1 + cos(2πf_p t/γ)] cos(2πf_p t + ν) on |t| ≤ γ/(2f_p).
 
-    - `A`: velocity amplitude [m/s]; `f_p`: prevailing frequency, > 0 [Hz]
-    - `gamma`: number of oscillations γ, > 1 [–]; `nu`: phase ν [rad]
+    - `A`: velocity amplitude [m/s]
+    - `f_p`: prevailing frequency [Hz], > 0
+    - `gamma`: number of oscillations γ [–], > 1
+    - `nu`: phase ν [rad]
     """
 
     A: Number = eqx.field(converter=as_number("MavroeidisPapageorgiou: A"))
@@ -127,19 +134,20 @@ class MavroeidisPapageorgiou(AbstractExcitation):
     def piece(self, index: Index) -> Callable[[Value], Value]:
         omega = 2 * math.pi * self.f_p
 
-        def inside(t):
+        def formula(t):
             envelope, carrier = omega * t / self.gamma, omega * t + self.nu
             rate = sin(envelope) * cos(carrier) / self.gamma + (1 + cos(envelope)) * sin(carrier)
             return jnp.where(index == 1, -0.5 * self.A * omega * rate, 0.0)
 
-        return inside
+        return formula
 
     def curvature(self) -> Value:
         return self._bounds()[1]
 
     def _bounds(self) -> tuple[Value, Value]:
         """Return bounds of |ü_g| and |d²ü_g/dt²|."""
-        # Three harmonics: amplitudes ω, ω(1±1/γ)/2 times A/2, so every derivative has a bound.
+        # The velocity is a sum of harmonics with the frequencies ω and ω(1±1/γ) and the amplitudes A/2
+        # and A/4. The sum of their amplitudes bounds every derivative.
         motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
         omega = 2 * math.pi * motion.f_p
         rates = (omega, omega * (1 + 1 / motion.gamma), omega * (1 - 1 / motion.gamma))
@@ -154,12 +162,14 @@ class MavroeidisPapageorgiou(AbstractExcitation):
 
 
 class Gabor(AbstractExcitation):
-    """Gabor wavelet, a harmonic under a Gaussian, centred on t = 0 (Vassiliou & Makris 2011):
+    """Gabor wavelet, a harmonic with a Gaussian envelope, centred on t = 0 (Vassiliou & Makris 2011):
 
-    ü_g = a_p exp(−½(2πt/(γT_p))²) cos(2πt/T_p + φ). Support where the Gaussian is above 1e-18.
+    ü_g = a_p exp(−½(2πt/(γT_p))²) cos(2πt/T_p + φ). Outside its support the Gaussian is below 1e-18.
 
-    - `a_p`: amplitude of the envelope [m/s²]; `T_p`: period of the harmonic, > 0 [s]
-    - `gamma`: number of oscillations γ, > 0 [–]; `phi`: phase φ [rad]
+    - `a_p`: amplitude of the envelope [m/s²]
+    - `T_p`: period of the harmonic [s], > 0
+    - `gamma`: number of oscillations γ [–], > 0
+    - `phi`: phase φ [rad]
     """
 
     a_p: Number = eqx.field(converter=as_number("Gabor: a_p"))
@@ -202,8 +212,8 @@ class Gabor(AbstractExcitation):
         """Return bounds of |ü_g| and |d²ü_g/dt²|."""
         motion: Gabor = jax.lax.stop_gradient(self)
         amplitude = jnp.abs(motion.a_p)
-        # |E''| ≤ 1/γ², |E'| ≤ e^(−½)/γ for the envelope E, in units of 1/ω: the product rule bounds the
-        # curvature.
+        # With time in units of 1/ω, the envelope E has |E'| ≤ e^(−½)/γ and |E''| ≤ 1/γ². The product rule
+        # then bounds the curvature.
         rate = 2 * math.pi / motion.T_p
         curvature = amplitude * rate**2 * (1 + 2 * math.exp(-0.5) / motion.gamma + 1 / motion.gamma**2)
         return amplitude, curvature
