@@ -1,6 +1,6 @@
 """Samples of a ground motion, quantities derived from them, and plausibility checks.
 
-The motion is linear between samples; all integrals here are exact for that.
+A motion is linear between samples, and all integrals here are exact for such motions.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from rockjax._checks import as_float, require_finite_samples, require_number
 from rockjax._unit_warnings import PlausibilityWarning, warn_about_units
 from rockjax._units import STANDARD_GRAVITY
 
-HIGHEST_PGA = 3 * STANDARD_GRAVITY  # no record comes near it, except one in gal that is read as m/s²
+HIGHEST_PGA = 3 * STANDARD_GRAVITY  # a larger PGA suggests samples in gal that were read as m/s²
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
-# Least PGA of a file that only the user declares to be in m/s²; smaller numbers look like g.
+# Lowest PGA if only the user states that a file is in m/s²; a smaller one suggests samples in g.
 LOWEST_USER_PGA = 0.05 * STANDARD_GRAVITY
-SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # s
-RAW = "raw"  # how metadata["processing"] begins for uncorrected data
-DRIFT = 0.2  # share of PGV; a larger final velocity means that a record was cut or not corrected
+SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # range of sampling intervals without a warning [s]
+RAW = "raw"  # metadata["processing"] starts with this word for uncorrected data
+DRIFT = 0.2  # a final velocity above this fraction of PGV suggests a record that is cut or not corrected
 
 
 class RecordWarning(PlausibilityWarning):
@@ -32,7 +32,7 @@ class RecordWarning(PlausibilityWarning):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Accelerogram:
-    """Samples with a name, a source and the contents of the file header; base class of
+    """Samples with a name, a source and the contents of the file header: the base class of
     [`rockjax.Motion`][]."""
 
     acceleration: np.ndarray
@@ -72,7 +72,7 @@ class Accelerogram:
 
     @functools.cached_property
     def velocity(self) -> np.ndarray:
-        """Ground velocity at the samples, from rest, shape (n,) [m/s]; the trapezoidal rule, exact for the
+        """Ground velocity at the samples, from rest, shape (n,) [m/s]. The trapezoidal rule is exact for the
         motion."""
         steps = 0.5 * self.dt * (self.acceleration[1:] + self.acceleration[:-1])
         return np.concatenate([[0.0], np.cumsum(steps)])
@@ -81,7 +81,8 @@ class Accelerogram:
     def displacement(self) -> np.ndarray:
         """Ground displacement at the samples, from rest, shape (n,) [m].
 
-        The trapezoidal rule with end correction (Euler–Maclaurin) on the velocity, exact for the motion.
+        It is the integral of the velocity by the trapezoidal rule with end correction (Euler–Maclaurin),
+        which is exact for the motion.
         """
         steps = 0.5 * self.dt * (self.velocity[1:] + self.velocity[:-1])
         trapezoids = np.concatenate([[0.0], np.cumsum(steps)])
@@ -94,26 +95,26 @@ class Accelerogram:
 
     @property
     def pgv(self) -> float:
-        """Peak ground velocity [m/s], including peaks inside an interval, where ü_g crosses zero."""
-        start, end, after = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
-        turns = start * end < 0
-        inside = after[turns] + 0.5 * self.dt * start[turns] ** 2 / (start[turns] - end[turns])
-        return float(np.abs(np.concatenate([self.velocity, inside])).max())
+        """Peak ground velocity [m/s]. It includes peaks between samples, where ü_g crosses zero."""
+        start, end, velocity_at_start = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
+        crosses = start * end < 0
+        rise = 0.5 * self.dt * start[crosses] ** 2 / (start[crosses] - end[crosses])
+        return float(np.abs(np.concatenate([self.velocity, velocity_at_start[crosses] + rise])).max())
 
     @property
     def pgd(self) -> float:
-        """Peak ground displacement [m], including peaks inside an interval, where the velocity crosses
+        """Peak ground displacement [m]. It includes peaks between samples, where the velocity crosses
         zero."""
         a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
         slope = np.diff(self.acceleration) / dt
-        # v + aτ + ½ slope τ² = 0, in the form without cancellation.
+        # Roots of v + aτ + ½ slope τ² = 0, in the form without cancellation.
         root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
         sum_ = -(a + np.copysign(root, a))
         with np.errstate(divide="ignore", invalid="ignore"):
             times = np.stack([2 * v / sum_, sum_ / slope])
         times = np.where((times > 0) & (times < dt), times, 0.0)
-        inside = u + times * (v + times * (a / 2 + times * slope / 6))
-        return float(np.abs(np.append(inside, self.displacement[-1])).max())
+        peaks = u + times * (v + times * (a / 2 + times * slope / 6))
+        return float(np.abs(np.append(peaks, self.displacement[-1])).max())
 
 
 def warn_if_implausible(
@@ -123,41 +124,40 @@ def warn_if_implausible(
 
     - `motion`: the motion
     - `where`: name of the file, for messages
-    - `stacklevel`: of the warnings
-    - `unit_from_user`: whether only the user states the unit
+    - `stacklevel`: stack level of the warnings
+    - `unit_from_user`: True if the user has passed `units`
     """
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
         warn_about_units(
-            f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g: are the units right?",
+            f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g; are the units right?",
             stacklevel,
             RecordWarning,
         )
     elif unit_from_user and motion.metadata.get("units") == "m/s2" and motion.pga < LOWEST_USER_PGA:
         warn_about_units(
-            f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; a file in g is "
-            f"read with "
-            "units='g'",
+            f"{where}: PGA is {motion.pga:.3g} m/s², {motion.pga / STANDARD_GRAVITY:.3g} g; if the file is "
+            "in g, pass units='g'",
             stacklevel,
             RecordWarning,
         )
     if not SHORTEST_DT <= motion.dt <= LONGEST_DT:
         warn_about_units(
-            f"{where}: its sampling interval is {motion.dt:.3g} s, which no accelerograph has: "
-            "are its times in seconds?",
+            f"{where}: the sampling interval is {motion.dt:.3g} s, which is unusual for an accelerograph; "
+            "are the times in seconds?",
             stacklevel,
             RecordWarning,
         )
     if damage := motion.metadata.get("damaged"):
         warn_about_units(
-            f"{where}: is damaged, and {len(motion)} samples are all that can be read: {damage}",
+            f"{where}: the file is damaged, and only {len(motion)} samples could be read: {damage}",
             stacklevel,
             RecordWarning,
         )
     processing = str(motion.metadata.get("processing", ""))
     if processing.startswith(RAW):
         warn_about_units(
-            f"{where}: is {processing}, not corrected: its offset and drift are in it; "
-            "Motion.baseline_corrected(1) takes an offset out",
+            f"{where}: the data are {processing}, so they contain the offset and drift of the instrument; "
+            "Motion.baseline_corrected(1) removes an offset",
             stacklevel,
             RecordWarning,
         )
@@ -165,9 +165,9 @@ def warn_if_implausible(
     final_velocity = abs(float(motion.velocity[-1]))
     if final_velocity > DRIFT * motion.pgv:
         warn_about_units(
-            f"{where}: ends with a velocity of "
-            f"{final_velocity:.3g} m/s, {final_velocity / motion.pgv:.0%} of PGV: its baseline drifts, or "
-            "it is cut; Motion.baseline_corrected() takes it out",
+            f"{where}: the motion ends with a velocity of "
+            f"{final_velocity:.3g} m/s, {final_velocity / motion.pgv:.0%} of PGV, so its baseline drifts or "
+            "it is cut; Motion.baseline_corrected() removes a drift",
             stacklevel,
             RecordWarning,
         )

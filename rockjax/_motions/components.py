@@ -1,4 +1,4 @@
-"""Names of the vertical component in headers and in names of files."""
+"""Names of the vertical component in headers and file names."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ _UP_NAME = re.compile(
     r"|accz|az|compz|düşey)\d*"
 )
 _DOWN_NAME = re.compile(r"(?:dn|dwn|down|downwards?|vertdown)\d*")
-# Codes of channels: band, instrument, orientation (HNZ, BHZ), optionally with a location before or after.
+# Channel codes of band, instrument and orientation (HNZ, BHZ), optionally with a location before or after.
 _CHANNEL_CODE = re.compile(r"(?:\d{2})?[a-z]{2}z\d{0,2}|\d{2}z")
-# Ends of names that ordinary words rarely have; longer ones first.
+# Suffixes that mean a vertical component and that ordinary words rarely have; longer ones first.
 _VERTICAL_SUFFIX = re.compile(
     r"[-_. ]?(VERTICAL|VERT|VRT|VER|U-?D\d?|UP|DWN|DOWN|[A-Z]{2}Z\d{0,2}|V|Z)\.?$", re.IGNORECASE
 )
@@ -22,7 +22,8 @@ def _normalise(name: str) -> str:
 
 
 def is_vertical(name: str) -> bool:
-    """Return whether a component is vertical: `Up`, `U-D`, `UD1`, `VERT.`, `VRT`, `DWN`, `HNZ`, `BHZ00` …"""
+    """Return whether the name of a component means a vertical one, such as `Up`, `U-D`, `UD1`, `VERT.`,
+    `DWN`, `HNZ`."""
     return any(
         _is_vertical(_normalise(part)) for part in (name, (name.split() or [""])[0], name.split(".")[-1])
     )
@@ -33,12 +34,12 @@ def _is_vertical(normalised: str) -> bool:
 
 
 def points_down(name: str) -> bool:
-    """Return whether a vertical component is positive downwards."""
+    """Return whether the name of a vertical component means positive downwards, such as `DWN`."""
     return any(_DOWN_NAME.fullmatch(_normalise(part)) for part in (name, (name.split() or [""])[0]))
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Return the name of a motion without its vertical component, and that component; empty if it has
-    none."""
-    found = _VERTICAL_SUFFIX.search(name)
-    return (name[: found.start()], found[1]) if found else (name, "")
+    """Return the name of a motion without the suffix of a vertical component, and that suffix; an empty
+    string without one."""
+    match = _VERTICAL_SUFFIX.search(name)
+    return (name[: match.start()], match[1]) if match else (name, "")

@@ -1,8 +1,8 @@
-"""Conversion of ground motions in any form to excitations; all functions that take motions use it.
+"""Conversion of ground motions in any form to excitations.
 
-A `Motion`, as readers return it, becomes a `Record`; `Motions`, and lists of either, become a table of
-`Records`, or a batch of pulses of one kind. Anything else raises a `ValueError` that names the argument and
-the call that makes a ground motion.
+A `Motion`, which readers return, becomes a `Record`. `Motions`, and lists of motions, become a table of
+`Records`; lists of pulses of one class become a batch of pulses. Anything else raises a `ValueError` that
+names the argument and a call that makes a ground motion.
 """
 
 from __future__ import annotations
@@ -27,36 +27,36 @@ from .motion import Motion, Motions
 from .record import Record
 from .records import RecordPairs, Records
 
-# Types that functions of a single motion accept, and those of several.
+# Types that functions accept for one motion, and for several motions.
 AnyMotion = AbstractExcitation | Motion | Motions
 AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
 
 
 class SingleMotions(NamedTuple):
-    """Single motions, and their names; None if one of them has no name."""
+    """Single motions, and their names, or None if one of them has no name."""
 
     members: Sequence[AbstractExcitation]
     names: list[str] | None
 
 
 def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcitation:
-    """Return one motion to simulate with, or a batch that is one excitation already; a sequence must contain
-    one motion."""
+    """Return the excitation of an argument. An excitation, single or a batch, stays as it is; anything
+    else must contain exactly one motion."""
     if isinstance(value, AbstractExcitation):
         return value
     members = single_motions(owner, value, name).members
     if len(members) != 1:
         raise ValueError(
             f"{owner}: {name} must be one motion, got "
-            f"{len(members)}; give one of them, or all to rockjax.peak_responses or "
+            f"{len(members)}; pass one of them, or pass all to rockjax.peak_responses or "
             f"rockjax.incremental_dynamic_analysis"
         )
     return members[0]
 
 
 def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
-    """Return a batch of motions in one excitation: records in one table, motions of one other kind as one
-    with arrays."""
+    """Return several motions as one batched excitation: records as one table, motions of another class as
+    one motion with arrays of parameters."""
     if isinstance(value, Motion):
         return value.record()
     return (
@@ -67,14 +67,15 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
 
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
-    """Return a table of all records, or of all pairs of records, and their names if they have any."""
+    """Return a table of all records, or of all pairs of records, and their names, or None if one has no
+    name."""
     if isinstance(value, RecordPairs):
         return value, None
     if isinstance(value, Records):
         which, scale = concrete(value.which), concrete(value.scale)
         traced = which is None or scale is None
-        is_whole_table = traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
-        return (value if is_whole_table else Records.of(_records_of_table(owner, value, name))), None
+        is_complete = traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
+        return (value if is_complete else Records.of(_records_of_table(owner, value, name))), None
     members, names = single_motions(owner, value, name)
     pairs = [member for member in members if isinstance(member, GroundMotion)]
     if pairs and len(pairs) == len(members) and all(map(_is_record_pair, pairs)):
@@ -93,7 +94,8 @@ def _is_record_pair(pair: GroundMotion) -> bool:
 
 
 def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
-    """Return motions with their integrals, on the host, from one or several; records become motions."""
+    """Return one or several motions as a list of `Motion` (host). Records become motions; of a
+    `GroundMotion` only the horizontal component is returned."""
     if isinstance(value, Motion):
         return [value]
     if isinstance(value, Motions):
@@ -101,11 +103,11 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
     if isinstance(value, Iterable) and not isinstance(
         value, str | bytes | AbstractExcitation | np.ndarray | jax.Array
     ):
-        found = [motion for entry in value for motion in as_motions(owner, entry, name)]
-        if not found:
+        motions = [motion for entry in value for motion in as_motions(owner, entry, name)]
+        if not motions:
             raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
-        return found
-    found = []
+        return motions
+    motions = []
     for k, member in enumerate(single_motions(owner, value, name).members):
         member = member.horizontal if isinstance(member, GroundMotion) else member
         samples = concrete(member.acceleration) if isinstance(member, Record) else None
@@ -114,12 +116,12 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
                 f"{owner}: {name} must be rockjax.Motion, Motions or records, got {format_value(member)}; "
                 "rockjax.Motion(motion(t), dt) samples a motion at times t"
             )
-        found.append(Motion(float(member.scale) * samples, float(member.dt), f"record {k + 1}"))
-    return found
+        motions.append(Motion(float(member.scale) * samples, float(member.dt), f"record {k + 1}"))
+    return motions
 
 
 def single_motions(owner: str, value, name: str) -> SingleMotions:
-    """Return all single motions of an argument: one, several, or a list of any of these."""
+    """Return all single motions of an argument, which may be one motion, several, or a list of both."""
     if isinstance(value, Motion):
         return SingleMotions([value.record()], [value.name])
     if isinstance(value, Motions):
@@ -152,15 +154,16 @@ def _is_no_motion(value) -> bool:
 def _advice(value) -> str:
     """Return advice on how to convert a value to a motion."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
-        return f"; give it its numbers: rockjax.{value.__name__}(a_p, T_p)"
+        return f"; pass an instance of the class: rockjax.{value.__name__}(a_p, T_p)"
     if isinstance(value, str | bytes | Path):
         return "; rockjax.read_motion(path) reads a file, rockjax.read_suite(path) a folder"
     if isinstance(value, np.ndarray | jax.Array | float | int):
-        return "; rockjax.Record(acceleration, dt) makes a motion of samples"
+        return "; rockjax.Record(acceleration, dt) makes a motion from samples"
     return ""
 
 
 def _require_single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcitation:
+    """Return the motion. Raises `ValueError` if it is a batch."""
     if isinstance(motion, GroundMotion):
         for part in PARTS:
             _require_single(owner, getattr(motion, part), f"{name}.{part}")
@@ -173,50 +176,55 @@ def _require_single(owner: str, motion: AbstractExcitation, name: str) -> Abstra
             raise ValueError(
                 f"{owner}: {name} must be a single motion, but its "
                 f"{field.name} is an array, shape {value.shape}; "
-                "give a list of motions, or the array as an axis of rockjax.grid"
+                "pass a list of motions, or the array as an axis of rockjax.grid"
             )
     return motion
 
 
 def _records_of_table(owner: str, records: Records, name: str) -> list[Record]:
-    """Return the selected records of a table, each by itself."""
+    """Return the selected records of a table as a list of single records."""
     which, counts = concrete(records.which), concrete(records.counts)
     if which is None or counts is None:
-        raise ValueError(f"{owner}: {name} is being traced; give a list of records")
+        raise ValueError(f"{owner}: {name} must be concrete, but is traced; pass a list of records")
     if which.ndim > 1:
         raise ValueError(f"{owner}: {name} must be Records of shape (k,), got shape {which.shape}")
     scales = (
         np.broadcast_to(concrete(records.scale), which.shape) if concrete(records.scale) is not None else None
     )
     if scales is None:
-        raise ValueError(f"{owner}: the scale of {name} is being traced; give a list of records")
+        raise ValueError(
+            f"{owner}: the scale of {name} must be concrete, but is traced; pass a list of records"
+        )
     rows = zip(np.atleast_1d(which).astype(int), np.atleast_1d(scales), strict=True)
     samples = [records.acceleration[j, : int(count)] for j, count in enumerate(counts)]
     return [Record(samples[j], records.intervals[j], scale, records.starts[j]) for j, scale in rows]
 
 
 def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:
-    """Return records in one table; motions of one other kind as one with arrays."""
+    """Return single motions as one batch: records as one table, pairs of components as one pair of
+    batches, motions of another class as one motion with arrays of parameters."""
     if all(isinstance(member, Record) for member in members):
         return Records.of(members)
     if all(isinstance(member, GroundMotion) for member in members):
-        both = [combine_motions(owner, [getattr(member, part) for member in members], name) for part in PARTS]
-        pairs = all(isinstance(part, Records) for part in both)
-        return RecordPairs(*both) if pairs else GroundMotion(*both)  # pyright: ignore[reportArgumentType]
-    kinds = sorted({type(member).__name__ for member in members})
+        components = [
+            combine_motions(owner, [getattr(member, part) for member in members], name) for part in PARTS
+        ]
+        are_records = all(isinstance(component, Records) for component in components)
+        return RecordPairs(*components) if are_records else GroundMotion(*components)  # pyright: ignore[reportArgumentType]
+    class_names = sorted({type(member).__name__ for member in members})
     if len({jax.tree.structure(member) for member in members}) > 1:
-        raise ValueError(f"{owner}: {name} must be motions of one kind, got {', '.join(kinds)}")
-    return jax.tree.map(lambda *each: jnp.stack(each), *members)
+        raise ValueError(f"{owner}: {name} must be motions of one kind, got {', '.join(class_names)}")
+    return jax.tree.map(lambda *values: jnp.stack(values), *members)
 
 
 def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], AbstractExcitation]:
-    """Return a pulse class, or a function (a_p, T_p) → excitation with its results checked."""
+    """Return a class of pulses, or a function (a_p, T_p) ↦ excitation that checks what it returns."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return value
     if isinstance(value, AbstractPulse):
         class_name = type(value).__name__
         raise ValueError(
-            f"{owner}: {name} must be {ACCEPTED_PULSES}, got the instance {format_value(value)}; give the "
+            f"{owner}: {name} must be {ACCEPTED_PULSES}, got the instance {format_value(value)}; pass the "
             f"class rockjax.{class_name}"
         )
     if isinstance(value, AbstractExcitation | Motion | Motions | type) or not callable(value):
@@ -229,8 +237,8 @@ ACCEPTED_PULSES = "a class of pulses such as rockjax.Ricker, or a function (a_p,
 
 @dataclasses.dataclass(frozen=True)
 class _CheckedPulse:
-    """A user's function of (a_p, T_p); equal to others of the same function, so that compiled programs are
-    reused."""
+    """A user-defined function of (a_p, T_p) that checks its results. Instances with the same function are
+    equal, so that compiled programs are reused."""
 
     owner: str
     name: str
@@ -257,9 +265,9 @@ class _CheckedPulse:
 
 
 def make_unique(labels: Sequence[str]) -> list[str]:
-    """Return labels that are unique if files of different folders have the same name."""
-    total, used, found = Counter(labels), Counter(), []
+    """Return the labels, with a number in parentheses after every label that occurs more than once."""
+    total, used, unique = Counter(labels), Counter(), []
     for label in labels:
         used[label] += 1
-        found.append(f"{label} ({used[label]})" if total[label] > 1 else label)
-    return found
+        unique.append(f"{label} ({used[label]})" if total[label] > 1 else label)
+    return unique

@@ -1,4 +1,4 @@
-"""Reading of the ground motion in a file, with its units."""
+"""Reading of the ground motion in a file, and conversion of its unit."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from .formats import TIME_TOLERANCE, parse
 
 
 def check_reading(path: Path, units, dt, component) -> None:
-    """Raise `ValueError` for invalid arguments of reading.
+    """Raise `ValueError` for invalid arguments of a reader.
 
-    - `path`: file; `units`: a key of `RECORD_UNITS`, or None; `dt`: > 0 [s], or None; `component`: number or
-      name of a channel, or None
+    - `path`: file or folder, named in messages
+    - `units`: must be a key of `RECORD_UNITS`, or None
+    - `dt`: must be > 0 [s], or None
+    - `component`: must be the number or name of a channel, or None
     """
     if not isinstance(component, int | str | None):
         raise ValueError(
@@ -48,45 +50,41 @@ def read(
         content = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # a NUL in the name
+    except ValueError as error:  # the name contains a NUL
         raise ValueError(f"{path}: cannot be read: {error}") from None
     if not content.strip():
         raise ValueError(f"{path}: is empty")
-    found = parse(path, content, component)
-    file_units = found.units
+    parsed = parse(path, content, component)
+    file_units = parsed.units
     if file_units is None and units is None:
-        unit_problem = (
-            f"gives the unit as {found.stated_unit!r}" if found.stated_unit else "does not say in what units"
-        )
-        unit_problem = (
-            "its header does not give the unit"
-            if found.metadata["format"] == "PEER" and not found.stated_unit
-            else unit_problem
-        )
+        if parsed.stated_unit:
+            problem = f"gives the unit as {parsed.stated_unit!r}"
+        elif parsed.metadata["format"] == "PEER":
+            problem = "its header does not give the unit"
+        else:
+            problem = "does not say in what units"
         raise ValueError(
-            f"{path}: {unit_problem}; give units (on the command line --units): one of "
-            f"{', '.join(RECORD_UNITS)}"
+            f"{path}: {problem}; give units (on the command line --units): one of {', '.join(RECORD_UNITS)}"
         )
-    unit_place = found.units_place or f"{path}: its header"
-    other_unit = unit_of(found.stated_unit)
+    unit_place = parsed.units_place or f"{path}: its header"
+    other_unit = unit_of(parsed.stated_unit)
     if file_units is None and other_unit is not None:
         raise ValueError(
-            f"{unit_place} gives the unit as {found.stated_unit}, which is not a unit of acceleration; "
-            "known are "
-            f"{', '.join(ACCELERATIONS)}"
+            f"{unit_place} gives the unit as {parsed.stated_unit}, which is not a unit of acceleration; "
+            f"known units are {', '.join(ACCELERATIONS)}"
         )
     if file_units is not None and units is not None and ACCELERATIONS[file_units] != RECORD_UNITS[units]:
         raise ValueError(
             f"{unit_place} gives the unit as {file_units}, but units = {units} was given; leave units out"
         )
-    values = found.values
+    values = parsed.values
     if len(values) < 2:
         raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
-    if found.dt is None and dt is None:
-        cause = found.dt_place or f"{path}: has one column and no times"
+    if parsed.dt is None and dt is None:
+        cause = parsed.dt_place or f"{path}: has one column and no times"
         raise ValueError(f"{cause}; give dt (on the command line --dt), in seconds")
-    if found.dt is not None and dt is not None and abs(dt - found.dt) > TIME_TOLERANCE * found.dt:
-        raise ValueError(f"{found.dt_place}, but dt = {dt:g} s was given; leave dt out")
+    if parsed.dt is not None and dt is not None and abs(dt - parsed.dt) > TIME_TOLERANCE * parsed.dt:
+        raise ValueError(f"{parsed.dt_place}, but dt = {dt:g} s was given; leave dt out")
     unit = units or file_units
     assert unit is not None
     refuse_sentinels(str(path), values)
@@ -94,6 +92,6 @@ def read(
         values = ACCELERATIONS[unit] * values
     if not np.isfinite(values).all():
         raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
-    step = found.dt if found.dt is not None else float(dt or 0)
-    notes = {"units": unit} | ({"processing": f"{RAW} ({found.raw_place})"} if found.raw_place else {})
-    return Accelerogram(values, step, path.stem, path, found.metadata | notes)
+    interval = parsed.dt if parsed.dt is not None else float(dt or 0)
+    notes = {"units": unit} | ({"processing": f"{RAW} ({parsed.raw_place})"} if parsed.raw_place else {})
+    return Accelerogram(values, interval, path.stem, path, parsed.metadata | notes)

@@ -23,7 +23,7 @@ _QUANTITIES = [
     ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
     ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
 ]  # fmt: skip
-# Dimensions of the units that a kind may have; an index has none, an unknown kind may have any.
+# Dimensions of the units that a kind may have. Other kinds have units of their own dimension.
 _DIMENSIONS = {
     "probability": {"ratio"},
     "rate": {"rate", "ratio"},
@@ -49,10 +49,10 @@ class Heading(NamedTuple):
     """The meaning of a heading.
 
     - `text`: the heading as written in the file
-    - `quantity`: its words without unit and investigation time; `PGA`, `PGV`, `PGD` and `Sa(1 s)` are spelled
-      like this regardless of the spelling in the file
+    - `quantity`: the heading without unit and investigation time. `PGA`, `PGV`, `PGD` and `Sa(1 s)` are
+      written like this, whatever their spelling in the file
     - `kind`: `time`, `index`, `acceleration`, `velocity`, `displacement`, `probability`, `rate`, `return
-      period`, `ratio`, `counts`; empty if neither words nor unit determine it
+      period`, `ratio`, `counts`; an empty string if neither words nor unit determine it
     - `unit`: a key of `rockjax._units.UNITS`; None if the heading has none
     - `years`: investigation time of a probability [years]; None if the heading has none
     """
@@ -67,11 +67,11 @@ class Heading(NamedTuple):
 def parse_heading(where: str, text: str) -> Heading:
     """Return quantity, unit and investigation time of a heading.
 
-    - `where`: file, and line if known, for errors
-    - `text`: such as `PGA [g]`, `Acc (cm/s2)`, `time, ms`, `a / g`, `accel_mg`, `Sa(0.3) (g)` or `probability
-      of exceedance in 50 years`
+    - `where`: file and line, for messages
+    - `text`: the heading, such as `PGA [g]`, `Acc (cm/s2)`, `time, ms`, `a / g`, `accel_mg`, `Sa(0.3) (g)` or
+      `probability of exceedance in 50 years`
 
-    Raises `ValueError` that quotes the heading for brackets that contain no known unit, and for a unit that
+    Raises `ValueError`, which quotes the heading, for an unknown unit in brackets, and for a unit that
     does not match the quantity.
     """
     words = " ".join(text.split()).strip("\"' ")
@@ -89,7 +89,7 @@ def parse_heading(where: str, text: str) -> Heading:
     if kind in ("", "index") and unit:
         kind = UNITS[unit].dimension
     elif unit and UNITS[unit].dimension not in _DIMENSIONS.get(kind, {kind}):
-        suitable = [name for name, each in UNITS.items() if each.dimension in _DIMENSIONS.get(kind, {kind})]
+        suitable = [name for name, other in UNITS.items() if other.dimension in _DIMENSIONS.get(kind, {kind})]
         raise ValueError(
             f"{where}: heading {text.strip()!r}: {unit} is not a unit of {kind}; its units are "
             f"{', '.join(suitable)}"
@@ -101,12 +101,13 @@ def parse_heading(where: str, text: str) -> Heading:
 
 
 def _match_quantity(words: str) -> str:
+    """Return the kind of quantity that words name; an empty string if they name none."""
     normalised = " ".join(words.replace("_", " ").casefold().split())
     return next((kind for kind, pattern in _QUANTITIES if re.search(pattern, normalised)), "")
 
 
 def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
-    """Return quantity and unit."""
+    """Return the quantity and the unit, or None for the unit, in the words of a heading `text`."""
     if (unit := unit_of(words)) and not _match_quantity(words):
         return "", unit
     if brackets := _BRACKETS.search(words):
@@ -122,7 +123,7 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
             return words, None
         raise ValueError(
             f"{where}: the unit {in_brackets!r} in the heading {text.strip()!r} is not known; known are "
-            f"{', '.join(UNITS)}"
+            f"the units {', '.join(UNITS)}"
         )
     if _is_symbol(words):
         return words, None
@@ -140,5 +141,5 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
 
 
 def _is_symbol(words: str) -> bool:
-    """Return whether a heading is a symbol such as a_g or a(t), whose index is no unit."""
+    """Return whether a heading is a symbol such as a_g or a(t), in which g and t are not units."""
     return re.fullmatch(r"[a-zü]+(?:_g|\(t\))", words, re.I) is not None and len(words) <= 4

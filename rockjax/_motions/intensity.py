@@ -1,6 +1,8 @@
-"""Intensity measures of ground motions, exact for motions that are linear between samples.
+"""Intensity measures of ground motions.
 
-Sa is the maximum over all times, not only over the samples, unlike in eqsig and pyRotd.
+They are exact for motions that are linear between samples, except the significant duration, for which the
+cumulative Arias intensity is interpolated linearly. Sa is the maximum over all times, not only over the
+samples as in eqsig and pyRotd.
 """
 
 from __future__ import annotations
@@ -43,8 +45,9 @@ def cumulative_absolute_velocity(motion: Accelerogram) -> float:
 
 
 def significant_duration(motion: Accelerogram, start: float = 0.05, end: float = 0.95) -> float:
-    """Return the time in which the Arias intensity grows from the fraction `start` to `end` (Trifunac & Brady
-    1975) [s]."""
+    """Return the time in which the Arias intensity increases from the fraction `start` to the fraction
+    `end` of its final value (Trifunac & Brady 1975) [s]. Between samples the intensity is interpolated
+    linearly."""
     cumulative_energy = energy(motion)
     if cumulative_energy[-1] == 0:
         return 0.0
@@ -59,11 +62,12 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
     [m/s²].
 
     - `motion`: ground motion
-    - `period`: T, ≥ 0 [s], 0 gives PGA; `damping`: ratio ζ, 0 ≤ ζ < 1 [–]
+    - `period`: period T ≥ 0 [s]; 0 gives PGA
+    - `damping`: damping ratio ζ, 0 ≤ ζ < 1 [–]
 
-    The maximum is exact for a motion that is linear between samples and zero after the last: it includes the
-    interior of the intervals and the free vibration that follows, in which the peak of a slow oscillator may
-    lie.
+    The maximum is exact for a motion that is linear between samples and zero after the last sample. It
+    includes times between samples and the free vibration after the motion, in which the peak of a slow
+    oscillator may lie.
     """
     if not (math.isfinite(period) and period >= 0):
         raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")
@@ -79,14 +83,15 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
 def measure_motion(
     motion: Accelerogram, measure: str, period: float | None, damping: float
 ) -> tuple[float, int]:
-    """Return an intensity measure of a motion by its name, and the power of the scale factor with which it
-    grows.
+    """Return an intensity measure of a motion by its name, and the power of the scale factor to which it is
+    proportional.
 
     - `motion`: ground motion
     - `measure`: `"PGA"`, `"PGV"`, `"PGD"`, `"CAV"`, `"arias_intensity"` or `"Sa"`
-    - `period`: of Sa, ≥ 0 [s]; None for other measures; `damping`: of Sa [–]
+    - `period`: period of Sa, ≥ 0 [s]; None for other measures
+    - `damping`: damping ratio of Sa [–]
 
-    Raises `ValueError` for another measure, and for a period that is missing or not applicable.
+    Raises `ValueError` for another measure, for Sa without a period, and for another measure with a period.
     """
     scalar_measures = {
         "PGA": (lambda: motion.pga, 1),
@@ -97,31 +102,33 @@ def measure_motion(
     }
     if measure == "Sa":
         if period is None:
-            raise ValueError("scaled_to: Sa needs period, such as period=1.0 [s]")
+            raise ValueError("scaled_to: Sa needs a period, such as period=1.0 [s]")
         return spectral_acceleration(motion, period, damping), 1
     if measure not in scalar_measures:
         raise ValueError(
             f"scaled_to: measure must be one of {', '.join((*scalar_measures, 'Sa'))}, got {measure!r}"
         )
     if period is not None:
-        raise ValueError(f"scaled_to: period is for Sa only; leave it out for {measure}")
-    find, power = scalar_measures[measure]
-    return find(), power
+        raise ValueError(f"scaled_to: period applies to Sa only; leave it out for {measure}")
+    compute, power = scalar_measures[measure]
+    return compute(), power
 
 
 LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
 
 
 def measure_by_label(motion: Accelerogram, label: str) -> float:
-    """Return a measure by its label on curves, "PGA", "PGV" or "Sa(0.5 s)", 5 % damped, in SI units.
+    """Return an intensity measure by its label on curves, in SI units.
+
+    - `label`: `"PGA"`, `"PGV"`, or a label such as `"Sa(0.5 s)"`; Sa has 5 % damping
 
     Raises `ValueError` for other labels.
     """
-    found = LABEL.fullmatch(label)
-    if found:
-        return measure_motion(motion, "Sa", float(found["period"]), 0.05)[0]
+    match = LABEL.fullmatch(label)
+    if match:
+        return measure_motion(motion, "Sa", float(match["period"]), 0.05)[0]
     if label not in ("PGA", "PGV"):
-        raise ValueError(f"measure must be 'PGA', 'PGV' or such as 'Sa(0.5 s)', got {label!r}")
+        raise ValueError(f"measure must be 'PGA', 'PGV' or a label such as 'Sa(0.5 s)', got {label!r}")
     return measure_motion(motion, label, None, 0.05)[0]
 
 
@@ -141,8 +148,8 @@ def intensity_measures(
     is_sequence = not isinstance(motion, Accelerogram)
     motions = list(motion) if is_sequence else [motion]
     owner = "intensity_measures"
-    given = tuple(periods) if isinstance(periods, Iterable) and not isinstance(periods, str) else periods
-    T = np.atleast_1d(np.asarray(as_float(given, f"{owner}: periods")))
+    values = tuple(periods) if isinstance(periods, Iterable) and not isinstance(periods, str) else periods
+    T = np.atleast_1d(np.asarray(as_float(values, f"{owner}: periods")))
     require_number(owner, "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
     columns: dict[str, tuple[str, str, list]] = {
         "dt": ("s", "sampling interval", [m.dt for m in motions]),
@@ -168,7 +175,7 @@ def intensity_measures(
     if podium is not None:
         require_instance(owner, "podium", podium, Podium, "a rockjax.Podium, or None")
         if np.ndim(podium.alpha) or np.ndim(podium.R) or np.ndim(podium.g):
-            raise ValueError("intensity_measures: podium must be a single one, got batched numbers")
+            raise ValueError("intensity_measures: podium must be a single podium, got arrays of parameters")
         unit, p = float(g_tan_alpha(podium.alpha, podium.g)), float(podium.p)
         attrs |= {"alpha_rad": float(podium.alpha), "R_m": float(podium.R), "p_rad_s-1": p}
         columns["acceleration_ratio"] = ("1", "PGA/(g tan α)", [m.pga / unit for m in motions])

@@ -23,20 +23,24 @@ def intensity_measures(
     damping: float = 0.05,
     podium: Podium | None = None,
 ) -> xarray.Dataset:
-    """Return intensity measures of a motion or of several, as an `xarray.Dataset` with units.
+    """Return intensity measures of one or several motions, as an `xarray.Dataset` with units.
 
-    - `motion`: one motion gives scalars, several ([`rockjax.Motions`][], a list of motions or records) the
-      dim `motion`
-    - `periods`: of Sa(T), ≥ 0 [s]; `damping`: its damping ratio, 0 ≤ ζ < 1 [–]
+    - `motion`: one motion gives scalars; several ([`rockjax.Motions`][], a list of motions or records)
+      give arrays with the dimension `motion`
+    - `periods`: periods T of Sa(T), ≥ 0 [s]
+    - `damping`: damping ratio of Sa, 0 ≤ ζ < 1 [–]
     - `podium`: adds the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015):
-      `acceleration_ratio` PGA/(g tan α), which must exceed 1 for uplift, and `velocity_ratio` p·PGV/(g tan α)
+      `acceleration_ratio` PGA/(g tan α), which must exceed 1 for the uplift of a rigid podium, and
+      `velocity_ratio` p·PGV/(g tan α)
 
-    Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s], `arias_intensity`
-    π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], the time from 5 % to 95 % of the Arias
-    intensity, and pseudo-acceleration `Sa` [m/s²] along `period`.
+    Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s],
+    `arias_intensity` π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], `scale` (factor on the
+    motion as read), and the pseudo-acceleration `Sa` [m/s²] along `period`. `D5_95` is the time from 5 %
+    to 95 % of the Arias intensity, which is interpolated linearly between samples.
 
-    Raises `ValueError` for periods and damping outside their ranges, and for a podium of batched numbers.
+    Raises `ValueError` for periods and damping outside their ranges, and for a podium with arrays of
+    parameters.
     """
     motions = as_motions("intensity_measures", motion)
-    given = motions[0] if isinstance(motion, Motion | Record) else motions
-    return intensity.intensity_measures(given, periods=periods, damping=damping, podium=podium)
+    one_or_several = motions[0] if isinstance(motion, Motion | Record) else motions
+    return intensity.intensity_measures(one_or_several, periods=periods, damping=damping, podium=podium)

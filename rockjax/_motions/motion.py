@@ -1,6 +1,7 @@
 """Ground motions on the host: samples with a name, a source and the contents of their header.
 
-The motion is linear between samples, as in a [`rockjax.Record`][]; all integrals here are exact for that.
+A motion is linear between samples, like a [`rockjax.Record`][], and all integrals here are exact for such
+motions.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from .stations import pair_motions
 if TYPE_CHECKING:
     import xarray
 
-_AT2_SMALLEST = 1e-99  # g; smaller samples are written as 0
-_MAX_RATIO = 1000  # largest numerator and denominator of a change of the sampling interval
+_AT2_SMALLEST = 1e-99  # smaller samples are written to .AT2 files as 0 [g]
+_MAX_RATIO = 1000  # largest numerator and denominator of the ratio of sampling intervals
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -39,14 +40,16 @@ class Motion(Accelerogram):
 
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; stored as a read-only copy
     - `dt`: sampling interval, > 0 [s]
-    - `name`: name of the motion; `source`: the file it comes from, or None
-    - `metadata`: contents of the file header: station, component, event, date, units in the file, filter
-      corners …
-    - `vertical`: the vertical motion of the same ground, or None ([`rockjax.Motions.paired`][]); changes of a
-      motion apply to it as well, and measures are those of the horizontal motion
+    - `name`: name of the motion
+    - `source`: the file of the motion, or None
+    - `metadata`: contents of the file header, such as station, component, event, date, unit in the file
+      and filter corners
+    - `vertical`: vertical component of the same ground motion, or None; [`rockjax.Motions.paired`][] sets
+      it. Methods that change a motion also change its vertical component. Measures are those of the
+      horizontal motion
 
-    Raises `ValueError` for empty or non-finite samples, for gaps (masked samples, values such as -999 or
-    999999 that stand for missing ones) and for dt ≤ 0.
+    Raises `ValueError` for fewer than two or non-finite samples, for gaps (masked samples, or values such
+    as -999 or 999999 that stand for missing samples) and for dt ≤ 0.
     """
 
     vertical: Motion | None = None
@@ -59,16 +62,19 @@ class Motion(Accelerogram):
             )
 
     def record(self, scale: float = 1.0) -> Record | GroundMotion:
-        """Return the [`rockjax.Record`][] to simulate with; `scale` is its factor on the samples [–].
+        """Return the motion as an excitation.
 
-        With a vertical motion, returns the [`rockjax.GroundMotion`][].
+        - `scale`: factor on the samples [–]
+
+        The result is a [`rockjax.Record`][], or a [`rockjax.GroundMotion`][] if there is a vertical
+        component.
         """
         record = Record(self.acceleration, self.dt, scale)
         return record if self.vertical is None else GroundMotion(record, self.vertical.record(scale))
 
     def scaled(self, factor: float) -> Self:
-        """Return the motion times `factor` [–]; the product of all factors is stored in
-        `metadata["scale"]`."""
+        """Return the motion multiplied by `factor` [–]. `metadata["scale"]` stores the product of all
+        factors."""
         factor = require_number("scaled", "factor", factor, math.isfinite, "finite")
         note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
         scaled = self._with_samples(factor * self.acceleration, **note)
@@ -81,39 +87,38 @@ class Motion(Accelerogram):
         )
 
     def _with_vertical(self, change: Callable[[Motion], Motion]) -> Self:
-        """Apply a change to the vertical motion as well, if there is one."""
+        """Apply a change to the vertical component, if there is one."""
         return self if self.vertical is None else dataclasses.replace(self, vertical=change(self.vertical))
 
     def resampled(self, dt: float) -> Self:
         """Return the motion with the sampling interval `dt` [s], band-limited (`scipy.signal.resample_poly`).
 
-        Frequencies above the lower of the two Nyquist frequencies are filtered out, so that none are aliased;
-        lower ones are kept. Linear interpolation would do neither: from 0.01 s to 0.02 s it aliases 30 Hz to
-        20 Hz, and towards finer samples it changes nothing, because a motion is linear between samples. The
-        straight line through the first and the last sample is not filtered, so that an offset does not ring
-        at the ends. The first sample stays at its time.
+        Frequencies above the lower of the two Nyquist frequencies are filtered out, so that none are
+        aliased; lower frequencies stay. Picking samples instead would alias: from 0.01 s to 0.02 s, 30 Hz
+        becomes 20 Hz. The straight line through the first and the last sample is not filtered, so that an
+        offset does not ring at the ends. The first sample keeps its time.
 
-        Raises `ValueError` for dt ≤ 0, for a dt that leaves fewer than two samples, and if the two intervals
-        are not in a ratio of whole numbers up to 1000.
+        Raises `ValueError` for dt ≤ 0, for a dt longer than the duration, and if the ratio of the two
+        intervals is not a ratio of whole numbers up to 1000.
         """
         dt = require_number("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
         if dt > self.duration:
             raise ValueError(
-                f"resampled: dt = {dt:g} s exceeds the duration of {self.duration:g} s; give a shorter one"
+                f"resampled: dt = {dt:g} s exceeds the duration of {self.duration:g} s; pass a shorter dt"
             )
         ratio = Fraction(self.dt / dt).limit_denominator(_MAX_RATIO)
         if not 0 < ratio.numerator <= _MAX_RATIO or abs(float(ratio) * dt / self.dt - 1) > 1e-6:
             raise ValueError(
                 f"resampled: dt = "
                 f"{dt:g} s and the present {self.dt:g} s must be in a ratio of whole numbers up to "
-                f"{_MAX_RATIO}"
+                f"{_MAX_RATIO}; pass another dt"
             )
         from scipy.signal import resample_poly
 
         up, down = ratio.numerator, ratio.denominator
         count = (len(self) - 1) * up // down + 1
-        # The line through both ends is not filtered: the gains of the filter for constants differ from
-        # sample to sample by 1e-3; padtype="line" of SciPy only extends the line.
+        # The line through both ends is not filtered, because the gain of the filter for a constant varies
+        # by 1e-3 between samples. SciPy's padtype="line" would only extend the line.
         first, last = self.acceleration[[0, -1]]
         line = lambda times: first + (last - first) / self.duration * times
         filtered = resample_poly(self.acceleration - line(self.time), up, down)[:count]
@@ -121,12 +126,14 @@ class Motion(Accelerogram):
         return resampled._with_vertical(lambda vertical: vertical.resampled(dt))
 
     def baseline_corrected(self, order: int = 2) -> Self:
-        """Return the motion less a drift: a polynomial of degree `order` ≥ 1 in the velocity, and its
-        derivative in ü_g.
+        """Return the motion without its drift: a polynomial is subtracted from the velocity, and its
+        derivative from ü_g.
 
-        The polynomial is fitted to the velocity by least squares among those that are zero at the start and
-        equal the velocity at the end, so that the corrected motion begins and ends at rest. `order=1` removes
-        a constant from the accelerations, 2 a straight line, 3 a parabola.
+        - `order`: degree of the polynomial in the velocity, 1 to 8. The polynomial in the acceleration is
+          of one degree less: 1 removes a constant, 2 a straight line, 3 a parabola
+
+        The polynomial is zero at the start and equals the velocity at the end, so that the corrected
+        motion starts and ends at rest. Otherwise it is fitted to the velocity by least squares.
 
         Raises `ValueError` for an order that is not a whole number from 1 to 8.
         """
@@ -134,23 +141,25 @@ class Motion(Accelerogram):
             raise ValueError(
                 f"baseline_corrected: order must be a whole number from 1 to 8, got order = {order!r}"
             )
-        s = np.linspace(0.0, 1.0, len(self))  # t over the duration T
+        s = np.linspace(0.0, 1.0, len(self))  # time divided by the duration T
         end = self.velocity[-1]
-        # v(T) s + Σ c_k (s^k − s): the sum is zero at both ends.
+        # The polynomial is v(T) s + Σ c_k (s^k − s), where the sum is zero at both ends.
         powers = np.arange(2, order + 1)
         shapes = s[:, None] ** powers - s[:, None]
         c = np.linalg.lstsq(shapes, self.velocity - end * s, rcond=None)[0]
         slope = end + (powers * s[:, None] ** (powers - 1) - 1) @ c
         corrected = self._with_samples(self.acceleration - slope / self.duration, baseline_order=order)
-        # The trapezoidal rule is not exact for a polynomial.
+        # The velocity of the samples, by the trapezoidal rule, differs slightly from the polynomial at
+        # the end.
         corrected = corrected._with_samples(corrected.acceleration - corrected.velocity[-1] / self.duration)
         return corrected._with_vertical(lambda vertical: vertical.baseline_corrected(order))
 
     def trimmed(self, lower: float = 0.001, upper: float = 0.999) -> Self:
         """Return the part between the fractions `lower` and `upper` of the Arias intensity [–].
 
-        A part may end with a velocity; [`rockjax.Motion.baseline_corrected`][] removes it. Raises
-        `ValueError` unless 0 ≤ lower < upper ≤ 1, and for a motion that is zero throughout.
+        The result may end with a velocity; [`rockjax.Motion.baseline_corrected`][] removes it. Raises
+        `ValueError` unless 0 ≤ lower < upper ≤ 1, for a motion that is zero throughout, and for a
+        vertical component with another sampling interval.
         """
         for name, value in (("lower", lower), ("upper", upper)):
             require_number("trimmed", name, value, lambda v: 0 <= v <= 1, "in [0, 1], and lower < upper")
@@ -181,10 +190,11 @@ class Motion(Accelerogram):
     def save(self, path: str | Path) -> Path:
         """Write the motion to a file, atomically, in the format of its suffix: `.AT2` or `.csv`.
 
-        PEER's `.AT2` is in g with 8 digits, 0 below 1e-99 g; `.csv` contains time [s] and acceleration
-        [m/s²], exactly. [`rockjax.read_motion`][] reads both without further arguments.
+        PEER's `.AT2` contains g with 8 digits, and 0 for samples below 1e-99 g. `.csv` contains time [s]
+        and the exact acceleration [m/s²]. [`rockjax.read_motion`][] reads both without further arguments.
 
-        Raises `ValueError` for another suffix, and `OSError` that names the file and the cause.
+        Raises `ValueError` for another suffix and for a motion with a vertical component. Raises
+        `OSError`, which names the file and the cause, if the file cannot be written.
         """
         suffix = Path(path).suffix.lower()
         if self.vertical is not None:
@@ -207,7 +217,7 @@ class Motion(Accelerogram):
             header_text(key, default)
             for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
         )
-        # Exponents of three digits would fill the columns, and numbers would touch.
+        # Exponents of three digits would leave no blank between the columns.
         samples = np.where(
             np.abs(self.acceleration) < _AT2_SMALLEST * STANDARD_GRAVITY, 0.0, self.acceleration
         )
@@ -289,28 +299,29 @@ class Motions(Sequence[Motion]):
         return Motions(tuple(change(motion) for motion in self))
 
     def records(self) -> list[Record | GroundMotion]:
-        """Return one [`rockjax.Record`][] per motion, to simulate with; a [`rockjax.GroundMotion`][] with a
-        vertical motion."""
+        """Return every motion as an excitation: a [`rockjax.Record`][], or a [`rockjax.GroundMotion`][]
+        if it has a vertical component."""
         return [motion.record() for motion in self]
 
     def paired(self) -> Motions:
-        """Return the horizontal motions, each with the vertical one of its station and event.
+        """Return the horizontal motions, each with the vertical component of its station and event.
 
-        Stations, events and components are taken from the headers; without them, files whose names differ
-        only in their component belong together. Raises `ValueError` that lists horizontal motions without a
-        vertical one, and vertical ones that match several of a station.
+        Stations, events and components are taken from the headers. Without a station in the header, files
+        belong together if their names differ only in the component. Raises `ValueError`, which lists the
+        horizontal motions that have no vertical component, or that match several.
         """
         return Motions(pair_motions(self.motions))
 
     def scaled_to(
         self, measure: str, value: float, *, period: float | None = None, damping: float = 0.05
     ) -> Motions:
-        """Return every motion scaled so that `measure` is `value`.
+        """Return every motion, scaled so that its `measure` equals `value`.
 
         - `measure`: `"PGA"` [m/s²], `"PGV"` [m/s], `"PGD"` [m], `"CAV"` [m/s], `"arias_intensity"` [m/s], or
           `"Sa"` [m/s²]
         - `value`: target, > 0, in the unit of the measure
-        - `period`, `damping`: of Sa(T) [s], [–]
+        - `period`: period of Sa [s]; None for other measures
+        - `damping`: damping ratio of Sa [–]
 
         Raises `ValueError` for another measure, a value ≤ 0, and a motion that is zero throughout.
         """
@@ -335,7 +346,7 @@ class Motions(Sequence[Motion]):
         damping: float = 0.05,
         podium: Podium | None = None,
     ) -> xarray.Dataset:
-        """Return the intensity measures of the motions along `motion`.
+        """Return the intensity measures of the motions along the dimension `motion`.
 
         - `periods`, `damping`, `podium`: as for [`rockjax.intensity_measures`][]
         """

@@ -1,4 +1,4 @@
-"""Pulses of near-fault records: tables of Mavroeidis–Papageorgiou pulses, and the pulse in a record."""
+"""Pulses of near-fault records: tables of Mavroeidis–Papageorgiou pulses, and their fit to a record."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ from .motion import Motion
 
 COLUMNS = ("A", "f_p", "gamma", "nu")
 QUANTITIES = ("velocity", "displacement")
-PERIODS = (0.3, 12.0)  # range of the periods of pulses [s]; the upper limit is at most the record's duration
+PERIODS = (0.3, 12.0)  # default range of initial periods [s]; the duration of the record limits it as well
 OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # initial values of γ
-FREQUENCIES = 40
-STARTS = 4
+FREQUENCIES = 40  # number of initial frequencies
+STARTS = 4  # number of starts of the least squares
 
 
 class PulseTable(NamedTuple):
     """Pulses with names.
 
-    - `pulses`: a batch of [`rockjax.MavroeidisPapageorgiou`][] with fields of shape (k,); `names`: of each
+    - `pulses`: a batch of [`rockjax.MavroeidisPapageorgiou`][] with fields of shape (k,)
+    - `names`: names of the k pulses
     """
 
     pulses: MavroeidisPapageorgiou
@@ -44,30 +45,33 @@ class PulseTable(NamedTuple):
 def read_pulses(path: str | Path) -> PulseTable:
     """Read a table of Mavroeidis–Papageorgiou pulses (host).
 
-    The file is a CSV with the columns `A` [m/s] or `A_cm_s` [cm/s], `f_p` [Hz], `gamma` [–], `nu` [rad] or
-    `nu_deg` [°], and optionally `name`. Lines that begin with # are comments. Raises a `ValueError` that
-    names pulse and column for anything else, and for pulses outside their ranges.
+    The file is a CSV with the columns `A` [m/s] or `A_cm_s` [cm/s], `f_p` [Hz], `gamma` [–], `nu` [rad]
+    or `nu_deg` [°], and optionally `name`. Lines that begin with # are comments. Raises `ValueError` for
+    a missing column, for a cell that is not a number, and for parameters outside their ranges.
     """
     path = Path(path)
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     rows = list(csv.DictReader(line for line in lines if not line.lstrip().startswith("#")))
     if not rows:
         raise ValueError(f"{path}: holds no pulses; columns are {', '.join(COLUMNS)}")
-    heads = {head.strip() for head in rows[0] if head}
-    other = {"A": ("A_cm_s", UNITS["cm/s"].factor), "nu": ("nu_deg", DEGREE)}
+    headings = {heading.strip() for heading in rows[0] if heading}
+    alternatives = {"A": ("A_cm_s", UNITS["cm/s"].factor), "nu": ("nu_deg", DEGREE)}
     values = {}
     for name in COLUMNS:
-        found, factor = (name, 1.0) if name in heads else other.get(name, (name, 1.0))
-        if found not in heads:
-            known = " or ".join(filter(None, (name, other.get(name, ("",))[0])))
-            raise ValueError(f"{path}: column {known} is missing; the columns are {', '.join(sorted(heads))}")
-        values[name] = factor * np.array([_number(path, k, found, row) for k, row in enumerate(rows)])
+        column, factor = (name, 1.0) if name in headings else alternatives.get(name, (name, 1.0))
+        if column not in headings:
+            accepted = " or ".join(filter(None, (name, alternatives.get(name, ("",))[0])))
+            raise ValueError(
+                f"{path}: column {accepted} is missing; the columns are {', '.join(sorted(headings))}"
+            )
+        values[name] = factor * np.array([_number(path, k, column, row) for k, row in enumerate(rows)])
     names = [str(row.get("name") or k + 1).strip() for k, row in enumerate(rows)]
     return PulseTable(MavroeidisPapageorgiou(**values), texts("read_pulses", "names", names))
 
 
 def _number(path: Path, k: int, column: str, row: dict) -> float:
-    text = {str(head).strip(): value for head, value in row.items()}.get(column)
+    """Return the number in a column of row k."""
+    text = {str(heading).strip(): value for heading, value in row.items()}.get(column)
     try:
         value = float(text or "")
     except ValueError:
@@ -81,8 +85,10 @@ def _number(path: Path, k: int, column: str, row: dict) -> float:
 class PulseFit:
     """The pulse in a record.
 
-    - `pulse`: centred on t = 0, as all of its kind; `time`: time of its centre in the record [s]
-    - `share`: of the energy ∫v² dt of the record that the pulse explains, or of ∫d² dt [–]
+    - `pulse`: the pulse, centred on t = 0
+    - `time`: time of its centre in the record [s]
+    - `share`: fraction of ∫v² dt of the record that the pulse explains, or of ∫d² dt if the displacement
+      is fitted [–]
     - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`
     """
 
@@ -92,11 +98,11 @@ class PulseFit:
     quantity: str
 
     def velocity(self, times) -> Float[Array, " n"]:
-        """Return v of the pulse at times of the record, shape (n,) [m/s]."""
+        """Return the velocity of the pulse at times of the record, shape (n,) [m/s]."""
         return _velocity(self.pulse, jnp.asarray(times, float) - self.time)
 
     def residual(self, motion: Motion) -> Motion:
-        """Return the motion less the pulse (host)."""
+        """Return the motion minus the pulse (host)."""
         pulse = np.asarray(self.pulse(jnp.asarray(motion.time) - self.time))
         return dataclasses.replace(motion, acceleration=motion.acceleration - pulse)
 
@@ -124,80 +130,87 @@ def fit_pulse(
     """Fit a Mavroeidis–Papageorgiou pulse to a record, by least squares on its velocity or displacement
     (host).
 
-    - `motion`: a [`rockjax.Motion`][] or [`rockjax.Record`][], from rest
-    - `quantity`: the fitted quantity; the displacement weighs long periods more, and needs a record with a
-      correct displacement
+    - `motion`: a [`rockjax.Motion`][] or [`rockjax.Record`][], which starts at rest
+    - `quantity`: the fitted quantity. The displacement gives more weight to long periods, and needs a
+      record with a correct displacement
     - `shortest`, `longest`: range of initial periods 1/f_p [s]
 
-    For each of many periods and numbers of oscillations the best place in the record is found by correlation;
-    least squares start from the best of them (Levenberg–Marquardt). For derivatives of the pulse by the
-    samples see [`rockjax.refit_pulse`][]. Raises `ValueError` for other motions, for one that is zero, and
-    for invalid periods.
+    For 40 periods and 5 numbers of oscillations, correlation finds the best time of the pulse in the
+    record. Least squares (Levenberg–Marquardt) start from the best four of them.
+    [`rockjax.refit_pulse`][] gives derivatives of the pulse with respect to the samples. Raises
+    `ValueError` for anything but one motion, for a motion that is zero throughout, and for invalid
+    periods.
     """
     owner = "fit_pulse"
-    found = as_motions(owner, motion)
-    if len(found) != 1:
-        raise ValueError(f"{owner}: motion must be one motion, got {len(found)}; call it once for each")
+    motions = as_motions(owner, motion)
+    if len(motions) != 1:
+        raise ValueError(f"{owner}: motion must be one motion, got {len(motions)}; call it for each of them")
     if quantity not in QUANTITIES:
         raise ValueError(f"{owner}: quantity must be 'velocity' or 'displacement', got {quantity!r}")
     shortest = require_number(owner, "shortest", shortest, lambda v: v > 0, "finite and > 0 s")
     longest = require_number(
         owner, "longest", longest, lambda v: v > shortest, "finite and longer than shortest"
     )
-    one = found[0]
-    if not np.any(one.velocity):
-        raise ValueError(f"{owner}: {one.name} is zero throughout")
-    longest = max(min(longest, one.duration), 1.0001 * shortest)
-    starts = _starts(one.velocity, one.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES))
-    # Equally many for every record, so that one program serves all.
+    record = motions[0]
+    if not np.any(record.velocity):
+        raise ValueError(f"{owner}: {record.name} is zero throughout")
+    longest = max(min(longest, record.duration), 1.0001 * shortest)
+    starts = _starts(record.velocity, record.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES))
+    # The number of starts is the same for every record, so that one program serves all records.
     starts += starts[:1] * (STARTS - len(starts))
     stacked_starts = jax.tree.map(lambda *ys: np.stack(ys), *starts)
-    found = _refit_stacked(one.acceleration, one.dt, stacked_starts, quantity=quantity)
-    form = jax.tree.structure(dataclasses.replace(starts[0], quantity=quantity))
-    fits = jax.tree.unflatten(form, [np.asarray(y) for y in found])
+    leaves = _refit_stacked(record.acceleration, record.dt, stacked_starts, quantity=quantity)
+    structure = jax.tree.structure(dataclasses.replace(starts[0], quantity=quantity))
+    fits = jax.tree.unflatten(structure, [np.asarray(y) for y in leaves])
     best = int(np.nanargmax(fits.share))
     return jax.tree.map(lambda y: as_float(y[best]), fits)
 
 
 def _refit_leaves(acceleration, dt, starts: PulseFit, *, quantity: str) -> list[Array]:
     fits = jax.vmap(lambda start: refit_pulse(acceleration, dt, start, quantity=quantity))(starts)
-    return jax.tree.leaves(fits)  # a tree of modules cannot be returned
+    return jax.tree.leaves(fits)  # a stored program cannot return a tree of modules
 
 
 _refit_stacked = KeptProgram(_refit_leaves)
 
 
 def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
-    """Return the best pulses of a grid of periods and numbers of oscillations, each at its best place, one
-    for a period."""
+    """Return the starts of the least squares: at most four pulses, at local maxima over the frequency.
+
+    - `velocity`: velocity of the record, shape (n,) [m/s]
+    - `dt`: sampling interval [s]
+    - `frequencies`: frequencies of the pulses [Hz]; for each, the best γ, time, amplitude and phase are used
+    """
     total = float(velocity @ velocity)
-    best = [max(_best_place(velocity, dt, f, gamma) for gamma in OSCILLATIONS) for f in frequencies]
+    best = [max(_best_time(velocity, dt, f, gamma) for gamma in OSCILLATIONS) for f in frequencies]
     shares = np.array([explained for explained, *_ in best]) / total
-    # Local maxima of the share over the period.
+    # Local maxima of the explained share over the frequency.
     maxima = [k for k in range(len(best)) if shares[k] == shares[max(k - 1, 0) : k + 2].max()]
-    found = []
+    starts = []
     for k in sorted(maxima, key=lambda k: -shares[k])[:STARTS]:
         _, time, A, gamma, nu = best[k]
         pulse = MavroeidisPapageorgiou(A, float(frequencies[k]), gamma, nu)
-        found.append(PulseFit(pulse, as_float(time), as_float(shares[k]), "velocity"))
-    return found
+        starts.append(PulseFit(pulse, as_float(time), as_float(shares[k]), "velocity"))
+    return starts
 
 
-def _best_place(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
-    """Return Σv² that a pulse explains at its best place, the time of its centre, A, γ and ν."""
+def _best_time(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
+    """Return the best pulse with the frequency f_p and the number of oscillations γ: the part of Σv² that
+    it explains, the time of its centre, A, γ and ν."""
     from scipy.signal import fftconvolve
 
     half = math.floor(0.5 * gamma / f_p / dt)
     phase = 2 * math.pi * f_p * dt * np.arange(-half, half + 1)
     window = 0.5 * (1 + np.cos(phase / gamma))
     shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
-    # Normal equations at every place; they are diagonal because the shapes are even and odd.
-    sides = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
-    sizes = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
-    explained = np.sum(sides**2 / sizes, axis=0)
-    at = int(np.argmax(explained))
-    a, b = (sides / sizes)[:, at]
-    return float(explained[at]), (at - half) * dt, math.hypot(a, b), gamma, math.atan2(b, a)
+    # Normal equations for every time of the centre. One shape is even and the other odd, so they are
+    # diagonal.
+    correlations = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
+    norms = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
+    explained = np.sum(correlations**2 / norms, axis=0)
+    k = int(np.argmax(explained))
+    a, b = (correlations / norms)[:, k]
+    return float(explained[k]), (k - half) * dt, math.hypot(a, b), gamma, math.atan2(b, a)
 
 
 def refit_pulse(
@@ -207,12 +220,15 @@ def refit_pulse(
     *,
     quantity: str | None = None,
 ) -> PulseFit:
-    """Refine a pulse by least squares: differentiable with respect to the samples, under `jit` and `vmap`.
+    """Refine a pulse by least squares. The result is differentiable with respect to the samples; `jit`
+    and `vmap` work.
 
-    - `acceleration`: of the record, linear between samples, shape (n,) [m/s²]; `dt`: its interval [s]
-    - `start`: from [`rockjax.fit_pulse`][]; `quantity`: the fitted quantity, by default that of `start`
+    - `acceleration`: samples of the record, which is linear between them, shape (n,) [m/s²]
+    - `dt`: sampling interval [s]
+    - `start`: result of [`rockjax.fit_pulse`][]
+    - `quantity`: the fitted quantity; None for `start.quantity`
 
-    Derivatives are those of the implicit function theorem at the least squares.
+    Derivatives follow from the implicit function theorem at the minimum.
     """
     import optimistix as optx
 
@@ -222,9 +238,9 @@ def refit_pulse(
     t = dt * jnp.arange(acceleration.shape[-1], dtype=float)
     target = _integral(acceleration, dt)
     if quantity == "displacement":
-        # The integral of a parabola between samples.
-        parts = dt * (0.5 * (target[1:] + target[:-1])) - dt**2 / 12 * jnp.diff(acceleration)
-        target = jnp.concatenate([jnp.zeros(1), jnp.cumsum(parts)])
+        # The velocity is a parabola between samples.
+        increments = dt * (0.5 * (target[1:] + target[:-1])) - dt**2 / 12 * jnp.diff(acceleration)
+        target = jnp.concatenate([jnp.zeros(1), jnp.cumsum(increments)])
     size = jax.lax.stop_gradient(jnp.max(jnp.abs(target)))
     shape = _velocity if quantity == "velocity" else _displacement
 
@@ -234,18 +250,21 @@ def refit_pulse(
     pulse = start.pulse
     y = jnp.stack([pulse.A, jnp.log(pulse.f_p), jnp.log(pulse.gamma - 1), pulse.nu, jnp.asarray(start.time)])
     solver = optx.LevenbergMarquardt(1e-10, 1e-10)
-    found = optx.least_squares(residual, solver, jax.lax.stop_gradient(y), target, max_steps=200, throw=False)
-    remainder = residual(found.value, target)
-    share = 1 - jnp.sum(remainder**2) / jnp.sum((target / size) ** 2)
-    return PulseFit(_normalise(_pulse(found.value)), found.value[4], share, quantity)
+    y = optx.least_squares(
+        residual, solver, jax.lax.stop_gradient(y), target, max_steps=200, throw=False
+    ).value
+    share = 1 - jnp.sum(residual(y, target) ** 2) / jnp.sum((target / size) ** 2)
+    return PulseFit(_normalise(_pulse(y)), y[4], share, quantity)
 
 
 def _integral(acceleration: Float[Array, " n"], dt) -> Float[Array, " n"]:
-    parts = 0.5 * dt * (acceleration[1:] + acceleration[:-1])
-    return jnp.concatenate([jnp.zeros(1), jnp.cumsum(parts)])
+    """Return the velocity at the samples, from rest [m/s]."""
+    increments = 0.5 * dt * (acceleration[1:] + acceleration[:-1])
+    return jnp.concatenate([jnp.zeros(1), jnp.cumsum(increments)])
 
 
 def _pulse(y: Float[Array, " 5"]) -> MavroeidisPapageorgiou:
+    """Return the pulse of the unknowns (A, ln f_p, ln(γ − 1), ν, time)."""
     return MavroeidisPapageorgiou(y[0], jnp.exp(y[1]), 1 + jnp.exp(y[2]), y[3])
 
 
@@ -257,15 +276,16 @@ def _normalise(pulse: MavroeidisPapageorgiou) -> MavroeidisPapageorgiou:
 
 
 def _velocity(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return v of the pulse, shape (n,) [m/s]."""
+    """Return the velocity of the pulse at times t from its centre, shape (n,) [m/s]."""
     phase = 2 * math.pi * pulse.f_p * t
-    inside = jnp.abs(t) <= 0.5 * pulse.gamma / pulse.f_p
+    is_inside = jnp.abs(t) <= 0.5 * pulse.gamma / pulse.f_p
     shape = 0.5 * (1 + jnp.cos(phase / pulse.gamma)) * jnp.cos(phase + pulse.nu)
-    return jnp.where(inside, pulse.A * shape, 0.0)
+    return jnp.where(is_inside, pulse.A * shape, 0.0)
 
 
 def _displacement(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return ∫v dt from before the pulse, shape (n,) [m]."""
+    """Return the displacement of the pulse at times t from its centre, zero before the pulse, shape (n,)
+    [m]."""
     half, omega = 0.5 * pulse.gamma / pulse.f_p, 2 * math.pi * pulse.f_p
 
     def integral(t):
@@ -274,5 +294,5 @@ def _displacement(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float
             (weight / rate * jnp.sin(rate * t + pulse.nu) for weight, rate in terms), jnp.zeros_like(t)
         )
 
-    inside = jnp.clip(t, -half, half)
-    return pulse.A * (integral(inside) - integral(-half))
+    clipped = jnp.clip(t, -half, half)
+    return pulse.A * (integral(clipped) - integral(-half))

@@ -1,4 +1,4 @@
-"""Provenance of the records of a result: name, source and distinguishing numbers."""
+"""Provenance of the records of a result: name, source, sampling, PGA and checksum, as attributes of files."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .records import RecordPairs, Records
 
 
 def sha256(samples: Any) -> str:
-    """Return the SHA-256 of samples [m/s²], as little-endian float64."""
+    """Return the SHA-256 of samples [m/s²] in little-endian float64."""
     return hashlib.sha256(np.ascontiguousarray(samples, "<f8").tobytes()).hexdigest()
 
 
 def describe_record(record: Record) -> dict[str, Any]:
-    """Return attributes of a file that identify a record: number of samples, dt, PGA times the scale of the
-    record, and checksum of the unscaled samples."""
+    """Return attributes that identify a record: number of samples, dt, PGA with the scale of the record,
+    and checksum of the unscaled samples."""
     samples = np.asarray(record.acceleration, float)
     return {
         "record_samples": samples.size,
@@ -32,23 +32,24 @@ def describe_record(record: Record) -> dict[str, Any]:
 
 
 def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
-    """Return name, source, factor and seed of a `Motion` and of its vertical one, for the attributes of a
-    file; empty for other excitations."""
+    """Return attributes with name, source, scale factor and seed of a `Motion` and of its vertical
+    component; empty for other excitations."""
     if not isinstance(motion, Motion):
         return ()
-    found: dict[str, Any] = {"record_name": motion.name}
+    attributes: dict[str, Any] = {"record_name": motion.name}
     if motion.source is not None:
-        found["record_source"] = str(motion.source)
+        attributes["record_source"] = str(motion.source)
     for key in ("scale", "seed"):
         if key in motion.metadata:
-            found[f"record_{key}"] = motion.metadata[key]
+            attributes[f"record_{key}"] = motion.metadata[key]
     vertical = describe_origin(motion.vertical)
-    return (*found.items(), *((f"vertical_{name}", value) for name, value in vertical))
+    return (*attributes.items(), *((f"vertical_{name}", value) for name, value in vertical))
 
 
 def describe_motions(excitations: Any) -> dict[str, Any]:
-    """Return name, source, samples, dt, PGA and checksum of records, for the attributes of a file; lists for
-    several records. Empty for other excitations."""
+    """Return attributes that describe records, as lists for several records; empty for other excitations.
+    A `Motion` has name, source, number of samples, dt, PGA and checksum; a table of records has only dt,
+    PGA and checksum."""
     if isinstance(excitations, Motion):
         record = excitations.record()
         record = record.horizontal if isinstance(record, GroundMotion) else record
@@ -65,20 +66,24 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
     return describe_record(excitations) if single and not np.ndim(excitations.scale) else {}
 
 
-def _named_motions(given: Any) -> list[Motion]:
-    """Return the motions with names and sources in an argument of records."""
-    if isinstance(given, Motion):
-        return [given]
-    return (
-        [each for part in given for each in _named_motions(part)]
-        if isinstance(given, list | tuple | Motions)
-        else []
-    )
+def _named_motions(argument: Any) -> list[Motion]:
+    """Return all `Motion` objects in an argument, which have names and sources."""
+    if isinstance(argument, Motion):
+        return [argument]
+    if isinstance(argument, list | tuple | Motions):
+        return [motion for element in argument for motion in _named_motions(element)]
+    return []
 
 
 def record_coords(records: Records | RecordPairs, given: Any = None) -> dict[str, Any]:
-    """Return coordinates along `record` that identify records: dt, PGA, checksum of the samples; and source
-    and seed, if `given` has them for all."""
+    """Return coordinates along `record` that identify records.
+
+    - `records`: table of the records
+    - `given`: argument from which the table was made, or None
+
+    The coordinates are dt, PGA and checksum of the samples, and source and seed if all motions in `given`
+    have them.
+    """
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)
     rows = [
@@ -90,7 +95,7 @@ def record_coords(records: Records | RecordPairs, given: Any = None) -> dict[str
     origins = [dict(describe_origin(motion)) for motion in _named_motions(given)]
     optional = {}
     for name, long_name in (("source", "file of the record"), ("seed", "seed of the synthetic motion")):
-        values = [each[f"record_{name}"] for each in origins if f"record_{name}" in each]
+        values = [origin[f"record_{name}"] for origin in origins if f"record_{name}" in origin]
         if len(values) == len(rows):
             optional[name] = ("record", values, {"long_name": long_name})
     return optional | {

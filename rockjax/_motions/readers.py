@@ -1,4 +1,4 @@
-"""Readers of ground motions from files, one by one or as a suite."""
+"""Readers of one ground motion from a file, and of several from a folder or table."""
 
 from __future__ import annotations
 
@@ -24,23 +24,25 @@ def read_motion(
 ) -> Motion:
     """Read the ground motion in a file (host), with the contents of its header.
 
-    Formats, by suffix or by the first lines: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of GeoNet
-    (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and KiK-net
-    (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations, with comments
-    (`#`, `%`, `!`), headings such as `time [ms],Acc (cm/s2)`, and blanks, commas, semicolons or tabs between;
-    NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
+    The suffix or the first lines determine the format: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of
+    GeoNet (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and
+    KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations, with
+    comments (`#`, `%`, `!`), headings such as `time [ms],Acc (cm/s2)`, and blanks, commas, semicolons or
+    tabs between; NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
 
     - `path`: file to read
-    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed if the file does not state it
-    - `dt`: sampling interval, > 0 [s]; needed if the file has neither it nor times
-    - `component`: number or name of a channel, if the file has several: `1`, `"Up"`, `"HNE"`; any usual name
-      of the vertical one is recognised
+    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state its unit
+    - `dt`: sampling interval, > 0 [s]; required if the file contains neither it nor times
+    - `component`: number or name of a channel, such as `1`, `"Up"` or `"HNE"`, if the file has several.
+      All usual names of the vertical component mean the same channel
 
-    Raises `ValueError` that names the file, the line and the cause for anything that cannot be read as a
-    ground motion, for headings that are not understood or contradict `units` or `dt`, and for gaps; it lists
-    the channels if one must be chosen. Warns ([`rockjax.RecordWarning`][]) if PGA is above 3 g or below 1e-4
-    g, or below 0.05 g if only `units="m/s2"` gives the unit, if the sampling interval is above 0.1 s or below
-    1e-4 s, if the file is damaged or its data are raw, and if the final velocity is more than a fifth of PGV.
+    Raises `ValueError`, with the file, the line and the cause, for a file that cannot be read as a ground
+    motion, for headings that are unknown or contradict `units` or `dt`, and for gaps. If a channel must
+    be chosen, the message lists the channels.
+
+    Warns ([`rockjax.RecordWarning`][]) if PGA is above 3 g or below 1e-4 g; if `units="m/s2"` was passed
+    and PGA is below 0.05 g; if the sampling interval is above 0.1 s or below 1e-4 s; if the file is
+    damaged; if the data are raw; and if the final velocity is more than a fifth of PGV.
     """
     motion = read(path, units, dt, component)
     warn_if_implausible(motion, str(path), stacklevel=3, unit_from_user=units is not None)
@@ -56,18 +58,18 @@ def read_suite(
     component: int | str | None = None,
     pattern: str | None = None,
 ) -> Motions:
-    """Read the ground motions in a folder, or in a table (host).
+    """Read the ground motions in a folder, or in a table of files (host).
 
-    - `path`: a folder, of which every file is read in the order of names; or a table, as `.csv` with a row of
-      headings: `file` (relative to the table) and, optionally, `name`, `scale`, `units`, `dt` and
-      `component`; empty cells count as missing, and other columns become metadata. In a folder that contains
-      a `suite.csv`, that table is read
-    - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; a cell of the table has
+    - `path`: a folder, or a table. All files of a folder are read in the order of their names; if it
+      contains a `suite.csv`, that table is read instead. A table is a `.csv` with a row of headings:
+      `file` (relative to the table) and, optionally, `name`, `scale`, `units`, `dt` and `component`.
+      Empty cells count as missing, and other columns become metadata
+    - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; cells of the table have
       priority
-    - `scale`: factor on all motions, times that of the table [–]
-    - `pattern`: read only these files of a folder, such as `"*.AT2"`, and no `suite.csv`
+    - `scale`: factor on all motions [–]; it is multiplied by the factor in the table
+    - `pattern`: read only files of a folder with such names, for example `"*.AT2"`, and no `suite.csv`
 
-    Raises `ValueError` that lists all files that cannot be read, each with its line and cause.
+    Raises `ValueError`, which lists all files that cannot be read, each with the cause.
     """
     require_instance("read_suite", "path", path, str | Path, "the path of a folder or table")
     require_instance("read_suite", "pattern", pattern, str | None, "a pattern such as '*.AT2', or None")
@@ -96,24 +98,25 @@ def read_suite(
                 pattern,
             )
     elif pattern is not None:
-        raise ValueError(f"{path}: is a file; leave pattern out, which is for folders")
+        raise ValueError(f"{path}: is a file, but pattern applies to folders; leave pattern out")
     return _read_all(path, _table(path), units, dt, scale, component, "")
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file begins like a table of files, not like a motion."""
+    """Return whether a file is a `.csv` with a heading `file` in its first line: a table of files, not a
+    motion."""
     try:
         if path.suffix.lower() != ".csv":
             return False
         with path.open("rb") as stream:
-            first = decode(path, stream.read(4096)).partition("\n")[0]
+            first_line = decode(path, stream.read(4096)).partition("\n")[0]
     except (OSError, ValueError):
-        return False  # read_suite and read_motion report the cause
-    return "file" in first.strip().split(",")
+        return False  # read_suite or read_motion will report the cause
+    return "file" in first_line.strip().split(",")
 
 
 def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
-    """Return the rows of a table of files: the place of each, for messages, and its cells that are not
+    """Return the rows of a table of files: file and line of the row, for messages, and its cells that are not
     empty."""
     reader = csv.reader(io.StringIO(read_text(path), newline=""))
     try:
@@ -132,8 +135,8 @@ def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
     if len(set(names)) != len(names):
         raise ValueError(f"{path}:{rows[0][0]}: names a column twice; rename or remove one")
     if len(rows) == 1:
-        raise ValueError(f"{path}: lists no file; give one a line under the headings")
-    found = []
+        raise ValueError(f"{path}: lists no file; add a line for each file below the headings")
+    described_rows = []
     for line, cells in rows[1:]:
         if len(cells) > len(names):
             raise ValueError(
@@ -146,11 +149,13 @@ def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
         for name in ("scale", "dt"):
             _cell(f"{path}:{line}", row, name)
         row["file"] = str(path.parent / row["file"])
-        found.append((f"{path}:{line}", row))
-    return found
+        described_rows.append((f"{path}:{line}", row))
+    return described_rows
 
 
 def _cell(where: str, row: dict[str, str], name: str) -> float | None:
+    """Return the number in a cell, None if it is empty. Raises `ValueError` for anything but a finite
+    number."""
     try:
         value = float(row[name]) if name in row else None
     except ValueError:
@@ -194,7 +199,7 @@ def _read_all(
         motions.append(motion.scaled(factor) if factor != 1 else motion)
     if problems:
         hint = (
-            "; a pattern (on the command line --pattern), say '*.AT2', reads only some"
+            "; a pattern such as '*.AT2' (on the command line --pattern) selects files"
             if pattern is None
             else ""
         )

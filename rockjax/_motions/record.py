@@ -35,15 +35,16 @@ from .accelerogram import warn_if_implausible
 
 
 class Record(AbstractSampled):
-    """A sampled ground motion, linear between samples and zero before the first and after the last, with
-    jumps there.
+    """A sampled ground motion, linear between samples. It is zero before the first and after the last
+    sample, and may jump there.
 
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]
     - `dt`: sampling interval, > 0 [s]
-    - `scale`: factor on the samples [–]; `t_start`: time of the first sample [s]
+    - `scale`: factor on the samples [–]
+    - `t_start`: time of the first sample [s]
 
-    Raises `ValueError` for empty or non-finite records, and for gaps: masked samples, and values such as -999
-    or 999999 that stand for missing ones.
+    Raises `ValueError` for fewer than two or non-finite samples, and for gaps: masked samples, and values
+    such as -999 or 999999 that stand for missing samples.
     """
 
     acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_number("Record: acceleration"))
@@ -75,15 +76,16 @@ class Record(AbstractSampled):
         .npy.
 
         - `path`: file to read
-        - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; needed if the file does not state it
-        - `dt`: sampling interval [s], if the file has neither it nor times
+        - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state
+          its unit
+        - `dt`: sampling interval [s]; required if the file contains neither it nor times
         - `scale`: factor on the samples [–]
         - `component`: number or name of a channel, if the file has several
 
-        Formats, errors and warnings are those of [`rockjax.read_motion`][], which also returns the contents
-        of the header.
+        Formats, errors and warnings are the same as in [`rockjax.read_motion`][], which also returns the
+        contents of the header.
         """
-        from .files import read  # imports all formats, which few programs need
+        from .files import read  # imported here because it imports all formats
 
         scale = require_number("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
@@ -119,7 +121,7 @@ class Record(AbstractSampled):
         return {"acceleration": 1}
 
     def common_form(self) -> PaddedRecord:
-        """Return the record padded to one of a few sizes; batches use more sizes, because each record takes
+        """Return the record padded to one of a few sizes. Batches have more sizes, because they take more
         memory."""
         samples = self.acceleration
         count, sizes = samples.shape[-1], RECORD_SIZES if samples.ndim == 1 else TABLE_SIZES
@@ -133,8 +135,8 @@ class Record(AbstractSampled):
 
 
 class PaddedRecord(Record):
-    """A record padded with zeros, so that records of many lengths share programs; the first `count` entries
-    are samples."""
+    """A record padded with zeros, so that records of different lengths share programs. The first `count`
+    elements are samples."""
 
     count: Int[Array, ""] = eqx.field(converter=as_array, default=0)
 

@@ -29,21 +29,23 @@ from rockjax._types import Index, Value
 from .motion import Motion
 from .record import Record
 
-MIN_ROWS = 8
+MIN_ROWS = 8  # smallest number of rows of a padded table
 
 
 class Records(AbstractSampled):
-    """Sampled ground motions of any lengths and intervals, stored once for all scenes: a batch of records.
+    """A batch of records, of any lengths and sampling intervals, in one table.
 
-    `Records.of(records)` is made from single records; it is a batch of all of them, shape (k,). `pick(j)` is
-    record j, or those of an array of any shape; `scaled(factor)` broadcasts against it. With
-    [`rockjax.peak_responses`][] the samples are not copied for each scene, and one program serves records of
-    different lengths.
+    `Records.of(records)` returns a batch of all given records, shape (k,). `pick(j)` selects record j, or
+    for an array of indices a batch of its shape; `scaled(factor)` broadcasts against the batch. In
+    [`rockjax.peak_responses`][] all scenes share the table, and one program serves records of different
+    lengths.
 
-    - `acceleration`: samples, shape (k, n), rows padded with zeros [m/s²]; `counts`: number of samples of
-      each, shape (k,)
-    - `intervals`: sampling intervals, shape (k,) [s]; `starts`: times of the first samples, shape (k,) [s]
-    - `which`: indices of the selected rows; `scale`: factor on the samples [–]
+    - `acceleration`: samples, shape (k, n), rows padded with zeros [m/s²]
+    - `counts`: numbers of samples, shape (k,)
+    - `intervals`: sampling intervals, shape (k,) [s]
+    - `starts`: times of the first samples, shape (k,) [s]
+    - `which`: indices of the selected rows
+    - `scale`: factor on the samples [–]
     """
 
     acceleration: Float[Array, "k n"]
@@ -54,14 +56,14 @@ class Records(AbstractSampled):
     scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Records: scale"), default=1.0)
 
     def __check_init__(self):
-        if isinstance(self.acceleration, np.ndarray):  # JAX arrays come from records that were checked
+        if isinstance(self.acceleration, np.ndarray):  # a JAX array comes from checked records
             refuse_gaps("Records: acceleration", self.acceleration)
             require_finite_samples("Records", self.acceleration)
 
     @classmethod
     def of(cls, records: Sequence[Record | Motion]) -> Self:
-        """Return a batch of single records, their scales applied. Raises `ValueError` for an empty sequence,
-        and for batches in it."""
+        """Return a batch of single records, with their scales multiplied into the samples. Raises
+        `ValueError` for an empty sequence, and for batches in it."""
         if isinstance(records, Record | Motion | str) or not isinstance(records, Iterable):
             raise ValueError(
                 "Records: records must be a list of rockjax.Record, or rockjax.Motions, got "
@@ -77,7 +79,7 @@ class Records(AbstractSampled):
                 jnp.ndim(y) for y in (record.dt, record.scale, record.t_start)
             ):
                 raise ValueError(
-                    f"Records: entry {j} must be a single record, got a batch; give a list of records"
+                    f"Records: entry {j} must be a single record, got a batch; pass a list of records"
                 )
         counts = np.array([record.acceleration.size for record in singles], np.int32)
         longest = int(counts.max())
@@ -98,11 +100,11 @@ class Records(AbstractSampled):
         )
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
-        """Return some of the records, unscaled. Raises `ValueError` for an index out of range, if it is
-        concrete."""
+        """Return the records with the indices `which`, unscaled, as a batch of the same shape. Raises
+        `ValueError` for indices that are not whole numbers, and for concrete indices out of range."""
         which = which if isinstance(which, jax.Array) else np.asarray(which)
-        chosen, is_whole = concrete(which), np.issubdtype(which.dtype, np.integer)
-        if not is_whole or (chosen is not None and not np.all((chosen >= 0) & (chosen < len(self)))):
+        indices, is_integer = concrete(which), np.issubdtype(which.dtype, np.integer)
+        if not is_integer or (indices is not None and not np.all((indices >= 0) & (indices < len(self)))):
             raise ValueError(
                 f"Records.pick: which must be whole numbers from 0 to {len(self) - 1}, got "
                 f"{format_value(which)}"
@@ -149,11 +151,12 @@ class Records(AbstractSampled):
         return numpy.where(samples, numpy.abs(self.acceleration), 0.0)
 
     def chosen(self, which, scale) -> Self:
-        """Return some of the records, scaled; in NumPy if the arguments are NumPy arrays."""
+        """Return the records with the indices `which`, scaled. The arguments are not converted, and NumPy
+        arrays stay NumPy arrays."""
         return dataclasses.replace(self, which=which, scale=scale)
 
     def common_form(self) -> Self:
-        """Return the table padded to one of a few sizes, with records that are never selected."""
+        """Return the table padded to one of a few sizes. The additional rows are never selected."""
         rows = max(MIN_ROWS, 1 << (len(self) - 1).bit_length())
         return dataclasses.replace(
             self,
@@ -171,8 +174,8 @@ class Records(AbstractSampled):
 
 
 class RecordPairs(GroundMotion):
-    """Several records, each with a vertical one: equal rows of two tables. Sizes are those of the horizontal
-    ones."""
+    """A batch of pairs of records, horizontal and vertical: the same rows of two tables. `sizes` refers
+    to the horizontal table."""
 
     @classmethod
     def of(cls, pairs: Sequence[GroundMotion]) -> Self:
@@ -198,11 +201,11 @@ class RecordPairs(GroundMotion):
         return cast(Records, self.horizontal)
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
-        """Return some of the pairs, unscaled."""
+        """Return the pairs with the indices `which`, unscaled."""
         return self._map_components(lambda records: records.pick(which))
 
     def chosen(self, which, scale) -> Self:
-        """Return some of the pairs, scaled; in NumPy if the arguments are NumPy arrays."""
+        """Return the pairs with the indices `which`, scaled, as `Records.chosen` does."""
         return self._map_components(lambda records: records.chosen(which, scale))
 
     def _map_components(self, change: Callable[[Records], Records]) -> Self:
@@ -211,6 +214,6 @@ class RecordPairs(GroundMotion):
 
 
 def _pad_end(values, size: int, fill: float):
-    """Return values padded at the end."""
+    """Return values padded at the end with `fill` to the length `size`."""
     numpy = array_module(values)
     return numpy.concatenate([values, numpy.full(size - values.shape[0], fill, values.dtype)])

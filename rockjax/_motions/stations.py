@@ -1,4 +1,4 @@
-"""Grouping of motions by station and event, as components of one ground motion."""
+"""Pairs of horizontal and vertical motions of one station and event."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ M = TypeVar("M", bound=Accelerogram)
 
 
 def pair_motions(motions: Sequence[M]) -> tuple[M, ...]:
-    """Return the horizontal motions, each with the vertical one of its station, in the given order."""
+    """Return the horizontal motions in their order, each with its vertical component, as
+    [`rockjax.Motions.paired`][] describes."""
     vertical: dict[tuple, list[M]] = defaultdict(list)
     horizontal: list[M] = []
     for motion in motions:
@@ -23,23 +24,23 @@ def pair_motions(motions: Sequence[M]) -> tuple[M, ...]:
             vertical[_station(motion)].append(motion)
         else:
             horizontal.append(motion)
-    problems, found = [], []
+    problems, pairs = [], []
     for motion in horizontal:
-        of_station = _match_depth(motion, vertical.get(_station(motion), [])) or _match_name(motion, vertical)
-        if len(of_station) == 1:
-            found.append(dataclasses.replace(motion, vertical=_orient_upwards(of_station[0])))
+        matches = _match_depth(motion, vertical.get(_station(motion), [])) or _match_name(motion, vertical)
+        if len(matches) == 1:
+            pairs.append(dataclasses.replace(motion, vertical=_orient_upwards(matches[0])))
         else:
-            names = ", ".join(other.name for other in of_station)
-            problems.append(
-                f"{motion.name}: " + (f"could have {names}" if names else "has no vertical motion")
-            )
+            names = ", ".join(other.name for other in matches)
+            problems.append(f"{motion.name}: " + (f"matches {names}" if names else "has no vertical motion"))
     if problems:
         raise ValueError(
-            "\n  ".join([f"paired: {len(problems)} motions have not one vertical one", *problems])
+            "\n  ".join(
+                [f"paired: {len(problems)} motions do not match exactly one vertical motion", *problems]
+            )
         )
-    if not found:
+    if not pairs:
         raise ValueError("paired: there is no horizontal motion")
-    return tuple(found)
+    return tuple(pairs)
 
 
 def _component(motion: Accelerogram) -> str:
@@ -52,14 +53,14 @@ def _is_vertical(motion: Accelerogram) -> bool:
 
 
 def _station(motion: Accelerogram) -> tuple[str, ...]:
-    """Return station, event and date; the name if the header has no station."""
+    """Return station, event and date; the name of the motion if the header contains no station."""
     description = [str(motion.metadata.get(key) or "") for key in ("station", "event", "date")]
     return tuple(description) if description[0] else ("", motion.name)
 
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
-    """Return vertical motions whose names differ from this one's only in their ends; of several the most
-    similar."""
+    """Return the vertical motions with the longest stem (name without component) with which the name of
+    the motion starts; none for a motion with a station."""
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]
@@ -69,16 +70,20 @@ def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
 
 
 def _match_depth(motion: M, others: list[M]) -> list[M]:
-    """Return the instrument of the same number at a station (EW1 and UD1, EW2 and UD2)."""
+    """Return the vertical motions of a station whose component has the number of the motion's component,
+    such as UD1 for EW1; all of them if none has. The numbers stand for depths."""
     if len(others) < 2:
         return others
-    number = lambda of: re.search(r"\d*$", _component(of).split()[0] if _component(of) else "")
-    own = number(motion)
-    return [other for other in others if own and (same := number(other)) and same[0] == own[0]] or others
+
+    def number(motion: M) -> str:
+        words = _component(motion).split()
+        return re.search(r"\d*$", words[0] if words else "")[0]  # pyright: ignore[reportOptionalSubscript]
+
+    return [other for other in others if number(other) == number(motion)] or others
 
 
 def _orient_upwards(motion: M) -> M:
-    """Return the motion with upwards positive: a component that is labelled down changes its sign."""
+    """Return the motion with upwards positive. The sign of a component that points down is changed."""
     if not points_down(_component(motion) or split_name(motion.name)[1]):
         return motion
     return dataclasses.replace(motion, acceleration=-motion.acceleration)

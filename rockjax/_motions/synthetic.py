@@ -1,13 +1,13 @@
-"""Synthetic ground motions: filtered white noise under an envelope, optionally with a velocity pulse.
+"""Synthetic ground motions: filtered white noise with an envelope, optionally with a velocity pulse.
 
 The noise has the spectral density of Kanai (1957) and Tajimi (1960), a soil layer of frequency ω_g and
-damping ζ_g over white noise, with the high-pass of Clough & Penzien (1993), ω_f and ζ_f, that keeps velocity
-and displacement finite:
+damping ζ_g that is excited by white noise. The high-pass filter of Clough & Penzien (1993), with ω_f and
+ζ_f, makes velocity and displacement finite:
 
     S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.
 
-The envelope is that of Saragoni & Hart (1974) in the form of Boore (1983): a gamma function with its maximum
-1 at ε t_n and the value η at t_n, the end. The pulse is that of Mavroeidis & Papageorgiou (2003).
+The envelope of Saragoni & Hart (1974), in the form of Boore (1983), has its maximum 1 at ε t_n and the
+value η at the end t_n. The pulse is a pulse of Mavroeidis & Papageorgiou (2003).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rockjax._units import STANDARD_GRAVITY
 
 from .motion import Motion, Motions
 
-_TAPER = 0.05  # share of the duration over which the envelope, which would end at η, is tapered to zero
+_TAPER = 0.05  # last fraction of the duration, in which the envelope is tapered from about η to zero
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Soil:
     """Parameters of the spectral density; the defaults are the firm soil of Der Kiureghian & Neuenhofer
     (1992).
 
-    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the soil; `omega_f`, `zeta_f`: of the
-      high-pass
+    - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil
+    - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter
     """
 
     omega_g: float = 15.0
@@ -44,7 +44,7 @@ class Soil:
 
 
 def spectral_density(omega, soil: Soil) -> np.ndarray:
-    """Return S(ω)/S_0 of Clough & Penzien, of the shape of `omega` [rad/s]."""
+    """Return S(ω)/S_0 of Clough & Penzien [–], with the shape of `omega` [rad/s]."""
     r2, s2 = (omega / soil.omega_g) ** 2, (omega / soil.omega_f) ** 2
     ground = (1 + 4 * soil.zeta_g**2 * r2) / ((1 - r2) ** 2 + 4 * soil.zeta_g**2 * r2)
     return ground * s2**2 / ((1 - s2) ** 2 + 4 * soil.zeta_f**2 * s2)
@@ -53,37 +53,38 @@ def spectral_density(omega, soil: Soil) -> np.ndarray:
 def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndarray:
     """Return Saragoni & Hart's envelope [–].
 
-    - `t`: times [s]; `duration`: end [s]
-    - `peak`: time at which it is 1, as a share of the duration; `end`: its value at the end before the taper
-      to zero
+    - `t`: times [s]
+    - `duration`: time t_n of the end [s]
+    - `peak`: ε, the time at which the envelope is 1, divided by the duration [–]
+    - `end`: η, the value at the end without the taper to zero [–]
     """
     b = -peak * math.log(end) / (1 + peak * (math.log(peak) - 1))
     s = t / (peak * duration)
     with np.errstate(divide="ignore"):
         shape = np.exp(b * (1 + np.log(s) - s))
-    left = np.clip((duration - t) / (_TAPER * duration), 0, 1)
-    return shape * 0.5 * (1 - np.cos(math.pi * left))
+    taper = np.clip((duration - t) / (_TAPER * duration), 0, 1)
+    return shape * 0.5 * (1 - np.cos(math.pi * taper))
 
 
 def _normal(seed: int, k: int, count: int) -> np.ndarray:
-    """Return standard normal numbers, by Box & Muller from the bits of PCG64: these are stable across NumPy
-    versions, unlike the distributions of a `Generator`."""
+    """Return `count` standard normal numbers of motion k, by the method of Box & Muller from the bits of
+    PCG64. Unlike the distributions of a `Generator`, the bits are the same in every version of NumPy."""
     bits = np.random.PCG64(np.random.SeedSequence([seed, k])).random_raw(2 * count)
     u, v = ((bits >> np.uint64(11)).astype(float) + 0.5).reshape(2, count) * 2.0**-53
     return np.sqrt(-2 * np.log(u)) * np.cos(2 * math.pi * v)
 
 
 def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
-    """Return stationary noise with the spectral density; computed at twice the length, because a filter by
-    FFT is periodic."""
+    """Return stationary noise with the spectral density. It is computed at twice the length, because an
+    FFT filter is periodic."""
     white = np.fft.rfft(_normal(seed, k, 2 * count))
     omega = 2 * math.pi * np.fft.rfftfreq(2 * count, dt)
     return np.fft.irfft(white * np.sqrt(spectral_density(omega, soil)), 2 * count)[:count]
 
 
 def _at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, displaced: bool) -> np.ndarray:
-    """Subtract `weight` times a constant, and times t if `displaced`, so that velocity (and displacement) end
-    at zero."""
+    """Return the acceleration minus `weight` times a constant, or times a straight line if `displaced`,
+    so that the velocity (and the displacement) end at zero."""
 
     def ends(a):
         motion = Motion(a, dt)
@@ -109,33 +110,37 @@ def synthetic_motions(
     envelope_peak: float = 0.2,
     envelope_end: float = 0.05,
 ) -> Motions:
-    """Return synthetic ground motions (host): Clough & Penzien's noise under Saragoni & Hart's envelope, and
-    a pulse.
+    """Return synthetic ground motions (host): Clough & Penzien's noise with Saragoni & Hart's envelope,
+    and optionally a pulse.
 
-    - `count`: number of motions, ≥ 1; motion k depends only on `seed` and k, so a larger count begins with
-      the same motions
-    - `seed`: ≥ 0; equal seeds give equal motions with every version of NumPy, up to rounding
-    - `dt`: sampling interval [s]; `duration`: [s]
+    - `count`: number of motions, ≥ 1. Motion k depends only on `seed` and k, so a larger count starts
+      with the same motions
+    - `seed`: whole number ≥ 0; equal seeds give equal motions, up to rounding, with every version of NumPy
+    - `dt`: sampling interval [s]
+    - `duration`: duration [s], at least 50 dt
     - `pga`: peak of the noise, without the pulse, > 0 [m/s²]
-    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][], or one for each motion; added with its centre at the
-      peak of the envelope, or as near as it fits. Mavroeidis & Papageorgiou (2003) find A about 1 m/s close
-      to the fault and log10(1/f_p) = 0.5 M_w − 2.9 for the moment magnitude M_w
-    - `omega_g`, `zeta_g`: frequency [rad/s] and damping [–] of the soil (Kanai 1957, Tajimi 1960), 15 and 0.6
-      for firm soil
-    - `omega_f`, `zeta_f`: of the high-pass (Clough & Penzien 1993) [rad/s], [–]
-    - `envelope_peak`, `envelope_end`: time at which the envelope (Saragoni & Hart 1974) is 1, over the
-      duration, and its value at the end [–]
+    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][], or one for each motion. Its centre is at the peak
+      of the envelope, or as near to it as the pulse fits into the motion. Mavroeidis & Papageorgiou
+      (2003) find A about 1 m/s close to the fault and log10(1/f_p) = 0.5 M_w − 2.9 for the moment
+      magnitude M_w
+    - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil (Kanai 1957, Tajimi 1960);
+      15 and 0.6 for firm soil
+    - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter (Clough &
+      Penzien 1993)
+    - `envelope_peak`: time at which the envelope (Saragoni & Hart 1974) is 1, divided by the duration [–]
+    - `envelope_end`: value of the envelope at the end [–]
 
-    The noise begins and ends at rest and undisplaced: a constant and a straight line under the envelope are
-    subtracted. The pulse ends at rest; it may leave the displacement that its phase gives it. Names are
-    synthetic-0001 …, and the metadata state that the motions are synthetic, with all parameters.
+    Velocity and displacement of the noise are zero at the start and at the end: the envelope times a
+    straight line is subtracted. The pulse ends with zero velocity, but its phase may leave a
+    displacement. Names are synthetic-0001 …; the metadata state that the motions are synthetic, and
+    contain all parameters.
 
     Raises `ValueError` for parameters outside their ranges, and for a pulse longer than the motion.
     """
-    numbers = {"dt": dt, "duration": duration, "pga": pga}
-    numbers |= {"omega_g": omega_g, "zeta_g": zeta_g, "omega_f": omega_f, "zeta_f": zeta_f}
+    positive = {"dt": dt, "duration": duration, "pga": pga}
+    positive |= {"omega_g": omega_g, "zeta_g": zeta_g, "omega_f": omega_f, "zeta_f": zeta_f}
     owner = "synthetic_motions"
-    for name, value in numbers.items():
+    for name, value in positive.items():
         require_number(owner, name, value, lambda v: v > 0, "finite and > 0")
     for name, value in {"envelope_peak": envelope_peak, "envelope_end": envelope_end}.items():
         require_number(owner, name, value, lambda v: 0 < v < 1, "> 0 and < 1")
@@ -146,16 +151,20 @@ def synthetic_motions(
             f"synthetic_motions: duration must be at least 50 dt, got {duration:g} s and dt = {dt:g} s"
         )
     # Memory of the noise and of its filtered copies.
-    require_memory(owner, count, 3 * 8 * samples, noun="motions", advice="ask for fewer, or for shorter ones")
+    require_memory(owner, count, 3 * 8 * samples, noun="motions", advice="request fewer or shorter motions")
     pulses = [pulse] * count if pulse is None or isinstance(pulse, MavroeidisPapageorgiou) else pulse
     if isinstance(pulses, str) or not isinstance(pulses, Iterable):
         raise ValueError(
             f"{owner}: pulse must be a rockjax.MavroeidisPapageorgiou or several, got {format_value(pulse)}"
         )
     pulses = list(pulses)
-    for one in pulses:
+    for element in pulses:
         require_instance(
-            owner, "pulse", one, MavroeidisPapageorgiou | None, "a rockjax.MavroeidisPapageorgiou or several"
+            owner,
+            "pulse",
+            element,
+            MavroeidisPapageorgiou | None,
+            "a rockjax.MavroeidisPapageorgiou or several",
         )
     if len(pulses) != count:
         raise ValueError(
@@ -165,11 +174,11 @@ def synthetic_motions(
     t = np.arange(samples) * dt
     weight = envelope(t, t[-1], envelope_peak, envelope_end)
     motions = []
-    for k, one in enumerate(pulses):
+    for k, pulse_k in enumerate(pulses):
         acceleration = _at_rest(weight * _noise(int(seed), k, samples, dt, soil), dt, weight, displaced=True)
         acceleration *= pga / np.abs(acceleration).max()
-        if one is not None:
-            acceleration = acceleration + _pulse(one, t, envelope_peak)
+        if pulse_k is not None:
+            acceleration = acceleration + _pulse(pulse_k, t, envelope_peak)
         metadata = {
             "format": "synthetic",
             "event": "synthetic",
@@ -179,8 +188,9 @@ def synthetic_motions(
         }
         metadata |= {"model": "Clough-Penzien, Saragoni-Hart"} | dataclasses.asdict(soil)
         metadata |= {"envelope_peak": envelope_peak, "envelope_end": envelope_end}
-        if one is not None:
-            metadata |= {f"pulse_{name}": float(getattr(one, name)) for name in ("A", "f_p", "gamma", "nu")}
+        if pulse_k is not None:
+            parameters = ("A", "f_p", "gamma", "nu")
+            metadata |= {f"pulse_{name}": float(getattr(pulse_k, name)) for name in parameters}
         motions.append(Motion(acceleration, dt, f"synthetic-{k + 1:04d}", None, metadata))
     return Motions(tuple(motions))
 
@@ -192,13 +202,12 @@ def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndar
     if 2 * half > t[-1]:
         raise ValueError(
             f"synthetic_motions: a pulse of {2 * half:g} s does not fit into a duration of {t[-1]:g} s; "
-            "raise the "
-            "duration or shorten the pulse"
+            "raise the duration or shorten the pulse"
         )
-    since = t - min(max(peak * t[-1], half), t[-1] - half)
-    is_inside = np.abs(since) <= half
+    from_centre = t - min(max(peak * t[-1], half), t[-1] - half)
+    is_inside = np.abs(from_centre) <= half
     w = 2 * math.pi * f_p
-    rate = np.sin(w * since / gamma) * np.cos(w * since + nu) / gamma
-    rate += (1 + np.cos(w * since / gamma)) * np.sin(w * since + nu)
-    window = np.where(is_inside, 1 + np.cos(w * since / gamma), 0.0)
+    rate = np.sin(w * from_centre / gamma) * np.cos(w * from_centre + nu) / gamma
+    rate += (1 + np.cos(w * from_centre / gamma)) * np.sin(w * from_centre + nu)
+    window = np.where(is_inside, 1 + np.cos(w * from_centre / gamma), 0.0)
     return _at_rest(np.where(is_inside, -0.5 * A * w * rate, 0.0), t[1] - t[0], window, displaced=False)
