@@ -93,7 +93,7 @@ def test_damaged_miniseed_is_reported(tmp_path):
         (tmp_path / "a.mseed").write_bytes(damaged)
         with pytest.warns(rj.RecordWarning) as said:
             motion = rj.read_motion(tmp_path / "a.mseed", units="m/s2")
-        expected = f"a.mseed: is damaged, and {len(motion)} samples are all that can be read: "
+        expected = f"a.mseed: is damaged, and only {len(motion)} samples could be read: "
         assert any(expected in str(each.message) and cause in str(each.message) for each in said)
         assert "damaged" in motion.metadata
     (tmp_path / "a.mseed").write_bytes(content[:half] + bytes(512) + content[half + 512 :])

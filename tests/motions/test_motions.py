@@ -706,9 +706,11 @@ def test_what_readers_return_goes_into_everything(suite):
     assert optimise.NoOverturning([suite, rj.Ricker(3.0, 1.0)]).scenes == 4
     with pytest.raises(ValueError, match=r"must be one motion, got 3; .* rockjax.peak_responses"):
         rj.peak_response(podium, suite)
-    with pytest.raises(ValueError, match=r"got the class Ricker; give it its numbers"):
+    with pytest.raises(
+        ValueError, match=r"got the class Ricker; pass an instance of the class: rockjax\.Ricker\(a_p, T_p\)"
+    ):
         rj.simulate(podium, rj.Ricker)
-    with pytest.raises(ValueError, match=r"the instance Ricker.* give the class rockjax.Ricker"):
+    with pytest.raises(ValueError, match=r"the instance Ricker.* pass the class rockjax.Ricker"):
         rj.rocking_spectrum(podium, rj.Ricker(3.0, 1.0), [1.0], [1.0])
     with pytest.raises(ValueError, match=r"function \(a_p, T_p\).*, got the class Gabor"):
         rj.overturning_acceleration(podium, rj.Gabor, 1.0)
@@ -774,7 +776,7 @@ def test_a_file_in_g_read_as_metres_is_doubted(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("\n".join(f"{a:.6f}" for a in 0.45 * np.sin(np.linspace(0, 4 * np.pi, 101))))
     with pytest.warns(
-        rj.RecordWarning, match=r"PGA is 0\.449 m/s², 0\.0458 g; a file in g is read with units='g'"
+        rj.RecordWarning, match=r"PGA is 0\.449 m/s², 0\.0458 g; if the file is in g, pass units='g'"
     ):
         rj.read_motion(path, units="m/s2", dt=0.01)
     assert rj.read_motion(path, units="g", dt=0.01).pga == pytest.approx(0.45 * G, rel=1e-2)

@@ -444,9 +444,9 @@ def test_what_looks_wrong_is_said(tmp_path):
 
     # And not a word.
     assert rj.read_motion(column(wave), units="m/s2", dt=0.01).pga == pytest.approx(1, rel=1e-2)
-    with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 99\.8 g: are the units right\?"):
+    with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 99\.8 g; are the units right\?"):
         rj.read_motion(column(100 * wave), units="g", dt=0.01)
-    with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 1\.02e-05 g: are the units right\?"):
+    with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 1\.02e-05 g; are the units right\?"):
         rj.read_motion(column(1e-4 * wave), units="m/s2", dt=0.01)
     with pytest.warns(
         rj.RecordWarning, match=r"motion\.txt: ends with a velocity .* 100% of PGV: .*baseline_corrected"
