@@ -1,7 +1,9 @@
-"""Batches of scenes: lanes that step together and take the next scene as soon as theirs has ended.
+"""Batches of scenes, solved in lanes.
 
-A thread per core owns `LANES` lanes and continues from one chunk of scenes to the next, without waiting for
-scenes that are still running. Each accelerator has thousands of lanes of its own.
+A lane holds one scene at a time. All lanes of a program make their trial steps together, and a lane takes
+the next scene when its scene has ended. A thread per core has `LANES` lanes and continues from one chunk
+of scenes to the next, without waiting for scenes that are still running. Each accelerator has thousands
+of lanes.
 """
 
 from __future__ import annotations
@@ -39,15 +41,20 @@ from .exchange import Done
 from .executors import AbstractExecutor, executor_for
 from .scenes import NOTHING, Numbers, SceneBatch, broadcast
 
-# As many lanes as fit the first-level cache and fill the vector unit.
+# Number of lanes per core: they fill the vector unit, and their data fit into the first-level cache.
 LANES = 32
-CHUNK = 1024  # scenes prepared at once
-QUICK = 5  # quick scenes per lane below which waking a further thread does not pay
+CHUNK = 1024  # number of scenes in a chunk, which are prepared together
+QUICK = 5  # another thread is used only if there are this many quick scenes per lane
 
-# An accelerator has far more units than a core has vector lanes. These numbers are estimates.
-ACCELERATOR_LANES = 1024, 32768  # least, so that few programs serve all batch sizes, and most
-ACCELERATOR_CHUNK = 4  # scenes prepared at once for each lane
-ACCELERATOR_NUMBERS = 2**26  # of all lanes in one array: wide scenes have fewer lanes
+# An accelerator has far more units than a core has vector lanes. These values are estimates.
+ACCELERATOR_LANES = (
+    1024,
+    32768,
+)  # limits of the number of lanes; with the lower one, few programs are compiled
+ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
+ACCELERATOR_NUMBERS = (
+    2**26
+)  # limit of the size of an array of all lanes; scenes with many samples get fewer lanes
 
 _REPORTING = threading.Lock()  # concurrent batches may share one progress bar
 
@@ -66,28 +73,30 @@ def peak_responses(
 ) -> Peak:
     """Compute peak responses of a batch of scenes, in parallel on all cores or devices (host).
 
-    Every number of `podiums`, `excitations`, `initial` and `t_end` may be an array; the arrays broadcast to
-    the shape of the batch (a `Record`'s samples along the last axis are one record). `Motions`, and lists of
-    records or of pulses of one kind, are a batch of shape (k,). Returns a [`rockjax.Peak`][] of NumPy arrays
-    of that shape. Scenes without an answer keep the reason in their `result`, and a `RuntimeWarning` counts
-    them; the other scenes are not affected. Ctrl-C raises [`rockjax.Interrupted`][], a `KeyboardInterrupt`
-    that holds the answers so far, after the present chunks of scenes; it does not wait for the last scenes of
-    a batch.
+    Every parameter of `podiums`, `excitations`, `initial` and `t_end` may be an array. The arrays
+    broadcast to the shape of the batch; the last axis of a `Record`'s samples does not count, as it is
+    one record. `Motions`, and lists of records or of pulses of one class, are a batch of shape (k,).
+
+    Returns a [`rockjax.Peak`][] of NumPy arrays of the shape of the batch. If a scene does not finish,
+    its `result` is the reason, and a `RuntimeWarning` counts these scenes; the other scenes are not
+    affected. Ctrl-C raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so
+    far. It takes effect after the present chunks of scenes, and does not wait for the last scenes of a
+    batch.
 
     - `podiums`: the structures
     - `excitations`: the ground motions
     - `initial`: initial state; by default at rest
-    - `t_end`: end of each scene [s]; by default 30/p, or 10 T_s if that is longer, after the excitation
+    - `t_end`: end of each scene [s]; by default max(30/p, 10 T_s) after the end of the excitation
     - `options`: options of the solver and the requested outputs
-    - `progress`: `True` for a progress bar, or any object with `update(number_of_scenes)`
+    - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
     - `sensitivities`: parameters y for which derivatives of all requested peaks with respect to ln y are
       computed, with the other parameters held constant: parameters of the podiums as in [`rockjax.grid`][]
-      (`"alpha"`, `"R"`, `"gamma"`, `"T_s"`, …), numbers of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and
-      `"scale"`, a factor on any motion. They are the `sensitivities` of the answer
-    - `devices`: JAX devices of one platform that share the scenes, driven by one host thread. By default one
-      thread on each core if JAX runs on a CPU, else all of `jax.local_devices()`
-    - `threads`: number of threads on a CPU, ≥ 1; by default one for each core that this process may use. Not
-      with `devices`
+      (`"alpha"`, `"R"`, `"gamma"`, `"T_s"`, …), parameters of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and
+      `"scale"`, a factor on any motion. The derivatives are the field `sensitivities` of the result
+    - `devices`: JAX devices of one platform, which share the scenes and are served by one host thread. By
+      default all accelerators; without accelerators, threads on the CPU
+    - `threads`: number of threads on a CPU, ≥ 1; by default one for each core that this process may use.
+      It excludes `devices`
 
     Raises `ValueError` for invalid inputs, and for `options.engine` other than `"flat"`.
     """
@@ -109,15 +118,15 @@ def peak_responses(
 
 
 def warn_of_failures(peaks: Peak, stacklevel: int) -> None:
-    """Emit a `RuntimeWarning` that counts the scenes without an answer."""
+    """Emit a `RuntimeWarning` that counts the scenes that did not finish, if there are any."""
     _warn_of_codes(np.asarray(results.code_of(peaks.result)), stacklevel + 1)
 
 
 def _warn_of_codes(codes: np.ndarray, stacklevel: int) -> None:
     failed = codes[codes > results.OVERTURNED]
     if failed.size:
-        kinds = {results.NAMES[k] for k in np.unique(failed)}
-        message = f"{failed.size} of {codes.size} scenes did not finish: {kinds}"
+        names = {results.NAMES[k] for k in np.unique(failed)}
+        message = f"{failed.size} of {codes.size} scenes did not finish: {names}"
         warnings.warn(message, RuntimeWarning, stacklevel)
 
 
@@ -136,19 +145,18 @@ def responses(
     """Compute [`peak_responses`][rockjax.peak_responses] without warnings; another thread can stop it.
 
     - `podiums`, `excitations`, `initial`, `t_end`, `options`, `progress`, `devices`, `threads`,
-      `sensitivities`: as there
+      `sensitivities`: as in `peak_responses`
     - `stop`: event that stops the batch once it is set
 
-    Raises [`rockjax.Interrupted`][] with the answers so far when stopped, and `ValueError` for invalid
-    inputs.
+    Raises [`rockjax.Interrupted`][] with the answers so far if it is stopped, and `ValueError` for
+    invalid inputs.
     """
     check_types("peak_responses", podiums, options, "podiums")
     check_range("peak_responses", podiums, excitations, None, options)
     if options.engine != "flat":
         raise ValueError(
             f"peak_responses: options.engine must be 'flat', got "
-            f"{options.engine!r}; loop over peak_response for the "
-            "segments engine"
+            f"{options.engine!r}; call peak_response for each scene to use the segments engine"
         )
     names = of_scenes("peak_responses", podiums, excitations, sensitivities)
     varied = {place_of(name).partition(".")[0] for name in names}
@@ -157,8 +165,8 @@ def responses(
     if not options.of_joints and "elevation" not in varied:
         podiums = podiums.without_elevation()
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
-    twice = 2 if "errors" in options.outputs else 1
-    require_memory("peak_responses", scenes.total, twice * BYTES + len(names) * BYTES_OF_SLOPES)
+    solution_count = 2 if "errors" in options.outputs else 1
+    require_memory("peak_responses", scenes.total, solution_count * BYTES + len(names) * BYTES_OF_SLOPES)
     lane_executor = executor_for("peak_responses", devices, threads)
     solutions = [run_batch(scenes, options, progress, stop, lane_executor, names)[:2]]
     if "errors" in options.outputs and not stop.is_set():
@@ -174,9 +182,9 @@ def responses(
     floats, integers = solutions[0]
     estimates = errors(solutions[0], solutions[1], options, np) if len(solutions) > 1 else None
     slopes = sensitivities_of(floats, names, options.outputs)
-    left = int(np.sum(integers["code"] == results.INTERRUPTED))
-    if left or stop.is_set():
-        message = f"stopped with {scenes.total - left} of {scenes.total} scenes solved"
+    unsolved = int(np.sum(integers["code"] == results.INTERRUPTED))
+    if unsolved or stop.is_set():
+        message = f"stopped with {scenes.total - unsolved} of {scenes.total} scenes solved"
         fields = peak_fields(floats, integers, options)
         raise Interrupted(message, Peak(**fields, errors=estimates, sensitivities=slopes))
     return Peak(**peak_fields(floats, integers, options), errors=estimates, sensitivities=slopes)
@@ -185,12 +193,14 @@ def responses(
 def bare_responses(
     podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any, edge_distance: bool
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return floats and integers of a batch of shape (n,), as computed for `peak_responses`.
+    """Return the floats and integers of `run_batch` for a batch of shape (n,).
 
     - `podiums`, `excitations`: structures and ground motions
     - `options`: options of the solver
     - `progress`: as in `peak_responses`
-    - `edge_distance`: whether the floats include the `edge_distance` of each scene
+    - `edge_distance`: True if the floats include the `edge_distance` of each scene
+
+    Raises [`rockjax.Interrupted`][] without answers if it is stopped.
     """
     check_range("peak_responses", podiums, excitations, None, options)
     scenes, _ = broadcast("peak_responses", podiums, excitations, REST, None)
@@ -199,17 +209,16 @@ def bare_responses(
     names = (SCALE,) if edge_distance else ()
     floats, integers, _ = run_batch(scenes, options, progress, stop, None, names, edge_distance)
     if stop.is_set():
-        raise Interrupted("stopped while scenes were looked at", None)
+        raise Interrupted("stopped while scenes were solved", None)
     _warn_of_codes(integers["code"], stacklevel=3)
     return floats, integers
 
 
 class Tally(NamedTuple):
-    """Utilisation of the lanes, for measurements: trials that advanced a scene, and trials that the lanes
-    could make."""
+    """Utilisation of the lanes, for measurements."""
 
-    useful: int
-    possible: int
+    useful: int  # number of trials that advanced a scene
+    possible: int  # number of trials that the lanes could have made
 
 
 def run_batch(
@@ -221,21 +230,20 @@ def run_batch(
     sensitivities: tuple[str, ...] = (),
     edge_distance: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
-    """Return floats and integers of every scene, and the utilisation of the lanes.
+    """Solve a batch. Return the floats and integers of every scene by name, and the utilisation of the lanes.
 
     - `scenes`: the batch
     - `options`: options of the solver
     - `progress`: as in `peak_responses`
-    - `stop`: event that stops the batch, set by Ctrl-C as well: no further scene begins, and unfinished
-      scenes have the code INTERRUPTED. If None, Ctrl-C raises
-    - `executor`: executor of the lanes; by default on all cores or devices
-    - `sensitivities`: parameters for derivatives with respect to their logarithms, which the floats hold
-      along a last axis
-    - `edge_distance`: whether the floats include it; then `sensitivities` must be the scale alone
+    - `stop`: event that stops the batch; Ctrl-C sets it as well. No further chunk is started then, and
+      unfinished scenes have the code INTERRUPTED. If it is None, Ctrl-C raises `KeyboardInterrupt`
+    - `executor`: executor of the lanes; by default all cores or accelerators
+    - `sensitivities`: parameters for derivatives with respect to their logarithms, which the floats
+      contain with the parameters along the last axis
+    - `edge_distance`: True if the floats include the edge distance; then `sensitivities` must be `("scale",)`
     """
     executor = executor_for("run_batch") if executor is None else executor
-    # Python and NumPy numbers in the options get one type, so that searches with other tolerances use the
-    # same program.
+    # All numbers in the options get the same type, so that one program serves all tolerances.
     options = jax.tree.map(lambda y: np.asarray(y, float_type()), options)
     options = as_compiled(scenes.podium, options)
     lane_layout = layout(scenes, executor, sensitivities)._replace(edge_distance=edge_distance)
@@ -245,15 +253,16 @@ def run_batch(
     stopped = threading.Event() if stop is None else stop
     todo = deque(_chunks(scenes, lane_layout, executor))
 
-    def ends() -> Iterator[Done]:
+    def solve_chunks() -> Iterator[Done]:
         lanes = idle
         while not stopped.is_set():
             if executor.hosts > 1 and len(todo) < 2 * executor.hosts:
-                # Calls return at once: without waiting, one thread would take the last chunks from idle ones.
+                # Calls return before their work is done. Without waiting, one thread would take the last
+                # chunks although others are idle.
                 jax.block_until_ready(lanes)
             with lock:
                 numbers = todo.popleft() if todo else NOTHING
-                # With no further chunk for this thread, the lanes run to their ends.
+                # If no chunk is left for this thread, its lanes finish their scenes.
                 last = len(todo) < executor.hosts
             lanes, done = advance(lanes, numbers, last)
             yield done
@@ -261,9 +270,9 @@ def run_batch(
                 return
 
     def work() -> None:
-        # The answers of a chunk are stored while the lanes already run the next one.
-        for ended, _ in itertools.pairwise(itertools.chain(ends(), [None])):
-            number = answers.keep(cast(Done, ended))
+        # The answers of a chunk are stored while the lanes already solve the next chunk.
+        for done, _ in itertools.pairwise(itertools.chain(solve_chunks(), [None])):
+            number = answers.store(cast(Done, done))
             with _REPORTING:
                 bar.update(number)
 
@@ -289,21 +298,26 @@ def run_batch(
 
 
 class _Answers:
-    """Answers that the threads of a batch have found so far; unfinished scenes have the code INTERRUPTED."""
+    """Answers of a batch so far, from all threads; unfinished scenes have the code INTERRUPTED.
+
+    - `scenes`: the batch
+    - `lanes`: number of lanes of each device
+    """
 
     def __init__(self, scenes: SceneBatch, lanes: int):
-        self.scenes, self.lanes = scenes, lanes  # of each device
+        self.scenes, self.lanes = scenes, lanes
         self.floats: dict[str, np.ndarray] = {}
         self.integers: dict[str, np.ndarray] = {}
         self.useful = self.possible = 0
         self._lock = threading.Lock()
         self._closed = False
 
-    def keep(self, ended: Done) -> int:
-        """Store the scenes that ended and return their number."""
-        done = jax.tree.map(np.asarray, ended)
+    def store(self, done: Done) -> int:
+        """Store the scenes that have ended and return their number."""
+        done = jax.tree.map(np.asarray, done)
         used = np.reshape(done.used, (-1, 1))
-        has_devices = used.size > 1  # devices, one after another; the rows of one are the first
+        # The rows of several devices follow each other; the first `used` rows of each device are valid.
+        has_devices = used.size > 1
         rows = (
             (np.arange(done.scene_index.size // used.size) < used).ravel()
             if has_devices
@@ -316,47 +330,55 @@ class _Answers:
             # All devices wait for the slowest one.
             self.useful += int(np.sum(done.useful))
             self.possible += int(np.max(done.trials)) * self.lanes
-            # The code is written last: after Ctrl-C in between, the scene still counts as unfinished.
-            for store, part, fill in ((self.floats, done.floats, np.nan), (self.integers, done.integers, 0)):
-                for name in sorted(part, key="code".__eq__):
-                    values = part[name]
-                    if name not in store:
-                        blank = results.INTERRUPTED if name == "code" else fill
-                        store[name] = np.full((self.scenes.total, *values.shape[1:]), blank, values.dtype)
-                    store[name][index] = values[rows]
+            # The code is written last, so that a scene counts as unfinished if Ctrl-C interrupts the loop.
+            for stored, new, blank in (
+                (self.floats, done.floats, np.nan),
+                (self.integers, done.integers, 0),
+            ):
+                for name in sorted(new, key="code".__eq__):
+                    values = new[name]
+                    if name not in stored:
+                        fill = results.INTERRUPTED if name == "code" else blank
+                        stored[name] = np.full((self.scenes.total, *values.shape[1:]), fill, values.dtype)
+                    stored[name][index] = values[rows]
         return index.size
 
     def close(self) -> None:
-        """Ignore further answers. If Ctrl-C comes while threads start, one of them may not be waited for."""
+        """Ignore further answers. If Ctrl-C comes while threads start, a thread may still be running."""
         with self._lock:
             self._closed = True
 
 
 def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, executor: AbstractExecutor) -> Iterator[Numbers]:
-    """Yield chunks of scenes, interleaved between threads. Neighbouring scenes cost about the same, so all
-    threads have equal work and end at about the same time."""
-    # Fewer scenes than lanes take as long as a full set, and waking a thread costs more than a few scenes.
-    least = lane_layout.lanes * executor.devices * (QUICK if scenes.quick else 1)
-    hosts = min(executor.hosts, -(-scenes.total // least))
-    most = lane_layout.size * executor.devices * hosts
-    for start in range(0, scenes.total, most):
+    """Yield the chunks of a batch. Successive scenes belong to different chunks: neighbours take about
+    the same time, so all threads end at about the same time."""
+    # Fewer scenes than lanes take as long as one scene per lane, and to start a thread takes longer than
+    # a few scenes.
+    scenes_per_host = lane_layout.lanes * executor.devices * (QUICK if scenes.quick else 1)
+    hosts = min(executor.hosts, -(-scenes.total // scenes_per_host))
+    group = lane_layout.size * executor.devices * hosts
+    for start in range(0, scenes.total, group):
         yield from (
-            Numbers(start + k, hosts, len(range(start + k, min(start + most, scenes.total), hosts)))
+            Numbers(start + k, hosts, len(range(start + k, min(start + group, scenes.total), hosts)))
             for k in range(min(hosts, scenes.total - start))
         )
 
 
 def layout(scenes: SceneBatch, executor: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
-    """Return the layout of lanes on a device: their number, and the number of scenes prepared at once."""
+    """Return the layout of the lanes on a device.
+
+    - `scenes`, `executor`: the batch, and the executor of its lanes
+    - `sensitivities`: parameters for derivatives with respect to their logarithms
+    """
     refill = not scenes.wide
     if executor.platform == "cpu":
         lanes, size = LANES, CHUNK if refill else LANES  # one program for any number of scenes
     else:
-        least, most = ACCELERATOR_LANES
-        share = -(-scenes.total // executor.devices)
-        lanes = min(most, max(least, 1 << (share - 1).bit_length()))
+        min_lanes, max_lanes = ACCELERATOR_LANES
+        scenes_per_device = -(-scenes.total // executor.devices)
+        lanes = min(max_lanes, max(min_lanes, 1 << (scenes_per_device - 1).bit_length()))
         while lanes > LANES and lanes * scenes.numbers > ACCELERATOR_NUMBERS:
             lanes //= 2
-        many = scenes.total > max(2, executor.devices) * lanes
-        size = ACCELERATOR_CHUNK * lanes if refill and many else lanes
+        has_many_scenes = scenes.total > max(2, executor.devices) * lanes
+        size = ACCELERATOR_CHUNK * lanes if refill and has_many_scenes else lanes
     return LaneLayout(scenes.axes, scenes.structure, lanes, size, refill, sensitivities)

@@ -1,8 +1,8 @@
 """Preparation of a chunk of scenes for the lanes, and the step of a lane.
 
-With sensitivities, all quantities that depend on the parameters get a row for each parameter beside them: in
-the scenes, and in the states of the lanes. A function of scene and state is then pushed forward, by the same
-rules as the derivatives of a single scene.
+With sensitivities, every quantity of scenes and states that depends on the parameters has a second array
+with its derivatives, called slopes, with a row for each parameter. Functions of scene and state are
+evaluated together with the slopes of their results (`pushed`), by the same rules as for a single scene.
 """
 
 from __future__ import annotations
@@ -30,14 +30,19 @@ from rockjax._types import Flag
 class LaneLayout(NamedTuple):
     """Static choices of a program for lanes, besides the options."""
 
-    axes: tuple[int | None, ...]  # of the leaves of a chunk: 0 where there is a row for each scene
-    structure: Any  # of (podium, excitation, initial, t_end)
-    lanes: int
-    size: int  # scenes of a chunk, a multiple of the lanes
-    # Lanes take further scenes; otherwise a chunk holds one scene for each lane, and ends with the last one.
+    axes: tuple[
+        int | None, ...
+    ]  # for each leaf of a chunk: 0 if it has a row for each scene, None if it is common
+    structure: Any  # tree structure of (podium, excitation, initial, t_end)
+    lanes: int  # number of lanes
+    size: int  # number of scenes in a chunk, a multiple of the lanes
+    # True if lanes take further scenes. Otherwise a chunk has one scene for each lane, and ends when all
+    # have ended.
     refill: bool
     sensitivities: tuple[str, ...] = ()  # parameters for derivatives with respect to their logarithms
-    edge_distance: bool = False  # whether it is requested; the only parameter is the scale then
+    edge_distance: bool = (
+        False  # True if the edge distance is requested; the only parameter is then the scale
+    )
 
     def plan(self, leaves, options: Options) -> Plan:
         """Return the choices made before tracing, from the leaves of a chunk."""
@@ -48,22 +53,24 @@ class LaneLayout(NamedTuple):
 
 
 class LaneDerivatives(NamedTuple):
-    """Derivatives beside the scenes and states of lanes, with a row for each parameter."""
+    """Derivatives of the scenes and states of lanes, with a row for each parameter."""
 
-    parts: list[Any]  # of `Scene`: None beside leaves that do not depend on the parameters
-    lane: dict[str, Any]  # the `differentiated_fields` of a `LoopState`
+    parts: list[
+        Any
+    ]  # derivatives of the leaves of `Scene` that differ; None if they do not depend on parameters
+    lane: dict[str, Any]  # derivatives of the `differentiated_fields` of a `LoopState`
 
 
 def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
-    """Return whether a lane has trials to make. A rigid podium leaves full contact directly, at the next
-    exchange."""
+    """Return whether a lane has trials to make. A rigid podium in full contact makes none: it goes to its
+    next uplift at the next exchange."""
     goes_on = is_running(lane, options.max_steps)
     return goes_on if plan.follows_contact else goes_on & (lane.sigma != 0)
 
 
 def automaton(plan: Plan, options: Options):
-    """Return two functions of scene and lane: one trial of a moving lane, and the direct step to the next
-    uplift of a rigid podium in full contact."""
+    """Return two functions (scene, state) ↦ state: a trial, and the step of a rigid podium in full
+    contact to its next uplift. States to which they do not apply stay as they are."""
 
     def try_step(scene: Scene, lane: LoopState) -> LoopState:
         goes_on = barrier(makes_trials(plan, options, lane))
@@ -81,26 +88,26 @@ def automaton(plan: Plan, options: Options):
 
 
 class _ChunkDerivatives(NamedTuple):
-    """Derivatives beside the scenes and states of a chunk."""
+    """Derivatives of the scenes and states of a chunk, with a row for each parameter."""
 
-    parts: list[Any]
-    common: list[Any]
-    lane: dict[str, Any]
+    parts: list[Any]  # derivatives of `Chunk.parts`
+    common: list[Any]  # derivatives of `Chunk.common`
+    lane: dict[str, Any]  # derivatives of the `differentiated_fields` of `Chunk.lane`
 
 
 class Chunk(NamedTuple):
-    """Prepared scenes: quantities that differ between them have a row for each, common ones are
+    """Prepared scenes. Quantities that differ between scenes have a row for each scene; common ones are
     stored once."""
 
-    parts: list[Any]  # of `Scene`: leaves that differ
-    common: list[Any]  # of `Scene`: common leaves, None where they differ
-    structure: Any
-    lane: LoopState  # at the start
-    lane_differs: Any
-    slopes: _ChunkDerivatives | None
+    parts: list[Any]  # leaves of `Scene` that differ
+    common: list[Any]  # leaves of `Scene` that are common; None for leaves that differ
+    structure: Any  # tree structure of `Scene`
+    lane: LoopState  # states at the start
+    lane_differs: Any  # for each leaf of `lane`, whether it differs between scenes
+    slopes: _ChunkDerivatives | None  # None without sensitivities
 
     def starts(self, lanes: int) -> tuple[LoopState, LaneDerivatives | None]:
-        """Return initial states of the first scenes, one for each lane, and the slopes beside them."""
+        """Return the initial states of the first scenes, one for each lane, and their derivatives."""
 
         def start(y, differs):
             return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
@@ -108,8 +115,8 @@ class Chunk(NamedTuple):
         state = jax.tree.map(start, self.lane, self.lane_differs)
         if self.slopes is None:
             return state, None
-        beside = lambda rows, differs: jax.vmap(lambda row: start(row, differs))(rows)
-        lane = jax.tree.map(beside, self.slopes.lane, differentiated_fields(self.lane_differs))
+        start_slope = lambda rows, differs: jax.vmap(lambda row: start(row, differs))(rows)
+        lane = jax.tree.map(start_slope, self.slopes.lane, differentiated_fields(self.lane_differs))
         return state, LaneDerivatives([None if y is None else y[:, :lanes] for y in self.slopes.parts], lane)
 
     def in_lanes(
@@ -120,12 +127,12 @@ class Chunk(NamedTuple):
         slopes: LaneDerivatives | None,
         loops: bool = False,
     ):
-        """Return (floats, their slopes, rest) of `function(scene, lane)` → (floats, rest) in every lane.
+        """Evaluate a function in every lane. Return (floats, slopes of the floats, rest).
 
-        - `function`: the function of scene and state
-        - `parts`, `lane`: leaves of the scenes that differ, and states, a row for each lane
-        - `slopes`: derivatives of both, or None; the result's slopes are then None as well
-        - `loops`: see `pushed`
+        - `function`: (scene, state) ↦ (floats, rest)
+        - `parts`, `lane`: leaves of the scenes that differ, and states, with a row for each lane
+        - `slopes`: derivatives of both; None without sensitivities, and then the returned slopes are None
+        - `loops`: True if the function contains loops, see `pushed`
         """
 
         def scene(parts, common) -> Scene:
@@ -145,12 +152,18 @@ class Chunk(NamedTuple):
 
 
 def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
-    """Return the scenes of a chunk, prepared at their starts."""
+    """Return the prepared scenes of a chunk, with their states at the start.
+
+    - `leaves`: leaves of the scenes' arguments, with a row for each scene if their entry in `layout.axes`
+      is 0
+    - `layout`: layout of the lanes
+    - `options`: options of the solver
+    """
     structure, names = layout.structure, layout.sensitivities
     plan = layout.plan(leaves, options)
     _, lift_off = automaton(plan, options)
 
-    def ready(factors, *leaves) -> tuple[Scene, LoopState]:
+    def prepare_scene(factors, *leaves) -> tuple[Scene, LoopState]:
         podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
         if names:
             podium, excitation = moved(podium, excitation, names, factors)
@@ -160,40 +173,41 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
     factors = jnp.ones(len(names)) if names else None
     leaves, axes = _with_own_states(leaves, layout) if names else (leaves, layout.axes)
     axes = (None, *axes)
-    differs = _differing(ready, axes, (factors, *leaves))
+    differs = _differing(prepare_scene, axes, (factors, *leaves))
     out_axes = jax.tree.map(lambda flag: 0 if flag else None, differs)
-    every = jax.vmap(ready, in_axes=axes, out_axes=out_axes)
+    prepare_all = jax.vmap(prepare_scene, in_axes=axes, out_axes=out_axes)
     has_rows = jax.tree.leaves(differs[0])
     selected = lambda scenes, differ: [
         y if flag == differ else None for y, flag in zip(scenes, has_rows, strict=True)
     ]
     if names:
-        one = [y if axis is None else y[0] for y, axis in zip(leaves, axes[1:], strict=True)]
-        depends = jax.tree.leaves(find_dependent_outputs(lambda factors: ready(factors, *one), factors)[0])
+        first_scene = [y if axis is None else y[0] for y, axis in zip(leaves, axes[1:], strict=True)]
+        prepare_first = lambda factors: prepare_scene(factors, *first_scene)
+        depends = jax.tree.leaves(find_dependent_outputs(prepare_first, factors)[0])
 
         def of_factors(factors):
-            scenes, lane = every(factors, *leaves)
+            scenes, lane = prepare_all(factors, *leaves)
             flat = jax.tree.leaves(scenes)
             flat = [y if flag else None for y, flag in zip(flat, depends, strict=True)]
             return (flat, differentiated_fields(lane)), (scenes, lane)
 
-        _, (rows, of_lane), (scenes, lane) = pushed(
+        _, (scene_slopes, lane_slopes), (scenes, lane) = pushed(
             of_factors, (factors,), (jnp.eye(len(names)),), loops=True
         )
-        of_parts = [y for y, flag in zip(rows, has_rows, strict=True) if flag]
-        slopes = _ChunkDerivatives(of_parts, selected(rows, False), of_lane)
+        part_slopes = [y for y, flag in zip(scene_slopes, has_rows, strict=True) if flag]
+        slopes = _ChunkDerivatives(part_slopes, selected(scene_slopes, False), lane_slopes)
     else:
-        (scenes, lane), slopes = every(factors, *leaves), None
+        (scenes, lane), slopes = prepare_all(factors, *leaves), None
     flat, scene_structure = jax.tree.flatten(scenes)
     parts = [y for y, flag in zip(flat, has_rows, strict=True) if flag]
     return Chunk(parts, selected(flat, False), scene_structure, lane, differs[1], slopes)
 
 
 def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int | None, ...]]:
-    """Return the leaves of a chunk with an initial state for each scene, and their axes.
+    """Return the leaves of a chunk, with a separate initial state for each scene, and their axes.
 
-    Derivatives of a common initial state differ from scene to scene. If its value were shared, the derivative
-    of `restart` would have another shape than its value.
+    Derivatives of an initial state differ between scenes. If all scenes shared its value, value and
+    derivative of `restart` would have different shapes.
     """
     _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
     positions = jax.tree.leaves(initial)
@@ -205,65 +219,68 @@ def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int |
 
 
 def prepare_in_blocks(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
-    """Prepare the first `count` scenes of a chunk in blocks that fit the cache.
+    """Prepare the first `count` scenes of a chunk, in blocks that fit into the cache.
 
-    - `leaves`: arguments of the scenes, with a row for each scene where `layout.axes` is 0
-    - `layout`: layout of the lanes
-    - `options`: options of the solver
-    - `count`: number of scenes to prepare; the rows after them are undefined
+    - `leaves`, `layout`, `options`: as in `prepare_chunk`
+    - `count`: number of scenes to prepare; rows after them are undefined
     """
     lanes = layout.lanes
 
-    def block(start) -> Chunk:
-        some = [
+    def prepare_block(start) -> Chunk:
+        block = [
             y if axis is None else jax.lax.dynamic_slice_in_dim(y, start, lanes)
             for y, axis in zip(leaves, layout.axes, strict=True)
         ]
-        return prepare_chunk(some, layout._replace(size=lanes), options)
+        return prepare_chunk(block, layout._replace(size=lanes), options)
 
-    # With several blocks only the common quantities of this one are used; the loop below prepares all scenes.
-    first = block(0)
+    # If there are several blocks, only the common quantities of the first one are used: the loop below
+    # prepares the scenes of all blocks.
+    first_block = prepare_block(0)
     if layout.size == lanes:
-        return first
-    rows, axes, put_back = _rows_of_scenes(first)
-    room = lambda y, axis: jnp.zeros((*y.shape[:axis], layout.size, *y.shape[axis + 1 :]), y.dtype)
+        return first_block
+    rows, axes, put_back = _rows_of_scenes(first_block)
+    empty = lambda y, axis: jnp.zeros((*y.shape[:axis], layout.size, *y.shape[axis + 1 :]), y.dtype)
 
     def fill_block(k, stores):
-        write = lambda store, y, axis: jax.lax.dynamic_update_slice_in_dim(store, y, k * lanes, axis)
-        return [write(*each) for each in zip(stores, _rows_of_scenes(block(k * lanes))[0], axes, strict=True)]
+        new_rows = _rows_of_scenes(prepare_block(k * lanes))[0]
+        return [
+            jax.lax.dynamic_update_slice_in_dim(store, y, k * lanes, axis)
+            for store, y, axis in zip(stores, new_rows, axes, strict=True)
+        ]
 
-    stores = [room(*each) for each in zip(rows, axes, strict=True)]
+    stores = [empty(y, axis) for y, axis in zip(rows, axes, strict=True)]
     return put_back(jax.lax.fori_loop(0, -(-count // lanes), fill_block, stores))
 
 
 def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chunk]]:
-    """Return all arrays with a row for each scene, the axes of these rows, and a function that puts such
-    arrays back into a chunk."""
+    """Return all arrays of a chunk that have a row for each scene, the axes of these rows, and the
+    function that returns the chunk with other such arrays."""
     lane, lane_structure = jax.tree.flatten(chunk.lane)
     differs = jax.tree.leaves(chunk.lane_differs)
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.parts, chunk.slopes.lane))
     differ = chunk.slopes and differentiated_fields(chunk.lane_differs)
     slope_differs = jax.tree.leaves(chunk.slopes and (chunk.slopes.parts, differ))
     has_rows = [*(True for _ in chunk.parts), *differs, *(flag is not False for flag in slope_differs)]
-    every = [*chunk.parts, *lane, *slopes]
+    all_arrays = [*chunk.parts, *lane, *slopes]
     axes = [*(0 for _ in chunk.parts), *(0 for _ in lane), *(1 for _ in slopes)]
 
     def put_back(stores: list[Any]) -> Chunk:
         stored = iter(stores)
-        arrays = [next(stored) if keep else y for y, keep in zip(every, has_rows, strict=True)]
+        arrays = [next(stored) if flag else y for y, flag in zip(all_arrays, has_rows, strict=True)]
         parts, others = arrays[: len(chunk.parts)], arrays[len(chunk.parts) :]
         state = jax.tree.unflatten(lane_structure, others[: len(lane)])
-        beside = jax.tree.unflatten(slope_structure, others[len(lane) :])
-        rows = chunk.slopes and chunk.slopes._replace(parts=beside[0], lane=beside[1])
-        return chunk._replace(parts=parts, lane=state, slopes=rows)
+        new_slopes = jax.tree.unflatten(slope_structure, others[len(lane) :])
+        slopes = chunk.slopes and chunk.slopes._replace(parts=new_slopes[0], lane=new_slopes[1])
+        return chunk._replace(parts=parts, lane=state, slopes=slopes)
 
-    chosen = [k for k, keep in enumerate(has_rows) if keep]
-    return [every[k] for k in chosen], [axes[k] for k in chosen], put_back
+    chosen = [k for k, flag in enumerate(has_rows) if flag]
+    return [all_arrays[k] for k in chosen], [axes[k] for k in chosen], put_back
 
 
 def _differing(function, axes, leaves):
-    """Return, for each output of the vmapped function, whether it differs between scenes."""
-    found: list[Any] = []
+    """Return whether each output of a function differs between scenes if the function is vmapped over
+    `axes`."""
+    flags: list[Any] = []
 
     @custom_vmap
     def probe(outputs):
@@ -272,8 +289,8 @@ def _differing(function, axes, leaves):
     @probe.def_vmap
     def _(axis_size, in_batched, outputs):
         del axis_size
-        found.append(in_batched[0])
+        flags.append(in_batched[0])
         return outputs, in_batched[0]
 
     jax.eval_shape(jax.vmap(lambda *leaves: probe(function(*leaves)), in_axes=axes), *leaves)
-    return found[-1]
+    return flags[-1]

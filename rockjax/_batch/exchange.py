@@ -1,8 +1,9 @@
 """Exchange of finished scenes: lanes write their answers and take the next scenes.
 
-The few lanes of a CPU are served one after another, so that only changed rows are copied, and the whole loop
-over a chunk compiles to one function of machine code. The thousands of lanes of an accelerator are served in
-parallel.
+A lane holds one scene at a time; all lanes make a trial step together. To serve a lane is to store the
+answers of its finished scene and to load the next one. The few lanes of a CPU are served one after
+another, so that only changed rows are copied, and the loop over a chunk of scenes compiles to one
+function of machine code. The thousands of lanes of an accelerator are served in parallel.
 """
 
 from __future__ import annotations
@@ -24,30 +25,30 @@ ONE_BY_ONE = 64  # largest number of lanes that are served one after another
 class Lanes(NamedTuple):
     """Data that the lanes hold from one chunk to the next."""
 
-    lane: LoopState
-    parts: list[Any]  # of `Scene`: leaves that differ between scenes
-    scene_index: jax.Array  # number in the batch of the scene that each lane holds, −1 for none
-    slopes: LaneDerivatives | None = None  # None without sensitivities
-    edge_distance: jax.Array | None = None  # of each scene so far; None if not requested
+    lane: LoopState  # states, with a row for each lane
+    parts: list[Any]  # leaves of `Scene` that differ between scenes, with a row for each lane
+    scene_index: jax.Array  # index of the lane's scene in the batch; −1 for a lane without a scene
+    slopes: LaneDerivatives | None = None  # derivatives; None without sensitivities
+    edge_distance: jax.Array | None = None  # edge distance of each scene so far; None if not requested
 
 
 class Done(NamedTuple):
     """Scenes that have ended, in the order of their ends; the first `used` rows are valid."""
 
-    scene_index: jax.Array
-    floats: dict[str, jax.Array]
-    integers: dict[str, jax.Array]
-    used: jax.Array
-    trials: jax.Array  # of each lane
-    useful: jax.Array  # trials of all lanes that advanced a scene
-    left: jax.Array  # lanes that still hold a scene
+    scene_index: jax.Array  # indices of the scenes in the batch
+    floats: dict[str, jax.Array]  # floating-point answers
+    integers: dict[str, jax.Array]  # answers that are integers or flags
+    used: jax.Array  # number of scenes
+    trials: jax.Array  # number of trials of each lane
+    useful: jax.Array  # number of trials that advanced a scene, of all lanes together
+    left: jax.Array  # number of lanes that still hold a scene
 
 
 class Loop(NamedTuple):
-    """A chunk on its way through the lanes."""
+    """State of the loop over a chunk of scenes."""
 
     lanes: Lanes
-    following: jax.Array  # the next place of the chunk to hand out
+    following: jax.Array  # position in the chunk of the next scene to load
     done: Done
 
 
@@ -64,13 +65,13 @@ def empty_storage(rows: int, answers: Answers, index_type: Any) -> Done:
 def exchange_scenes(
     chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
-    """Serve all lanes that have ended or hold no scene.
+    """Serve all lanes whose scene has ended, and lanes without a scene.
 
-    - `chunk`, `numbers`: the chunk of scenes, and their numbers in the batch
+    - `chunk`, `numbers`: the chunk of scenes, and their indices in the batch
     - `loop`: state of the loop
-    - `ended`: lanes whose scene has ended
+    - `ended`: True for lanes whose scene has ended
     - `answers`: answers of all lanes
-    - `refill`: whether lanes take further scenes
+    - `refill`: True if lanes take further scenes
 
     Returns the new state of the loop.
     """
@@ -96,7 +97,7 @@ def _one_by_one(
     def row(stores, at, axis=0):
         return jax.tree.map(lambda y: jax.lax.dynamic_index_in_dim(y, at, axis, keepdims=False), stores)
 
-    def one(carry: tuple[Loop, Flag]) -> tuple[Loop, Flag]:
+    def serve_first(carry: tuple[Loop, Flag]) -> tuple[Loop, Flag]:
         (state, following, done), waits = carry
         k = jnp.min(jnp.where(waits, count, count.size))
         write = lambda stores, values: put(stores, row(values, k), done.used)
@@ -112,7 +113,7 @@ def _one_by_one(
         return Loop(state, following + loads.astype(following.dtype), done), put(waits, False, k)
 
     waits = ended | ((loop.lanes.scene_index < 0) & (loop.following < numbers.scenes))
-    return jax.lax.while_loop(lambda carry: jnp.any(carry[1]), one, (loop, waits))[0]
+    return jax.lax.while_loop(lambda carry: jnp.any(carry[1]), serve_first, (loop, waits))[0]
 
 
 def _in_parallel(
@@ -120,56 +121,62 @@ def _in_parallel(
 ) -> Loop:
     state, following, done = loop
     done = _append_answers(done, ended, state.scene_index, answers)
-    free = ended | (state.scene_index < 0)
-    place = following + jnp.cumsum(free, dtype=following.dtype) - 1
-    loads = free & (place < numbers.scenes)
-    local = jnp.where(loads, place, 0)
+    is_free = ended | (state.scene_index < 0)
+    position = following + jnp.cumsum(is_free, dtype=following.dtype) - 1
+    loads = is_free & (position < numbers.scenes)
+    loaded = jnp.where(loads, position, 0)
 
     def load(store, differs, current, axis=0):
         flag = jnp.expand_dims(loads, [k for k in range(current.ndim) if k != axis])
-        new = jnp.take(store, local, axis=axis) if differs else jnp.expand_dims(store, axis)
+        new = jnp.take(store, loaded, axis=axis) if differs else jnp.expand_dims(store, axis)
         return jnp.where(flag, new, current)
 
-    scene_index = jnp.where(loads, numbers.of(place), jnp.where(free, -1, state.scene_index)).astype(
+    scene_index = jnp.where(loads, numbers.of(position), jnp.where(is_free, -1, state.scene_index)).astype(
         state.scene_index.dtype
     )
-    following = jnp.minimum(following + jnp.sum(free, dtype=following.dtype), numbers.scenes)
+    following = jnp.minimum(following + jnp.sum(is_free, dtype=following.dtype), numbers.scenes)
     return Loop(_load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index), following, done)
 
 
 def _load_scenes(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
-    """Return the lanes with their next scenes. `load(stored, differs, current, axis)` returns the new values
-    of one array of the lanes, from its values in the chunk and whether they differ between scenes."""
+    """Return the lanes with their next scenes.
 
-    def over(stores, currents, axis=0):
+    - `chunk`, `state`: the chunk of scenes, and the lanes
+    - `load`: (stored, differs, current, axis) ↦ new values of one array of the lanes. `stored` are its
+      values in the chunk, with a row for each scene if `differs`, and `current` its present values
+    - `refill`: True if lanes take further scenes
+    """
+
+    def load_all(stores, currents, axis=0):
         return [y if y is None else load(s, True, y, axis) for s, y in zip(stores, currents, strict=True)]
 
     lane = jax.tree.map(load, chunk.lane, chunk.lane_differs, state.lane)
-    state = state._replace(lane=lane, parts=over(chunk.parts, state.parts) if refill else state.parts)
+    state = state._replace(lane=lane, parts=load_all(chunk.parts, state.parts) if refill else state.parts)
     if state.edge_distance is not None:
         state = state._replace(edge_distance=load(jnp.inf, False, state.edge_distance))
     if state.slopes is None or chunk.slopes is None:
         return state
-    # A row for each parameter comes before the lanes.
-    beside = lambda store, differs, current: load(store, differs, current, 1)
+    # The first axis of derivatives belongs to the parameters, the second to the lanes.
+    load_slope = lambda store, differs, current: load(store, differs, current, 1)
     differs = differentiated_fields(chunk.lane_differs)
-    rows = jax.tree.map(beside, chunk.slopes.lane, differs, state.slopes.lane)
-    of_parts = over(chunk.slopes.parts, state.slopes.parts, 1) if refill else state.slopes.parts
-    return state._replace(slopes=LaneDerivatives(of_parts, rows))
+    lane_slopes = jax.tree.map(load_slope, chunk.slopes.lane, differs, state.slopes.lane)
+    part_slopes = load_all(chunk.slopes.parts, state.slopes.parts, 1) if refill else state.slopes.parts
+    return state._replace(slopes=LaneDerivatives(part_slopes, lane_slopes))
 
 
 def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: Answers) -> Done:
     """Append the answers of the lanes whose scenes have ended.
 
-    All lanes are written, those that have ended first; the others are overwritten later, or not used.
+    All lanes are written, first the lanes that have ended. Rows of the other lanes are overwritten later,
+    or not used.
     """
-    count, number = jnp.arange(ended.size), jnp.cumsum(ended)
-    place = jnp.where(ended, number - 1, ended.size)
-    first = jnp.zeros_like(count).at[place].set(count, mode="drop")
+    lanes, number = jnp.arange(ended.size), jnp.cumsum(ended)
+    position = jnp.where(ended, number - 1, ended.size)
+    ended_first = jnp.zeros_like(lanes).at[position].set(lanes, mode="drop")
 
     def write(stores, values):
         return jax.tree.map(
-            lambda store, y: jax.lax.dynamic_update_slice_in_dim(store, y[first], done.used, 0),
+            lambda store, y: jax.lax.dynamic_update_slice_in_dim(store, y[ended_first], done.used, 0),
             stores,
             values,
         )
@@ -178,7 +185,8 @@ def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: An
 
 
 def _store_answers(done: Done, write, scene_index: jax.Array, answers: Answers, number: jax.Array) -> Done:
-    """Store the answers of `number` scenes with `write(stores, values of the lanes)`."""
+    """Store the answers of `number` scenes with the function `write`, (stores, values of the lanes) ↦
+    stores."""
     floats, integers = answers
     return done._replace(
         scene_index=write(done.scene_index, scene_index),

@@ -1,4 +1,5 @@
-"""Executors of the lanes: a host thread per core, or one thread that drives a mesh of devices."""
+"""Executors: they advance the lanes of a batch by one host thread per core, or by one thread for several
+devices."""
 
 from __future__ import annotations
 
@@ -21,43 +22,46 @@ from .exchange import Done, Lanes
 from .lanes import advance, idle_lanes
 from .scenes import Numbers, SceneBatch
 
-# (lanes, numbers of the next scenes, whether none follow) → lanes, scenes that ended.
+# (lanes, indices of the next scenes, whether no scenes follow) ↦ (lanes, scenes that have ended)
 Program = Callable[[Lanes, Numbers, bool], tuple[Lanes, Done]]
 
-# Trials of the last scenes of a batch in one call, short enough for Ctrl-C, which stops between calls.
+# Limit of trials in one call for the last scenes of a batch. Ctrl-C acts between calls, so a call must be
+# short.
 MANY_TRIALS = 30_000
 ALL_TRIALS = np.iinfo(np.int32).max
 
-# Use the full width of the vector unit, which matters with AVX-512.
+# With AVX-512, this makes the compiler use the full width of the vector unit.
 _COMPILER = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
 
 
 class AbstractExecutor(abc.ABC):
-    """Host threads that each advance the lanes of one or more devices."""
+    """Host threads, each of which advances the lanes of one or more devices."""
 
-    hosts: int
-    devices: int
-    platform: str
+    hosts: int  # number of host threads
+    devices: int  # number of devices per host thread
+    platform: str  # JAX's name of the platform, such as "cpu"
 
     @abc.abstractmethod
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        """Return empty lanes, and a program that advances them through some scenes. If no scenes follow, it
-        runs until all have ended, or until the host should check the remaining ones.
+        """Return lanes without scenes, and a program that advances them through some scenes.
 
-        The scenes are dealt to the devices in turn: neighbours cost about the same, so all devices end at
-        about the same time. Every device has its own lanes and counters.
+        - `scenes`, `options`, `layout`: the batch, the options of the solver, and the layout of the lanes
+
+        If no scenes follow, the program runs until all scenes have ended, or until the limit of trials in
+        one call. Successive scenes go to different devices: neighbours take about the same time, so all
+        devices end at about the same time. Every device has its own lanes and counters.
         """
 
 
 class ThreadExecutor(AbstractExecutor):
-    """Threads with a program each, on the cores of one CPU."""
+    """Threads on the cores of one CPU, each with its own lanes."""
 
     devices = 1
     platform = "cpu"
 
     def __init__(self, hosts: int):
         self.hosts = hosts
-        # If JAX has accelerators, arrays would go there by default.
+        # If JAX has accelerators, it would place arrays there by default.
         cpu = None if jax.default_backend() == "cpu" else jax.local_devices(backend="cpu")[0]
         self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
@@ -83,13 +87,13 @@ class DeviceExecutor(AbstractExecutor):
 
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
         dealt, common = NamedSharding(self.mesh, P("scenes")), NamedSharding(self.mesh, P())
-        # Leaves common to all scenes are sent to the devices once.
+        # Leaves that all scenes share are sent to the devices once.
         leaves = [
             jax.device_put(y, common) if rows is None else y
             for y, rows in zip(scenes.leaves, scenes.rows, strict=True)
         ]
         scenes = scenes._replace(leaves=leaves)
-        places = [common if rows is None else dealt for rows in scenes.rows]
+        shardings = [common if rows is None else dealt for rows in scenes.rows]
         call = _on_mesh(self.mesh)
 
         def advance_lanes(lanes: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
@@ -98,14 +102,14 @@ class DeviceExecutor(AbstractExecutor):
                 scenes.part(numbers, layout.size, self.devices),
             )
             parts, first, count = jax.device_put(
-                (parts, dealt_numbers.first, dealt_numbers.scenes), (places, dealt, dealt)
+                (parts, dealt_numbers.first, dealt_numbers.scenes), (shardings, dealt, dealt)
             )
             max_trials = ALL_TRIALS if last or not layout.refill else 0
             return call(lanes, parts, first, dealt_numbers.stride, count, max_trials, options, layout=layout)
 
-        blank = idle_lanes(scenes, options, layout)
-        blank = jax.tree.map(lambda y: np.concatenate([y] * self.devices), blank)  # one after another
-        return jax.device_put(blank, dealt), advance_lanes
+        idle = idle_lanes(scenes, options, layout)
+        idle = jax.tree.map(lambda y: np.concatenate([y] * self.devices), idle)
+        return jax.device_put(idle, dealt), advance_lanes
 
 
 _on_one = KeptProgram(
@@ -118,20 +122,20 @@ _on_one = KeptProgram(
 
 @functools.cache
 def _on_mesh(mesh: Mesh):
-    """Return the program of all devices of a mesh. None of its loops waits for another device."""
+    """Return the program for all devices of a mesh. The loop of a device does not wait for other devices."""
 
     def advance_all(lanes, leaves, first, stride, count, max_trials, options, layout: LaneLayout):
-        def on_each(lanes, leaves, first, stride, count, max_trials, options):
+        def advance_on_device(lanes, leaves, first, stride, count, max_trials, options):
             lanes, done = advance(lanes, leaves, first[0], stride, count[0], max_trials, options, layout)
             counters = {name: getattr(done, name)[None] for name in ("used", "trials", "useful", "left")}
             return lanes, done._replace(**counters)
 
         dealt, common = P("scenes"), P()
-        places = [common if axis is None else dealt for axis in layout.axes]
+        specs = [common if axis is None else dealt for axis in layout.axes]
         run = jax.shard_map(
-            on_each,
+            advance_on_device,
             mesh=mesh,
-            in_specs=(dealt, places, dealt, common, dealt, common, common),
+            in_specs=(dealt, specs, dealt, common, dealt, common, common),
             out_specs=dealt,
             check_vma=False,
         )
@@ -142,9 +146,14 @@ def _on_mesh(mesh: Mesh):
 
 
 def executor_for(owner: str, devices: Sequence | None = None, threads: int | None = None) -> AbstractExecutor:
-    """Return the executor for the requested devices or threads; by default all accelerators, else threads.
+    """Return the executor for devices or threads.
 
-    Raises `ValueError`, in the name of `owner`, for invalid devices or threads.
+    - `owner`: class or function, for messages
+    - `devices`: JAX devices of one platform, or None
+    - `threads`: number of threads on a CPU, or None
+
+    By default it uses all accelerators; without accelerators, a thread for each core. Raises `ValueError`
+    for invalid devices or threads, and for both.
     """
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise ValueError(f"{owner}: threads must be a whole number ≥ 1, got threads = {threads!r}")
@@ -161,13 +170,13 @@ def executor_for(owner: str, devices: Sequence | None = None, threads: int | Non
         )
     devices = list(devices)
     if threads is not None:
-        raise ValueError(f"{owner}: one thread drives all devices; give devices or threads, not both")
+        raise ValueError(f"{owner}: one thread serves all devices; pass devices or threads, not both")
     if not devices or not all(isinstance(device, jax.Device) for device in devices):
         raise ValueError(
             f"{owner}: devices must be one or more JAX devices, as from jax.local_devices(), got {devices!r}"
         )
     if len(set(devices)) < len(devices) or len({device.platform for device in devices}) > 1:
-        raise ValueError(f"{owner}: devices must be different ones of one platform, got {devices!r}")
+        raise ValueError(f"{owner}: devices must be different devices of one platform, got {devices!r}")
     if any(device.process_index != jax.process_index() for device in devices):
         raise ValueError(
             f"{owner}: devices must belong to this process, see jax.local_devices(), got {devices!r}"
@@ -176,9 +185,9 @@ def executor_for(owner: str, devices: Sequence | None = None, threads: int | Non
 
 
 def _platform() -> str:
-    """Return the platform of new arrays, which JAX's default device may set."""
-    chosen = jax.config.jax_default_device
-    return getattr(chosen, "platform", chosen) or jax.default_backend()
+    """Return the platform on which JAX places new arrays."""
+    default_device = jax.config.jax_default_device
+    return getattr(default_device, "platform", default_device) or jax.default_backend()
 
 
 def workers() -> int:

@@ -1,8 +1,8 @@
-"""Lanes that step in parallel: a lane whose scene has ended writes it out and takes the next one.
+"""Lanes, each of which solves one scene at a time and takes the next scene when its scene has ended.
 
-One call of `advance` processes one chunk of scenes on one core or device. Between calls its lanes keep the
-scenes that are still running. Within a call they make trials through the per-lane step that all engines
-share; every few trials the waiting lanes are served together.
+One call of `advance` processes one chunk of scenes on one core or device. Between calls the lanes keep
+scenes that are still running. Within a call all lanes make trial steps together; after some trials, the
+lanes that wait for a scene are served together (see `exchange.py`).
 """
 
 from __future__ import annotations
@@ -31,25 +31,26 @@ from .edge_distance import least_edge_distance
 from .exchange import Answers, Done, Lanes, Loop, empty_storage, exchange_scenes
 from .scenes import Numbers, SceneBatch
 
-PATIENCE = 3 / 32  # the share of the lanes that may wait before they are served
-MANY = 2  # samples are passed while more than one in this many running lanes can pass its next one
+PATIENCE = 3 / 32  # waiting lanes are served once they are this fraction of all lanes
+MANY = 2  # samples are passed while more than 1/MANY of the running lanes can pass their next sample
 
 
 def advance(
     lanes: Lanes, leaves, first, stride, count, max_trials, options: Options, layout: LaneLayout
 ) -> tuple[Lanes, Done]:
-    """Advance until the last scene of a chunk is handed out, and then until every lane has ended or made
-    `max_trials` trials.
+    """Advance the lanes through a chunk of scenes.
 
-    - `lanes`: lanes after the chunk before
-    - `leaves`: arguments of the scenes, with a row for each scene where `layout.axes` is 0
-    - `first`, `stride`, `count`: numbers of the scenes in the batch: `first`, `first + stride`, …, `count` of
-      them
-    - `max_trials`: number of trials after which the call returns
+    - `lanes`: lanes after the previous chunk
+    - `leaves`: leaves of the scenes' arguments, with a row for each scene if their entry in `layout.axes`
+      is 0
+    - `first`, `stride`, `count`: the `count` scenes have the indices `first`, `first + stride`, … in the
+      batch
+    - `max_trials`: limit of trials after the last scene of the chunk is loaded
     - `options`: options of the solver
     - `layout`: layout of the lanes
 
-    Returns the lanes, and the scenes that have ended.
+    The call returns once the last scene is loaded and, after that, all lanes have ended or the number of
+    trials in this call has reached `max_trials`. Returns the lanes, and the scenes that have ended.
     """
     lane_count, size, refill = layout.lanes, layout.size, layout.refill
     plan = layout.plan(leaves, options)
@@ -59,17 +60,17 @@ def advance(
     lanes = _with_swapped_axes(lanes)
 
     def apply(function, state: Lanes) -> Lanes:
-        """Apply a function of scene and state to the lanes."""
+        """Apply a function (scene, state) ↦ state to all lanes."""
 
-        def after(scene: Scene, lane: LoopState):
+        def with_fields(scene: Scene, lane: LoopState):
             lane = function(scene, lane)
             return _fields_with_slopes(lane, state), lane
 
-        _, rows, lane = chunk.in_lanes(after, state.parts, state.lane, state.slopes)
-        slopes = None if state.slopes is None else state.slopes._replace(lane=rows)
+        _, lane_slopes, lane = chunk.in_lanes(with_fields, state.parts, state.lane, state.slopes)
+        slopes = None if state.slopes is None else state.slopes._replace(lane=lane_slopes)
         distance = state.edge_distance
-        if distance is not None and rows is not None:
-            distance = least_edge_distance(distance, lane, rows)
+        if distance is not None and lane_slopes is not None:
+            distance = least_edge_distance(distance, lane, lane_slopes)
         return state._replace(lane=lane, slopes=slopes, edge_distance=distance)
 
     index_type = lanes.scene_index.dtype
@@ -84,24 +85,24 @@ def advance(
     def exchange(loop: Loop) -> Loop:
         state = apply(lift_off, loop.lanes)
         ended = (state.scene_index >= 0) & ~is_running(state.lane, options.max_steps)
-        found, numbers = _answers_of(chunk, plan, state), Numbers(first, stride, count)
-        return exchange_scenes(chunk, numbers, loop._replace(lanes=state), ended, found, refill)
+        lane_answers, numbers = _answers_of(chunk, plan, state), Numbers(first, stride, count)
+        return exchange_scenes(chunk, numbers, loop._replace(lanes=state), ended, lane_answers, refill)
 
-    def waiting(loop: Loop) -> jax.Array:
-        """Return the number of lanes that an exchange would help."""
+    def count_waiting(loop: Loop) -> jax.Array:
+        """Return the number of lanes that wait for an exchange."""
         can_load = (loop.lanes.scene_index >= 0) | (loop.following < count)
         return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & can_load)
 
-    def unfinished(loop: Loop) -> Flag:
+    def is_unfinished(loop: Loop) -> Flag:
         return (loop.following < count) | (loop.done.trials < max_trials)
 
-    def busy(loop: Loop) -> Flag:
-        """Return whether to go on with trials. An exchange costs about a trial, so it waits for a few lanes,
-        unless no lane has trials to make."""
-        few_wait = (waiting(loop) < patience) & jnp.any(makes_trials(plan, options, loop.lanes.lane))
-        return few_wait & unfinished(loop)
+    def makes_more_trials(loop: Loop) -> Flag:
+        """Return whether to make trials before the next exchange. An exchange takes about as long as a
+        trial, so it is delayed until several lanes wait or no lane has trials to make."""
+        few_wait = count_waiting(loop) < patience
+        return few_wait & jnp.any(makes_trials(plan, options, loop.lanes.lane)) & is_unfinished(loop)
 
-    def trials(loop: Loop) -> Loop:
+    def make_trial(loop: Loop) -> Loop:
         done = loop.done
         useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.lane))
         pass_sample = functools.partial(apply, lambda scene, lane: past_sample(scene, plan, lane))
@@ -109,15 +110,15 @@ def advance(
         return loop._replace(lanes=state, done=done._replace(trials=done.trials + 1, useful=useful))
 
     def body(loop: Loop) -> Loop:
-        return jax.lax.while_loop(busy, trials, exchange(loop))
+        return jax.lax.while_loop(makes_more_trials, make_trial, exchange(loop))
 
-    blank = jax.eval_shape(lambda state: _answers_of(chunk, plan, state), lanes)
-    # Room for the scenes of the chunk, for those that the lanes held before, and for a block of all lanes
-    # after the last of them.
-    done = empty_storage(size + 2 * lane_count, blank, index_type)
+    answer_shapes = jax.eval_shape(lambda state: _answers_of(chunk, plan, state), lanes)
+    # There is storage for the scenes of the chunk, for the scenes that the lanes held before, and for one
+    # more row per lane: an accelerator writes the rows of all lanes at once.
+    done = empty_storage(size + 2 * lane_count, answer_shapes, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lane_count)).astype(index_type)
     loop = jax.lax.while_loop(
-        lambda loop: unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.scene_index >= 0)),
+        lambda loop: is_unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.scene_index >= 0)),
         body,
         Loop(lanes, start, done),
     )
@@ -126,32 +127,32 @@ def advance(
 
 
 def _pass_samples(plan: Plan, options: Options, pass_sample: Callable[[Lanes], Lanes], state: Lanes) -> Lanes:
-    """Pass samples at which no event occurs, as long as many lanes can."""
+    """Pass samples at which no event occurs, as long as enough lanes can do so."""
     if state.lane.passing is None:
         return state
     running = jnp.sum(makes_trials(plan, options, state.lane))
-    many = lambda state: MANY * jnp.sum(present(state.lane.passing)) > running
-    return jax.lax.while_loop(many, pass_sample, state)
+    enough_pass = lambda state: MANY * jnp.sum(present(state.lane.passing)) > running
+    return jax.lax.while_loop(enough_pass, pass_sample, state)
 
 
 def _fields_with_slopes(lane: LoopState, state: Lanes) -> dict[str, Any]:
-    """Return the fields of a lane that have slopes."""
+    """Return the fields of a lane that have derivatives; none without sensitivities."""
     return {} if state.slopes is None else differentiated_fields(lane)
 
 
 def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
-    """Return the edge distance of lanes that have not passed a turning point."""
+    """Return the edge distance of lanes before their first turning point; None if it is not requested."""
     return jnp.full(layout.lanes, jnp.inf) if layout.edge_distance else None
 
 
 def _with_swapped_axes(state: Lanes) -> Lanes:
-    """Swap the first two axes of the slopes, rows and lanes. Lanes are innermost in the loop, where they fill
-    a vector."""
+    """Swap the first two axes of the slopes: parameters and lanes. In the loop the lanes come second, so
+    that they fill a vector."""
     return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
 
 
 def _answers_of(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
-    """Return the outputs of the scenes in the lanes at their present state, with the edge distance or the
+    """Return the answers of all lanes at their present states, including the edge distance or the
     sensitivities."""
     slopes = state.slopes if state.edge_distance is None else None
     floats, slopes, integers = chunk.in_lanes(
@@ -161,17 +162,17 @@ def _answers_of(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
         return floats | {"edge_distance": state.edge_distance}, integers
     if slopes is None:
         return floats, integers
-    rows_last = lambda y: jnp.moveaxis(y, 0, -1)
+    parameters_last = lambda y: jnp.moveaxis(y, 0, -1)
     return floats | {
-        slope_name(each.name): rows_last(slopes[each.name])
+        slope_name(variable.name): parameters_last(slopes[variable.name])
         for output in plan.outputs
-        for each in output.variables
-        if each.sensitive and each.name in slopes
+        for variable in output.variables
+        if variable.sensitive and variable.name in slopes
     }, integers
 
 
 def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes, for a program that takes chunks of these scenes."""
+    """Return lanes without scenes, for a program that processes chunks of the batch `scenes`."""
     shapes = tuple(
         (y.shape if axis is None else (layout.size, *y.shape[1:]), y.dtype)
         for y, axis in zip(scenes.leaves, layout.axes, strict=True)
@@ -182,14 +183,16 @@ def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lane
 
 @functools.lru_cache(maxsize=256)
 def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes, from shapes and types alone."""
-    plan = {"option_types": option_types, "option_structure": option_structure, "layout": layout}
-    return jax.tree.map(np.asarray, _no_scenes(shapes=shapes, **plan))
+    """Return lanes without scenes. Only the shapes and types of the arguments are needed, so the result
+    is cached."""
+    static = {"option_types": option_types, "option_structure": option_structure, "layout": layout}
+    return jax.tree.map(np.asarray, _no_scenes(shapes=shapes, **static))
 
 
 @KeptProgram
 def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes; a program of its own, since tracing determines their shapes."""
+    """Return lanes without scenes. This is a stored program, because their shapes are only known from
+    tracing."""
 
     def hold(leaves, numbers):
         chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, numbers))

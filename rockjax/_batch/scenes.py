@@ -1,4 +1,4 @@
-"""Batches of scenes: broadcast arguments, with every distinct row stored once."""
+"""Batches of scenes as broadcast arguments, in which every distinct row is stored once."""
 
 from __future__ import annotations
 
@@ -16,47 +16,52 @@ from rockjax._responses.arguments import as_end, as_start
 from rockjax._results import State
 from rockjax._structures import Podium
 
-SORTED = 4096  # scenes; larger batches gain little from sorting, which shortens the end of a batch
-WIDE = 64  # own numbers in one leaf, above which a scene (with its record) is not moved between lanes
+SORTED = 4096  # largest number of scenes that are sorted; larger batches gain little
+WIDE = 64  # a scene with more values of its own in one leaf, such as a record, keeps its lane
 
 
 class Numbers(NamedTuple):
-    """Numbers of the scenes in a chunk: first, first + stride, …, `scenes` of them."""
+    """Indices of the scenes of a chunk in the batch: first, first + stride, …"""
 
-    first: Any
-    stride: Any
-    scenes: Any
+    first: Any  # index of the first scene
+    stride: Any  # difference of successive indices
+    scenes: Any  # number of scenes
 
-    def of(self, place):
-        return self.first + self.stride * place
+    def of(self, position):
+        """Return the index of the scene at a position of the chunk."""
+        return self.first + self.stride * position
 
     def dealt(self, devices: int) -> Numbers:
-        """Return the numbers for each device, in arrays, with scenes dealt out in turn."""
+        """Return the indices for each device, as arrays. Successive scenes go to different devices."""
         device = np.arange(devices)
-        share = np.maximum(0, -(-(self.scenes - device) // devices))
-        return Numbers(self.of(device), self.stride * devices, share)
+        scenes_per_device = np.maximum(0, -(-(self.scenes - device) // devices))
+        return Numbers(self.of(device), self.stride * devices, scenes_per_device)
 
 
 NOTHING = Numbers(0, 1, 0)
 
 
 class SceneBatch(NamedTuple):
-    """The leaves of (podium, excitation, initial, t_end), some of them with a row for every scene."""
+    """All scenes of a batch: the leaves of (podium, excitation, initial, t_end). The batch is a grid of
+    scenes."""
 
-    leaves: list[Any]
-    # Row of each leaf for every scene of the grid; None for a leaf common to all.
+    leaves: list[
+        Any
+    ]  # leaves with their distinct rows along the first axis, or without such an axis if common
+    # For each leaf, the row that every scene of the grid uses; None for a leaf that all scenes share.
     rows: list[np.ndarray | None]
-    structure: Any
-    total: int
-    order: np.ndarray | None = None  # place in the grid of the first, second, … scene; None for grid order
+    structure: Any  # tree structure of the leaves
+    total: int  # number of scenes
+    order: np.ndarray | None = None  # position in the grid of the first, second, … scene; None for grid order
 
     @property
     def axes(self) -> tuple[int | None, ...]:
+        """For each leaf, 0 if it has rows, None if all scenes share it."""
         return tuple(None if rows is None else 0 for rows in self.rows)
 
     @property
     def podium(self) -> Podium:
-        """Podium of all scenes; numbers that differ are rows."""
+        """Podium of all scenes; parameters that differ are arrays."""
         return jax.tree.unflatten(self.structure, self.leaves)[0]
 
     @property
@@ -72,22 +77,24 @@ class SceneBatch(NamedTuple):
 
     @property
     def wide(self) -> bool:
+        """True if scenes have so many values of their own that they are not moved between lanes."""
         return self.numbers > WIDE
 
     def in_grid(self, which: np.ndarray) -> np.ndarray:
-        """Return the places of scenes in the grid, in C order."""
+        """Return the positions of scenes in the grid, in C order."""
         return which if self.order is None else self.order[which]
 
     def part(self, numbers: Numbers, size: int, devices: int = 1) -> list[Any]:
-        """Return the leaves of some scenes, dealt out to the devices in turn.
+        """Return the leaves of the scenes of a chunk, in the order of the devices.
 
-        The parts of the devices follow each other, each padded to the compiled size with copies that never
-        run.
+        - `numbers`: indices of the scenes
+        - `size`: number of rows for each device; unused rows are copies that are not solved
+        - `devices`: number of devices. Successive scenes go to different devices
         """
-        place = np.arange(size)
+        position = np.arange(size)
         if devices > 1:
-            place = (np.arange(devices)[:, None] + devices * place).ravel()
-        which = numbers.of(np.where(place < numbers.scenes, place, 0))
+            position = (np.arange(devices)[:, None] + devices * position).ravel()
+        which = numbers.of(np.where(position < numbers.scenes, position, 0))
         which = self.in_grid(np.minimum(which, self.total - 1))
         return [
             y if rows is None else y[_picked(rows, which)]
@@ -96,8 +103,7 @@ class SceneBatch(NamedTuple):
 
 
 def _picked(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Return some of the rows, by their places in C order, as `rows.flat[which]`, which is slower for
-    contiguous rows."""
+    """Return `rows.flat[which]`, in a faster way for contiguous rows."""
     return rows.reshape(-1)[which] if rows.flags.c_contiguous else rows.flat[which]
 
 
@@ -106,11 +112,12 @@ def broadcast(
 ) -> tuple[SceneBatch, tuple[int, ...]]:
     """Return all scenes of the arguments, and the shape of their grid.
 
-    - `owner`: name for error messages
+    - `owner`: class or function, for messages
     - `podiums`, `excitations`: structures and ground motions
-    - `initial`, `t_end`: initial states, and ends of the scenes [s] or None
+    - `initial`: initial states
+    - `t_end`: ends of the scenes [s], or None
 
-    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or are empty.
+    Raises `ValueError` for arrays that do not broadcast or are empty.
     """
     excitations = excitations.common_form()
     arguments = podiums.split(), excitations, as_start(owner, initial, podiums), as_end(owner, t_end)
@@ -123,7 +130,7 @@ def broadcast(
         if not batch:
             rows.append(None)
             continue
-        # A row is stored once, however many scenes share it.
+        # Every row is stored once, however many scenes use it.
         index = np.arange(math.prod(batch), dtype=np.int32).reshape(batch)
         rows.append(index if batch == shape else np.broadcast_to(index, shape or batch))
         leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[len(batch) :])
@@ -132,11 +139,11 @@ def broadcast(
 
 
 def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Return the scenes of a grid ordered by the strength of their motions, weak ones first; None for large
-    grids or equal strengths.
+    """Return the scenes of a grid in the order of the strength of their motions, weak ones first.
 
-    Motions that just lift the columns rock them longest, and strong ones overturn them soon. With strong
-    motions last, few lanes stay idle beside a few long scenes at the end.
+    Return None for large grids, for a single strength, and if the strength is unknown. Motions that just
+    lift the columns take longest, and strong motions overturn them soon. With strong motions last, few
+    lanes are idle at the end of a batch.
     """
     if math.prod(shape) > SORTED:
         return None
@@ -151,7 +158,11 @@ def axes_of(
 ) -> tuple[list[tuple[int, ...]], tuple[int, ...]]:
     """Return the axes of the grid that each leaf has, and the shape of the grid.
 
-    Raises `ValueError`, in the name of `owner`, for arrays that do not broadcast or are empty.
+    - `owner`: class or function, for messages
+    - `leaves`: arrays
+    - `own`: number of last axes of each array that belong to a single scene
+
+    Raises `ValueError` for arrays that do not broadcast or are empty.
     """
     outer = [y.shape[: y.ndim - n] for y, n in zip(leaves, own, strict=True)]
     try:
@@ -164,8 +175,8 @@ def axes_of(
 
 
 def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
-    """Return the number of axes of each leaf that belong to one scene: those of a record's samples, else
-    none."""
+    """Return the number of axes of each leaf that belong to a single scene: the axes of a record's
+    samples; 0 for other leaves."""
     if not excitations.own_dimensions:
         return [0] * structure.num_leaves
     podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)

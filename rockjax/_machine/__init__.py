@@ -1,1 +1,1 @@
-"""The machine a program runs on: memory, threads and settings of the environment."""
+"""The machine on which a process runs: memory, threads and environment variables."""

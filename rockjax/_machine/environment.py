@@ -6,5 +6,5 @@ import os
 
 
 def switched_off(variable: str) -> bool:
-    """Return whether an environment variable has a value such as "off"."""
+    """Return whether an environment variable is "0", "off", "no" or "false"."""
     return os.environ.get(variable, "").strip().lower() in ("0", "off", "no", "false")

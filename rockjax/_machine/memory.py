@@ -1,21 +1,21 @@
-"""Check that the answers of a batch fit into memory."""
+"""Check that the results of a batch fit into memory."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-# Peak memory per scene, besides its own numbers: 120 for a batch, 160 for spectra that are assembled and
-# written.
+# Peak memory per scene [bytes], besides its parameters: 120 for a batch, 160 for spectra that are
+# assembled and written.
 BYTES = 160
-BYTES_OF_SLOPES = 32  # per scene and parameter of the sensitivities
+BYTES_OF_SLOPES = 32  # additional memory per scene and parameter of the sensitivities [bytes]
 SYSTEM = Path("/")
 
-# Alternatives that the error message suggests.
+# Advice in the error message.
 SWEEP = (
-    "ask for fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them in chunks "
-    "and keeps them on disk"
+    "request fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them in chunks "
+    "and stores them on disk"
 )
-FEWER_LINES = "ask for fewer at a time"
+FEWER_LINES = "request fewer at a time"
 
 
 def require_memory(
@@ -23,25 +23,26 @@ def require_memory(
 ) -> None:
     """Raise `ValueError` if a number of scenes does not fit into free memory, as reported by Linux.
 
-    - `owner`: name for the error message
-    - `number`, `bytes_each`: number of scenes, and memory of each [bytes]
-    - `noun`: plural noun for what is counted
+    - `owner`: class or function, for the message
+    - `number`: number of scenes
+    - `bytes_each`: memory of each scene [bytes]
+    - `noun`: plural noun in the message, if it is not "scenes"
     - `advice`: advice in the message
     """
     needed, free = number * bytes_each, []
-    if needed < 2**20:  # not worth looking up what is free
+    if needed < 2**20:  # too little to look up the free memory
         return
     try:
         lines = (SYSTEM / "proc/meminfo").read_text().splitlines()
         free += [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
         max_file, used_file = (SYSTEM / "sys/fs/cgroup" / f"memory.{name}" for name in ("max", "current"))
-        free += [int(max_file.read_text()) - int(used_file.read_text())]  # of a container
-    except (OSError, ValueError):  # another system, no container, or no limit: "max"
+        free += [int(max_file.read_text()) - int(used_file.read_text())]  # limit of a container
+    except (OSError, ValueError):  # another system, no container, or no limit (the file contains "max")
         pass
     if free and needed > min(free):
         raise ValueError(
-            f"{owner}: {number} {noun} take some {readable_bytes(needed)} of memory, and "
-            f"{readable_bytes(max(0, min(free)))} are free: {advice}"
+            f"{owner}: {number} {noun} need about {readable_bytes(needed)} of memory, but only "
+            f"{readable_bytes(max(0, min(free)))} are free; {advice}"
         )
 
 

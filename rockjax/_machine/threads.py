@@ -11,18 +11,18 @@ from typing import Any
 
 import jax
 
-TABLES = "xarray", "dask.array"  # xarray imports the latter for its first Dataset, where it is installed
+TABLES = "xarray", "dask.array"  # for its first Dataset, xarray imports dask.array if it is installed
 
-# A thread starts if none is idle, so waiting threads never block others. All finish their work before the
-# process ends.
+# The pool of threads, once it exists. Up to 1024 threads it starts a new one if none is idle, so waiting
+# threads do not block others. All threads finish their work before the process ends.
 _POOLS: list[ThreadPoolExecutor] = []
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_POOLS.clear)  # a forked process has none of the threads
+    os.register_at_fork(after_in_child=_POOLS.clear)  # threads do not exist in a forked process
 
 
 def submit(work: Callable, *arguments: Any) -> Future:
-    """Run `work(*arguments)` in another thread with the floating-point precision of this one, which JAX keeps
-    for each thread."""
+    """Run `work(*arguments)` in another thread, with the floating-point precision of this thread. (JAX
+    has a setting for each thread.)"""
     x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
 
     def run() -> Any:
@@ -35,18 +35,18 @@ def submit(work: Callable, *arguments: Any) -> Future:
 
 
 def import_in_background(*modules: str) -> None:
-    """Import modules for tables and plots in the background, while the scenes are computed."""
+    """Import modules in another thread, such as modules for tables and plots while scenes are computed."""
 
     def load() -> None:
         for name in modules:
-            with contextlib.suppress(ImportError):  # raised again where it is needed
+            with contextlib.suppress(ImportError):  # the importing code will raise it again
                 importlib.import_module(name)
 
     submit(load)
 
 
 def precision(x64: bool):
-    """Return a context manager that sets float64 or float32 in this thread."""
+    """Return a context manager that sets float64 (`x64` True) or float32 in this thread."""
     if hasattr(jax, "enable_x64"):
         return jax.enable_x64(x64)
     return jax.experimental.enable_x64(x64)  # pyright: ignore[reportAttributeAccessIssue]
