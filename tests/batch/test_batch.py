@@ -47,7 +47,7 @@ def test_one_scene_is_its_place_in_the_batch(name):
 
 
 def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, monkeypatch):
-    said = r"100000000\d\d scenes take some 1\.\d* TiB of memory, and .* are free.* rockjax\.sweep"
+    said = r"100000000\d\d scenes need about 1\.\d* TiB of memory, but only .* are free.* rockjax\.sweep"
     axis = np.linspace(1.0, 8.0, 100_000)
     with pytest.raises(ValueError, match="rocking_spectrum: " + said):
         rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, axis, axis)
@@ -72,7 +72,7 @@ def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, mon
         ),
     }.items():
         with pytest.raises(
-            ValueError, match=rf"{owner} take some .* of memory, and 1\.91 MiB are free: ask for"
+            ValueError, match=rf"{owner} need about .* of memory, but only 1\.91 MiB are free; request"
         ):
             work()
 

@@ -173,7 +173,7 @@ def test_threads_and_devices_that_cannot_be():
         ({"threads": 1.5}, "threads must be a whole number"),
         ({"devices": []}, "devices must be one or more JAX devices"),
         ({"devices": ["cpu"]}, "devices must be one or more JAX devices"),
-        ({"devices": [device, device]}, "different ones of one platform"),
+        ({"devices": [device, device]}, "different devices of one platform"),
         ({"devices": [device], "threads": 2}, "devices or threads, not both"),
     ):
         with pytest.raises(ValueError, match=words):

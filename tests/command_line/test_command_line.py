@@ -231,7 +231,7 @@ WRONG = [  # each message once
         "--example: replaces a problem file; leave it or good.toml out",
     ),
     ("spectrum good.toml --points 1", "--points: must be a whole number ≥ 2, got 1"),
-    ("spectrum --points 100000", "--points: 120000000000 scenes take some 17.5 TiB of memory"),
+    ("spectrum --points 100000", "--points: 120000000000 scenes need about 17.5 TiB of memory"),
     (
         "spectrum --frequency 8 1",
         "--frequency: must be two numbers [lowest, highest] with 0 < lowest < highest",
@@ -379,7 +379,9 @@ def test_wrong_input_ends_a_process_with_a_line(tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith("rockjax: --points: 120000000000 scenes take some 17.5 TiB of memory, and ")
+    assert done.stderr.startswith(
+        "rockjax: --points: 120000000000 scenes need about 17.5 TiB of memory, but only "
+    )
 
 
 def test_ctrl_c_ends_with_130(run, monkeypatch):

@@ -87,7 +87,7 @@ def test_a_column_that_counts_is_no_time(tmp_path):
 @pytest.mark.parametrize("dt", [5.0, 1.0, 0.25, 5e-5])
 def test_intervals_that_no_accelerograph_has_are_doubted(tmp_path, dt):
     path = table(tmp_path, "time,acc [g]", dt * STEPS, WAVE)
-    with pytest.warns(rj.RecordWarning, match=rf"a\.csv: its sampling interval is {dt:g} s, .* in seconds\?"):
+    with pytest.warns(rj.RecordWarning, match=rf"a\.csv: the sampling interval is {dt:g} s, .* in seconds\?"):
         rj.read_motion(path)
     with pytest.warns(rj.RecordWarning, match="sampling interval is 2 s"):
         rj.Record.from_file(table(tmp_path, None, WAVE), units="g", dt=2.0)
