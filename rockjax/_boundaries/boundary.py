@@ -1,15 +1,16 @@
 """The overturning boundary of a podium: the least scale of a ground motion that overturns it, with
 derivatives.
 
-Survival is not monotone in the amplitude, and under a record windows of overturning may be as narrow as 1e-4
-of the range, with no sign of them at neighbouring scales. So scales are evaluated from below, as close to
-each other as the narrowest window that must not be missed, up to the first that overturns; that change is
-narrowed down by dividing its bracket. If all numbers are concrete, the scenes go through the batch path on
-all cores; under `jit` they are rows of one loop.
+Survival is not monotone in the scale. Under a record, windows (intervals of scales that overturn) may be
+as narrow as 1e-4 of the range, with no sign of them at neighbouring scales. Therefore scales are
+evaluated from below up to the first that overturns. They are so close to each other that no window of the
+requested width is missed. The change from survival to overturning is then enclosed in ever narrower
+brackets. If all values are concrete, the scenes are solved as a batch on all cores; under `jit` they are
+rows of one loop.
 
 Derivatives follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M just past the
-boundary. M passes through zero with a nonzero slope, so this is well conditioned even though the trajectory
-lingers at the saddle.
+boundary. M passes through zero with a nonzero slope, so the derivatives are well conditioned, even though
+the trajectory lingers at the saddle.
 """
 
 from __future__ import annotations
@@ -49,23 +50,24 @@ from .implicit import boundary_gradient, traced_boundary_change
 from .margin import DEFAULT_WIDTH, has_margin, margin_options, scan_options, signed_margin
 from .refinement import SPACING_SHARE
 
-BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # the accuracy of a boundary is that of its scenes
-ONE_SIDED_BELOW = 1e-4  # a surviving dip of the margin below this: another branch is about to take over
+BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # default options; the scenes determine the accuracy of a boundary
+ONE_SIDED_BELOW = 1e-4  # if a dip of the margin is lower than this, the boundary is about to jump to this dip
 
 
 class Boundary(Module):
     """Overturning boundary: the least scale at which a ground motion overturns a podium.
 
-    - `scale`: the least factor of the motion that overturns, inf if none in the range does; differentiable,
-      with derivative zero where it is inf [–]
-    - `found`: whether there is one
+    - `scale`: the least factor on the motion that overturns, inf if none in the range does [–];
+      differentiable, with a derivative of zero if it is inf
+    - `found`: True if a scale in the range overturns
     - `impacts`: number of impacts before overturning, just past the boundary
-    - `dip`: the least overturning margin at a surviving scale below the boundary where the margin has a
-      minimum, 1 without any: the distance to another branch at lower scales
-    - `one_sided`: the dip is so low that the minimum is about to jump to another branch; the derivative is
+    - `dip`: the least minimum of the overturning margin, as a function of the scale, among the surviving
+      scales below the boundary; 1 without a minimum. If it became zero, the boundary would jump to that
+      scale
+    - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
     - `certain_width`: every interval of overturning scales below `scale` that is wider than this has been
-      found: the requested `width` times `max_scale`, more if scenes did not finish [–]
+      found [–]. It is the requested `width` times `max_scale`, or more if scenes did not finish
     """
 
     scale: Float[Array, "*batch"]
@@ -77,7 +79,7 @@ class Boundary(Module):
 
     def __repr__(self):
         if isinstance(self.scale, Tracer) or jnp.ndim(self.scale):
-            return f"Boundary(of shape {jnp.shape(self.scale)})"
+            return f"Boundary(shape {jnp.shape(self.scale)})"
         if not self.found:
             return f"Boundary: nothing overturns; least dip of the margin {float(self.dip):.3g}"
         side = ", one-sided: the minimum is about to jump" if self.one_sided else ""
@@ -105,17 +107,18 @@ def overturning_acceleration(
     """Return the least pulse acceleration a_p that overturns a podium [m/s²], inf if none up to the limit
     does.
 
-    Works under `jit`, `vmap`, `grad`, `jacfwd` with respect to every number of `podium` and to `T_p`; the
-    derivative is exact on its branch, and zero where the result is inf. [`rockjax.overturning_boundary`][]
-    returns more details.
+    The function works under `jit` and `vmap`. `grad` and `jacfwd` give derivatives with respect to every
+    parameter of `podium` and to `T_p`, which are exact on the branch of the result, and zero if it is
+    inf. [`rockjax.overturning_boundary`][] returns more details.
 
-    - `podium`: podium of single numbers
-    - `pulse`: a pulse class such as `rockjax.Ricker`, or a function (a_p, T_p) → excitation that scales with
-      a_p. A function may also return a [`rockjax.GroundMotion`][], whose vertical motion need not depend on
-      a_p; its numbers then are constants
+    - `podium`: podium with scalar parameters
+    - `pulse`: a class of pulses such as `rockjax.Ricker`, or a function (a_p, T_p) ↦ excitation that is
+      proportional to a_p. The function may also return a [`rockjax.GroundMotion`][], whose vertical
+      component may be independent of a_p; other parameters of such a motion are held constant under
+      differentiation
     - `T_p`: pulse period, > 0 [s]
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
-    - `options`: of the scenes; `options.overturn_ratio` defines overturning
+    - `options`: options of the scenes; `options.overturn_ratio` defines overturning
     - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
 
     Raises `ValueError` for invalid inputs, if they are concrete.
@@ -143,7 +146,8 @@ def overturning_scale(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
-    """Return the least factor of a ground motion that overturns a podium [–], inf if none does.
+    """Return the least factor on a ground motion that overturns a podium [–], inf if none up to the limit
+    does.
 
     - `podium`, `excitation`, `max_scale`, `options`, `width`, `resolution`: as for
       [`rockjax.overturning_boundary`][], whose `scale` this is
@@ -164,22 +168,23 @@ def overturning_boundary(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Boundary:
-    """Return the least factor in (0, max_scale] by which a ground motion overturns a podium, with its
-    details.
+    """Return the least factor in (0, max_scale] on a ground motion that overturns a podium, with details.
 
-    Works under `jit` and `vmap`; `scale` has derivatives with respect to every number of `podium` and
-    `excitation`. `options.overturn_ratio` defines overturning; above 1 there is no margin, the dips are those
-    of the peak rotation, and the derivative is that of the time of overturning.
+    The function works under `jit` and `vmap`; `scale` has derivatives with respect to every parameter of
+    `podium` and `excitation`. `options.overturn_ratio` defines overturning. If this angle is beyond the
+    top of the potential well, there is no overturning margin: dips are then determined from the peak
+    rotation, and derivatives from the time of overturning.
 
-    - `podium`: podium of single numbers
+    - `podium`: podium with scalar parameters
     - `excitation`: ground motion that can be scaled
     - `max_scale`: end of the search, > 0 [–]
-    - `options`: of the scenes; they determine the accuracy of the boundary
-    - `width`: every interval of overturning scales below the boundary that is wider than this share of
-      `max_scale` is found, in (0, 0.1]. From the first scale that lifts the columns up to the boundary, the
-      spacing of the scales follows from their derivatives, under `jit` it is `width`: a `max_scale` far above
-      the boundary costs little, a range in which nothing overturns up to 1/`width` scenes
-    - `resolution`: least number of scales in the range, regardless of `width`
+    - `options`: options of the scenes, which determine the accuracy of the boundary
+    - `width`: fraction of `max_scale`, in (0, 0.1]. Every interval of overturning scales below the
+      boundary that is wider is found. Scales are evaluated from the first that lifts the columns up to
+      the boundary; their spacing follows from derivatives, or is about `width` under `jit`. A `max_scale`
+      far above the boundary takes little time, but a range in which nothing overturns takes up to about
+      1/`width` scenes
+    - `resolution`: minimum number of scales in the range, whatever `width` is; a whole number ≥ 32
 
     Raises `ValueError` for invalid inputs, if they are concrete.
     """
@@ -192,7 +197,7 @@ def overturning_boundary(
     check_search(owner, width, resolution)
     if any(map(jnp.ndim, (*jax.tree.leaves(podium), *excitation.support, max_scale))):
         raise ValueError(
-            f"{owner}: podium, excitation and its end must be single ones; for several use jax.vmap, or "
+            f"{owner}: podium, excitation and max_scale must be scalar; for several use jax.vmap, or "
             f"rockjax.overturning_spectrum for all frequencies of a pulse"
         )
     excitation.scaled(1.0)  # raises for a motion that cannot be scaled
@@ -201,7 +206,7 @@ def overturning_boundary(
 
 
 def check_search(owner: str, width, resolution) -> None:
-    """Raise `ValueError`, in the name of `owner`, for an invalid width or resolution."""
+    """Raise `ValueError` for an invalid width or resolution; the message begins with `owner`."""
     require(owner, "width", width, lambda v: (v > 0) & (v <= 0.1), "in (0, 0.1]")
     if jnp.ndim(width):
         raise ValueError(f"{owner}: width must be a single number, got shape {jnp.shape(width)}")
@@ -210,6 +215,7 @@ def check_search(owner: str, width, resolution) -> None:
 
 
 def positive_limit(owner: str, name: str, value) -> None:
+    """Raise `ValueError` unless the end of a search is finite and > 0."""
     require(owner, name, value, lambda v: v > 0, "finite and > 0")
 
 
@@ -220,45 +226,47 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
     search = _make_search(structure, margin)
 
     def rule(primals, tangents):
-        live = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
-        live_tangents = [tangent for tangent, is_live in zip(tangents, live, strict=True) if is_live]
+        varied = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
+        given_tangents = [tangent for tangent, is_varied in zip(tangents, varied, strict=True) if is_varied]
         numbers = scalar_positions(primals[: arguments_structure.num_leaves])
-        live_indices = [k for k, is_live in enumerate(live) if is_live]
-        if all(map(is_concrete, primals)) and set(live_indices) <= set(numbers):
+        varied_indices = [k for k, is_varied in enumerate(varied) if is_varied]
+        if all(map(is_concrete, primals)) and set(varied_indices) <= set(numbers):
             arguments = jax.tree.unflatten(structure, primals)
             boundary_gradient.ahead(arguments, np.zeros((), float_type()), numbers=numbers, margin=margin)
             first = search(*primals)
             slopes = boundary_gradient(arguments, first.scale, numbers=numbers, margin=margin)
             change = directional_derivative(
-                np.asarray(slopes), dict(zip(map(numbers.index, live_indices), live_tangents, strict=True))
+                np.asarray(slopes), dict(zip(map(numbers.index, varied_indices), given_tangents, strict=True))
             )
         else:
             first = search(*primals)
             change = traced_boundary_change(
-                list(primals), live_tangents, first.scale, structure, live, margin
+                list(primals), given_tangents, first.scale, structure, varied, margin
             )
-        none = np.zeros(jnp.shape(first.impacts), jax.dtypes.float0)
+        no_tangent = np.zeros(jnp.shape(first.impacts), jax.dtypes.float0)
         zero = array_module(first).zeros_like(first.scale)
-        return first, FirstBoundary(change, zero, zero, none)
+        return first, FirstBoundary(change, zero, zero, no_tangent)
 
     differentiable = jax.custom_jvp(search)
     differentiable.defjvp(rule, symbolic_zeros=True)  # pyright: ignore[reportArgumentType]
     first = jax.tree.map(as_array, differentiable(*leaves))
     values = _without_tangents(first)
     numpy = array_module(values)
-    is_found, low = numpy.isfinite(values.scale), numpy.less(values.dip, ONE_SIDED_BELOW)
-    return Boundary(first.scale, as_array(is_found), first.impacts, first.dip, as_array(low), first.certain)
+    is_found, is_one_sided = numpy.isfinite(values.scale), numpy.less(values.dip, ONE_SIDED_BELOW)
+    return Boundary(
+        first.scale, as_array(is_found), first.impacts, first.dip, as_array(is_one_sided), first.certain
+    )
 
 
 def _without_tangents(tree):
-    """Return concrete numbers without derivatives; outside jit, every jnp operation would compile
-    separately."""
+    """Return the concrete values of a pytree without tangents, as outside jit every jnp operation on
+    tangents compiles separately. A pytree with traced values stays as it is."""
     return jax.tree.map(value_of, tree) if all(map(is_concrete, jax.tree.leaves(tree))) else tree
 
 
 def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
-    """Return the search as a function of all numbers; it runs on the host if they are concrete, single or
-    batched."""
+    """Return the search as a function of all leaves. It runs on the host if they are concrete, also under
+    `vmap`."""
 
     @jax.custom_batching.custom_vmap
     def program(*leaves):
@@ -266,15 +274,16 @@ def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
 
     @program.def_vmap
     def _(count, mapped, *leaves):
-        # The settings of the search are common to all.
-        common = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
-        if common and not _any_traced(leaves):
+        # On the host, all searches must have the same options and width.
+        has_common_settings = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
+        if has_common_settings and not _any_traced(leaves):
             rows = [
-                np.asarray(y) if own else np.asarray(y)[None] for y, own in zip(leaves, mapped, strict=True)
+                np.asarray(y) if is_mapped else np.asarray(y)[None]
+                for y, is_mapped in zip(leaves, mapped, strict=True)
             ]
             first = jax.tree.map(as_array, _search_on_host(rows, count, structure, margin))
             return first, FirstBoundary(True, True, True, True)
-        axes = [0 if own else None for own in mapped]
+        axes = [0 if is_mapped else None for is_mapped in mapped]
         first = jax.vmap(lambda *leaves: _search_in_program(leaves, structure, margin), axes)(*leaves)
         return first, FirstBoundary(True, True, True, True)
 
@@ -282,7 +291,7 @@ def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
         if _any_traced(leaves):
             return program(*leaves)
         first = _search_on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
-        # NumPy, because under a transformation JAX would trace even concrete numbers.
+        # In NumPy, because under a transformation JAX would trace even concrete values.
         return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
     return search
@@ -293,8 +302,13 @@ def _any_traced(leaves) -> bool:
 
 
 def _search_on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> FirstBoundary:
-    """Return the first boundaries of `count` searches side by side; `rows` hold a number once for all, or
-    once for each search."""
+    """Return the first boundaries of `count` searches, which are solved together.
+
+    - `rows`: leaves of the arguments with a first axis of length 1 (common to all searches) or `count`
+    - `count`: number of searches
+    - `structure`: tree structure of (podium, excitation, limit, (options, width))
+    - `margin`: True if the convention of overturning has a margin
+    """
     podium, excitation, limit, settings = jax.tree.unflatten(structure, rows)
     limits = np.broadcast_to(limit, count)
 
@@ -304,25 +318,26 @@ def _search_on_host(rows: list[np.ndarray], count: int, structure, margin: bool)
         return jax.tree.map(pick, podium), motion.scaled(part * limits[np.asarray(line, np.int32)])
 
     options, width = jax.tree.map(lambda y: float(y[0]), settings)
-    found = scan(plane, np.arange(count), (0.0, 1.0), WIDTH, options, refine="first", width=width)
-    first, impacts = (y[:, 0] for y in found.crossings.table(count))
+    result = scan(plane, np.arange(count), (0.0, 1.0), WIDTH, options, refine="first", width=width)
+    first, impacts = (y[:, 0] for y in result.crossings.table(count))
     scale = np.where(np.isnan(first), np.inf, first) * limits
     dtype = float_type()
-    scale, dip, certain = (np.asarray(y, dtype) for y in (scale, found.dip, found.certain * limits))
+    scale, dip, certain = (np.asarray(y, dtype) for y in (scale, result.dip, result.certain * limits))
     return FirstBoundary(scale, dip, certain, np.maximum(impacts, 0))
 
 
 def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
-    """Return the motions of scenes of these searches; the samples of many records stay in one table."""
+    """Return the motions of the searches `line`, one for each scene; `pick` selects them from an array.
+    The samples of several records stay in one table."""
     if isinstance(excitation, GroundMotion):
-        both = (_pick_motions(y, line, pick) for y in (excitation.horizontal, excitation.vertical))
-        return GroundMotion(*both)
+        components = (_pick_motions(y, line, pick) for y in (excitation.horizontal, excitation.vertical))
+        return GroundMotion(*components)
     if isinstance(excitation, PaddedRecord) and excitation.acceleration.shape[0] > 1:
-        one = lambda y: np.broadcast_to(y, len(excitation.acceleration))
-        dt, scale, start = (one(y) for y in (excitation.dt, excitation.scale, excitation.t_start))
+        for_each_record = lambda y: np.broadcast_to(y, len(excitation.acceleration))
+        dt, scale, start = (for_each_record(y) for y in (excitation.dt, excitation.scale, excitation.t_start))
         return Records(
             excitation.acceleration,
-            as_array(one(excitation.count)),
+            as_array(for_each_record(excitation.count)),
             as_array(dt),
             as_array(start),
             line,
@@ -333,6 +348,8 @@ def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("structure", "margin"))
 def _search_in_program(leaves, structure, margin: bool) -> FirstBoundary:
+    """Return the first boundary of one search inside a compiled program; arguments as in
+    `_search_on_host`."""
     podium, excitation, limit, (options, width) = jax.tree.unflatten(structure, leaves)
     search_options = margin_options(options, margin)
     coarse = scan_options(search_options, width)
@@ -340,11 +357,11 @@ def _search_in_program(leaves, structure, margin: bool) -> FirstBoundary:
     def solve_row(scales, sharp):
         accuracy = jax.tree.map(lambda a, b: jnp.where(sharp, a, b), search_options, coarse)
 
-        def one(scale):
+        def solve_scale(scale):
             (floats, _), (integers, _) = solve(podium, excitation.scaled(scale), REST, None, accuracy)
             value = signed_margin(floats, integers["overturned"], options.overturn_ratio, margin)
             return jnp.where(integers["code"] > results.OVERTURNED, jnp.nan, value), integers["impacts"]
 
-        return jax.vmap(one)(scales)
+        return jax.vmap(solve_scale)(scales)
 
     return first_boundary(solve_row, limit, SPACING_SHARE * width * limit)

@@ -1,5 +1,8 @@
-"""All changes between survival and overturning along lines of scenes, by scanning the lines and narrowing
-every change down."""
+"""Changes between survival and overturning along lines of scenes.
+
+A line is a set of scenes with the same x and varying y, such as the period and the amplitude of a pulse.
+Lines are scanned first, and every change is then enclosed in a narrow bracket.
+"""
 
 from __future__ import annotations
 
@@ -32,30 +35,30 @@ from .refinement import (
     widest_gaps,
 )
 
-# A plane of scenes: (x, y) → podium and excitation, for numbers, arrays that broadcast, and tracers.
+# A plane of scenes: (x, y) ↦ (podium, excitation), for scalars, arrays that broadcast, and tracers.
 Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 
-DOUBTFUL = 0.1  # curvature indicator above which an interval is refined; 1 is the limit in theory
-REFINEMENT_ROUNDS = 8  # rounds of refinement where the margin is not resolved …
-PARTS = 4  # … each dividing an interval into this many parts …
-MIN_INTERVAL = 1e-6  # … down to this part of the line
+DOUBTFUL = 0.1  # intervals with a larger curvature indicator are refined; the theoretical limit is 1
+REFINEMENT_ROUNDS = 8  # limit of rounds of this refinement
+PARTS = 4  # number of parts into which a round divides an interval
+MIN_INTERVAL = 1e-6  # shorter intervals are not refined [length of the line]
 
-DIP_DIVISIONS = 256  # steps beside the lowest dips are divided into this many parts …
-WINDOW_DIVISIONS = 16  # … or into this many, if only windows are searched for
-NOISE = 0.1  # share of the tolerance; a bracket narrower than this, relative to the scale, is noise
+DIP_DIVISIONS = 256  # steps beside the lowest dips are divided into at least this number of parts
+WINDOW_DIVISIONS = 16  # the same number if only windows are searched
+NOISE = 0.1  # a bracket narrower than this multiple of rtol, relative to y, is noise
 
 
 class Crossings(NamedTuple):
-    """Changes between survival and overturning, in the order of x, then y."""
+    """Changes between survival and overturning, in the order of the lines, then of y. Arrays of one shape."""
 
-    line: np.ndarray  # index of the line x = const
-    y: np.ndarray
-    overturns: np.ndarray  # with increasing y: True for survive → overturn, False for overturn → survive
-    impacts: np.ndarray  # before overturning, on the overturned side
+    line: np.ndarray  # index of the line
+    y: np.ndarray  # position of the change
+    overturns: np.ndarray  # True if scenes overturn for larger y, False if they overturn for smaller y
+    impacts: np.ndarray  # number of impacts before overturning, on the overturned side
 
     def table(self, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return y and impacts with a row for each line, shape (lines, most of a line), padded with NaN and
-        −1."""
+        """Return y and impacts with a row for each of `lines` lines, shape (lines, largest number of
+        changes of a line), padded with NaN and −1."""
         counts = np.bincount(self.line, minlength=lines)
         order = np.arange(self.line.size) - np.searchsorted(self.line, self.line)
         shape = (lines, max(1, int(counts.max())))
@@ -67,28 +70,28 @@ class Crossings(NamedTuple):
 def precompile_scan(
     plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = DEFAULT_WIDTH
 ) -> None:
-    """Load or compile the program of the scenes of a `scan` in the background.
+    """Load or compile the program for the scenes of a `scan` in another thread.
 
     - `plane`, `x`, `y_range`, `options`, `width`: as for `scan`
     """
     x = np.asarray(x, float)
 
     def solve() -> None:
-        reaches = _scales_motion(plane, x[:1], max(y_range), options)
-        margins(plane, x[:1], np.full(1, min(y_range)), scan_options(options, width, np), reaches=reaches)
+        has_distances = _scales_motion(plane, x[:1], max(y_range), options)
+        y = np.full(1, min(y_range))
+        margins(plane, x[:1], y, scan_options(options, width, np), has_distances=has_distances)
 
     submit(solve)
 
 
 class Scan(NamedTuple):
-    """Result of a scan."""
+    """Result of a scan. A dip is a minimum of the margin as a function of y."""
 
     crossings: Crossings
-    starts_surviving: np.ndarray  # whether the lower end of each line survives
-    # Least dip of the margin among the survivors below the first crossing of each line, ≤ 1.
-    dip: np.ndarray
-    certain: np.ndarray  # below the first crossing of each line no wider interval overturns
-    scenes: int
+    starts_surviving: np.ndarray  # for each line, True if its lower end survives
+    dip: np.ndarray  # least dip among the survivors below the first crossing of each line; 1 without a dip
+    certain: np.ndarray  # no interval wider than this overturns below the first crossing of each line
+    scenes: int  # number of solved scenes
 
 
 def scan(
@@ -104,36 +107,36 @@ def scan(
 ) -> Scan:
     """Find the changes between survival and overturning along lines x = const.
 
-    - `plane`: (x, y) → podium and excitation
-    - `x`: of the lines, (lines,)
+    - `plane`: (x, y) ↦ (podium, excitation)
+    - `x`: positions of the lines, shape (lines,)
     - `y_range`: ends of the lines
-    - `resolution`: number of intervals in which each line is evaluated first
-    - `options`: of the scenes at full accuracy; scenes that only scan are less accurate
-    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `resolution`: number of intervals at whose ends each line is evaluated first
+    - `options`: options of the scenes at full accuracy; scenes that only scan are less accurate
+    - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
     - `refine`: `"everywhere"` refines intervals in which the margin bends so much that it may cross zero
-      unseen; `"below"` only searches below the first change; `"first"` also narrows down only the first
+      unseen; `"below"` omits this refinement; `"first"` omits it as well, and returns only the first
       change of each line
-    - `width`: below the first change no interval wider than this share of the range is missed; the motion
-      must be proportional to y there. None omits this search
-    - `dips`: follow the lowest dips of the margin down; otherwise only those in which an interval may open,
-      and `Scan.dip` is approximate
+    - `width`: below the first change no overturning interval wider than this fraction of the range is
+      missed; the motion must be proportional to y there. None omits this search
+    - `dips`: True to refine the lowest dips of the margin; otherwise only dips in which an overturning
+      interval may open are refined, and `Scan.dip` is approximate
 
-    Changes are narrowed down to a relative width of 1e-12. Raises `RuntimeError` if no scene of a line
-    finishes.
+    Changes are enclosed in brackets of a relative width of 1e-12, or of a tenth of rtol if that is
+    larger. Raises `RuntimeError` if no scene of a line finishes.
     """
     x = np.asarray(x, float)
     scenes = 0
     y_range = min(y_range), max(y_range)
     size = y_range[1] - y_range[0]
     coarse = scan_options(options, DEFAULT_WIDTH if width is None else width, np)
-    reaches = width is not None and _scales_motion(plane, x[:1], y_range[1], options)
+    has_distances = width is not None and _scales_motion(plane, x[:1], y_range[1], options)
 
     with bar(None, "scenes", progress, unit_scale=True) as counter:
 
         def solve(line: np.ndarray, y: np.ndarray, sharp: bool) -> SolvedScenes:
             nonlocal scenes
             scenes += line.size
-            result = margins(plane, x[line], y, options if sharp else coarse, counter, reaches)
+            result = margins(plane, x[line], y, options if sharp else coarse, counter, has_distances)
             return SolvedScenes(line, y, *result, np.full(line.size, sharp))
 
         lines = np.arange(x.size)
@@ -171,28 +174,34 @@ def scan(
 
 
 def margins(
-    plane: Plane, x: np.ndarray, y: np.ndarray, options: Options, progress: Any = False, reaches: bool = False
+    plane: Plane,
+    x: np.ndarray,
+    y: np.ndarray,
+    options: Options,
+    progress: Any = False,
+    has_distances: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return overturning margins (see `signed_margin`), impacts and edge distances of scenes (x, y), solved
-    on all cores.
+    """Return signed margins (see `signed_margin`), numbers of impacts, and edge distances of scenes, each
+    of shape (n,).
 
-    - `plane`: (x, y) → podium and excitation
-    - `x`, `y`: of the scenes, (n,)
-    - `options`: of the scenes
-    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
-    - `reaches`: also compute the distance in y over which each motion continues unchanged; otherwise 0
+    - `plane`: (x, y) ↦ (podium, excitation)
+    - `x`, `y`: positions of the scenes, shape (n,)
+    - `options`: options of the scenes
+    - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
+    - `has_distances`: True to compute edge distances: the estimated change of y at which the scene could
+      overturn (see `_batch/edge_distance.py`). Otherwise they are 0
 
-    The margin is NaN, and the edge distance 0, where a scene does not finish.
+    If a scene does not finish, its margin is NaN and its edge distance 0.
     """
     if x.size == 0:
         return np.zeros(0), np.zeros(0, int), np.zeros(0)
     podiums, motions = plane(x, y)
     margin = has_margin(options, podiums)
     search_options = margin_options(options, margin)
-    floats, integers = bare_responses(podiums, motions, search_options, progress, reaches)
+    floats, integers = bare_responses(podiums, motions, search_options, progress, has_distances)
     overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
     edge_distance = np.zeros(x.shape)
-    if reaches:
+    if has_distances:
         with np.errstate(invalid="ignore"):
             edge_distance = np.where(
                 np.isnan(floats["edge_distance"]), 0.0, floats["edge_distance"]
@@ -203,7 +212,7 @@ def margins(
         np.where(failed, np.nan, value),
         np.where(failed, 0.0, np.nan_to_num(edge_distance, posinf=np.inf)),
     )
-    # Copies, because scenes that are solved again at full accuracy overwrite them.
+    # The arrays are copied, because scenes that are solved again at full accuracy overwrite them.
     value, impacts, edge_distance = (
         np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, edge_distance)
     )
@@ -211,32 +220,35 @@ def margins(
 
 
 def _scales_motion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
-    """Return whether there is a margin and y only scales the motion: edge distances are valid for y."""
-    one, other = plane(x, np.full(1, top)), plane(x, np.full(1, 0.5 * top))
-    if not has_margin(options, one[0]):
+    """Return whether edge distances are valid for y: there is a margin, and the motion is proportional to
+    y."""
+    at_top, at_half = plane(x, np.full(1, top)), plane(x, np.full(1, 0.5 * top))
+    if not has_margin(options, at_top[0]):
         return False
-    same = (one[0], one[1]), (other[0], other[1].scaled(np.full(1, 2.0)))
-    leaves, forms = zip(*map(jax.tree.flatten, same), strict=True)
-    if forms[0] != forms[1]:
+    equal_if_scaled = at_top, (at_half[0], at_half[1].scaled(np.full(1, 2.0)))
+    leaves, structures = zip(*map(jax.tree.flatten, equal_if_scaled), strict=True)
+    if structures[0] != structures[1]:
         return False
-    # Under a transformation JAX traces counts derived from concrete numbers; they do not change.
+    # Under a transformation JAX traces counts that are derived from concrete values; they do not depend on y.
     pairs = [pair for pair in zip(*leaves, strict=True) if not any(isinstance(y, Tracer) for y in pair)]
     return all(a is b or np.allclose(np.asarray(a), np.asarray(b), rtol=1e-6, atol=0.0) for a, b in pairs)
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray) -> np.ndarray:
-    """Return how far the margin may bend between neighbours, relative to its distance from zero: (n−1,) for n
-    places.
+    """Return how much the margin may bend between neighbours, divided by its distance from zero, shape
+    (n−1,).
 
-    Up to 1 the margin cannot cross zero unseen (or, between neighbours on both sides of the boundary, more
-    than once), as far as second differences tell. `same_line` marks neighbours that belong to one line.
+    - `y`, `margin`: positions and margins, sorted, shape (n,)
+    - `same_line`: True for neighbours that belong to the same line, shape (n−1,)
+
+    If the indicator is at most 1, then by second differences the margin cannot cross zero unseen; between
+    a survivor and an overturned scene it cannot cross zero more than once.
     """
     h = np.where(same_line, y[1:] - y[:-1], 1.0)
     h = np.where(h > 0, h, 1.0)
     slope = np.where(same_line, (margin[1:] - margin[:-1]) / h, 0.0)
     inner = same_line[1:] & same_line[:-1]
-    # The ends of a line have no neighbour on one side, so the curvature across them is unknown.
-    # Half the second derivative.
+    # Half of the second derivative. At the ends of a line it is unknown.
     half_curvature = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)
     half_curvature = np.maximum(np.append(0.0, half_curvature), np.append(half_curvature, 0.0))
     left, right = margin[:-1], margin[1:]
@@ -246,7 +258,8 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray
 
 
 def _refine_curved(solved: SolvedScenes, solve: SolveScenes, finest: float) -> SolvedScenes:
-    """Add places inside every interval between neighbours in which the margin may cross zero unseen."""
+    """Solve further scenes inside every interval longer than `finest` in which the margin may cross zero
+    unseen."""
     part = np.arange(1, PARTS) / PARTS
     for _ in range(REFINEMENT_ROUNDS):
         line, y, margin = solved.line, solved.y, np.nan_to_num(solved.margin, nan=1.0)

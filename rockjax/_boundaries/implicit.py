@@ -1,6 +1,8 @@
-"""Derivatives of a boundary with respect to numbers of podium and motion, by the implicit function theorem.
+"""Derivatives of a boundary with respect to parameters of podium and motion, by the implicit function
+theorem.
 
-A residual M of a scene, the overturning margin, vanishes on the boundary a*. So da* = −dM/(∂M/∂a).
+A residual M of a scene, such as the overturning margin, vanishes on the boundary a*. Therefore da* =
+−dM/(∂M/∂a).
 """
 
 from __future__ import annotations
@@ -35,27 +37,27 @@ def _residual(podium: Podium, motion: AbstractExcitation, options: Options, marg
 
 
 def _root_change(slope, change, fallback: float):
-    """Return −`change`/`slope` of residuals, `fallback` where the slope is zero or not finite."""
+    """Return −`change`/`slope`, the change of a root; `fallback` if the slope is zero or not finite."""
     numpy = array_module(slope)
-    usable = numpy.isfinite(slope) & (slope != 0)
-    return jnp.where(usable, -change / numpy.where(usable, slope, 1.0), fallback)
+    is_usable = numpy.isfinite(slope) & (slope != 0)
+    return jnp.where(is_usable, -change / numpy.where(is_usable, slope, 1.0), fallback)
 
 
 def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, ...], margin: bool):
-    """Return the change of a boundary along tangents of its numbers; zero where there is no boundary.
+    """Return the tangent of a boundary from tangents of its parameters; zero if there is no boundary.
 
-    - `leaves`: all numbers of the search, as flattened from `structure`
-    - `live_tangents`: tangents of the numbers that vary
-    - `scale`: the boundary, inf where there is none
-    - `structure`: pytree structure of (podium, excitation, limit, (options, width))
+    - `leaves`: all leaves of the search's arguments
+    - `live_tangents`: tangents of the leaves that vary
+    - `scale`: the boundary, inf without one
+    - `structure`: tree structure of (podium, excitation, limit, (options, width))
     - `live`: for each leaf, whether it varies
-    - `margin`: whether the convention of overturning has a margin
+    - `margin`: whether the overturning margin applies, see `has_margin`
     """
     numpy = array_module(leaves, scale)
-    found = numpy.isfinite(scale)
+    is_found = numpy.isfinite(scale)
     live_indices = [k for k, is_live in enumerate(live) if is_live]
     limit = jax.tree.unflatten(structure, leaves)[2]
-    past = numpy.where(found, numpy.multiply(scale, 1 + JUST_PAST), limit)
+    past = numpy.where(is_found, numpy.multiply(scale, 1 + JUST_PAST), limit)
 
     def residual(scale, *values):
         numbers = list(leaves)
@@ -65,21 +67,22 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
         return _residual(podium, excitation.scaled(scale), options, margin)
 
     point = tuple(leaves[k] for k in live_indices)
-    # Separate calls, because reverse mode transposes the part that is linear in `live_tangents`.
+    # There are two calls, because reverse mode transposes the part that is linear in `live_tangents`.
     _, pushforward = jax.linearize(residual, past, *point)
     slope = numpy.asarray(pushforward(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
     change = pushforward(numpy.zeros_like(past), *live_tangents)
-    return jnp.where(found, _root_change(slope, change, 0.0), 0.0)
+    return jnp.where(is_found, _root_change(slope, change, 0.0), 0.0)
 
 
 @KeptProgram
 def boundary_gradient(arguments, scale, *, numbers: tuple[int, ...], margin: bool):
-    """Return the derivative of the boundary by each of some numbers of podium and motion, (numbers,).
+    """Return the derivatives of the boundary with respect to parameters of podium and motion, shape
+    (numbers,).
 
     - `arguments`: (podium, excitation, limit, (options, width))
-    - `scale`: the boundary, inf where there is none
-    - `numbers`: indices of the leaves of `arguments` to differentiate by
-    - `margin`: whether the convention of overturning has a margin
+    - `scale`: the boundary, inf without one
+    - `numbers`: indices of the leaves of `arguments` that are the parameters
+    - `margin`: whether the overturning margin applies, see `has_margin`
     """
     leaves, structure = jax.tree.flatten(arguments)
     live = tuple(k in numbers for k in range(len(leaves)))
@@ -100,26 +103,27 @@ def log_sensitivities(
     pulse: Callable[[Any, Any], AbstractExcitation] | None = None,
     records: Records | RecordPairs | None = None,
 ) -> Float[np.ndarray, "names n"]:
-    """Return d ln a/d ln y at boundaries `a`, for the parameters y with these names (host).
+    """Return d ln a/d ln y at boundaries a, for the parameters y (host).
 
-    - `podium`: podium of single numbers
-    - `a`: pulse accelerations [m/s²] or factors on records [–], NaN where there is no boundary; the
-      derivatives are NaN there, too
-    - `rows`: for each boundary the period `T_p` of the `pulse` [s], or `which` of the `records`, (n,)
-    - `names`: parameters of the podium, or `"T_p"`
-    - `options`: of the scenes
-    - `pulse`: function (a_p, T_p) → excitation, or None for records
-    - `records`: table of records, without a pulse
+    - `podium`: podium with scalar parameters
+    - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). For NaN the
+      derivatives are NaN
+    - `rows`: for each boundary the period `T_p` of the pulse [s], or the index `which` of the record,
+      shape (n,)
+    - `names`: names of the parameters of the podium, or `"T_p"`
+    - `options`: options of the scenes
+    - `pulse`: function (a_p, T_p) ↦ excitation, or None for records
+    - `records`: table of records, or None for a pulse
     """
     result = np.full((len(names), a.size), np.nan)
-    at = np.flatnonzero(np.isfinite(a))
-    for start in range(0, at.size, LANES):
-        part = at[start : start + LANES]
-        filled = np.concatenate([part, np.repeat(part[-1:], LANES - part.size)])
-        chosen = {name: y[filled] for name, y in rows.items()}
-        fixed = {"pulse": pulse, "names": names, "margin": has_margin(options, podium)}
-        slopes = _log_slopes(podium, records, chosen, a[filled], options, **fixed)
-        result[:, part] = np.asarray(slopes)[: part.size].T
+    found = np.flatnonzero(np.isfinite(a))
+    for start in range(0, found.size, LANES):
+        group = found[start : start + LANES]
+        padded = np.concatenate([group, np.repeat(group[-1:], LANES - group.size)])
+        group_rows = {name: y[padded] for name, y in rows.items()}
+        static = {"pulse": pulse, "names": names, "margin": has_margin(options, podium)}
+        slopes = _log_slopes(podium, records, group_rows, a[padded], options, **static)
+        result[:, group] = np.asarray(slopes)[: group.size].T
     return result
 
 
@@ -127,7 +131,7 @@ def log_sensitivities(
 def _log_slopes(
     podium: Podium, records, rows, a, options: Options, *, pulse, names: tuple[str, ...], margin: bool
 ):
-    def one(row: dict[str, Array], a):
+    def slopes_of_row(row: dict[str, Array], a):
         def residual(logs):
             factors = dict(zip(names, jnp.exp(logs[1:]), strict=True))
             past = a * (1 + JUST_PAST) * jnp.exp(logs[0])
@@ -141,4 +145,4 @@ def _log_slopes(
         slopes = jax.jacfwd(residual)(jnp.zeros(1 + len(names), a.dtype))
         return _root_change(slopes[0], slopes[1:], jnp.nan)
 
-    return jax.vmap(one)(rows, a)
+    return jax.vmap(slopes_of_row)(rows, a)

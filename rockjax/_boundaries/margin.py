@@ -1,4 +1,5 @@
-"""Signed margin of a scene: a number that is zero on the boundary of overturning."""
+"""Signed margin of a scene, which is positive if the scene survives and zero on the boundary of
+overturning."""
 
 from __future__ import annotations
 
@@ -11,16 +12,15 @@ from rockjax._checks import concrete
 from rockjax._options import Options
 from rockjax._structures import Podium
 
-DEFAULT_WIDTH = 1e-4  # least width of a window that is not missed, as a share of the range
-SCAN_TOLERANCE = (
-    1e-6  # tolerance of scenes that only scan; the relative error of a boundary is about the same
-)
-_TINY = float(np.finfo(np.float32).tiny)
+DEFAULT_WIDTH = 1e-4  # windows wider than this fraction of the range are not missed
+# Tolerance of scenes that only scan; it is also about the relative error of a boundary of such scenes.
+SCAN_TOLERANCE = 1e-6
+_TINY = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
 
 
 def has_margin(options: Options, podium: Podium) -> bool:
-    """Return whether the convention of overturning has a margin: its limit is known to be |θ| = θ_s at most,
-    or α without tendons."""
+    """Return whether the overturning margin applies: `overturn_ratio`·α is concrete, and at most the
+    stability angle θ_s (α without tendons)."""
     ratio = concrete(options.overturn_ratio)
     if ratio is None or bool(np.all(ratio <= 1)):
         return ratio is not None
@@ -29,41 +29,42 @@ def has_margin(options: Options, podium: Podium) -> bool:
 
 
 def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, margin: bool, xp: Any = jnp):
-    """Return a number > 0 for a scene that survives and ≤ 0 for one that overturned: the overturning margin,
-    if there is one.
+    """Return the signed margin of a scene: > 0 if it survives, ≤ 0 if it overturns, exactly 1 if the
+    columns never lift.
 
-    - `floats`: outputs of the scene, `margin` or `peak_rotation`
-    - `overturned`: whether it overturned
-    - `overturn_ratio`: |θ|/α that counts as overturning
-    - `margin`: whether the convention of overturning has a margin
+    - `floats`: outputs of the scene: `margin`, or `peak_rotation` if there is no margin
+    - `overturned`: whether the scene overturned
+    - `overturn_ratio`: |θ|/α at which a scene counts as overturned
+    - `margin`: whether the overturning margin applies, see `has_margin`
     - `xp`: `numpy` or `jax.numpy`
 
-    It is exactly 1 if the columns never lift.
+    It is the overturning margin if that applies. Otherwise it is 1 − max|θ|/(α·`overturn_ratio`) for
+    scenes that survive, and −1 for others.
     """
     if margin:
         value = floats["margin"]
-        # The sign must agree with `overturned` despite rounding.
+        # With rounding the margin may have the wrong sign.
         return xp.where(overturned, xp.minimum(value, 0.0), xp.maximum(value, _TINY))
     return xp.where(overturned, -1.0, xp.maximum(1 - floats["peak_rotation"] / overturn_ratio, _TINY))
 
 
 def boundary_residual(floats: dict[str, Any], margin: bool):
-    """Return the quantity to differentiate just past the boundary: the margin or, without one, the time of
-    overturning.
+    """Return the output to differentiate just past the boundary: the margin or, if it does not apply, the
+    time of overturning.
 
-    That time grows without bound towards the boundary, and so do its derivatives, but their ratio stays that
-    of the boundary.
+    This time grows without bound towards the boundary, and so do its derivatives; but their ratio tends
+    to the derivative of the boundary.
     """
     return floats["margin" if margin else "overturn_time"]
 
 
 def margin_options(options: Options, margin: bool) -> Options:
-    """Return options of the same accuracy whose only outputs are those that the boundary needs."""
+    """Return options of the same accuracy, which request only the output that the boundary needs."""
     return options.replace(outputs=("margin" if margin else "peak_rotation",), throw=False)
 
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:
-    """Return options accurate enough not to miss a window of this share of the range; findings are confirmed
-    with `options`."""
+    """Return options for scanning: accurate enough not to miss a window of the width `width`, a fraction
+    of the range. Changes that are found are confirmed with `options`."""
     loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

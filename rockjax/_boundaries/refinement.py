@@ -1,13 +1,14 @@
-"""Places along lines of scenes: their spacing, and the refinement of changes between them.
+"""Points along lines of scenes: their spacing, and the search for windows between them.
 
-Two neighbours that both survive may be `DISTANCE_SHARE` of their edge distances apart (the distance over
-which the motion of each continues unchanged, see `rockjax._batch.edge_distance`): a window between them would
-have to open and close against the derivatives of all turning points of both. Some windows are a few widths
-wide and neighbouring scenes show no sign of them, so neighbours are at most `MAX_SPACINGS` apart. Where edge
-distances are short or unknown, places are as close as the requested width. This is an estimate, not a proof;
-`benchmarks/boundaries.py` tries every scale.
+A window is an interval of y in which scenes overturn. Two neighbours that both survive may be apart by
+`DISTANCE_SHARE` times the sum of their edge distances, the estimated changes of y at which they could
+overturn (see `_batch/edge_distance.py`): a window between them would contradict the derivatives of all
+turning points of both. But there are windows a few spacings wide of which neighbouring scenes show no
+sign. Therefore neighbours are at most `MAX_SPACINGS` spacings apart. If edge distances are short or
+unknown, they are one spacing apart, which is slightly less than the requested width. This is an estimate,
+not a proof; `benchmarks/boundaries.py` evaluates every scale.
 
-Places are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
+Points are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
 """
 
 from __future__ import annotations
@@ -21,25 +22,25 @@ import numpy as np
 
 from .first import DIPS
 
-SPACING_SHARE = 0.95  # of the requested width, because the tolerance may move the ends of a window
-DISTANCE_SHARE = 0.25  # share of the edge distances of two neighbours by which they may be apart
-MAX_SPACINGS = 6  # greatest distance of neighbours, in spacings
-MAX_PARTS = 16  # parts into which an interval is divided at once
-ROUND_SCENES = 2048  # scenes of a round, of all lines side by side …
-MIN_LINE_SCENES = 64  # … but at least this many of one line
-GRAZING = 1e-3  # margins below this are computed at full accuracy
-MIN_PARTS = 4  # parts of an interval beside a dip; more if lanes would be idle
+SPACING_SHARE = 0.95  # spacing divided by the requested width; errors of scenes may move the ends of a window
+DISTANCE_SHARE = 0.25  # allowed distance of two neighbours divided by the sum of their edge distances
+MAX_SPACINGS = 6  # largest distance of neighbours [spacings]
+MAX_PARTS = 16  # largest number of parts into which an interval is divided at once
+ROUND_SCENES = 2048  # number of scenes in a round, shared by all lines
+MIN_LINE_SCENES = 64  # minimum number of scenes of each line in a round
+GRAZING = 1e-3  # scenes with a margin below this are solved at full accuracy
+MIN_PARTS = 4  # minimum number of parts of an interval beside a dip; there are more if lanes would be idle
 
 
 class SolvedScenes(NamedTuple):
-    """Scenes that were solved, sorted by line and y; arrays of one shape."""
+    """Solved scenes, sorted by line and y; arrays of one shape."""
 
-    line: np.ndarray
-    y: np.ndarray
-    margin: np.ndarray  # NaN where a scene did not finish
-    impacts: np.ndarray
-    edge_distance: np.ndarray  # distance in y over which the motion continues unchanged, 0 if unknown
-    sharp: np.ndarray  # whether solved at full accuracy
+    line: np.ndarray  # index of the line
+    y: np.ndarray  # position on the line
+    margin: np.ndarray  # signed margin; NaN if the scene did not finish
+    impacts: np.ndarray  # number of impacts
+    edge_distance: np.ndarray  # estimated change of y at which the scene could overturn; 0 if unknown
+    sharp: np.ndarray  # True if solved at full accuracy
 
     def merged_with(self, other: SolvedScenes) -> SolvedScenes:
         both = [np.concatenate(pair) for pair in zip(self, other, strict=True)]
@@ -50,35 +51,40 @@ class SolvedScenes(NamedTuple):
         return SolvedScenes(*(y[~np.isnan(self.margin)] for y in self))
 
     def changes(self, first_only: bool = False) -> np.ndarray:
-        """Return the places whose next place on the same line has the other outcome."""
-        over = self.margin <= 0
-        at = np.flatnonzero((over[:-1] != over[1:]) & (self.line[:-1] == self.line[1:]))
-        return at[np.unique(self.line[at], return_index=True)[1]] if first_only else at
+        """Return the indices of scenes whose right neighbour on the line has the other outcome; with
+        `first_only`, only the first of each line."""
+        overturns = self.margin <= 0
+        k = np.flatnonzero((overturns[:-1] != overturns[1:]) & (self.line[:-1] == self.line[1:]))
+        return k[np.unique(self.line[k], return_index=True)[1]] if first_only else k
 
     def below_first_change(self) -> list[slice]:
-        """Return for each line the slice from the last place at which the columns never lift to the first
-        that overturns.
+        """Return a slice of scenes for each line: from the last scene in which the columns do not lift to
+        the first that overturns.
 
-        Columns at rest respond in proportion to the motion, so nothing lifts them below a scale that does
-        not.
+        In full contact the response is proportional to the motion. Therefore, if a scale does not lift
+        the columns, no lower scale does.
         """
-        parts = []
+        slices = []
         for start, end in itertools.pairwise([0, *(np.flatnonzero(np.diff(self.line)) + 1), self.line.size]):
             margin = self.margin[start:end]
-            over = np.flatnonzero(margin <= 0)
-            stop = over[0] + 1 if over.size else end - start
-            still = np.flatnonzero(margin[:stop] == 1)
-            parts.append(slice(start + (still[-1] if still.size else 0), start + stop))
-        return parts
+            overturned = np.flatnonzero(margin <= 0)
+            stop = overturned[0] + 1 if overturned.size else end - start
+            not_lifted = np.flatnonzero(margin[:stop] == 1)
+            slices.append(slice(start + (not_lifted[-1] if not_lifted.size else 0), start + stop))
+        return slices
 
 
-# (line, y, at the full accuracy?) → scenes solved there
+# (line, y, whether at full accuracy) ↦ solved scenes
 SolveScenes = Callable[[np.ndarray, np.ndarray, bool], SolvedScenes]
 
 
 def spacing_for(width: float | None, size: float, resolution: int) -> float:
-    """Return the distance of places such that no window of a share `width` of a range of length `size` lies
-    between two of them: a whole fraction of its `resolution` steps. inf without a width."""
+    """Return the spacing of points at which no window wider than `width` is missed.
+
+    - `width`: width of a window divided by `size`; None for no search, with the result inf
+    - `size`: length of the range
+    - `resolution`: number of equal steps of the range; the spacing is a step divided by a whole number
+    """
     if width is None:
         return np.inf
     return size / resolution / math.ceil(1 / (resolution * SPACING_SHARE * width))
@@ -87,14 +93,14 @@ def spacing_for(width: float | None, size: float, resolution: int) -> float:
 def resolve_windows(
     solved: SolvedScenes, solve: SolveScenes, spacing: float, first_only: bool
 ) -> SolvedScenes:
-    """Add places until no window wider than two spacings below the first change of a line can be unseen.
+    """Solve further scenes until neighbours below the first change of each line are close enough.
 
     - `solved`: scenes solved so far
-    - `solve`: (line, y, at full accuracy) → solved scenes
-    - `spacing`: from `spacing_for`; inf to skip the search for windows
-    - `first_only`: confirm only the first change of each line
+    - `solve`: (line, y, whether at full accuracy) ↦ solved scenes
+    - `spacing`: result of `spacing_for`; inf omits the search for windows
+    - `first_only`: True to confirm only the first change of each line
 
-    Returns all scenes; those at changes and at low dips are solved at full accuracy.
+    Returns all scenes. Scenes at changes, and scenes with a small margin, are solved at full accuracy.
     """
     while True:
         line, y = _next_points(solved, spacing)
@@ -111,92 +117,106 @@ def resolve_windows(
 
 
 def widest_gaps(solved: SolvedScenes, spacing: float, top: float) -> np.ndarray:
-    """Return the widest interval below the first change of each line that may overturn unseen."""
+    """Return, for each line, the width of the widest interval below the first change that may overturn
+    unseen.
+
+    - `solved`: the solved scenes
+    - `spacing`: result of `spacing_for`
+    - `top`: upper end of the lines
+    """
     widest = []
-    for part in solved.below_first_change():
-        y, finished = solved.y[part], ~np.isnan(solved.margin[part])
-        allowed = np.diff(y) <= _allowed_steps(solved, part, spacing) * (1 + 1e-9)
-        # A step that edge distances allow may hide a window of one spacing, others one of their own length.
-        widest_hidden = np.where(allowed, np.minimum(np.diff(y), spacing), np.diff(y))
-        at = np.flatnonzero(finished)
-        through = np.flatnonzero(np.diff(at) > 1)
-        unfinished = np.diff(y[at])[through]
+    for below in solved.below_first_change():
+        y, finished = solved.y[below], ~np.isnan(solved.margin[below])
+        is_allowed = np.diff(y) <= _allowed_steps(solved, below, spacing) * (1 + 1e-9)
+        # A step that edge distances allow may hide a window of one spacing; another step, one of its own
+        # length.
+        widest_hidden = np.where(is_allowed, np.minimum(np.diff(y), spacing), np.diff(y))
+        finished_indices = np.flatnonzero(finished)
+        across_unfinished = np.flatnonzero(np.diff(finished_indices) > 1)
+        unfinished = np.diff(y[finished_indices])[across_unfinished]
         hidden = widest_hidden[finished[1:] & finished[:-1]]
-        end = top - y[at[-1]] if solved.margin[part][at[-1]] > 0 else 0.0
+        last = finished_indices[-1]
+        end = top - y[last] if solved.margin[below][last] > 0 else 0.0
         widest.append(np.max(np.concatenate([[end], hidden, unfinished])))
     return np.array(widest)
 
 
-def _allowed_steps(solved: SolvedScenes, part: slice, spacing: float) -> np.ndarray:
-    """Return the allowed length of each step between neighbours, in whole spacings."""
-    edge_distance = np.where(solved.margin[part] > 0, solved.edge_distance[part], 0.0)
+def _allowed_steps(solved: SolvedScenes, below: slice, spacing: float) -> np.ndarray:
+    """Return the allowed length of each step between neighbours of a slice, a whole number of spacings."""
+    edge_distance = np.where(solved.margin[below] > 0, solved.edge_distance[below], 0.0)
     return spacing * np.clip(
         np.floor(DISTANCE_SHARE * (edge_distance[1:] + edge_distance[:-1]) / spacing), 1, MAX_SPACINGS
     )
 
 
 def _next_points(solved: SolvedScenes, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the next places of each line that have to be solved, from below: (line, y)."""
+    """Return lines and positions of the scenes to solve next, from below."""
     lines, points = [np.zeros(0, int)], [np.zeros(0)]
     wide = []
-    for part in solved.below_first_change() if np.isfinite(spacing) else ():
-        step = np.diff(solved.y[part])
-        allowed = _allowed_steps(solved, part, spacing)
-        at = np.flatnonzero(step > allowed * (1 + 1e-9))
-        if at.size:
-            parts = np.ceil(step[at] / allowed[at] * (1 - 1e-9)).astype(int)
-            wide.append((part, at, np.clip(parts, 2, MAX_PARTS)))
-    share = max(MIN_LINE_SCENES, ROUND_SCENES // max(1, len(wide)))
-    for part, at, parts in wide:
-        y = solved.y[part]
-        # From below, because a lower first change may be found.
-        at = at[: 1 + np.searchsorted(np.cumsum(parts - 1), share)]
+    for below in solved.below_first_change() if np.isfinite(spacing) else ():
+        step = np.diff(solved.y[below])
+        allowed = _allowed_steps(solved, below, spacing)
+        too_long = np.flatnonzero(step > allowed * (1 + 1e-9))
+        if too_long.size:
+            parts = np.ceil(step[too_long] / allowed[too_long] * (1 - 1e-9)).astype(int)
+            wide.append((below, too_long, np.clip(parts, 2, MAX_PARTS)))
+    scenes_per_line = max(MIN_LINE_SCENES, ROUND_SCENES // max(1, len(wide)))
+    for below, too_long, parts in wide:
+        y = solved.y[below]
+        # The lowest steps come first, because a lower change may be found in them.
+        chosen = too_long[: 1 + np.searchsorted(np.cumsum(parts - 1), scenes_per_line)]
         between = [
-            np.linspace(y[k], y[k + 1], n + 1)[1:-1] for k, n in zip(at, parts[: at.size], strict=True)
+            np.linspace(y[k], y[k + 1], n + 1)[1:-1]
+            for k, n in zip(chosen, parts[: chosen.size], strict=True)
         ]
         points.append(spacing * np.unique(np.round(np.concatenate(between) / spacing)))
-        lines.append(np.full(points[-1].size, solved.line[part.start]))
+        lines.append(np.full(points[-1].size, solved.line[below.start]))
     return np.concatenate(lines), np.concatenate(points)
 
 
 def _unconfirmed(solved: SolvedScenes, first_only: bool) -> np.ndarray:
-    """Return the places that determine a change or a low dip, but are solved at the looser accuracy only."""
+    """Return the indices of scenes at a change, or with a small margin, that are not yet solved at full
+    accuracy."""
     changes = solved.changes(first_only)
-    at = np.union1d(changes, changes + 1)
-    low = [part.start + np.flatnonzero(solved.margin[part] < GRAZING) for part in solved.below_first_change()]
-    at = np.union1d(at, np.concatenate(low)).astype(int)
-    return at[~solved.sharp[at]]
+    low = [
+        below.start + np.flatnonzero(solved.margin[below] < GRAZING) for below in solved.below_first_change()
+    ]
+    indices = np.union1d(np.union1d(changes, changes + 1), np.concatenate(low)).astype(int)
+    return indices[~solved.sharp[indices]]
 
 
 def find_dips(solved: SolvedScenes) -> np.ndarray:
-    """Return the middles of the dips among the survivors below the first change of each line."""
-    at, margin = np.zeros(0, int), solved.margin
-    for part in solved.below_first_change():
-        k = np.arange(part.start + 1, part.stop - 1)
+    """Return the indices of all minima of the margin among the survivors below the first change of each
+    line."""
+    dips, margin = np.zeros(0, int), solved.margin
+    for below in solved.below_first_change():
+        k = np.arange(below.start + 1, below.stop - 1)
         survives = (margin[k - 1] > 0) & (margin[k] > 0) & (margin[k + 1] > 0)
-        at = np.append(at, k[survives & (margin[k] <= margin[k - 1]) & (margin[k] < margin[k + 1])])
-    return at
+        dips = np.append(dips, k[survives & (margin[k] <= margin[k - 1]) & (margin[k] < margin[k + 1])])
+    return dips
 
 
 def points_around_dips(
     solved: SolvedScenes, lanes: int, may_open: bool = False
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return places on both sides of the dips of each line that may be the lowest.
+    """Return points on both sides of the dips of each line that may be the lowest.
 
-    - `lanes`: number of scenes that the batch solves side by side
-    - `may_open`: only of dips in which a window may open
+    - `solved`: the solved scenes
+    - `lanes`: number of scenes that a batch solves together
+    - `may_open`: True to choose only dips in which a window may open
 
-    Returns lines, places, and the number of parts into which they divide the steps there.
+    Returns lines and positions of the points, and the number of parts into which they divide the steps
+    beside a dip.
     """
-    at, margin = find_dips(solved), solved.margin
-    # Extended straight lines from both sides would meet there.
-    depth = 2 * margin[at] - 0.5 * (margin[at - 1] + margin[at + 1])
-    may_be = depth < (0.0 if may_open else least_dip(solved)[solved.line[at]])
-    at, depth = at[may_be], depth[may_be]
-    order = np.lexsort((depth, solved.line[at]))
-    line = solved.line[at[order]]
-    at = at[order[np.arange(line.size) - np.searchsorted(line, line) < DIPS]]
-    left = np.concatenate([at - 1, at])
+    dips, margin = find_dips(solved), solved.margin
+    # The value at which straight lines from both sides would meet.
+    depth = 2 * margin[dips] - 0.5 * (margin[dips - 1] + margin[dips + 1])
+    is_candidate = depth < (0.0 if may_open else least_dip(solved)[solved.line[dips]])
+    dips, depth = dips[is_candidate], depth[is_candidate]
+    order = np.lexsort((depth, solved.line[dips]))
+    line = solved.line[dips[order]]
+    dips = dips[order[np.arange(line.size) - np.searchsorted(line, line) < DIPS]]
+    left = np.concatenate([dips - 1, dips])
     parts = max(MIN_PARTS, 1 + lanes // max(left.size, 1))
     size = solved.y[left + 1] - solved.y[left]
     points = solved.y[left, None] + size[:, None] * np.arange(1, parts) / parts
@@ -204,8 +224,8 @@ def points_around_dips(
 
 
 def least_dip(solved: SolvedScenes) -> np.ndarray:
-    """Return the least margin in a dip of each line, 1 without any."""
-    at = find_dips(solved)
+    """Return the least margin at a dip of each line; 1 for a line without dips."""
+    dips = find_dips(solved)
     least = np.ones(solved.line[-1] + 1)
-    np.minimum.at(least, solved.line[at], solved.margin[at])
+    np.minimum.at(least, solved.line[dips], solved.margin[dips])
     return least
