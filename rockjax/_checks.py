@@ -1,7 +1,8 @@
-"""Argument checks that run before anything is traced.
+"""Checks of arguments and their conversion to arrays.
 
-Checks apply to concrete numbers only. Under `jax.jit`, `jax.vmap` or `jax.grad` the value is a tracer and
-cannot be checked; the scene reports through its `result` instead.
+Only concrete values are checked. A value that `jax.jit`, `jax.vmap` or `jax.grad` traces cannot be
+checked; the scene reports a problem in its `result` instead. In all checks, `owner` is the class or
+function that the message begins with.
 """
 
 import functools
@@ -16,7 +17,7 @@ from jaxtyping import Array
 
 
 def float_type() -> np.dtype:
-    """Return the default floating-point type, as `jnp.result_type(float)`: float64 unless switched off."""
+    """Return JAX's default floating-point type: float64, or float32 if `jax_enable_x64` is off."""
     return _FLOAT64 if jax.config.jax_enable_x64 else _FLOAT32  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -24,11 +25,11 @@ _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 
 
 def as_float(x, what: str = "it") -> Array:
-    """Return `x` as an array of the default floating-point type (float64 unless switched off).
+    """Return `x` as an array of the default floating-point type, see `float_type`.
 
-    A single number becomes a read-only NumPy array: JAX starts its threads with its first array, and a
-    process with these threads cannot be forked. Raises `ValueError` that begins with `what` for anything but
-    numbers, and for gaps.
+    A scalar becomes a read-only NumPy array, because the first array of JAX starts its threads, and a
+    process with these threads cannot be forked. Raises `ValueError`, which begins with `what`, for
+    anything but numbers, and for gaps.
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
@@ -36,7 +37,7 @@ def as_float(x, what: str = "it") -> Array:
         return x  # pyright: ignore[reportReturnType]
     refuse_gaps(what, x)
     try:
-        if x is None or isinstance(x, str | bytes) or _contains_text(x):
+        if x is None or isinstance(x, str | bytes) or _contains_string(x):
             raise TypeError
         is_plain = isinstance(x, float | int | np.ndarray | np.generic) or _is_python_numbers(x)
         if is_plain and np.asarray(x).dtype.kind in "fiub":
@@ -51,16 +52,15 @@ def as_float(x, what: str = "it") -> Array:
 
 
 def as_numpy_unless_traced(x, what: str = "it") -> Any:
-    """Return `as_float(x)` as a NumPy array unless `x` is traced: outside jit every jnp call compiles."""
+    """Return `as_float(x)`, as a NumPy array unless `x` is traced, because outside jit every jnp call
+    compiles."""
     x = as_float(x, what)
     return x if isinstance(x, Tracer) else np.asarray(x)
 
 
 def as_array(x) -> Array:
-    """Return `x` as an array of JAX, a copy unless it is one.
-
-    Unlike `jnp.array`, which compiles a program for each shape in each process, this compiles nothing.
-    """
+    """Return `x` as a JAX array. Unlike `jnp.array`, which compiles a program for each shape, it compiles
+    nothing."""
     if isinstance(x, jax.Array):
         return x
     refuse_gaps("it", x)
@@ -68,7 +68,8 @@ def as_array(x) -> Array:
 
 
 def refuse_gaps(name: str, x) -> None:
-    """Raise a `ValueError` that names the first gap of a masked array, or of objects (None, NA)."""
+    """Raise `ValueError`, which names the first gap, for missing values: masked values of a masked array,
+    None in a list, and anything but numbers (None, NA) in an array of objects."""
     if isinstance(x, np.ma.MaskedArray):
         gaps = np.ma.getmaskarray(x)
     elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
@@ -83,8 +84,8 @@ def refuse_gaps(name: str, x) -> None:
 
 
 _CURE = "cut the gap out or fill it"
-# Values that digitisers and libraries write for missing samples: 999, 999.9, 9999 …, the limits of integers
-# and of float32, and fill values of SMC and netCDF.
+# Absolute values that digitisers and libraries write for missing samples: 999, 999.9, 9999 …, the limits
+# of integers and of float32, and the fill values of SMC and netCDF.
 _SENTINELS = (
     *(10**k - 10**-d for k in range(3, 10) for d in range(3)),
     *(32768, 2147483647, 2147483648, 1e10, 1e20, 1e30, 1.7e38, 3.4028235e38, 9.969209968386869e36),
@@ -92,37 +93,39 @@ _SENTINELS = (
 
 
 def refuse_sentinels(name: str, samples: np.ndarray) -> None:
-    """Raise a `ValueError` that names the gap if samples hold a value for missing ones, such as -999.
+    """Raise `ValueError`, which names the gap, if samples contain a value that stands for missing ones,
+    such as -999.
 
-    Such a value is at least three times as large as all others, or occurs in runs of at least three that
-    begin or end with a jump.
+    Such a value is at least three times as large as all others, or one of its runs has at least three
+    samples and one starts or ends with a jump.
     """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
         return
     for size in _SENTINELS:
-        at = np.abs(sizes - size) <= 1e-7 * size
-        if not at.any() or at.all():
+        matches = np.abs(sizes - size) <= 1e-7 * size
+        if not matches.any() or matches.all():
             continue
-        starts, ends = np.flatnonzero(np.diff(at, prepend=False, append=False)).reshape(-1, 2).T
-        jumps = np.abs(np.diff(samples))[[*(starts[starts > 0] - 1), *(ends[ends < at.size] - 1)]]
-        in_runs = (ends - starts).max() >= 3 and jumps.max() > 0.5 * size
-        if in_runs or 3 * sizes[~at].max() < size:
-            value = f"{samples[int(at.argmax())]:.10g}, which stands for missing samples"
-            raise ValueError(f"{name} has a gap: {value}, at {_first_run(at)} of {at.size}; {_CURE}")
+        starts, ends = np.flatnonzero(np.diff(matches, prepend=False, append=False)).reshape(-1, 2).T
+        jumps = np.abs(np.diff(samples))[[*(starts[starts > 0] - 1), *(ends[ends < matches.size] - 1)]]
+        has_runs = (ends - starts).max() >= 3 and jumps.max() > 0.5 * size
+        if has_runs or 3 * sizes[~matches].max() < size:
+            value = f"{samples[int(matches.argmax())]:.10g}, which stands for missing samples"
+            raise ValueError(
+                f"{name} has a gap: {value}, at {_first_run(matches)} of {matches.size}; {_CURE}"
+            )
 
 
 def require_finite_samples(owner: str, samples: np.ndarray) -> None:
-    """Raise a `ValueError` that names the first sample that is missing or not finite, and its gap.
-
-    In a batch the samples are along the last axis.
-    """
-    wrong = ~np.isfinite(samples)
-    if wrong.any():
-        where = tuple(np.argwhere(wrong)[0])
-        gap = f" ({_first_run(wrong[where[:-1]])} of {samples.shape[-1]}: a gap?)" if wrong.sum() > 1 else ""
+    """Raise `ValueError` if a sample is missing or not finite. The message names the first one and its
+    gap. The samples are along the last axis."""
+    not_finite = ~np.isfinite(samples)
+    if not_finite.any():
+        index = tuple(np.argwhere(not_finite)[0])
+        run = _first_run(not_finite[index[:-1]])
+        gap = f" ({run} of {samples.shape[-1]}: a gap?)" if not_finite.sum() > 1 else ""
         raise ValueError(
-            f"{owner}: acceleration must be finite, got {samples[where]} at sample {int(where[-1])}{gap}"
+            f"{owner}: acceleration must be finite, got {samples[index]} at sample {int(index[-1])}{gap}"
         )
     if not samples.size or np.abs(samples).max() < _SENTINELS[0] - 1:
         return
@@ -130,11 +133,11 @@ def require_finite_samples(owner: str, samples: np.ndarray) -> None:
         refuse_sentinels(f"{owner}: acceleration", row)
 
 
-def _first_run(at: np.ndarray) -> str:
-    """Return the first run of true values in words."""
-    first = int(at.argmax())
-    rest = at[first:]
-    last = first + (int(np.argmin(rest)) if not rest.all() else rest.size) - 1
+def _first_run(flags: np.ndarray) -> str:
+    """Return the first run of True in words, such as "samples 3 to 7"."""
+    first = int(flags.argmax())
+    remaining = flags[first:]
+    last = first + (int(np.argmin(remaining)) if not remaining.all() else remaining.size) - 1
     return f"sample {first}" if last == first else f"samples {first} to {last}"
 
 
@@ -142,17 +145,18 @@ def _is_python_numbers(x) -> bool:
     return isinstance(x, list | tuple) and all(isinstance(y, float | int) or _is_python_numbers(y) for y in x)
 
 
-def _contains_text(x) -> bool:
-    return isinstance(x, list | tuple) and any(isinstance(y, str | bytes) or _contains_text(y) for y in x)
+def _contains_string(x) -> bool:
+    return isinstance(x, list | tuple) and any(isinstance(y, str | bytes) or _contains_string(y) for y in x)
 
 
 def as_number(name: str) -> Callable[..., Array]:
-    """Return a converter for a field of numbers, called `name` in errors."""
+    """Return the converter `as_float` for a field that messages call `name`."""
     return functools.partial(as_float, what=name)
 
 
 def check_dtype(owner: str, name: str, tree) -> None:
-    """Raise a `ValueError` if a tree holds numbers made under another setting of jax_enable_x64."""
+    """Raise `ValueError` if a pytree contains floats that were created under another setting of
+    jax_enable_x64."""
     expected = float_type()
     for leaf in jax.tree.leaves(tree):
         if (
@@ -169,7 +173,8 @@ def check_dtype(owner: str, name: str, tree) -> None:
 
 
 def concrete(x) -> np.ndarray | None:
-    """Return the value of `x` as NumPy, or None if it is traced (or a placeholder in a pytree)."""
+    """Return the value of `x` as a NumPy array; None if it is traced, or no number (a placeholder in a
+    pytree)."""
     if isinstance(x, Tracer):
         return None
     try:
@@ -179,40 +184,43 @@ def concrete(x) -> np.ndarray | None:
 
 
 def array_module(*values) -> Any:
-    """Return NumPy if all values are known, else `jax.numpy`: outside jit every jnp call compiles."""
+    """Return `numpy` if no value is traced, else `jax.numpy`. (Outside jit every jnp call compiles.)"""
     return jnp if any(isinstance(y, Tracer) for y in jax.tree.leaves(values)) else np
 
 
 def product(a, b) -> Any:
-    """Return a·b, by NumPy if both are known."""
+    """Return a·b, in NumPy unless one of them is traced."""
     return array_module(a, b).multiply(a, b)
 
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
-    """Raise a `ValueError` that names argument and value unless every number in `x` is finite and `ok`.
+    """Raise `ValueError`, with argument and value, unless every number in `x` is finite and accepted.
 
-    - `owner`, `name`: class or function and argument, for the error
+    - `owner`, `name`: class or function, and its argument, for the message
     - `x`: number or array; traced values pass
-    - `ok`: array → array of booleans; `accepted`: the accepted values in words
+    - `ok`: array ↦ array of booleans, True for accepted values
+    - `accepted`: the accepted values in words
     """
     if isinstance(x, str | bytes):
-        raise ValueError(f"{owner}: {name} must be {accepted}, got the text {name} = {x!r}")
+        raise ValueError(f"{owner}: {name} must be {accepted}, got the string {name} = {x!r}")
     value = concrete(x)
     if value is None and any(isinstance(y, Tracer) for y in jax.tree.leaves(x)):
         return
     if value is None or isinstance(x, str | bytes):
         raise ValueError(f"{owner}: {name} must be {accepted}, got {format_value(x)}")
-    good = np.isfinite(value) & ok(value)
-    if not good.all():
-        bad = value if value.ndim == 0 else value[~good].ravel()[0]
-        raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {float(bad)!r}")
+    is_accepted = np.isfinite(value) & ok(value)
+    if not is_accepted.all():
+        first_rejected = value if value.ndim == 0 else value[~is_accepted].ravel()[0]
+        raise ValueError(f"{owner}: {name} must be {accepted}, got {name} = {float(first_rejected)!r}")
 
 
 def require_number(owner: str, name: str, value, ok: Callable[[float], bool], accepted: str) -> float:
-    """Return one finite number that is `ok`, on the host; else raise a `ValueError` as [`require`][] does.
+    """Return `value` as a float. Raises `ValueError` unless it is one finite, accepted number.
 
-    - `owner`, `name`: class or function and argument, for the error
-    - `value`: the number; `ok`: number → boolean; `accepted`: the accepted values in words
+    - `owner`, `name`: class or function, and its argument, for the message
+    - `value`: the number
+    - `ok`: number ↦ boolean, True for accepted values
+    - `accepted`: the accepted values in words
     """
     try:
         number = float("nan") if isinstance(value, str | bytes) else float(value)
@@ -224,10 +232,11 @@ def require_number(owner: str, name: str, value, ok: Callable[[float], bool], ac
 
 
 def require_whole(owner: str, name: str, value, least: int) -> int:
-    """Return a whole number ≥ `least`; else raise a `ValueError` that names argument and value.
+    """Return `value` as an int. Raises `ValueError` unless it is a whole number ≥ `least`.
 
-    - `owner`, `name`: class or function and argument, for the error
-    - `value`: the number; `least`: smallest accepted number
+    - `owner`, `name`: class or function, and its argument, for the message
+    - `value`: the number
+    - `least`: the smallest accepted number
     """
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
         raise ValueError(
@@ -236,44 +245,48 @@ def require_whole(owner: str, name: str, value, least: int) -> int:
     return int(value)
 
 
-def texts(owner: str, name: str, values) -> tuple[str, ...]:
-    """Return a list of texts as a tuple. Raises a `ValueError` for anything else, also for a single text."""
+def as_strings(owner: str, name: str, values) -> tuple[str, ...]:
+    """Return the elements of an iterable, such as a list of strings, as a tuple. Raises `ValueError` for
+    a single string, and for anything that is not iterable."""
     if isinstance(values, str) or not isinstance(values, Iterable):
-        raise ValueError(f"{owner}: {name} must be a list of texts, got {format_value(values)}")
+        raise ValueError(f"{owner}: {name} must be a list of strings, got {format_value(values)}")
     return tuple(values)
 
 
 def require_positive(owner: str, **arguments) -> None:
-    """Require that all numbers are finite and > 0."""
+    """Raise `ValueError` unless all numbers are finite and > 0; traced values pass."""
     for name, x in arguments.items():
         require(owner, name, x, lambda v: v > 0, "finite and > 0")
 
 
 def require_not_negative(owner: str, **arguments) -> None:
-    """Require that all numbers are finite and ≥ 0."""
+    """Raise `ValueError` unless all numbers are finite and ≥ 0; traced values pass."""
     for name, x in arguments.items():
         require(owner, name, x, lambda v: v >= 0, "finite and >= 0")
 
 
 def require_finite(owner: str, **arguments) -> None:
-    """Require that all numbers are finite."""
+    """Raise `ValueError` unless all numbers are finite; traced values pass."""
     for name, x in arguments.items():
         require(owner, name, x, np.isfinite, "finite")
 
 
 def format_value(value) -> str:
-    """Return the text of a value for an error, or its type if the text is long."""
+    """Return the representation of a value for a message, or its type if the representation is long."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
-    text = repr(value)
-    return text if len(text) <= 80 and "\n" not in text else f"a {type(value).__name__}"
+    representation = repr(value)
+    is_short = len(representation) <= 80 and "\n" not in representation
+    return representation if is_short else f"a {type(value).__name__}"
 
 
 def require_instance(owner: str, name: str, value, accepted_type: Any, type_in_words: str) -> None:
-    """Raise a `ValueError` unless `value` is an instance of `accepted_type`.
+    """Raise `ValueError` unless `value` is an instance of `accepted_type`.
 
-    - `owner`, `name`: class or function and argument, for the error
-    - `value`: the value; `accepted_type`: type or union; `type_in_words`: the accepted type in words
+    - `owner`, `name`: class or function, and its argument, for the message
+    - `value`: the value
+    - `accepted_type`: a type or a union of types
+    - `type_in_words`: the accepted type in words
     """
     if not isinstance(value, accepted_type):
         raise ValueError(f"{owner}: {name} must be {type_in_words}, got {format_value(value)}")

@@ -1,7 +1,7 @@
-"""Extensions by packages built on rockjax: entry points of the group `rockjax.extensions`, loaded on use.
+"""Extensions by other packages: entry points of the group `rockjax.extensions`, which are loaded on use.
 
-rockjax imports none of them: `design` answers the command `rockjax design`, `design-chart` draws the files of
-that kind.
+For example, `design` implements the command `rockjax design`, and `design-chart` draws the files of this
+kind. rockjax itself imports no extension.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ GROUP = "rockjax.extensions"
 
 
 def extension(name: str) -> Any:
-    """Load the extension registered under a name. Raises `ImportError` if no installed package has one."""
+    """Load and return the extension with a name. Raises `ImportError` if no installed package provides it."""
     for entry in entry_points(group=GROUP, name=name):
         return entry.load()
     raise ImportError(
-        f"no installed package offers "
-        f"{name!r} ({GROUP}); install rockjax again, such as with pip install -e ."
+        f"no installed package provides the extension {name!r} ({GROUP}); install rockjax again, for example "
+        "with pip install -e ."
     )

@@ -1,4 +1,4 @@
-"""Atomic file writes: under a temporary name beside the target, then renamed."""
+"""Atomic file writes: files are written under a temporary name in the same folder, and then renamed."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ if TYPE_CHECKING:
 
 
 def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
-    """Call `write(temporary_name)`, then move the file to `path`. On any failure nothing is left behind.
+    """Call `write(temporary_name)`, move the file to `path`, and return the path.
 
-    `~` at the beginning of `path` is the home folder. Raises `OSError` that names the file and the cause,
-    such as a full disk.
+    `~` at the beginning of `path` means the home folder. If anything fails, the temporary file is deleted
+    and an existing file stays. Raises `OSError`, which names the file and the cause, such as a full disk.
     """
     path = Path(os.path.expanduser(path))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The suffix stays last: writers choose their format by it. Short: names have at most 255 bytes.
+        # The name ends with the suffix, from which writers choose the format. The prefix is short,
+        # because names have at most 255 bytes.
         handle, name = tempfile.mkstemp(prefix=".rockjax-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
         raise OSError(f"{path} could not be written: {error.strerror}") from error
@@ -37,7 +38,7 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
         os.replace(name, path)
     except BaseException as error:
         Path(name).unlink(missing_ok=True)
-        if isinstance(error, OSError | RuntimeError):  # the latter from the libraries below netCDF
+        if isinstance(error, OSError | RuntimeError):  # the netCDF libraries raise RuntimeError
             raise OSError(
                 f"{path} could not be written: {getattr(error, 'strerror', None) or error}"
             ) from error
@@ -45,13 +46,14 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
     return path
 
 
-CONVENTIONS = "CF-1.8"  # of the units, flags and names in files; the earliest with groups and texts
+CONVENTIONS = "CF-1.8"  # version of the conventions of files; the earliest that has groups and strings
 
 
 def write_dataset(
     path: str | Path, data: xarray.Dataset, groups: Mapping[str, xarray.Dataset] | None = None
 ) -> Path:
-    """Write a dataset as netCDF, and others as groups of the same file, atomically."""
+    """Write a dataset as a netCDF file, and other datasets as groups of this file, atomically. Return the
+    path."""
     data.attrs.setdefault("Conventions", CONVENTIONS)
 
     def write(name: str) -> None:
@@ -63,7 +65,7 @@ def write_dataset(
 
 
 def write_figure(path: str | Path, figure: Figure) -> Path:
-    """Write a picture atomically and close it."""
+    """Write a figure atomically, and close it. Return the path."""
     from matplotlib.pyplot import close
 
     try:
@@ -73,8 +75,8 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
 
 
 def as_json(data: Any, ascii: bool = False) -> str:
-    """JSON of numbers, texts, arrays, lists and tables; what is not finite is null. `ascii` escapes all other
-    characters."""
+    """Return the JSON string of numbers, strings, arrays, lists and dicts. Numbers that are not finite
+    become null. `ascii` escapes all characters that are not ASCII."""
     return json.dumps(_to_json_types(data), indent=2, ensure_ascii=ascii)
 
 

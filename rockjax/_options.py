@@ -9,7 +9,7 @@ import equinox as eqx
 
 from rockjax._tree import Module
 
-from ._checks import require, texts
+from ._checks import as_strings, require
 from ._engine.methods import EXPLICIT, solver_of
 from ._outputs.base import AbstractOutput
 from ._outputs.registry import REGISTRY, name_if_registered
@@ -20,41 +20,42 @@ if TYPE_CHECKING:
 
 OUTPUTS = tuple(REGISTRY)
 PEAKS = tuple(name for name, output in REGISTRY.items() if output.by_default)
-LEAST_ATOL = 1e-17
-HISTORY = 4096
+LEAST_ATOL = 1e-17  # smallest accepted `atol`
+HISTORY = 4096  # default of `history`
 
 
 def _names(outputs) -> tuple[str | AbstractOutput, ...]:
-    """Return the requested outputs: names of the registry, and outputs of the user's own."""
-    requested: tuple[Any, ...] = texts("Options", "outputs", outputs)
+    """Return the requested outputs as names of the registry, and as instances for user-defined outputs."""
+    requested: tuple[Any, ...] = as_strings("Options", "outputs", outputs)
     return tuple(name_if_registered(y) if isinstance(y, AbstractOutput) else y for y in requested)
 
 
 class Options(Module):
     """Accuracy, method and scope of a simulation.
 
-    - `rtol`, `atol`: tolerances of the step-size control [–]. `atol` counts in natural units: α for θ, pα for
-      θ̇, 2R sin α for u_t and max(p, ω_s)·2R sin α for u̇_t
-    - `method`: `"dopri8"` (usually the fastest; rigid podiums without restrainers, whose accelerations do not
-      depend on velocities, use the Nyström method RKN8(6)9FM of the same order),
-      `"tsit5"`, `"dopri5"`, `"bosh3"`, or any Diffrax solver: an explicit Runge–Kutta method with an error
-      estimate for the flat engine, any for the segments engine (`"kvaerno5"`, …)
-    - `engine`: `"flat"`; or `"segments"`, one `diffrax.diffeqsolve` with an event per segment, for
-      cross-checks
-    - `overturn_ratio`: |θ|/α at which a scene counts as overturned, by convention. The angle must not exceed
-      π/2, or [`rockjax.Podium.stability_angle`][] with the output `"margin"`
-    - `rest_velocity`: an impact that leaves |θ̇| below `rest_velocity`·pα brings the columns to rest. By
-      default `rtol`
-    - `max_steps`: largest number of trial steps of a scene
+    - `rtol`, `atol`: relative and absolute tolerance of the step-size control [–]. `atol` is in natural
+      units: α for θ, pα for θ̇, u = min(2R sin α, g tan α/ω_s²) for u_t and u·max(p, ω_s) for u̇_t
+    - `method`: `"dopri8"` (usually the fastest), `"tsit5"`, `"dopri5"`, `"bosh3"`, or a Diffrax solver.
+      The flat engine accepts explicit Runge–Kutta methods with an error estimate, the segments engine any
+      solver (also `"kvaerno5"`). With `"dopri8"`, rigid podiums without restrainers, whose accelerations
+      do not depend on velocities, use the Nyström method RKN8(6)9FM of the same order
+    - `engine`: `"flat"`; or, for cross-checks, `"segments"`: one `diffrax.diffeqsolve` with an event per
+      segment
+    - `overturn_ratio`: |θ|/α at which a scene counts as overturned. The angle must not exceed π/2 or,
+      with the output `"margin"`, [`rockjax.Podium.stability_angle`][]
+    - `rest_velocity`: an impact that leaves |θ̇| ≤ `rest_velocity`·pα brings the columns to rest [–];
+      None for `rtol`
+    - `max_steps`: limit of trial steps of a scene, accepted and rejected together
     - `outputs`: requested outputs, out of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`,
       `"peak_drift"` and `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"`,
       and of the joints `"peak_friction"`, `"axial_force"`, `"peak_foundation_shear"`, `"impact_friction"`.
       The scene ends as soon as none of the requested outputs can change; other outputs are not computed
       (NaN). Impacts are counted completely only if `"impacts"` is requested or the columns overturn.
-      `"errors"` estimates the errors of the peaks by a second solution. An instance of a subclass of
-      [`rockjax.AbstractOutput`][] is an output of your own
-    - `history`: steps that a history can hold under `jit`; outside jit it grows automatically
-    - `throw`: raise an error if a scene does not finish (out of steps, not finite) and values are concrete
+      `"errors"` estimates the errors of the peaks by a second solution. Instances of subclasses of
+      [`rockjax.AbstractOutput`][] are user-defined outputs
+    - `history`: number of steps that a history can hold under `jit`; outside jit it grows automatically
+    - `throw`: True to raise an error if a scene does not finish (such as `out_of_steps` or `not_finite`)
+      and all values are concrete
 
     Raises `ValueError` for tolerances below rounding, unknown methods, engines or outputs.
     """
@@ -69,8 +70,8 @@ class Options(Module):
     outputs: tuple[str | AbstractOutput, ...] = eqx.field(static=True, default=PEAKS, converter=_names)
     history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
-    # Factor on the longest step that the motion allows. It is below 1 in the second solution, which estimates
-    # errors: there `_engine/scene.py` also lands closer and lets columns rest later.
+    # Factor on the longest step. It is below 1 in the second solution, which estimates errors;
+    # `_engine/scene.py` then also changes the landing on events and the rest velocity.
     _stride: float = 1.0
 
     def __check_init__(self):
@@ -87,18 +88,18 @@ class Options(Module):
                 raise ValueError(f"Options: {name} must be a whole number ≥ 1, got {name} = {value!r}")
         if self.engine not in ("flat", "segments"):
             raise ValueError(f"Options: engine must be 'flat' or 'segments', got {self.engine!r}")
-        own = [y for y in self.outputs if isinstance(y, AbstractOutput)]
-        unknown = [y for y in self.outputs if y not in own and y not in OUTPUTS]
+        user_outputs = [y for y in self.outputs if isinstance(y, AbstractOutput)]
+        unknown = [y for y in self.outputs if y not in user_outputs and y not in OUTPUTS]
         if unknown or not self.outputs:
             raise ValueError(
                 f"Options: outputs must be some of {OUTPUTS}, or instances of a subclass of "
                 f"rockjax.AbstractOutput, got {self.outputs!r}"
             )
-        for output in own:
+        for output in user_outputs:
             if output.name in OUTPUTS or not output.name.isidentifier():
                 raise ValueError(
-                    f"Options: an output of your own needs its own name, a Python identifier; got "
-                    f"{output.name!r}"
+                    f"Options: the name of a user-defined output must be a Python identifier that no other "
+                    f"output has, got {output.name!r}"
                 )
         for output in self.requested:
             if output.needs_flat and self.engine != "flat":
@@ -106,7 +107,9 @@ class Options(Module):
                     f"Options: the output {output.name!r} needs engine='flat', got {self.engine!r}"
                 )
         if "errors" in self.outputs and "peak_rotation" not in self.outputs:
-            raise ValueError("Options: the output 'errors' needs 'peak_rotation' beside it")
+            raise ValueError(
+                "Options: the output 'errors' needs the output 'peak_rotation'; add it to outputs"
+            )
         if not isinstance(self.method, str) or self.method not in EXPLICIT:
             self._check_solver()
 
@@ -141,5 +144,5 @@ class Options(Module):
         return solver_of(self.method)
 
     def replace(self, **changes) -> Options:
-        """Return a variant with some fields changed, as `dataclasses.replace`."""
+        """Return the options with some fields changed."""
         return dataclasses.replace(self, **changes)

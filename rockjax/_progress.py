@@ -11,29 +11,32 @@ from tqdm.auto import tqdm  # a widget in notebooks
 
 from ._programs.program import current_compilation
 
-TICK = 1.0  # s: so long a bar may stand without its clock being moved on
+TICK = 1.0  # time between updates of the elapsed time [s]
 
 
-def start_clock(shown: Any) -> threading.Event:
-    """Move the clock of a bar on until the event that this returns is set, or the bar is dropped."""
-    ended, bar_reference = threading.Event(), weakref.ref(shown)
+def start_clock(progress_bar: Any) -> threading.Event:
+    """Start a thread that redraws a bar every second, and return an event that ends it.
+
+    The thread also ends if the bar is deleted.
+    """
+    ended, bar_reference = threading.Event(), weakref.ref(progress_bar)
 
     def tick() -> None:
-        while not ended.wait(TICK) and (shown_bar := bar_reference()) is not None:
-            shown_bar.refresh()
-            del shown_bar
+        while not ended.wait(TICK) and (existing_bar := bar_reference()) is not None:
+            existing_bar.refresh()
+            del existing_bar
 
-    if not shown.disable:
+    if not progress_bar.disable:
         threading.Thread(target=tick, daemon=True).start()
     return ended
 
 
 class Bar(tqdm):
-    """A bar that does not count the time before its first update, when programs are compiled or loaded.
+    """A progress bar, in which the time before the first update, while programs are compiled or loaded,
+    does not count.
 
-    Its clock goes on by itself: while a program is compiled nothing else would show that something happens.
-    As a context it ends full, unless an exception ends it: what is done in fewer steps than it might have
-    taken is done.
+    The elapsed time is redrawn every second, also while a program is compiled. As a context manager the
+    bar ends full, unless an exception ends it, even if fewer than `total` units were needed.
     """
 
     def __init__(self, **settings):
@@ -46,9 +49,10 @@ class Bar(tqdm):
         super().close()
 
     def display(self, *arguments: Any, **named: Any) -> Any:
-        """Instead of a count of nothing, say what is being compiled and for how long the bar has waited."""
-        what = None if self.n else current_compilation()
-        self.bar_format = what and f"compiling {what} [{{elapsed}}]"
+        """Display the bar. Before the first update, display the program that is being compiled and the
+        elapsed time."""
+        program = None if self.n else current_compilation()
+        self.bar_format = program and f"compiling {program} [{{elapsed}}]"
         return super().display(*arguments, **named)
 
     def update(self, n: float | None = 1) -> bool | None:
@@ -60,17 +64,21 @@ class Bar(tqdm):
     def __exit__(self, error_type, error, trace):
         if error_type is None and not self.disable and self.total is not None and 0 < self.n < self.total:
             self.total = self.n
-            if (
-                widget := getattr(self, "container", None)
-            ) is not None:  # of a notebook: description, bar, numbers
+            widget = getattr(self, "container", None)  # in a notebook: description, bar and numbers
+            if widget is not None:
                 widget.children[1].max = self.n
             self.refresh()
         return super().__exit__(error_type, error, trace)
 
 
 def bar(total: float | None, unit: str, progress: Any, **settings) -> Any:
-    """Return a progress bar as a context: `progress` itself if it has `update`, else a bar, shown if
-    `progress` is true."""
+    """Return a context manager for a progress bar.
+
+    - `total`: number of units, or None if it is unknown
+    - `unit`: plural noun of the units
+    - `progress`: an object with a method `update`, which is used itself; True for a bar; False for none
+    - `settings`: further arguments of `tqdm`
+    """
     if hasattr(progress, "update"):
         return contextlib.nullcontext(progress)
     if not progress:
@@ -79,7 +87,7 @@ def bar(total: float | None, unit: str, progress: Any, **settings) -> Any:
 
 
 class _SilentBar:
-    """A bar that is not shown: to make one that is takes as long as some scenes."""
+    """A bar that is not shown. It is created much faster than a disabled `tqdm`."""
 
     n = 0
 

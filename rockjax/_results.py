@@ -1,4 +1,4 @@
-"""Results, states and statistics of scenes."""
+"""Results of scenes and their codes, states, and statistics."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ class RESULTS(eqx.Enumeration):
     )
     not_finite = (
         "A state or a parameter is not finite; check podium, excitation and initial state for NaN, "
-        "infinities "
-        "and extreme values."
+        "infinities and extreme values."
     )
-    history_full = "The history is longer than Options.history; raise it (outside jit it grows by itself)."
+    history_full = (
+        "The history has more steps than Options.history; raise it (outside jit it grows automatically)."
+    )
     interrupted = "The computation was stopped before this scene had ended; resume it."
     chattering = (
         "The columns bounced until max_steps, on ever shorter hops, because impacts take almost no energy; "
@@ -44,7 +45,7 @@ class RESULTS(eqx.Enumeration):
     )
 
 
-# Codes inside the loop; a scene that continues has none of the results.
+# Codes of the results inside the integration loop. RUNNING is the code of a scene that has no result yet.
 RUNNING = -1
 (
     SETTLED,
@@ -65,7 +66,7 @@ NAMES = (
 
 
 def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:
-    """Return the results of codes from the loop, the index of each member in its definition."""
+    """Return the results of codes from the integration loop."""
     return jax.tree.unflatten(_RESULT, [code])
 
 
@@ -73,32 +74,33 @@ _RESULT = jax.tree.structure(RESULTS.settled)
 
 
 def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
-    """Return the codes of one result or of a batch of them."""
+    """Return the code of a result, or the codes of a batch of results."""
     return result._value
 
 
 def explain(code: int) -> str:
-    """Return the name of a result, and its message with the cure."""
+    """Return the name of the result with a code, and its message with the cure."""
     return f"{NAMES[code]}: {RESULTS[getattr(RESULTS, NAMES[code])]}"
 
 
 def explain_failures(codes) -> str:
-    """Return how many scenes did not finish, and the cause and cure of each kind; empty if all finished.
+    """Return a message with the number of scenes that did not finish, and the cause and cure of each
+    result among them. The message is empty if all scenes finished.
 
     - `codes`: codes of results, of any shape
     """
-    kinds, counts = np.unique(np.asarray(codes)[np.asarray(codes) > OVERTURNED], return_counts=True)
-    if not kinds.size:
+    failures, counts = np.unique(np.asarray(codes)[np.asarray(codes) > OVERTURNED], return_counts=True)
+    if not failures.size:
         return ""
-    causes = [f"{count} {explain(int(kind))}" for kind, count in zip(kinds, counts, strict=True)]
+    causes = [f"{count} {explain(int(code))}" for code, count in zip(failures, counts, strict=True)]
     return f"{counts.sum()} of {np.size(codes)} scenes did not finish. {' '.join(causes)}"
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a computation.
+    """Raised if Ctrl-C stops a computation.
 
-    - `partial`: the answer so far, None if there is none. It has the form of the complete answer; unsolved
-      scenes have the result `interrupted` and NaN for numbers.
+    - `partial`: the answer so far, or None. It has the form of the complete answer; unsolved scenes have
+      the result `interrupted`, and NaN in place of numbers
     """
 
     def __init__(self, message: str, partial: Any):
@@ -107,12 +109,12 @@ class Interrupted(KeyboardInterrupt):
 
 
 class State(Module):
-    """State of the structure: rotation, its rate, displacement of the top mass relative to the ground, its
-    rate.
+    """State of the structure.
 
-    `theta` [rad], `theta_dot` [rad/s], `u_t` [m], `u_t_dot` [m/s]; the last two are unused (0) without an
-    elastic superstructure. With several modes they are u_i and u̇_i along the last axis; a single number
-    applies to all modes, as if all floors moved by it.
+    - `theta`, `theta_dot`: rotation [rad] and its rate [rad/s]
+    - `u_t`, `u_t_dot`: displacement of the top mass relative to the ground [m] and its rate [m/s].
+      Without an elastic superstructure they are not used. With several modes they are u_i and u̇_i along
+      the last axis; a scalar applies to all modes, as if all floors moved by it
     """
 
     theta: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta"), default=0.0)
@@ -121,13 +123,17 @@ class State(Module):
     u_t_dot: Float[Array, "*times"] = eqx.field(converter=as_number("State: u_t_dot"), default=0.0)
 
 
-# NumPy arrays: a JAX array would start the backend on import.
+# The state at rest, with NumPy arrays because a JAX array would start the backend on import.
 REST = jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), jax.eval_shape(State))
 
 
 class Stats(Module):
-    """Cost of a scene: accepted `steps`, `rejected` trials (for accuracy, or to land on an event),
-    `end_time` [s]."""
+    """Statistics of a scene.
+
+    - `steps`: number of accepted steps
+    - `rejected`: number of rejected trials, for accuracy or to land on an event
+    - `end_time`: time at which the scene ended [s]
+    """
 
     steps: Int[Array, "*batch"]
     rejected: Int[Array, "*batch"]

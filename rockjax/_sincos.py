@@ -1,9 +1,10 @@
-"""Sine and cosine from polynomials, with their own derivative rules.
+"""Sine and cosine from polynomials, with derivative rules.
 
-In float64 the compiler calls scalar library routines for them, 7 to 35 ns a lane; polynomials vectorise.
-Inside a rocking structure the argument ψ = σα − θ stays within ±π/2, and two polynomials of eight terms
-are at rounding level. Beyond (a trial step that overshoots and is rejected) they lose accuracy smoothly: 1e-8
-at |ψ| = 3. Ground motions may have any phase, which is reduced to that range first.
+In float64 the compiler would call scalar library routines; polynomials are computed with vector
+instructions. In the equations of motion the argument ψ = σα − θ stays within ±π/2, where polynomials of
+eight terms are accurate to rounding. For larger arguments, as in a trial step that overshoots and is
+rejected, the error grows smoothly to 1e-8 at |ψ| = 3. The phase of a ground motion may be any number, and
+is first reduced to ±π/2.
 """
 
 import math
@@ -15,16 +16,18 @@ import jax.numpy as jnp
 from rockjax._programs.barrier import barrier
 from rockjax._types import Value
 
-_LIMIT = Fraction(5, 2)  # of ψ², a little over (π/2)²
+_LIMIT = Fraction(5, 2)  # upper limit of ψ² for the polynomials, slightly more than (π/2)²
 
 
 def _economised(series: list[Fraction], terms: int) -> tuple[float, ...]:
-    """Return a power series in z shortened by Chebyshev polynomials on [0, _LIMIT] (Lanczos), nearly the best
-    of its length."""
+    """Return the coefficients of a power series in z, reduced to `terms` terms by Lanczos' economisation:
+    Chebyshev polynomials on [0, _LIMIT] remove the highest powers. The result is nearly the best
+    polynomial of its degree."""
     series = list(series)
     while len(series) > terms:
         degree = len(series) - 1
-        # T*_n(x) = T_n(2x − 1), by its recurrence; the highest power is taken off with a multiple of it.
+        # The shifted polynomial T*_n(x) = T_n(2x − 1) comes from its recurrence. A multiple of it is
+        # subtracted, which removes the highest power.
         before, shifted = [Fraction(1)], [Fraction(-1), Fraction(2)]
         for _ in range(degree - 1):
             following = [Fraction(0), *(4 * c for c in shifted)]
@@ -39,7 +42,7 @@ def _economised(series: list[Fraction], terms: int) -> tuple[float, ...]:
     return tuple(float(c) for c in series)
 
 
-# (sin ψ/ψ − 1)/ψ² and (cos ψ − 1)/ψ² in z = ψ².
+# Polynomials for (sin ψ/ψ − 1)/ψ² and (cos ψ − 1)/ψ² in z = ψ².
 _SIN = _economised([Fraction((-1) ** k, math.factorial(2 * k + 1)) for k in range(1, 16)], 8)
 _COS = _economised([Fraction((-1) ** k, math.factorial(2 * k)) for k in range(1, 16)], 8)
 
@@ -54,9 +57,9 @@ def _horner(coefficients: tuple[float, ...], z: Value) -> Value:
 @jax.custom_jvp
 @jax.jit
 def sincos(psi: Value) -> tuple[Value, Value]:
-    """(sin ψ, cos ψ) for |ψ| ≤ π/2 to rounding."""
+    """Return (sin ψ, cos ψ), accurate to rounding for |ψ| ≤ π/2."""
     z = psi * psi
-    # The leading terms are kept apart so that small angles keep full relative accuracy.
+    # The leading terms are added last, so that small angles have full relative accuracy.
     return psi + psi * z * _horner(_SIN, z), 1.0 + z * _horner(_COS, z)
 
 
@@ -68,14 +71,15 @@ def _sincos_jvp(primals, tangents):
     return (s, c), (c * psi_dot, -s * psi_dot)
 
 
-# π in three parts, the first two so short that a whole number below 2²⁰ times them is exact (Cody & Waite).
+# π as a sum of three numbers. The first two have so few digits that their products with whole numbers
+# below 2²⁰ are exact (Cody & Waite).
 _PI = (3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21)
 
 
 @jax.custom_jvp
 @jax.jit
 def sin(x: Value) -> Value:
-    """sin x of any x, to a rounding of x or two of the answer."""
+    """Return sin x for any x, with an error of about two roundings of the result, or one rounding of x."""
     turns, sign = _half_turns(x)
     s, _ = sincos(_less(x, turns))
     return sign * s
@@ -84,7 +88,8 @@ def sin(x: Value) -> Value:
 @jax.custom_jvp
 @jax.jit
 def cos(x: Value) -> Value:
-    """cos x likewise; close to its zeros to a rounding of 1."""
+    """Return cos x for any x, as accurately as `sin`, but near its zeros with an error of one rounding of
+    1."""
     turns, sign = _half_turns(x)
     _, c = sincos(_less(x, turns))
     return sign * c
@@ -103,13 +108,13 @@ def _cos_jvp(primals, tangents):
 
 
 def _half_turns(x: Value) -> tuple[Value, Value]:
-    """Return the nearest whole number of half turns in x, and the sign that they give."""
+    """Return x/π rounded to a whole number of half turns, and the sign (−1)^turns."""
     turns = jnp.round(x * (1 / math.pi))
     return turns, 1.0 - 2.0 * (turns - 2.0 * jnp.floor(0.5 * turns))
 
 
 def _less(x: Value, turns: Value) -> Value:
-    """x − π turns, without a digit lost."""
+    """Return x − π·turns without loss of digits."""
     for part in _PI:
         x = x - turns * part
     return x

@@ -1,4 +1,4 @@
-"""The base of all classes whose numbers JAX sees."""
+"""Base class of all classes that are pytrees of arrays."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import equinox as eqx
 
 
 class Module(eqx.Module):
-    """Equinox's module with the methods of any other class.
+    """Equinox's module, but with ordinary methods.
 
-    Equinox makes a pytree of a method whenever it is looked up. Such a method has no hash where a number of
-    its module is an array, so that `jax.jit(podium.method)` fails; and each look-up costs time.
+    Equinox returns a pytree whenever a method is looked up. It is not hashable if a field of the module
+    is an array, so that `jax.jit(podium.method)` fails, and creating it takes time.
     """
 
     if not TYPE_CHECKING:

@@ -1,13 +1,13 @@
-"""The types of arrays that modules share: jaxtyping's, by what they hold."""
+"""Types of arrays that modules share."""
 
 from __future__ import annotations
 
 from jaxtyping import Array, Bool, Float, Int
 
-Value = Float[Array, ""]  # one number
-Values = Float[Array, "..."]  # one number, or a row of them: for each mode, each story
-Vector = tuple[Values, ...]  # for each degree of freedom: the rotation, and the modes in one
-Flag = Bool[Array, ""]
-Flags = Bool[Array, "..."]
-Index = Int[Array, ""]
-Number = Float[Array, "*batch"]  # a parameter: one number, or an array of them
+Value = Float[Array, ""]  # a scalar
+Values = Float[Array, "..."]  # a scalar, or an array, for example with an element for each mode or story
+Vector = tuple[Values, ...]  # (rotation,), or (rotation, displacements of the modes)
+Flag = Bool[Array, ""]  # a boolean
+Flags = Bool[Array, "..."]  # booleans
+Index = Int[Array, ""]  # an integer
+Number = Float[Array, "*batch"]  # a parameter: a scalar, or an array in a batch

@@ -1,7 +1,6 @@
-"""Warnings about values that suggest a unit error: units of another system, dimensions in millimetres.
+"""Warnings about values that suggest a unit error, such as dimensions in millimetres.
 
-A warning states what was understood; it is never an error. Only host values are checked; nothing here runs
-inside a trace.
+A warning states how the value was understood. Only concrete values are checked.
 """
 
 from __future__ import annotations
@@ -22,6 +21,11 @@ class PlausibilityWarning(UserWarning):
 def warn_about_units(
     message: str, stacklevel: int, category: type[PlausibilityWarning] = PlausibilityWarning
 ) -> None:
-    """Warn the caller `stacklevel` frames up, as `warnings.warn` counts them from here."""
+    """Emit a warning, unless the environment variable `ROCKJAX_PLAUSIBILITY` is off.
+
+    - `message`: text of the warning
+    - `stacklevel`: stack level as in `warnings.warn`, counted from the function that calls this one
+    - `category`: class of the warning
+    """
     if not switched_off("ROCKJAX_PLAUSIBILITY"):
         warnings.warn(message, category, stacklevel + 1)

@@ -1,6 +1,6 @@
-"""Constants and units: conversions to SI, texts that mean a unit, and units for display.
+"""Constants and units: conversion to SI, recognition of units in strings, and units for display.
 
-Numbers are in SI everywhere else; a factor of another unit comes from `UNITS`.
+All other modules use SI; factors of other units come from `UNITS`.
 """
 
 from __future__ import annotations
@@ -9,16 +9,16 @@ import math
 import re
 from typing import Literal, NamedTuple, get_args
 
-STANDARD_GRAVITY = 9.80665  # m/s²
-DEGREE = math.pi / 180  # rad
-MM_PER_M = 1e3  # for axes in mm
+STANDARD_GRAVITY = 9.80665  # [m/s²]
+DEGREE = math.pi / 180  # [rad]
+MM_PER_M = 1e3  # factor for axes in mm
 
 
 class Unit(NamedTuple):
-    """A unit: the dimension of its quantity, and its size in SI (a year for rates and return periods)."""
+    """A unit."""
 
-    dimension: str
-    factor: float
+    dimension: str  # name of the physical quantity
+    factor: float  # size in SI units; rates and return periods are in years
 
 
 UNITS = {
@@ -54,11 +54,12 @@ _ALIASES = {
     "count": "counts", "cts": "counts", "digit": "counts", "digits": "counts",
 }  # fmt: skip
 _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
-# Names of SI units in datasets, and their display.
+# SI units in datasets by dimension, and the display of such units.
 _SI = {"acceleration": "m s-2", "velocity": "m s-1", "displacement": "m", "ratio": "1"}
 _DISPLAYED = {"m s-2": "m/s²", "s-2": "1/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
 
-# Factors to m/s² of the units that users may give for records, and of all that headers of files may contain.
+# Factors to m/s² of the units that users may pass for records, and of all units that file headers may
+# contain.
 RecordUnit = Literal["g", "m/s2", "cm/s2", "gal", "mm/s2"]
 RECORD_UNITS: dict[str, float] = {name: UNITS[name].factor for name in get_args(RecordUnit)}
 ACCELERATIONS = {name: unit.factor for name, unit in UNITS.items() if unit.dimension == "acceleration"}
@@ -66,8 +67,10 @@ INTENSITY_UNITS = [name for name, unit in UNITS.items() if unit.dimension in _SI
 
 
 def unit_of(text: str | None) -> str | None:
-    """Return the key of `UNITS` for a text, in any case and with `^2`, `²`, `**2`, `/s/s` or `s-2`; None for
-    any other text."""
+    """Return the key of `UNITS` for a unit in a string; None if the string is not a known unit.
+
+    Upper and lower case are equivalent, and `^2`, `²`, `**2`, `/s/s` and `s-2` are understood.
+    """
     plain = re.sub(r"[\s^*·]|\.(?=\D|$)", "", (text or "").strip(" []()").translate(_SUPERSCRIPTS)).casefold()
     plain = re.sub(r"milliseconds?", "ms", plain)
     plain = re.sub(r"seconds?|secs?(?![a-z])", "s", plain).replace("/s/s", "/s2")
@@ -77,16 +80,17 @@ def unit_of(text: str | None) -> str | None:
 
 
 def in_si(units: str) -> tuple[float, str] | None:
-    """Return the factor to the SI unit of an intensity, and that unit; None for other units."""
+    """Return the factor from a unit of an intensity measure to the SI unit, and the SI unit; None for
+    other units."""
     unit = UNITS.get(unit_of(units) or "")
     return None if unit is None or unit.dimension not in _SI else (unit.factor, _SI[unit.dimension])
 
 
 def displayed(unit: str) -> str:
-    """Return the unit of a dataset for display, "–" for ratios."""
+    """Return a unit of a dataset for display; "–" for ratios."""
     return _DISPLAYED.get(unit, unit)
 
 
 def displayed_or_empty(unit: str) -> str:
-    """Return the unit of a dataset for display, empty for ratios."""
+    """Return a unit of a dataset for display; an empty string for ratios."""
     return "" if unit == "1" else displayed(unit)

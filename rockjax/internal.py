@@ -1,4 +1,4 @@
-"""Names beyond the public ones that modules of `optimise` share; they change without notice."""
+"""Private names of rockjax that the package `optimise` uses. They may change without notice."""
 
 from ._boundaries.margin import DEFAULT_WIDTH
 from ._checks import (

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, concrete, require_instance, require_number, texts
+from rockjax._checks import as_float, as_strings, concrete, require_instance, require_number
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._programs.program import KeptProgram
 from rockjax._text.reading import read_text
@@ -66,7 +66,7 @@ def read_pulses(path: str | Path) -> PulseTable:
             )
         values[name] = factor * np.array([_number(path, k, column, row) for k, row in enumerate(rows)])
     names = [str(row.get("name") or k + 1).strip() for k, row in enumerate(rows)]
-    return PulseTable(MavroeidisPapageorgiou(**values), texts("read_pulses", "names", names))
+    return PulseTable(MavroeidisPapageorgiou(**values), as_strings("read_pulses", "names", names))
 
 
 def _number(path: Path, k: int, column: str, row: dict) -> float:

@@ -24,7 +24,7 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
 
     Invalid are unknown names, parameters without a derivative, and two names for the same quantity.
     """
-    names = _checks.texts(owner, "sensitivities", names)
+    names = _checks.as_strings(owner, "sensitivities", names)
     parameters = variants.parameters_of(podium)
     fixed = {name for name, parameter in parameters.items() if variants.is_fixed(podium, parameter)}
     valid = [*(name for name in parameters if name not in fixed), *more]

@@ -99,7 +99,7 @@ def of_scenes(
     Raises `ValueError` for a name that neither has, that occurs twice, or that determines the same number as
     another.
     """
-    names = _checks.texts(owner, "sensitivities", names)
+    names = _checks.as_strings(owner, "sensitivities", names)
     if not names:
         return names
     check_parameters(owner, podium, names, more=[*number_fields(motion), "scale"])

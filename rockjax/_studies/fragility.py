@@ -16,7 +16,7 @@ from rockjax._boundaries.boundary import check_search, overturning_boundary, pos
 from rockjax._boundaries.crossings import precompile_scan, scan
 from rockjax._boundaries.implicit import log_sensitivities
 from rockjax._boundaries.margin import DEFAULT_WIDTH
-from rockjax._checks import as_float, require, require_instance, texts
+from rockjax._checks import as_float, as_strings, require, require_instance
 from rockjax._lognormal import Lognormal, fit_capacities
 from rockjax._machine.memory import FEWER_LINES, require_memory
 from rockjax._machine.threads import TABLES, import_in_background
@@ -60,7 +60,7 @@ def pga(records: Records | RecordPairs) -> Measure:
 def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:
     """Return the label of each record: its name, or numbers from 1."""
     count = len(records)
-    labels = list(range(1, count + 1)) if names is None else list(texts(owner, "names", names))
+    labels = list(range(1, count + 1)) if names is None else list(as_strings(owner, "names", names))
     if len(labels) != count or len(set(labels)) != count:
         raise ValueError(f"{owner}: names must be {count} different ones, got {names!r}")
     return labels

@@ -13,7 +13,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
-from rockjax._checks import as_float, format_value, require, require_instance, texts
+from rockjax._checks import as_float, as_strings, format_value, require, require_instance
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._machine.threads import TABLES, import_in_background, submit
@@ -114,7 +114,7 @@ def rocking_spectra(
         raise ValueError(
             "rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses"
         )
-    names = texts(owner, "sensitivities", sensitivities)
+    names = as_strings(owner, "sensitivities", sensitivities)
     for podium in podiums if names else ():
         of_scenes(owner, podium, pulse(1.0, 1.0), names)
     total = len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size

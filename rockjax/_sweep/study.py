@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from rockjax._checks import require_instance, texts
+from rockjax._checks import as_strings, require_instance
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._parameters.table import variable_attributes
@@ -99,7 +99,7 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
         raise ValueError(
             f"sweep: coords must be the names of the axes, got one text {coords!r}; give [{coords!r}]"
         )
-    dims = texts("sweep", "coords", coords)
+    dims = as_strings("sweep", "coords", coords)
     if len(dims) != len(shape):
         raise ValueError(
             f"sweep: coords names {len(dims)} axes, {list(dims)}, but the scenes have the shape {shape}"

@@ -148,7 +148,7 @@ def test_what_is_no_parameter_is_refused():
         (["T_s"], "must be some of"),
         (["alpha", "alpha"], "twice"),
         (["alpha", "width"], "at the same time"),
-        ("alpha", "a list of texts"),
+        ("alpha", "a list of strings"),
     ):
         with pytest.raises(ValueError, match=f"peak_responses: sensitivities .*{words}"):
             rj.peak_responses(PODIUMS["rigid"], rj.Ricker(A_P, 1.0), sensitivities=names)
