@@ -97,7 +97,7 @@ IMPACTS_LATER, MAX_REST, MIN_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
 # MAX_LANDING. The Taylor expansion at the end of the step then carries the state to the event.
 LANDING, MAX_LANDING = 10.0, 0.02
 # If a breakpoint is less than two steps away, the usual solution takes one step or two equal steps to it. The
-# closer solution takes a third of the distance first, so that its errors differ. It does so also for a step
+# closer solution covers a third of the distance first, so that its errors differ. It does so also for a step
 # that could end at the breakpoint, unless the controller's step is more than twice the distance.
 SPLIT, SPLIT_CLOSER, UNSPLIT_CLOSER = 0.5, 1 / 3, 2.0
 LANDING_CLOSER = 0.1  # factor on the landing fraction in the closer solution, so that landing errors differ

@@ -449,7 +449,8 @@ def test_what_looks_wrong_is_said(tmp_path):
     with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 1\.02e-05 g; are the units right\?"):
         rj.read_motion(column(1e-4 * wave), units="m/s2", dt=0.01)
     with pytest.warns(
-        rj.RecordWarning, match=r"motion\.txt: ends with a velocity .* 100% of PGV: .*baseline_corrected"
+        rj.RecordWarning,
+        match=r"motion\.txt: the motion ends with a velocity .* 100% of PGV, .*baseline_corrected",
     ) as said:
         rj.Record.from_file(column(wave[:26]), units="m/s2", dt=0.01)
     assert said[0].filename == __file__
