@@ -77,7 +77,7 @@ class SceneBatch(NamedTuple):
 
     @property
     def wide(self) -> bool:
-        """True if scenes have so many values of their own that they are not moved between lanes."""
+        """True if a scene has more than `WIDE` values of its own in one leaf. It then keeps its lane."""
         return self.numbers > WIDE
 
     def in_grid(self, which: np.ndarray) -> np.ndarray:

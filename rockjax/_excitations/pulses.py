@@ -230,7 +230,7 @@ class AbstractPulse(AbstractExcitation):
         - `rises`: True if `tops` are the values at the right ends, to which |s| rises; False if they are
           the values at the left ends, from which |s| falls
 
-        Where |top| is below the level, the result has no meaning.
+        The result is arbitrary if |top| is below the level.
         """
         knots = np.asarray(self.knots())
         high = np.flatnonzero(np.abs(tops) > _NEGLIGIBLE)
