@@ -143,8 +143,11 @@ def _classify(
     # of the step's start and end to the event or breakpoint there, with their derivatives.
     newton_correction = safe_ratio(margin, slope, lands)
     before = state.event_time - constant(state.event_time)
-    stop_shift = jnp.where(trial.reaches_stop, trial.stop - constant(trial.stop), 0.0)
-    after = jnp.where(lands, guard.time_past_end - newton_correction, stop_shift)
+    after = jnp.where(
+        lands,
+        guard.time_past_end - newton_correction,
+        jnp.where(trial.reaches_stop, trial.stop - constant(trial.stop), 0.0),
+    )
     breaks = (guard.breaks_before_turn | guard.breaks_after_turn) & ~lands & ~is_ignored
     false_uplift = trial.starts_on_guard & (constant(state.v[0]) == 0) & breaks & (h < 1e-9 / constant(c.p))
     event_cut = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
@@ -155,8 +158,8 @@ def _classify(
         output.over_step(view, record) for output, record in zip(plan.outputs, state.records, strict=True)
     )
     # If the demand turns just below the threshold, the step is shortened to end at that turning point.
-    is_near_uplift = jnp.abs(guard.top) > NEAR_UPLIFT * c.uplift
-    max_cut = view.cut_at_turn(~rocking & guard.turned & ~guard.breaks_before_turn & is_near_uplift)
+    turns_in_contact = ~rocking & guard.turned & ~guard.breaks_before_turn
+    max_cut = view.cut_at_turn(turns_in_contact & (jnp.abs(guard.top) > NEAR_UPLIFT * c.uplift))
     for maximum in maxima:
         if maximum is not None:
             cut = jnp.min(maximum.cut, axis=-1) if maximum.cut.ndim else maximum.cut

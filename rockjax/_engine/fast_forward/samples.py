@@ -92,11 +92,8 @@ def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> 
     angle, theta_dots, theta_ddots = jax.lax.stop_gradient(
         (state.sigma * end.x[0], (state.v[0], end.v[0]), (a[0], end.a[0]))
     )
+    min_speed = jnp.minimum(*map(jnp.abs, theta_dots))
     keeps_sign = theta_ddots[0] * theta_ddots[1] >= 0
-    min_speed, max_change = (
-        jnp.minimum(*map(jnp.abs, theta_dots)),
-        h * jnp.maximum(*map(jnp.abs, theta_ddots)),
-    )
-    is_monotone = keeps_sign | (min_speed > max_change)
+    is_monotone = keeps_sign | (min_speed > h * jnp.maximum(*map(jnp.abs, theta_ddots)))
     is_inside = (angle > 0) & (angle < jax.lax.stop_gradient(scene.overturn_angle))
     return is_inside & is_monotone & (theta_dots[0] * theta_dots[1] > 0)
