@@ -115,8 +115,7 @@ def _classify(
     constant = jax.lax.stop_gradient
     c, h, time_resolution, rocking = scene.c, trial.h, trial.time_resolution, state.sigma != 0
     near = jnp.maximum(scene.landing_fraction * h, time_resolution)
-    event_time = state.t + h + guard.time_past_end
-    in_time = event_time <= constant(trial.stop) + time_resolution
+    in_time = state.t + h + guard.time_past_end <= constant(trial.stop) + time_resolution
     margin = guard.margin_at_end.value(guard.time_past_end)
     slope = guard.margin_at_end.slope(guard.time_past_end)
     is_near = jnp.abs(constant(safe_ratio(margin, slope, guard.converges))) <= near
@@ -133,7 +132,7 @@ def _classify(
         trial.ends
         & guard.converges
         & ~guard.breaks_before_turn
-        & (event_time > constant(trial.stop) - SIMULTANEOUS * time_resolution)
+        & (state.t + h + guard.time_past_end > constant(trial.stop) - SIMULTANEOUS * time_resolution)
     )
     is_ignored &= ~(rocking & guard.rising_at_end)
     lands &= ~is_ignored
