@@ -75,6 +75,23 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
     return motions[int(np.nanargmin(Suite.of(motions).margins(design.podium, problem.options)))]
 
 
+def joint_peaks(problem: Problem, design: Design) -> Any:
+    """Return the peaks of the joints of a design under all motions of its problem, for warnings; None without
+    an elevation or motions."""
+    from types import SimpleNamespace
+
+    from rockjax._cli._joints import ANSWERS, OUTPUTS
+
+    from ._suite import Suite
+
+    motions = [motion for group in problem.motions.values() for motion in group]
+    if design.podium.elevation is None or not motions:
+        return None
+    return SimpleNamespace(
+        **Suite.of(motions).peaks(design.podium, problem.options, OUTPUTS, ("overturned", *ANSWERS))
+    )
+
+
 def design_record(design) -> dict[str, Any]:
     """Return a design as a dictionary for a JSON file."""
     from ._results import result_name

@@ -123,11 +123,24 @@ class Suite(Module):
 
         return dataclasses.replace(peaks, values=jax.tree.map(mask_unanswered, peaks.values))
 
+    def peaks(
+        self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...], names: tuple[str, ...]
+    ) -> dict[str, np.ndarray]:
+        """Return some answers by name for all motions, on all cores (host, without derivatives).
+
+        - `podium`: the structure; `options`: of the simulations
+        - `outputs`: the requested outputs, as in `rockjax.Options`; `names`: of the answers
+        """
+        options = options.replace(outputs=outputs, throw=False)
+        parts = [rj.peak_responses(podium, group, options=options) for group in self.groups]
+        order = list(self.order)
+        return {
+            name: np.concatenate([np.asarray(getattr(part, name)) for part in parts])[order] for name in names
+        }
+
     def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
         """Return the overturning margins under all motions (k,), on all cores (host, without derivatives)."""
-        options = options.replace(outputs=("margin",), throw=False)
-        margins = [rj.peak_responses(podium, group, options=options).margin for group in self.groups]
-        return np.concatenate([np.asarray(y) for y in margins])[list(self.order)]
+        return self.peaks(podium, options, ("margin",), ("margin",))["margin"]
 
 
 def has_answer(peaks: AbstractPeak) -> Bool[Array, "*batch"]:

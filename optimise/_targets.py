@@ -16,7 +16,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax._outputs.axial_force import LeastAxialShare
+from rockjax._outputs.axial_force import Unloading
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.registry import REGISTRY, name_if_registered
 from rockjax._units import displayed_or_empty
@@ -294,7 +294,7 @@ class LeastAxialForce(AbstractResponseTarget):
     at_least: Any
     suite: Suite
     name: Name = eqx.field(static=True)
-    outputs: ClassVar[tuple[str | AbstractOutput, ...]] = (LeastAxialShare(), "margin")
+    outputs: ClassVar[tuple[str | AbstractOutput, ...]] = (Unloading(), "margin")
     until_overturning: ClassVar[bool] = True
 
     def __init__(self, at_least, excitations, name: Name = None):
@@ -305,8 +305,8 @@ class LeastAxialForce(AbstractResponseTarget):
         self.suite = Suite.of(excitations, "LeastAxialForce")
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        shares = of_output(self, LeastAxialShare(), peaks)
-        return limited_by_overturning(shares - self.at_least, peaks)
+        lost = of_output(self, Unloading(), peaks)
+        return limited_by_overturning(1 - self.at_least - lost, peaks)
 
     def describe(self) -> str:
         return f"axial force ≥ {self.at_least:g} of the dead load"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
+from ._joints import joint_warnings
 from ._options import Output, accuracy, options_of, structure_options
 from ._outputs import parse_outputs
 from ._request import Request
 from ._run import INTERRUPTED, Report, command
 
 
-@command(structure_options(), options_of(models.Problem, "starts", "seed"), accuracy(rtol=None))
+@command(structure_options(), options_of(models.Problem, "starts", "seed", "friction"), accuracy(rtol=None))
 def design(request: Request, report: Report, output: Output = "rockjax-design") -> None:
     """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to
     minimise.
@@ -34,6 +35,10 @@ def design(request: Request, report: Report, output: Output = "rockjax-design") 
     problem = optimise.problem_of(request.merged, request.path, request.reader.set_by_options)
     found, written, stopped = optimise.design_command(problem, files.prefix, report.quiet, files.format)
     report.say(str(found))
+    peaks = optimise.joint_peaks(problem, found)
+    if peaks is not None or found.podium.elevation is None:
+        for line in joint_warnings(found.podium, peaks, request.problem.friction):
+            report.say(line)
     for path in written:
         report.add_file(path)
     report.facts |= {

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from rockjax._problem import models
 from rockjax._problem.models import MOTION
 
+from ._joints import joint_warnings, with_joints
 from ._options import SINGLE_DEFAULTS, Output, accuracy, argument, option, options_of, structure_options
 from ._outputs import Outputs, parse_outputs
 from ._request import Request, read_records
@@ -69,7 +70,8 @@ def fragility(
     from rockjax._structures import g_tan_alpha
 
     files = parse_outputs(output, "rockjax-fragility").check(("fragility", "ida"))
-    podium, settings, options = request.podium(), request.settings, request.options()
+    podium, settings = request.podium(), request.settings
+    options = with_joints(podium, request.options())
     found = _suite(request, synthetic, inputs or [])
     measure = _measure(settings, found)
     if settings.intensity is None:
@@ -98,6 +100,8 @@ def fragility(
             progress=bar,
         )
     _finish(report, files, analysis, settings)
+    for line in joint_warnings(podium, analysis, settings.friction):
+        report.say(line)
 
 
 def _finish(report: Report, files: Outputs, analysis: xarray.Dataset, settings: models.Fragility) -> None:

@@ -59,19 +59,19 @@ class AxialForce(AbstractOfJoints):
 
 
 @dataclasses.dataclass(frozen=True)
-class LeastAxialShare(AxialForce):
-    """The least axial force N of the bottom and the top joint of the worst column over the dead load of the
-    mean column [–]; 1 where there is no dead load. For targets."""
+class Unloading(AxialForce):
+    """The largest loss of axial force 1 − N/N_0 of the bottom and the top joint of the worst column [–], for
+    targets and limit states. N_0 is the dead load of the mean column. Above 1 a joint pulls; 0 where there is
+    no dead load.
+    """
 
-    name = "least_axial_share"
+    name = "unloading"
 
     @property
     def variables(self) -> tuple[Variable, ...]:
-        text = "least axial force over the dead load min N/N_0"
-        return (Variable(self.name, "1", text, "min N/N_0", JOINTS),)
+        return (Variable(self.name, "1", "largest loss of axial force 1 − N/N_0", "max 1 − N/N_0", JOINTS),)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         least = super().answer(ended, record, note)["least_axial_force"]
         load = present(ended.scene.c.joints).dead_load
-        share = jnp.where(load > 0, least / jnp.where(load > 0, load, 1.0), 1.0)
-        return {self.name: share}
+        return {self.name: jnp.where(load > 0, 1 - least / jnp.where(load > 0, load, 1.0), 0.0)}

@@ -411,13 +411,14 @@ class _OneMotion(Keys):
     number: Count | None = key(None, "Number of the motion in the set, if there are several.", MOTION)
 
 
+_FRICTION = "Friction coefficient μ of the joints, for a warning [–]."
+
+
 class Response(_OneMotion):
     """Table of `rockjax response`."""
 
     t_end: Number | None = key(None, "End [s]; by default 30/p after the motion, or 10 T_s.", GRID)
-    friction: Positive | None = key(
-        None, "Friction coefficient μ of the joints, for a warning [–].", STRUCTURE
-    )
+    friction: Positive | None = key(None, _FRICTION, STRUCTURE)
 
 
 class _Panels(Keys):
@@ -469,6 +470,7 @@ class Fragility(Keys):
     confidence: Share = key(0.9, "Confidence level of intervals and bands, in (0, 1) [–].", STATISTICS)
     seed: Index = key(0, "Seed of --synthetic motions.", STATISTICS)
     sensitivities: list[str] = key([], "Parameters y of d ln(median)/d ln y.", STATISTICS)
+    friction: Positive | None = key(None, _FRICTION, STRUCTURE)
 
 
 class Risk(Keys):
@@ -531,6 +533,7 @@ class Problem(Keys):
     seed: Index | None = key(None, "Seed of the starting points; by default 0.", ACCURACY)
     tolerance: Positive | None = key(None, "Tolerance of the optimality conditions [–].")
     max_iterations: Count | None = key(None, "Largest number of iterations of a start.")
+    friction: Positive | None = key(None, _FRICTION, STRUCTURE)
     vary: Any = key(None, "Design variables.")
     minimise: Any = key(None, "Objective.")
     targets: Any = key(None, "Conditions that the design must satisfy.")

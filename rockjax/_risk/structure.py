@@ -16,6 +16,9 @@ from rockjax._checks import array_module, as_array, as_float, product, require
 from rockjax._engine.solve import solve
 from rockjax._motions.records import Records
 from rockjax._options import Options
+from rockjax._outputs.axial_force import Unloading
+from rockjax._outputs.base import AbstractOutput
+from rockjax._outputs.registry import REGISTRY, name_if_registered
 from rockjax._programs.program import KeptProgram
 from rockjax._responses.simulate import REST
 from rockjax._structures import Podium, ShearBuilding
@@ -30,14 +33,16 @@ OPTIONS = Options(rtol=1e-9, atol=1e-11)
 
 
 class Limit(NamedTuple):
-    """Definition of failure: a peak `output` that reaches `value`; G = 1 − peak/value."""
+    """Definition of failure: the peak `output` reaches `value`; G = 1 − peak/value. `request` is that output
+    as in `rockjax.Options`."""
 
     output: str
     value: float
+    request: str | AbstractOutput
 
 
 class _LimitKind(NamedTuple):
-    output: str  # of `rockjax.Options`
+    output: str | AbstractOutput  # as in `rockjax.Options`
     unit: str
     owner_kind: str  # the kind of structure that has it, one of `OWNERS`
 
@@ -62,6 +67,9 @@ LIMITS = {
     "shear": _LimitKind("peak_shear", "over the weight", SUPERSTRUCTURE),
     "drift": _LimitKind("peak_drift", "m", BUILDING),
     "floor acceleration": _LimitKind("peak_floor_acceleration", "m/s²", BUILDING),
+    "friction": _LimitKind("peak_friction", "|T|/N", "columns"),
+    "unloading": _LimitKind(Unloading(), "1 − N/N_0", "columns"),
+    "foundation shear": _LimitKind("peak_foundation_shear", "over the weight", "columns"),
 }
 
 
@@ -69,7 +77,7 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
     """Return the requested limit state. Raises `ValueError` for unknown ones, and for those that a podium
     does not have."""
     if isinstance(limit, str) and limit == "overturning":
-        return Limit("margin", 1.0)
+        return Limit("margin", 1.0, "margin")
     if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in list(LIMITS):
         name, value = limit
         kind = LIMITS[name]
@@ -78,7 +86,9 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
         require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
         if name == "rotation" and float(value) >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")
-        return Limit(kind.output, float(value))
+        output = REGISTRY[kind.output] if isinstance(kind.output, str) else kind.output
+        output, value = output.for_limit(float(value))
+        return Limit(output.name, value, name_if_registered(output))
     names = ", ".join(f"({name!r}, value)" for name in LIMITS)
     raise ValueError(f"{owner}: limit must be 'overturning' or one of {names}, got {limit!r}")
 
@@ -91,7 +101,7 @@ class StructureLimitState(AbstractLimitState):
         self.podium, self.motion, self.limit = podium, motion, limit
         # Without a pulse −u is the motion with its sign changed, and columns fall to either side alike.
         self.mirrored = motion.pulse is None
-        self.options = options.replace(outputs=(limit.output,), throw=False)
+        self.options = options.replace(outputs=(limit.request,), throw=False)
 
     def _values(self, u):
         # A fixed number of scenes avoids recompilation; the added scenes at rest cost almost nothing.

@@ -25,18 +25,24 @@ MIN_RECORDS = 5  # records; an interval from fewer rests mostly on the assumed f
 def fragility(
     analysis: xarray.Dataset,
     *,
-    method: Literal["capacities", "stripes"] = "capacities",
+    method: Literal["capacities", "stripes"] | None = None,
     at=None,
     confidence: float | None = 0.9,
+    limit: tuple[str, float] | None = None,
 ) -> xarray.Dataset:
     """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood (host).
 
     - `analysis`: from [`rockjax.incremental_dynamic_analysis`][]
     - `method`: `"capacities"` fits the least overturning intensities, where records that never overturn are
       censored at the highest level; `"stripes"` fits the counts of overturned records at the levels,
-      including survivals above the first overturning
+      including survivals above the first overturning. By default `"capacities"`, and `"stripes"` with a
+      `limit`, which has no other
     - `at`: intensities of the curve, by default 200 up to the highest level
     - `confidence`: of the intervals and the band, in (0, 1); None for the curve alone
+    - `limit`: (name, value) of a peak of the analysis, such as `("peak_friction", 0.3)` or
+      `("least_axial_force", 0.0)`, as the limit state instead of overturning: a scene fails where the peak
+      exceeds the value, where a least value is below it, or where it overturns. Of modes, stories, floors or
+      joints the worst counts. The analysis needs this output in its `options`
 
     Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims
     `quantity`, `bound`), with the number of records in its attributes; `probability`, `lower`, `upper` over
@@ -52,6 +58,13 @@ def fragility(
     Raises `ValueError`, with the reason, if no curve or no interval can be fitted.
     """
     _check(analysis, method, confidence)
+    if limit is None:
+        method = method or "capacities"
+    elif method == "capacities":
+        raise ValueError('fragility: with limit use method="stripes": capacities are those of overturning')
+    else:
+        method = "stripes"
+        analysis = _with_limit(analysis, limit)
     data = _Ensemble.of(analysis)
     fit = _fit(method, data)
     x = np.linspace(0, data.levels[-1], 201)[1:] if at is None else np.asarray(at, float)
@@ -104,9 +117,33 @@ class _Ensemble(NamedTuple):
         return np.full(self.levels.size, float(self.capacity.size))
 
 
-def _check(analysis: xarray.Dataset, method: str, confidence: float | None) -> None:
+def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Dataset:
+    """Return the analysis with the scenes beyond a limit as those that fail."""
+    names = [name for name, y in analysis.data_vars.items() if {"record", "intensity"} <= set(y.dims)]
+    peaks = [str(name) for name in names if str(name).startswith(("peak_", "least_"))]
+    if not (isinstance(limit, tuple) and len(limit) == 2 and limit[0] in peaks):
+        raise ValueError(
+            f"fragility: limit must be (name, value) with one of the peaks of the analysis {peaks}, got "
+            f"{limit!r}; for others name their output in the options of the analysis"
+        )
+    name, value = limit
+    require("fragility", f"limit {name}", value, lambda y: np.ones_like(y, bool), "finite")
+    peak = analysis[name]
+    beyond = peak < value if name.startswith("least_") else peak > value
+    failed = beyond.any(set(beyond.dims) - {"record", "intensity"}) | analysis["overturned"]
+    failed = failed.transpose(*analysis["overturned"].dims)
+    levels = analysis["intensity"]
+    changed = analysis.assign(
+        overturned=failed.assign_attrs(long_name=f"whether {name} is beyond {value:g}"),
+        capacity=levels.where(failed).min("intensity"),
+    )
+    sign = "<" if name.startswith("least_") else ">"
+    return changed.assign_attrs(limit_state=f"{name} {sign} {value:g}")
+
+
+def _check(analysis: xarray.Dataset, method: str | None, confidence: float | None) -> None:
     owner = "fragility"
-    if method not in ("capacities", "stripes"):
+    if method not in (None, "capacities", "stripes"):
         raise ValueError(f"{owner}: method must be 'capacities' or 'stripes', got {method!r}")
     if getattr(analysis, "attrs", {}).get("kind") != "incremental-dynamic-analysis":
         raise ValueError(
@@ -143,12 +180,13 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
         analysis.attrs["measure"],
     )
     observed = analysis["overturned"].values.mean(axis=0)
+    event = analysis.attrs.get("limit_state", "overturning")
     return xarray.Dataset(
         {
             "median_capacity": (
                 (),
                 float(fit.median),
-                unit_attrs | {"long_name": f"median overturning {name}"},
+                unit_attrs | {"long_name": f"median {name} of {event}"},
             ),
             "dispersion": (
                 (),
@@ -158,9 +196,9 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
             "probability": (
                 "at",
                 np.asarray(fit.probability(x)),
-                one | {"long_name": "probability of overturning"},
+                one | {"long_name": f"probability of {event}"},
             ),
-            "observed": ("intensity", observed, one | {"long_name": "share of overturned records"}),
+            "observed": ("intensity", observed, one | {"long_name": f"share of records: {event}"}),
             "capacity": analysis["capacity"],
         },
         coords={"at": ("at", x, unit_attrs | {"long_name": name}), "intensity": analysis["intensity"]},
