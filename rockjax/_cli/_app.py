@@ -1,4 +1,4 @@
-"""The application and its exit status: 0 fine, 1 without an answer, 2 wrong input, 130 interrupted."""
+"""The command-line application. Exit status: 0 success, 1 no answer, 2 wrong input, 130 interrupted."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ._terminal import terminal
 
 
 class _Commands(typer.core.TyperGroup):
-    """Records the command line for the attributes of output files."""
+    """Group of all commands, which stores the command line for the attributes of output files."""
 
     def parse_args(self, ctx, args):
         COMMAND.set(shlex.join(["rockjax", *args]))
@@ -43,13 +43,12 @@ def about(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
-    """Rocking podium structures: responses, spectra, overturning, fragility, design. SI units, radians and
-    ratios.
+    """Rocking podium structures: responses, spectra, overturning, fragility, design.
 
-    A structure and its ground motion are given by options, by a problem file (TOML), or by a file and
-    options, which then override the file. `rockjax COMMAND --help` has examples.
+    A structure and its ground motion are given by options, by a problem file (TOML), or by both; options
+    override the file. Units are SI and radians. `rockjax COMMAND --help` has examples.
 
-    Exit status: 0 fine; 1 some scenes did not finish, no design satisfies the targets, no curve
+    Exit status: 0 success; 1 some scenes did not finish, no design satisfies the targets, no curve
     fits, or a file could not be written; 2 wrong input; 130 interrupted.
     """
     del version

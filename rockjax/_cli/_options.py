@@ -26,12 +26,12 @@ PULSE = {"acceleration_ratio": 2.5, "T_p": 1.0}
 
 
 def option(*names: str, panel: str, help: str, **option_arguments: Any) -> Any:
-    """Return an option; brackets in its help are units, not markup."""
+    """Return an option. Brackets in its help are escaped, because they enclose units and are not markup."""
     return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **option_arguments)
 
 
 def argument(help: str, **option_arguments: Any) -> Any:
-    """Return an argument; brackets in its help are units, not markup."""
+    """Return an argument. Brackets in its help are escaped, because they enclose units and are not markup."""
     return typer.Argument(help=help.replace("[", r"\["), **option_arguments)
 
 
@@ -42,17 +42,17 @@ Output = Annotated[
         "-o",
         metavar="PATH",
         panel=OUTPUT,
-        help="Prefix of the files to write; or a folder for them; or a name with the format of the "
-        "pictures, as x.pdf.",
+        help="Prefix of the files to write, a folder for them, or a file name whose extension is the format "
+        "of the pictures, such as x.pdf.",
     ),
 ]
 Resume = Annotated[
-    bool, option("--resume", panel=OUTPUT, help="Go on where Ctrl-C stopped the same command.")
+    bool, option("--resume", panel=OUTPUT, help="Continue where Ctrl-C stopped the same command.")
 ]
 Example = Annotated[
     Literal["annual-frequency", "column", "fragility", "response", "risk", "spectrum", "sweep"] | None,
     option(
-        "--example", panel=OUTPUT, help="A problem file that comes with rockjax, instead of one of yours."
+        "--example", panel=OUTPUT, help="Use a problem file that comes with rockjax, instead of your own."
     ),
 ]
 ProblemFile = Annotated[
@@ -64,7 +64,13 @@ ProblemFile = Annotated[
 ]
 Quiet = Annotated[bool, option("--quiet", "-q", panel=OUTPUT, help="No progress bar, no summary.")]
 Verbose = Annotated[
-    bool, option("--verbose", "-v", panel=OUTPUT, help="Say what is solved, compiled and kept where.")
+    bool,
+    option(
+        "--verbose",
+        "-v",
+        panel=OUTPUT,
+        help="Report what is solved and compiled, and where programs are kept.",
+    ),
 ]
 Json = Annotated[
     bool, option("--json", panel=OUTPUT, help="Print the summary as one JSON object, and nothing else.")
@@ -72,17 +78,25 @@ Json = Annotated[
 
 
 class Option(NamedTuple):
-    """An option of the command line, and the conversion of its text."""
+    """An option of the command line.
+
+    - `annotation`: its type for Typer; `default`: its default value; `flag`: its name
+    - `value`: conversion (flag, typed string) → value
+    """
 
     annotation: Any
     default: Any
     flag: str
-    value: Callable[[str, Any], Any]  # (flag, typed text) → value
+    value: Callable[[str, Any], Any]
 
 
 def options_of(model: type[models.Keys], *names: str, **defaults: Any) -> dict[str, Option]:
-    """Return the options of a table, all or those of `names`, with their defaults."""
-    found = {}
+    """Return the options of a model: key → option.
+
+    - `model`: model of a table; `names`: keys for which options are made, by default all that have a panel
+    - `defaults`: key → default that replaces the default of the model
+    """
+    options = {}
     for name, field in model.model_fields.items():
         schema = field.json_schema_extra
         if not isinstance(schema, Flag) or (names and name not in names):
@@ -93,25 +107,25 @@ def options_of(model: type[models.Keys], *names: str, **defaults: Any) -> dict[s
             default = ",".join(y if isinstance(y, str) else f"{y:g}" for y in default)
         flag = schema.name or f"--{name.replace('_', '-')}"
         option_annotation = option(flag, panel=schema.panel, help=field.description or "", **option_arguments)
-        found[name] = Option(
+        options[name] = Option(
             Annotated[kind if default is not None else kind | None, option_annotation], default, flag, value
         )
-    return found
+    return options
 
 
 def structure_options(**defaults: Any) -> dict[str, Option]:
     """Return an option for every parameter of a structure, by ratios or by dimensions."""
     kinds = (models.ByRatios, models.Superstructure, models.ByDimensions)
-    return {name: one for kind in kinds for name, one in options_of(kind, **defaults).items()}
+    return {name: entry for model in kinds for name, entry in options_of(model, **defaults).items()}
 
 
 def accuracy(**defaults: Any) -> dict[str, Option]:
-    """Return options of accuracy with these defaults."""
+    """Return the accuracy options that `defaults` names, with these defaults."""
     return options_of(models.Options, *defaults, **defaults)
 
 
 def _option_type(annotation: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
-    """Return the command-line type of a key, the conversion of its text, and arguments of its option."""
+    """Return the command-line type of a key, the conversion of its string, and arguments of its option."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _option_type(arguments[0])

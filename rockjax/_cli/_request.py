@@ -1,4 +1,4 @@
-"""Problem files with options: options override the tables of the file, then the models check them."""
+"""Problem files with options: options override the tables of the file; then the models check the result."""
 
 from __future__ import annotations
 
@@ -25,23 +25,24 @@ _ALTERNATIVES = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items
 
 
 def problem_file(problem: Path | None, example: str | None) -> Path | None:
-    """Return the path of the problem file: the user's, or an example of rockjax.
+    """Return the path of the user's problem file or of an example of rockjax, None if there is neither.
 
     Raises `ValueError` if both are given.
     """
     if example is None:
         return problem
     if problem is not None:
-        raise ValueError(f"--example: replaces a problem file; leave it or {problem} out")
+        raise ValueError(f"--example replaces a problem file; leave out --example or {problem}")
     return Path(__file__).parent.parent / "examples" / f"{example}.toml"
 
 
 class Request:
-    """A problem file, if any, with options that override it.
+    """A problem file (or none) with options that override it.
 
-    - `command`: name of the command; its table is `settings`
-    - `path`: the problem file, or None
-    - `values`: options by key; `explicit`: key → (flag, value) of those on the command line
+    - `command`: name of the command, whose table becomes `settings`
+    - `path`: path of the problem file, or None
+    - `values`: key → value of all options, also by default
+    - `explicit`: key → (flag, value) of the options on the command line
     """
 
     def __init__(
@@ -124,7 +125,7 @@ class Request:
             top = top | changes
             if top.get("T_s") == 0:  # rigid
                 if "stories" in self.flags:
-                    raise ValueError("--stories: a building needs a period; give --T-s > 0")
+                    raise ValueError("--stories needs the period of the building; give --T-s > 0")
                 top = {"eta": top["eta"]} if "eta" in top else {}
             if "T_s" not in top and "zeta" not in self.flags:
                 top.pop("zeta", None)
@@ -135,12 +136,17 @@ class Request:
         return merged | ({"superstructure": top} if top else {})
 
     def _override(self, entry: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return an entry, overridden by values. Of two alternative keys the explicit one stays."""
+        """Return an entry, overridden by values.
+
+        Of two alternative keys, such as `a_p` and `acceleration_ratio`, the one on the command line stays.
+        """
         merged = {**entry, **values}
         for pair in _ALTERNATIVES.items():
             given = [name for name in pair if name in self.flags]
             if len(given) == 2:
-                raise ValueError(f"{self.flags[pair[0]]} and {self.flags[pair[1]]}: give one of them")
+                raise ValueError(
+                    f"{self.flags[pair[0]]} and {self.flags[pair[1]]} are alternatives; give one"
+                )
             if given and all(name in merged for name in pair):
                 merged.pop(pair[1] if given == [pair[0]] else pair[0])
         return merged
@@ -166,11 +172,11 @@ class Request:
 
     @property
     def changes_motion(self) -> bool:
-        """True if options change or choose a motion of a set."""
+        """True if options change a motion, or choose one of a set."""
         return bool(self.chosen((*_MOTION, "number")))
 
     def options(self, **changes: Any) -> rj.Options:
-        """Return the options; `changes` are defaults where file and command line give none."""
+        """Return the options; `changes` are defaults for those that neither file nor command line gives."""
         return self.reader.options(self.problem.options, **changes)
 
     def podium(self) -> rj.Podium:
@@ -192,7 +198,7 @@ class Request:
         gamma, eta, top = float(podium.gamma), float(podium.eta), podium.superstructure
         has_structure = "structure" in self.table or isinstance(self.problem.structure, models.ByDimensions)
         if {"eta", "eta_over_gamma"} <= self.flags.keys():
-            raise ValueError("--eta and --eta-over-gamma: give one of them")
+            raise ValueError("--eta and --eta-over-gamma are alternatives; give one")
         if "eta" in self.flags or (has_structure and "eta_over_gamma" not in given):
             ratios, etas = [eta / gamma if gamma else float("inf") if eta else 0.0], [eta]
         else:
@@ -202,8 +208,8 @@ class Request:
         changed = [name for name in ("T_s", "zeta", "eta", "eta_over_gamma") if name in given]
         if has_structure and changed and not stories and top is not None and top.has_mode_axis:
             raise ValueError(
-                f"--{changed[0].replace('_', '-')}: the superstructure has several modes or stories, which "
-                "no single number can change; give stories that are alike, or change the file"
+                f"--{changed[0].replace('_', '-')} cannot change a superstructure with several modes or "
+                "stories; give equal stories, or change the file"
             )
         period, damping = _longest(top)
         zeta = float(self.values.get("zeta", 0.05) if damping is None or "zeta" in given else damping)

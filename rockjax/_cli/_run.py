@@ -1,4 +1,4 @@
-"""Execution of commands: options and problem files, warnings, reports, the exit status."""
+"""Execution of commands: options, problem files, warnings, reports and exit status."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Report:
 
     def __init__(self, quiet: bool = False, verbose: bool = False, json: bool = False):
         self.quiet, self.verbose, self.json = quiet, verbose, json
-        self.began = time.perf_counter()
+        self.start_time = time.perf_counter()
         self.facts: dict[str, Any] = {}
         self.written: list[Path] = []
         self.status = 0
@@ -39,7 +39,7 @@ class Report:
             typer.echo(line)
 
     def note(self, line: str) -> None:
-        """Print a remark under --verbose."""
+        """Print a remark if `verbose` is set."""
         if self.verbose:
             typer.echo(line, err=True)
 
@@ -49,7 +49,7 @@ class Report:
         self.status = status
 
     def progress(self, total: int | None, unit: str) -> Any:
-        """Return a progress bar with the time left, on stderr."""
+        """Return a progress bar on stderr."""
         from rockjax._progress import bar
 
         return bar(total, unit, not self.quiet, unit_scale=True)
@@ -57,7 +57,7 @@ class Report:
     def write(
         self, path: str | Path, data: xarray.Dataset, groups: dict[str, xarray.Dataset] | None = None
     ) -> None:
-        """Write a dataset, and others as groups of its file, with the command that made them."""
+        """Write a dataset, with `groups` as groups of its file, and with the command as attribute."""
         from rockjax._files import write_dataset
 
         data.attrs |= {"command": COMMAND.get()} | MASSES.get({})
@@ -65,7 +65,7 @@ class Report:
 
     def draw(self, path: str | Path, draw: str, data: Any) -> None:
         """Write the picture `rockjax.plots.<draw>(data)`."""
-        os.environ["MPLBACKEND"] = "Agg"  # without a screen
+        os.environ["MPLBACKEND"] = "Agg"  # needs no screen
         from rockjax import plots
         from rockjax._files import write_figure
 
@@ -76,7 +76,7 @@ class Report:
 
     def close(self) -> None:
         """Print the end of the summary."""
-        seconds = time.perf_counter() - self.began
+        seconds = time.perf_counter() - self.start_time
         for path in self.written:
             self.say(f"wrote {path}")
         if self.json:
@@ -92,10 +92,10 @@ class Report:
 
 
 def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[..., None]], Any]:
-    """Return a decorator that makes a command of a function, with the options of the groups.
+    """Return a decorator that turns a function into a command with the options of the groups.
 
     The function takes `report`, its own options, and optionally `request` (problem file and options) or
-    `reader` (options alone). With `jax`, compiled programs are kept between runs.
+    `reader` (options alone). With `jax`, the caches of compiled programs and logging are configured first.
     """
     options = {name: one for group in groups for name, one in group.items()}
 
@@ -162,7 +162,7 @@ def _take_problem(values: dict[str, Any]) -> Path | None:
     inputs = values["inputs"] or []
     problems = [path for path in inputs if path.suffix.lower() == ".toml"]
     if len(problems) > 1:
-        raise ValueError(f"{problems[1]}: is a second problem file; give one")
+        raise ValueError(f"expected at most one problem file, got {problems[0]} and {problems[1]}")
     values["inputs"] = [path for path in inputs if path not in problems]
     return problems[0] if problems else None
 
@@ -210,8 +210,9 @@ def prepare(report: Report) -> None:
     from rockjax._programs import key, store
 
     if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        # For programs that are traced in every run; the process belongs to the command line. Each version has
-        # its own folder: programs that come from this cache cannot be stored.
+        # JAX's own cache serves programs that are traced in every run. Setting it is safe, because the
+        # process runs only this command. Each version has its own folder, because programs that come from
+        # this cache cannot be kept in the store.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if report.quiet:

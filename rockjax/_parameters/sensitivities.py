@@ -1,4 +1,4 @@
-"""Parameters of a podium for derivatives with respect to their logarithms, by name."""
+"""Parameters by whose logarithms derivatives are taken: checks of their names, and scaling by factors."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .table import find_clash
 
 
 def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Sequence[str] = ()) -> None:
-    """Raise `ValueError` for names that cannot be parameters of sensitivities.
+    """Raise `ValueError` unless derivatives with respect to the named parameters exist.
 
-    - `owner`: name for error messages
+    - `owner`: function that error messages name
     - `podium`: the podium
     - `names`: names of parameters
-    - `more`: further valid names
+    - `more`: names that are valid in addition to the parameters of the podium
 
-    Invalid are unknown names, parameters without a derivative, and two names for the same quantity.
+    Unknown names, parameters without a derivative, and two names for the same quantity are invalid.
     """
     names = _checks.as_strings(owner, "sensitivities", names)
     parameters = variants.parameters_of(podium)

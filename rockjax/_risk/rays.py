@@ -31,15 +31,13 @@ MAX_FACTOR = 100.0  # greatest factor on u, and the inverse of the least
 LOG_TOLERANCE = 0.7  # difference of ln P that is near enough to the target
 MAX_SCENES = 10_000_000  # greatest number of scenes of the sample that rays are drawn from
 TRIALS = 12  # greatest number of trial factors on u
-TRIAL_SAMPLES, TRIAL_SHARE = (
-    200,
-    0.1,
-)  # samples of a level in the runs of a trial, and the share that passes it
+TRIAL_SAMPLES = 200  # samples of a level in the runs of a trial
+TRIAL_SHARE = 0.1  # share of these samples that passes to the next level
 UNREFINED = Division(rounds=0)
-REFINED = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)  # Newton's step does the rest, except
-SHARP = Division(rounds=3, parts=16)  # where G jumps
-MAX_WEIGHT = 5.0  # weight, times the median
-JUMP_STEP = 1e-4  # share of r: a longer Newton step from a polished crossing means that G jumps there
+REFINED = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)  # close enough for a Newton step
+SHARP = Division(rounds=3, parts=16)  # for crossings at which Newton's step fails, because G may jump
+MAX_WEIGHT = 5.0  # greatest weight of a ray, divided by the median weight
+JUMP_STEP = 1e-4  # G jumps at a polished crossing if a further Newton step exceeds this share of r
 
 
 class ScaledLimitState(AbstractLimitState):
@@ -180,7 +178,12 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
 
 
 class _RayScan:
-    """Scan of rays for their crossings with the surface of failure, extended on demand."""
+    """Scan of rays for their crossings with the surface of failure, which can be extended.
+
+    Positions on a ray are exp(`step`·k) for integers `first` ≤ k < `stop`. The crossings have `line`, `r` and
+    `survivor`, as `line`, `position` and `survivor` of `LineCrossings`; their `sign` is 1 where a ray enters
+    failure and −1 where it leaves.
+    """
 
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
         self.limit, self.directions = limit, directions

@@ -26,15 +26,17 @@ DISAGREEMENT = 1.5  # factor between first order and the sampled probability tha
 class FailureProbability:
     """A sampled probability of failure, its accuracy, and the first-order value.
 
-    - `probability`, `standard_error`; `interval`: of 95 %, (NaN, NaN) for an estimate that has not converged,
-      except for `"monte-carlo"`, whose interval is exact for any number of scenes
-    - `method`; `scenes`: evaluations of the limit state, including those of the search for design points
+    - `probability`: the estimate [–]; `standard_error`: its standard error [–]
+    - `interval`: 95 % confidence interval, (NaN, NaN) for an estimate that has not converged, except for
+      `"monte-carlo"`, whose interval is exact for any number of scenes
+    - `method`: name of the method; `scenes`: number of evaluations of the limit state, including those of the
+      search for design points
     - `effective_sample_size`: effective number of failures in the sample
     - `first_order`: probability of the union of the half spaces of the design points; NaN for methods without
       them
     - `beta`: distances of the design points, nearest first
-    - `disagrees`: first order is outside the interval and off by a factor of 1.5 or more: the limit state is
-      far from plane, or a design point was not found
+    - `disagrees`: whether `first_order` is outside the interval and differs from `probability` by a factor of
+      1.5 or more; then the limit state is far from plane, or a design point was not found
     - `converged`: whether the requested coefficient of variation was reached; otherwise the probability may
       be off by a large factor
     - `sensitivities`: (dP/dy, standard error) by the name of y, if the limit state is that of a structure and
@@ -82,13 +84,14 @@ def reliability(
 ) -> FailureProbability:
     """Return P(G(u) ≤ 0) for standard normal u (host).
 
-    - `G`: a differentiable JAX function from u, shape (dimension,), to a number; failure is G ≤ 0
+    - `G`: a differentiable JAX function of u (dimension,) that returns a number; failure is G ≤ 0
     - `dimension`: length of u
-    - `method`: `"subset"`, `"monte-carlo"`: without design points or derivatives; `"importance"`, `"line"`:
-      around the design points, for limit states that are nearly plane, or of few numbers
-    - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: evaluations, after which no further
-      round begins
-    - `seed`: of the random numbers; equal seeds give equal results
+    - `method`: `"subset"` and `"monte-carlo"` need no design points or derivatives; `"importance"` and
+      `"line"` sample around the design points, and suit limit states that are nearly plane or have a low
+      dimension
+    - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: number of evaluations after which no
+      further round begins, ≥ 100
+    - `seed`: seed of the random numbers; equal seeds give equal results
     - `starts`: number of directions from which design points are searched
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
 
@@ -115,8 +118,10 @@ def reliability(
 
 
 def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
-    """Return directions to start searches from: random ones far apart, each with its opposite, because many
-    limit states are mirror images of themselves."""
+    """Return directions (starts, dimension) from which searches start.
+
+    Random directions far apart come first, then their opposites, because many limit states are symmetric.
+    """
     count = (starts + 1) // 2
     drawn = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
     drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
@@ -255,8 +260,10 @@ def _answer(
 
 
 def first_order_probability(points: DesignPoints) -> float:
-    """Return P of the union of the half spaces α_i·u ≥ β_i; NaN without any. Exact for two, Ditlevsen's lower
-    bound for more."""
+    """Return P of the union of the half spaces α_i·u ≥ β_i, NaN if there are none.
+
+    It is exact for up to two half spaces, and Ditlevsen's lower bound for more.
+    """
     if points.beta.size == 0:
         return math.nan
     directions = points.u / points.beta[:, None]

@@ -28,14 +28,14 @@ from .structure import StructureLimitState, parse_limit
 class DesignPoint:
     """A local minimum of |u| among the motions that cause failure.
 
-    - `u`: standard normal numbers, shape (dimension,); `beta`: |u|, the reliability index
+    - `u`: point in standard normal space, shape (dimension,); `beta`: |u|, the reliability index
     - `record`: the motion of u, locally the most likely one that causes failure
     - `mode`: number of impacts before the fall, or in the scene; -1 if they continue beyond the steps of a
       scene
-    - `smooth`: whether u is normal to the limit state there; else it is an edge, where the mode of failure
-      changes
-    - `sensitivities`: dβ/dy for every number y of structure and ground motion, from one reverse pass;
-      one-sided if not `smooth`; keyed by the location of y: `"alpha"`, `"restrainers[0].prestress"`,
+    - `smooth`: whether u is normal to the limit state; otherwise the point is at an edge, where the mode of
+      failure changes
+    - `sensitivities`: location of y → dβ/dy, for every parameter y of structure and ground motion; one-sided
+      if not `smooth`. Locations are for instance `"alpha"`, `"restrainers[0].prestress"`,
       `"superstructure.masses[2]"`
     """
 
@@ -115,14 +115,14 @@ def failure_probability(
       round begins
     - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
 
-    The scenes of a round are one batch on all cores. Many moderate motions of no particular shape make a
-    rocking structure fail, none of them near a design point: the methods around design points miss them, and
-    their estimates are too small. An estimate that has not converged warns (`RuntimeWarning`) and has no
-    interval. Ctrl-C raises [`rockjax.Interrupted`][] with the estimate so far.
+    Scenes are simulated in batches on all cores. Many moderate motions of no particular shape make a rocking
+    structure fail, far from any design point. The methods around design points may miss them, and then their
+    estimates are too small. An estimate that has not converged warns (`RuntimeWarning`); it has an interval
+    only with `"monte-carlo"`. Ctrl-C raises [`rockjax.Interrupted`][] with the estimate so far.
 
-    With `"line"` the result has `sensitivities`, dP/dy for every number y of structure and ground motion,
-    with standard errors: one reverse pass for each crossing of a line with the surface of failure. They do
-    not include the parts of it where G jumps, whose share is `jumps`.
+    With `"line"` the result has `sensitivities`, dP/dy with standard errors for every parameter y of
+    structure and ground motion. They need one reverse pass for each crossing of a line with the surface of
+    failure. They do not include the parts of this surface where G jumps, whose share is `jumps`.
 
     Raises `ValueError` for invalid arguments and, if the method needs design points, in the same cases as
     `design_points`.

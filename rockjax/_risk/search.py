@@ -22,15 +22,15 @@ from .limit_state import AbstractLimitState
 
 MAX_BETA = 9.0  # greatest distance of a design point from the origin: Φ(−9) is 1e-19
 START_FACTOR = 4.0  # times √d, the typical |u|: how far a first direction is followed
-RAY = 24  # places on a full ray …
-PARTIAL_RAY = 10  # … and on the part of a ray below a known distance
-NARROWING_ROUNDS = 3  # rounds of narrowing the interval of the first failure …
-PARTS = 8  # … each dividing it into this many parts
+RAY = 24  # positions on a full ray
+PARTIAL_RAY = 10  # positions on a ray up to a known distance of failure
+NARROWING_ROUNDS = 3  # rounds in which the interval of the first failure is narrowed
+PARTS = 8  # equal parts into which a round divides the interval
 # Multiples of the last fraction of the way to the normal; a fixed point may lie past the normal.
 FRACTIONS = np.array([1.5, 1.0, 0.5])
 MIN_FRACTION = 1 / 64  # least fraction of the way to the normal
-ALIGNED = 1e-9  # 1 − cos of the angle between point and normal …
-MAX_STEPS = 40  # … or this many steps
+ALIGNED = 1e-9  # 1 − cos of the angle between point and normal below which a search ends
+MAX_STEPS = 40  # greatest number of steps of a search
 SAME_COSINE = 0.99  # two design points are equal if the cosine of their angle is larger
 
 
@@ -49,8 +49,11 @@ class DesignPoints(NamedTuple):
 
 
 class _Bracket(NamedTuple):
-    """First failures of rays: the last place that survives and the first that fails (inf if none), with G at
-    both."""
+    """Brackets of the first failure on rays, (m,) each.
+
+    - `low`: the last position that survives; `high`: the first position that fails, inf if there is none
+    - `G_low`, `G_high`: G at both
+    """
 
     low: np.ndarray
     high: np.ndarray

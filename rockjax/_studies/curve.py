@@ -19,7 +19,7 @@ from .intervals import Capacities, jackknife_intervals, profile_intervals
 if TYPE_CHECKING:
     import xarray
 
-MIN_RECORDS = 5  # records; an interval from fewer rests mostly on the assumed form of the distribution
+MIN_RECORDS = 5  # with fewer records, intervals depend mostly on the assumed form of the distribution
 
 
 def fragility(
@@ -38,22 +38,24 @@ def fragility(
       including survivals above the first overturning. By default `"capacities"`, and `"stripes"` with a
       `limit`, which has no other
     - `at`: intensities of the curve, by default 200 up to the highest level
-    - `confidence`: of the intervals and the band, in (0, 1); None for the curve alone
+    - `confidence`: confidence level of the intervals and the band, in (0, 1); None for the curve alone
     - `limit`: (name, value) of a peak of the analysis, such as `("peak_friction", 0.3)` or
       `("least_axial_force", 0.0)`, as the limit state instead of overturning: a scene fails where the peak
       exceeds the value, where a least value is below it, or where it overturns. Of modes, stories, floors or
       joints the worst counts. The analysis needs this output in its `options`
 
-    Returns a Dataset with the scalars `median_capacity` and `dispersion`; `interval` of both (dims
-    `quantity`, `bound`), with the number of records in its attributes; `probability`, `lower`, `upper` over
-    `at`; `observed` over `intensity`, the share of overturned records; and, if the analysis has
-    sensitivities, `median_sensitivity` and `dispersion_sensitivity` over `parameter` = d ln(median)/d ln y
-    and d(dispersion)/d ln y.
+    Returns a Dataset with the scalars `median_capacity` and `dispersion` and, unless `confidence` is None,
+    the `interval` of both (dims `quantity`, `bound`; its attributes have the number of records). Over `at`
+    there are `probability` and the band from `lower` to `upper`, over `intensity` the share `observed` of
+    overturned records. If the analysis has sensitivities and `method` is `"capacities"`,
+    `median_sensitivity` and `dispersion_sensitivity` over `parameter` are d ln(median)/d ln y and
+    d(dispersion)/d ln y.
 
-    Intervals of `"capacities"` use the profile likelihood of lognormal capacities: without censored records
-    they are exact for median and dispersion, with them their confidence is the stated one within some per
-    cent. Those of `"stripes"` omit each record in turn (jackknife). A `RuntimeWarning` is raised if they rest
-    on fewer than five records that overturn.
+    Intervals of `"capacities"` use the profile likelihood of lognormal capacities. Without censored records
+    they are exact for median and dispersion; with censored records their coverage is the stated confidence
+    within some per cent. Intervals of `"stripes"` come from the jackknife, which omits each record once. A
+    `RuntimeWarning` is issued if the intervals rest on fewer than five records: records that overturn for
+    `"capacities"`, all records for `"stripes"`.
 
     Raises `ValueError`, with the reason, if no curve or no interval can be fitted.
     """
@@ -97,12 +99,17 @@ def fragility(
 
 
 class _Ensemble(NamedTuple):
-    """Capacities and counts of the records of an analysis."""
+    """Capacities and outcomes of the records of an analysis.
 
-    capacity: np.ndarray  # (n,), inf above the highest level
-    limit: np.ndarray  # (n,)
-    levels: np.ndarray  # (m,)
-    overturned: np.ndarray  # (n, m)
+    - `capacity`: least overturning intensity of each record (n,), inf if above the highest level
+    - `limit`: highest intensity searched for each record (n,)
+    - `levels`: levels of intensity (m,); `overturned`: 1 where a record overturns, else 0, (n, m)
+    """
+
+    capacity: np.ndarray
+    limit: np.ndarray
+    levels: np.ndarray
+    overturned: np.ndarray
 
     @classmethod
     def of(cls, analysis: xarray.Dataset) -> _Ensemble:
@@ -191,7 +198,7 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
             "dispersion": (
                 (),
                 float(fit.dispersion),
-                one | {"long_name": "standard deviation of its logarithm"},
+                one | {"long_name": "standard deviation of the logarithm"},
             ),
             "probability": (
                 "at",
@@ -214,10 +221,9 @@ def _add_intervals(
     if count < MIN_RECORDS:
         qualifier = "that overturn " if method == "capacities" else ""
         message = (
-            f"fragility: the intervals rest on "
-            f"{count} records {qualifier}only; from fewer than {MIN_RECORDS} they depend on the "
-            "form of the distribution more than on the records; use more records, or confidence=None for "
-            "the curve alone"
+            f"fragility: the intervals rest on only {count} records {qualifier.strip()}".rstrip()
+            + f"; with fewer than {MIN_RECORDS} they depend on the form of the distribution more than on the "
+            "records; use more records, or confidence=None for the curve alone"
         )
         warnings.warn(message, RuntimeWarning, stacklevel=3)
     find_intervals = _intervals_of_capacities if method == "capacities" else _intervals_of_stripes
@@ -238,34 +244,33 @@ def _add_intervals(
 def _intervals_of_capacities(
     data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds of median and dispersion (2, 2), and of the probit of the curve (2, x), from
-    capacities."""
+    """Return bounds of median and dispersion (2, 2) and of the probit of the curve (2, x), by likelihood."""
     median, dispersion = float(fit.median), float(fit.dispersion)
-    found = profile_intervals(
+    intervals = profile_intervals(
         Capacities.of(data.capacity, data.levels[-1]), median, dispersion, x, confidence
     )
-    return np.exp(np.stack([found.log_median, found.log_dispersion])), found.probit
+    return np.exp(np.stack([intervals.log_median, intervals.log_dispersion])), intervals.probit
 
 
 def _intervals_of_stripes(
     data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds of median and dispersion (2, 2), and of the probit of the curve (2, x), from counts."""
-    others = data.overturned.sum(axis=0) - data.overturned
-    without = _fit_each_counts(data.levels, others, data.trials - 1)
-    undetermined = int(np.sum(~np.isfinite(without.median)))
+    reduced_counts = data.overturned.sum(axis=0) - data.overturned  # each row omits one record
+    reduced_fits = _fit_each_counts(data.levels, reduced_counts, data.trials - 1)
+    undetermined = int(np.sum(~np.isfinite(reduced_fits.median)))
     if undetermined:
         raise ValueError(
-            f"fragility: no interval: without one of "
-            f"{undetermined} of the {len(others)} records the counts do not determine the "
-            "dispersion; use more records or closer levels, or confidence=None for the curve alone"
+            f"fragility: the intervals need a fit without each record, but for {undetermined} of the "
+            f"{len(reduced_counts)} records the other counts do not determine the dispersion; use more "
+            "records or closer levels, or confidence=None for the curve alone"
         )
 
     def estimates(fits: Lognormal) -> np.ndarray:
         median, dispersion = (np.asarray(y)[..., None] for y in fits)
         return np.concatenate([np.log(median), np.log(dispersion), np.log(x / median) / dispersion], axis=-1)
 
-    bounds = jackknife_intervals(estimates(fit), estimates(without), confidence)
+    bounds = jackknife_intervals(estimates(fit), estimates(reduced_fits), confidence)
     return np.exp(bounds[:, :2]).T, bounds[:, 2:]
 
 
@@ -280,13 +285,14 @@ def _slopes(capacity, limit):
     has_capacity = jnp.isfinite(capacity)
 
     def fit(values):
-        found = fit_capacities(jnp.where(has_capacity, values, jnp.inf), limit)
-        return jnp.stack([jnp.log(found.median), found.dispersion])
+        fitted = fit_capacities(jnp.where(has_capacity, values, jnp.inf), limit)
+        return jnp.stack([jnp.log(fitted.median), fitted.dispersion])
 
     return jnp.where(has_capacity[None], jax.jacrev(fit)(jnp.where(has_capacity, capacity, limit)), 0.0)
 
 
 def _explain_failure(method: str, data: _Ensemble) -> str:
+    """Return why no curve can be fitted, and the cure."""
     capacities, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
     if method == "capacities":
         if capacities.size < 2:
@@ -302,18 +308,17 @@ def _explain_failure(method: str, data: _Ensemble) -> str:
         return f"all records overturn at all levels from {levels[0]:g} on; lower the lowest intensity"
     if np.flatnonzero(share)[0] >= np.flatnonzero(share < 1)[-1]:
         return (
-            "the levels are too far apart: a dispersion needs overturned and surviving records at two levels "
-            "or more; add some"
+            "the levels are too far apart: to determine the dispersion, some but not all records must "
+            "overturn at two or more levels; add levels"
         )
     if np.ptp(share) < 1e-9:
         return (
             f"the same share of the records, {share[0]:.0%}, overturns at all levels from {levels[0]:g} to "
-            f"{levels[-1]:g}: they do not determine the median; {cure}"
+            f"{levels[-1]:g}, which does not determine the median; {cure}"
         )
     log = np.log(levels)
     trend = "falls" if share @ (log - log.mean()) < 0 else "hardly rises"
     return (
         f"the share of overturned records {trend} with the intensity, from {share[0]:.0%} at {levels[0]:g} "
-        "to "
-        f"{share[-1]:.0%} at {levels[-1]:g}: a lognormal curve must rise; {cure}"
+        f"to {share[-1]:.0%} at {levels[-1]:g}, but a lognormal curve must rise; {cure}"
     )

@@ -17,7 +17,7 @@ from . import tables
 
 
 def format_call(module: eqx.Module) -> str:
-    """Return a structure or motion as the call that makes it; arrays by shape and range."""
+    """Return a structure or motion as the call that constructs it; arrays are given by shape and range."""
     return (
         f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in _fields(module))})"
     )
@@ -26,8 +26,8 @@ def format_call(module: eqx.Module) -> str:
 def card(module: eqx.Module, headings: Mapping[str, str] | None = None) -> str:
     """Return a structure, motion or options as an HTML table of names, values and meanings with units.
 
-    `headings` holds the meanings of properties, which follow the fields, and of fields that are no
-    parameters.
+    `headings` maps names to meanings: of fields that are not in the tables of parameters, and of properties,
+    which are listed after the fields.
     """
     meanings, rows = dict(headings or {}), []
     for name, value, meaning in _rows(module):
@@ -52,10 +52,10 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
         meaning = _meaning(module, name)
         if isinstance(value, tuple) and not value:
             yield f"{prefix}{name}", "none", meaning
-        elif isinstance(value, tuple) and all(isinstance(part, eqx.Module) for part in value):
-            for k, part in enumerate(value):
-                yield f"{prefix}{name}[{k}]", type(part).__name__, meaning
-                yield from _rows(part, f"{prefix}{name}[{k}].")
+        elif isinstance(value, tuple) and all(isinstance(member, eqx.Module) for member in value):
+            for k, member in enumerate(value):
+                yield f"{prefix}{name}[{k}]", type(member).__name__, meaning
+                yield from _rows(member, f"{prefix}{name}[{k}].")
         elif (
             isinstance(value, eqx.Module)
             and type(value).__repr__ is not eqx.Module.__repr__
@@ -68,7 +68,7 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
 
 
 def _meaning(module: eqx.Module, name: str) -> str:
-    """Return the heading of a field in the tables of parameters, empty if it is no parameter."""
+    """Return the heading of a field in the tables of parameters, empty if it is not a parameter."""
     parts = "superstructure", f"restrainers.{type(module).__name__}", "elevation"
     places = (name, *(f"{part}.{name}" for part in parts))
     entries = (
@@ -81,6 +81,7 @@ def _meaning(module: eqx.Module, name: str) -> str:
 
 
 def _value(value: Any) -> str:
+    """Return a value as text."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if not isinstance(value, jax.Array | np.ndarray):

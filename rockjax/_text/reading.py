@@ -6,7 +6,7 @@ import codecs
 import re
 from pathlib import Path
 
-# Longer marks first: the mark of UTF-32 begins with that of UTF-16.
+# Longer byte order marks come first, because the mark of UTF-32 begins with the mark of UTF-16.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -18,12 +18,12 @@ _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 
 
 def read_text(path: str | Path, *, utf8_only: bool = False) -> str:
-    """Return the text of a file; see [`decode`][]. Raises `ValueError` that names the file and the cause."""
+    """Return the text of a file, decoded by `decode`. Raises `ValueError`, which names file and cause."""
     try:
         content = Path(path).read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # a NUL in the name
+    except ValueError as error:  # the path contains a NUL character
         raise ValueError(f"{path}: cannot be read: {error}") from None
     return decode(path, content, utf8_only=utf8_only)
 
@@ -31,15 +31,15 @@ def read_text(path: str | Path, *, utf8_only: bool = False) -> str:
 def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
     """Return the text in the bytes of a file.
 
-    - `path`: for errors
-    - `content`: UTF-8, or UTF-16 or UTF-32 with a byte order mark; other bytes are read as Windows-1252,
-      which occurs in names of stations and places
-    - `utf8_only`: refuse text without a byte order mark that is not UTF-8
+    - `path`: path of the file, for error messages
+    - `content`: bytes in UTF-8, or in UTF-16 or UTF-32 with a byte order mark; other bytes are read as
+      Windows-1252, which occurs in names of stations
+    - `utf8_only`: whether to reject content that is neither UTF-8 nor begins with a byte order mark
 
-    Raises `ValueError` that names the file, the line and the cause if the content is not text.
+    Raises `ValueError`, which names the file, the line and the cause, if the content is not text.
     """
     if content.rstrip().endswith(b"\x1a"):
-        content = content.rstrip(b"\x1a \t\r\n")  # the end of a file under CP/M and DOS
+        content = content.rstrip(b"\x1a \t\r\n")  # CP/M and DOS mark the end of a file by 0x1a
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), None)
     try:
         text = content.decode(encoding or "utf-8")

@@ -10,7 +10,7 @@ Rows = Sequence[Sequence[str]]
 
 
 def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
-    """Return rows with columns aligned left, or with `numbers` all but the first column right."""
+    """Return rows as lines with columns aligned left; with `numbers`, all but the first are aligned right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -22,9 +22,9 @@ def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
 
 
 def html(rows: Rows, caption: str = "", heads: Literal["row", "column", "none"] = "none") -> str:
-    """Return an HTML table of escaped text, with headings in the first row or column.
+    """Return an HTML table of escaped text, with headings in the first row, the first column, or nowhere.
 
-    In rows of two cells, an empty second cell joins the first.
+    In a row of two cells of which the second is empty, the first cell spans both columns.
     """
     body = "".join(f"<tr>{_cells(row, k, heads)}</tr>" for k, row in enumerate(rows))
     return f"<table>{f'<caption>{escape(caption)}</caption>' if caption else ''}{body}</table>"
@@ -33,8 +33,8 @@ def html(rows: Rows, caption: str = "", heads: Literal["row", "column", "none"] 
 def _cells(row: Sequence[str], k: int, heads: str) -> str:
     if len(row) == 2 and not row[1]:
         return f'<td colspan="2">{escape(row[0])}</td>'
-    found = []
+    cells = []
     for j, cell in enumerate(row):
         tag = "th" if (heads == "row" and k == 0) or (heads == "column" and j == 0) else "td"
-        found.append(f'<{tag} style="text-align: left">{escape(cell)}</{tag}>')
-    return "".join(found)
+        cells.append(f'<{tag} style="text-align: left">{escape(cell)}</{tag}>')
+    return "".join(cells)

@@ -23,7 +23,7 @@ ABOVE: dict[str, Any] = {
     "borderaxespad": 0.0,
     "frameon": False,
 }
-BAND = 0.2  # opacity
+BAND = 0.2  # opacity of confidence bands
 
 
 def _label(name: str, unit: str) -> str:
@@ -32,10 +32,10 @@ def _label(name: str, unit: str) -> str:
 
 @on_axes
 def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot intensity over peak rotation, a curve for each record; there is no point where a record overturns.
+    """Plot intensity over peak rotation, one curve for each record, with points at levels that survive.
 
-    At the limit state, crosses are the least intensities that overturn, and dashes the further boundaries of
-    windows of survival. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
+    At the limit state, crosses mark the least overturning intensities, and dashes the boundaries of survival
+    windows above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
     ratio = dataset.attrs["overturn_ratio"]
@@ -70,7 +70,7 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
     ]
     marks.append(Line2D([], [], color=COLOURS[1], marker="x", ls="", label="first overturning of a record"))
     if further_boundaries.size:
-        windows_label = "survival returns or ends again: windows of survival"
+        windows_label = "boundaries of survival windows"
         marks.append(Line2D([], [], color=COLOURS[2], marker="_", ls="", label=windows_label))
     ax.legend(handles=marks, **ABOVE)
     ax.set(
@@ -89,11 +89,11 @@ def fragility(
 ) -> Axes:
     """Plot the probability of overturning over intensity, with its confidence band and the observed shares.
 
-    - `dataset`: from [`rockjax.fragility`][]
+    - `dataset`: dataset of [`rockjax.fragility`][]
     - `ax`: axes to draw into; several curves may share them
-    - `label`: name of the curve in the legend; `colour`: of the curve
+    - `label`: name of the curve in the legend; `colour`: colour of the curve
 
-    Crosses are the first overturning of the records, circles the shares at the levels.
+    Crosses mark the least overturning intensities of the records, circles the shares at the levels.
     """
     assert ax is not None
     x = dataset["at"].values

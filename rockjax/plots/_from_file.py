@@ -1,4 +1,4 @@
-"""Plots of files: the pictures that `rockjax plot` can draw for every kind of dataset that rockjax writes."""
+"""Pictures of files that rockjax wrote: those that `rockjax plot` can draw, for each kind of dataset."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class Picture:
-    """One picture of a dataset.
+    """A picture of a dataset.
 
-    - `draw`: dataset → figure or axes, or for an animation (path, dataset) → path
+    - `draw`: function dataset → figure or axes; for an animation, (path, dataset) → path
     - `default`: whether it is drawn if no picture is requested by name
     - `required_variable`: variable that the dataset must have
     - `is_animation`: whether it is an animation
@@ -37,7 +37,7 @@ class Picture:
 
 
 def _panels(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
-    """Adapt a drawing of many spectra to a single one."""
+    """Adapt a function that draws panels of spectra to a single spectrum."""
 
     def figure(data: xarray.Dataset) -> Figure:
         if "eta_over_gamma" not in data.dims:
@@ -53,7 +53,7 @@ def _chart(data: xarray.Dataset) -> Axes:
     return extension("design-chart")(data)
 
 
-# kind of the dataset: {name: picture}
+# Pictures: kind of the dataset → name of the picture → picture.
 PICTURES: dict[str, dict[str, Picture]] = {
     "rocking-spectrum": {
         "rotation": Picture(_panels(plots.spectra)),
@@ -86,8 +86,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
 
 
 def load(path: str | Path) -> xarray.Dataset:
-    """Return a dataset that rockjax wrote. Raises `ValueError` that names the file and the cause for any
-    other file."""
+    """Return a dataset that rockjax wrote. Raises `ValueError` with the cause for any other file."""
     import xarray
 
     if not Path(path).is_file():
@@ -99,12 +98,13 @@ def load(path: str | Path) -> xarray.Dataset:
             f"{path}: cannot be read as netCDF: {getattr(error, 'strerror', None) or error}"
         ) from None
     if data.attrs.get("title") == "Interrupted run":
-        raise ValueError(f"{path}: holds an interrupted run; finish it with --resume, then draw it")
+        raise ValueError(f"{path}: the run was interrupted; finish it with --resume, then draw it")
     if "kind" not in data.attrs:
-        raise ValueError(f"{path}: is not a file of rockjax: it has no attribute 'kind'")
+        raise ValueError(f"{path}: the file has no attribute 'kind', so rockjax did not write it")
     if data.attrs["kind"] not in PICTURES:
         raise ValueError(
-            f"{path}: no picture of a {data.attrs['kind']!r} is known; known are {', '.join(PICTURES)}"
+            f"{path}: the kind of the dataset must be one of {', '.join(PICTURES)}; "
+            f"got {data.attrs['kind']!r}"
         )
     return data
 
@@ -145,17 +145,17 @@ def redraw(
     unknown = [name for name in names if name not in available]
     if unknown:
         raise ValueError(
-            f"{path}: a {data.attrs['kind']!r} like this has no picture "
-            f"{unknown[0]!r}; it has {', '.join(available)}"
+            f"{path}: the pictures of this {data.attrs['kind']} are {', '.join(available)}; "
+            f"got {unknown[0]!r}"
         )
     prefix = Path(path).with_suffix("") if prefix is None else prefix
     written = []
     for name in names or [name for name, picture in available.items() if picture.default]:
         picture = available[name]
-        drawing = data if picture.group is None else groups[picture.group]
+        dataset = data if picture.group is None else groups[picture.group]
         if picture.is_animation:
-            written.append(picture.draw(f"{prefix}-{name}.gif", drawing))
+            written.append(picture.draw(f"{prefix}-{name}.gif", dataset))
             continue
-        drawn = picture.draw(drawing)
+        drawn = picture.draw(dataset)
         written.append(write_figure(f"{prefix}-{name}{suffix}", getattr(drawn, "figure", drawn)))
     return written

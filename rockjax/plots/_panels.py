@@ -87,8 +87,8 @@ def panels_title(panels: xarray.Dataset) -> str:
 
 
 def _describe_devices(attributes: Mapping[str, Any]) -> str:
-    """Return the devices and their numbers, on a line of their own; empty without any."""
-    found = []
+    """Return the devices and their parameters on a new line; empty if there are no devices."""
+    descriptions = []
     for device in json.loads(attributes.get("restrainers", "[]")):
         from rockjax._parameters.variants import find_parameter  # imports JAX, which other plots do not need
 
@@ -100,8 +100,8 @@ def _describe_devices(attributes: Mapping[str, Any]) -> str:
             for field, entry in entries.items()
             if entry is not None and device[field] and not (field == "exponent" and device[field] == 1)
         ]
-        found.append(" ".join([device_class.lower(), ", ".join(numbers)]))
-    return "\n" + "; ".join(found) if found else ""
+        descriptions.append(" ".join([device_class.lower(), ", ".join(numbers)]))
+    return "\n" + "; ".join(descriptions) if descriptions else ""
 
 
 def mass_label(panels: xarray.Dataset, ratio: float) -> str:

@@ -12,13 +12,15 @@ from ._style import COLOURS, plt, styled
 if TYPE_CHECKING:
     import xarray
 
-MAX_COLOURS = 6  # greatest number of records with their own colours
+MAX_COLOURS = 6  # with more records, all are grey and the median is drawn
 
 
 @styled
 def record_spectrum(dataset: xarray.Dataset) -> Figure:
-    """Plot PGA over least overturning PGA, and displacement of the top, over p; `dataset` is from
-    [`rockjax.record_spectrum`][]."""
+    """Plot the ratio of PGA to least overturning PGA, and the displacement of the top, over p.
+
+    `dataset` is from [`rockjax.record_spectrum`][].
+    """
     p, names = dataset["p"].values, dataset["record"].values
     figure = plt.figure(figsize=(5.6, 5.6), layout="constrained")
     demand, displacement = figure.subplots(2, 1, sharex=True)
@@ -28,15 +30,15 @@ def record_spectrum(dataset: xarray.Dataset) -> Figure:
         demand.plot(p, dataset["demand"][k], label=str(name) if few else None, **style)
         displacement.plot(p, dataset["top_displacement"][k], **style)
     if not few:
-        # NaN of the demand is below the range of the search; NaN of the displacement is an overturning.
+        # The demand is NaN below the range of the search; the displacement is NaN after overturning.
         middle = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)
         demand.plot(p, np.where(middle > 0, middle, np.nan), color=COLOURS[0], label="median")
-        stands = np.sum(~dataset["overturned"].values, axis=0) > len(names) / 2
-        moved = np.where(dataset["overturned"], np.inf, dataset["top_displacement"])
-        displacement.plot(p, np.where(stands, np.median(moved, axis=0), np.nan), color=COLOURS[0])
+        median_survives = np.sum(~dataset["overturned"].values, axis=0) > len(names) / 2
+        values = np.where(dataset["overturned"], np.inf, dataset["top_displacement"])
+        displacement.plot(p, np.where(median_survives, np.median(values, axis=0), np.nan), color=COLOURS[0])
     demand.axhline(1.0, color="0.4", lw=0.8, ls=(0, (4, 3)))
     demand.annotate("overturns", (p[0], 1.0), (2, 3), textcoords="offset points", color="0.4", fontsize=8)
-    demand.set(ylabel="PGA over least\noverturning PGA [–]", ylim=(0, None))
+    demand.set(ylabel="PGA / least\noverturning PGA [–]", ylim=(0, None))
     demand.legend(loc="best")
     displacement.set(ylabel=r"$\max|u_b|$ of the top [m]", xlabel=r"frequency parameter $p$ [rad/s]")
     displacement.set(ylim=(0, None), xlim=(p[0], p[-1]))

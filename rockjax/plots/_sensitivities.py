@@ -52,8 +52,9 @@ def _slope(dataset: xarray.Dataset, parameter: str | None) -> xarray.DataArray:
     if not available or (parameter is not None and parameter not in available):
         requested = "any parameter" if parameter is None else repr(parameter)
         raise ValueError(
-            "sensitivity_spectrum: the dataset holds no sensitivities of the peak rotation to "
-            f"{requested}, it has {available}; rockjax.rocking_spectrum(…, sensitivities=[…]) finds them"
+            "sensitivity_spectrum: the dataset has no sensitivities of the peak rotation to "
+            f"{requested}, only to {available}; compute them with rockjax.rocking_spectrum(…, "
+            "sensitivities=[…])"
         )
     return dataset["peak_rotation_sensitivity"].sel(
         parameter=available[0] if parameter is None else parameter

@@ -80,7 +80,7 @@ def _inside(value, limits) -> bool:
 
 
 def _period(ratio, p):
-    """Return T_p from ω_p/p, and vice versa: each is 2π/p over the other."""
+    """Return T_p from ω_p/p, or ω_p/p from T_p, because T_p (ω_p/p) = 2π/p."""
     with np.errstate(divide="ignore"):
         return 2 * math.pi / p / np.asarray(ratio, float)
 

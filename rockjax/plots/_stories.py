@@ -1,4 +1,4 @@
-"""Plots of a building over its height."""
+"""Plots of responses of a building along its height."""
 
 from __future__ import annotations
 
@@ -30,14 +30,13 @@ def stories(
     label: str | None = None,
     beside: Mapping[str, Response | xarray.Dataset] | None = None,
 ) -> Figure:
-    """Plot the largest drifts of the stories and the largest accelerations of the floors over the height of a
-    building.
+    """Plot the largest story drifts and floor accelerations of a building along its height.
 
     - `response`: a [`rockjax.Response`][] or its dataset; drifts are divided by the heights of the stories if
-      these are known
-    - `figure`: figure to draw into
-    - `label`: of the response; `beside`: others of the same building, by label. Peaks of a response that
-      overturned are marked "until overturning"
+      the building has them
+    - `figure`: figure to draw into, by default a new one
+    - `label`: name of the response in the legend; `beside`: label → other response of the same building.
+      Labels of responses that overturned end with "until overturning"
 
     Raises `ValueError` for a response without stories.
     """
@@ -71,8 +70,8 @@ def _draw_over_height(
     g = data.attrs["g_m_s2"]
     right.plot(data["peak_floor_acceleration"].values / g, levels[1:], marker="o", ms=4, **style)
     left.set(
-        xlabel="largest drift over height [%]" if has_heights else "largest drift [mm]",
-        ylabel="height over the beam [m]" if has_heights else "story",
+        xlabel="largest drift / story height [%]" if has_heights else "largest drift [mm]",
+        ylabel="height above the beam [m]" if has_heights else "story",
         ylim=(0, levels[-1] * 1.05),
     )
     right.set(xlabel="largest floor acceleration [g]")

@@ -190,7 +190,7 @@ def test_panels_of_a_building_in_a_file():
     (podium,), _, (period,), _ = panels(table=own)
     assert period == pytest.approx(float(podium.superstructure.modes.T[0]))
     for option in ("--zeta", "--T-s", "--eta-over-gamma"):
-        with pytest.raises(ValueError, match=f"{option}: the superstructure has several modes or stories"):
+        with pytest.raises(ValueError, match=f"{option} cannot change a superstructure with several modes"):
             panels(option, 0.1, table=own)
 
 
@@ -228,7 +228,7 @@ WRONG = [  # each message once
     ("design --example table", "'table' is not one of 'annual-frequency', 'column'"),
     (
         "response good.toml --example response",
-        "--example: replaces a problem file; leave it or good.toml out",
+        "--example replaces a problem file; leave out --example or good.toml",
     ),
     ("spectrum good.toml --points 1", "--points: must be a whole number ≥ 2, got 1"),
     ("spectrum --points 100000", "--points: 120000000000 scenes need about 17.5 TiB of memory"),
@@ -237,7 +237,7 @@ WRONG = [  # each message once
         "--frequency: must be two numbers [lowest, highest] with 0 < lowest < highest",
     ),
     ("spectrum --T-s a,b", "--T-s: expected numbers separated by commas, got 'a,b'"),
-    ("spectrum --eta 5 --eta-over-gamma 3", "--eta and --eta-over-gamma: give one of them"),
+    ("spectrum --eta 5 --eta-over-gamma 3", "--eta and --eta-over-gamma are alternatives; give one"),
     ("spectrum --pulse sinus", "'sinus' is not one of 'ricker'"),
     ("response good.toml", "response: motion is missing: which of a, b? ([response] motion, or --motion)"),
     (
@@ -253,7 +253,7 @@ WRONG = [  # each message once
         "response good.toml --motion b --scale 2",
         "--scale: unknown key; valid keys are kind, acceleration_ratio",
     ),
-    ("response --T-p 1 --frequency-ratio 2", "--frequency-ratio and --T-p: give one of them"),
+    ("response --T-p 1 --frequency-ratio 2", "--frequency-ratio and --T-p are alternatives; give one"),
     ("response --T-p -1", "--T-p: must be a number > 0 or a list of such numbers, got -1.0"),
     ("response --width 0.4", "structure: height is missing"),
     ("response --width 0.4 --R 2", "--width: unknown key; valid keys are alpha, tan_alpha, R"),
@@ -276,7 +276,7 @@ WRONG = [  # each message once
         "fragility good.toml --motions b",
         "motions.b: must have records (file, suite or synthetic) here, not pulses",
     ),
-    ("fragility good.toml bad.toml", "bad.toml: is a second problem file; give one"),
+    ("fragility good.toml bad.toml", "expected at most one problem file, got good.toml and bad.toml"),
     ("fragility --synthetic 3 --measure Sa", "--measure Sa: needs --measure-period"),
     ("fragility --synthetic 3 --measure-period 1", "--measure-period: is for Sa only"),
     ("fragility --synthetic 3 record.txt", "--synthetic: give files or synthetic motions, not both"),

@@ -475,10 +475,10 @@ def test_plot_refuses_other_files(histories, tmp_path):
     for name, names, words in (
         ("none.nc", [], "there is no such file"),
         ("text.nc", [], "cannot be read as netCDF"),
-        ("other.nc", [], "is not a file of rockjax: it has no attribute 'kind'"),
-        ("weather.nc", [], "no picture of a 'weather' is known; known are rocking-spectrum"),
+        ("other.nc", [], "the file has no attribute 'kind', so rockjax did not write it"),
+        ("weather.nc", [], "the kind of the dataset must be one of rocking-spectrum"),
         ("s.partial.nc", [], "finish it with --resume"),
-        ("r.nc", ["rotation"], "no picture 'rotation'; it has response, phase-portrait"),
+        ("r.nc", ["rotation"], r"pictures of this response are response, phase-portrait.*got 'rotation'"),
     ):
         with pytest.raises(ValueError, match=words):
             _from_file.redraw(tmp_path / name, None, names)

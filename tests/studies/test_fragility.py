@@ -425,7 +425,7 @@ def test_an_interval_that_is_none_is_refused():
     """Two records at three levels: without one of them nothing is left to tell a dispersion from."""
     few = stripe_analysis([0.4, 0.8, 0.9, 1.1, 1.2, 1.3], [0.5, 1.0])
     with pytest.raises(
-        ValueError, match=r"no interval: without one of \d of the 6 records .* confidence=None"
+        ValueError, match=r"fit without each record, but for \d of the 6 records .* confidence=None"
     ):
         rj.fragility(few, method="stripes")
     assert "interval" not in rj.fragility(few, method="stripes", confidence=None)

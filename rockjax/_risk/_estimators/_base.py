@@ -44,8 +44,11 @@ class ProbabilitySlopes(NamedTuple):
 
 
 class AbstractEstimator(abc.ABC):
-    """An estimator of P(G ≤ 0). Rounds are added until the coefficient of variation or the number of scenes
-    is reached."""
+    """Estimator of P(G ≤ 0), to which rounds of samples are added until it has converged.
+
+    - `limit`: limit state; `points`: its design points; `rng`: source of random numbers
+    - `rounds`: number of rounds so far
+    """
 
     needs_design_points = True
     always_covers = False  # whether the interval has its nominal coverage even before convergence
@@ -67,13 +70,14 @@ class AbstractEstimator(abc.ABC):
         return None
 
     def converged(self, estimate: ProbabilityEstimate, cov: float) -> bool:
-        """Return whether the estimate has reached the coefficient of variation `cov`, judged by its own
-        samples."""
+        """Return whether the estimate has reached the coefficient of variation `cov`.
+
+        It also needs `ROUNDS` rounds and `EFFECTIVE` effective failures.
+        """
         return self.rounds >= ROUNDS and estimate.effective >= EFFECTIVE and estimate.cov <= cov
 
     def has_light_tail(self) -> bool:
-        """Return whether the estimate does not rest on a few dominant contributions, so that its spread
-        measures its error."""
+        """Return whether no few contributions dominate, so that their spread measures the error."""
         return True
 
     def exhausted(self) -> bool:

@@ -1,17 +1,18 @@
 """Importance sampling: samples from normal densities around the design points, each weighted by its
 likelihood ratio.
 
-The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u) with w_i in proportion to Φ(−β_i). Because φ
-itself is part of it, no weight φ/h exceeds 1/w_0, even where no design point was found. The weights depend
-only on the projections on the design points, so they do not degenerate with the dimension.
+The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u). One half of w_i is in proportion to Φ(−β_i), the
+other half is equal for all design points. Because φ itself is part of the mixture, no weight φ/h exceeds
+1/w_0, even where no design point was found. The weights depend only on the projections on the design points,
+so they do not degenerate with the dimension.
 
 Where failure is unrelated to the design points, as often for rocking, the weights of failing samples have a
 heavy tail: a few samples dominate the sum, and others like them were not drawn. The shape k of a generalised
 Pareto distribution fitted to the largest weights detects this (Vehtari et al. 2024): above 0.7 neither the
 estimate nor its spread is reliable.
 
-A failing sample with a large weight lies far from every known design point. A search from there finds the
-missing one; then the mixture is widened, and the samples of the old mixture are discarded.
+A failing sample with a large weight lies far from every known design point. A search for design points starts
+from there. If it finds a new one, the mixture is widened and the samples of the old mixture are discarded.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from rockjax._risk.search import DesignPoints, design_points, merge_points
 
 from ._base import AbstractMean
 
-ORIGIN = 0.1  # w_0
+ORIGIN = 0.1  # weight w_0 of the density around the origin
 BATCH = 4096
 FAR_WEIGHT = 1.0  # a failure with a larger weight is far from every design point; near one it is about Φ(−β)
-SEARCHES = 4  # greatest number of new searches in a round
+SEARCHES = 4  # greatest number of starts of the search in a round
 TAIL_FACTOR = 3.0  # times √n: number of the largest of n weights that the fit uses, at most a fifth of them
 MIN_TAIL = 10
 MAX_SHAPE = 0.7  # shape k above which a tail is too heavy

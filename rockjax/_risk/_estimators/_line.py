@@ -1,13 +1,13 @@
-"""Line sampling: failing stretches of random lines parallel to the direction of a design point.
+"""Line sampling: failing segments of random lines parallel to the direction of a design point.
 
-A line with the direction α_i of a design point contributes the normal probability of its failing stretches.
-Every crossing on it counts, so windows of survival are included. With several design points, space is divided
-among them: u belongs to the one with the largest α_i·u − β_i. This cuts every line once, and the parts add
-up, so nothing is counted twice or omitted.
+A line with the direction α_i of a design point contributes the normal probability of its failing segments.
+All crossings with the surface of failure count, so survival windows are included. With several design points,
+space is divided among them: u belongs to the design point with the largest α_i·u − β_i. Each line is cut off
+at the boundary of its part of space, so no failing segment is counted twice or omitted.
 
-The crossings are points of the surface of failure. The probability changes as they move with a number y of
-the structure or the ground: dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c| over the crossings c of a line, a surface
-integral. Where G jumps across zero, no derivative tells how the jump moves.
+The crossings move with a parameter y of the structure or the motion, and the probability changes by
+dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|, summed over the crossings c of a line. Where G jumps across zero, its
+derivatives do not determine how the crossing moves.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FINE_RANGE, FINE_STEP, COARSE_STEP = (
     0.8,
 )  # places on a line: every 0.3 within 2.5 of β, every 0.8 elsewhere
 HALF_LENGTH = 7.5  # half the length of a line: Φ(−7.5) is 3e-14
-LINE_SCENES = 40  # scenes of a line, approximately
+LINE_SCENES = 40  # approximate number of scenes for a line
 BATCH = 128  # lines in memory at once
 JUMP = 1e-3  # G has jumped at a crossing if it is farther from zero than this share of |∂G/∂c|·σ
 

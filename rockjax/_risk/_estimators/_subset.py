@@ -1,13 +1,14 @@
-"""Subset simulation (Au & Beck 2001): a rare event as a chain of frequent ones. It needs neither derivatives
-nor design points.
+"""Subset simulation (Au & Beck 2001): the probability of a rare event as a product of larger probabilities.
 
-The samples below a level of G, one twentieth of all, are moved, and a move is kept if it stays below the
-level. A move is that of conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ, for a quarter
-of the components at random: longer moves of fewer components decorrelate sooner. A run ends at the level 0.
+It needs neither derivatives nor design points. A run descends through levels of G. At each level, the samples
+with the lowest G (one twentieth by default) start chains of moves, and a move is accepted if G stays below
+the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ, applied to a
+random quarter of the components (at least ten), because longer moves of fewer components decorrelate sooner.
+A run ends at the level 0, or without failure after `LEVELS` levels.
 
-The samples of a run are correlated, through their chains and through the levels before, and one run cannot
-measure this. So there are always several independent runs, side by side in one batch, and their spread is the
-error. The estimate has a bias of the order of the squared coefficient of variation of a run.
+The samples of a run are correlated within their chains and across levels, and one run cannot measure this.
+Therefore several independent runs share one batch, and their spread gives the error. The estimate has a bias
+of the order of the squared coefficient of variation of a run.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import scipy
 from ._base import LEVEL, ROUNDS, AbstractEstimator, ProbabilityEstimate, lognormal_interval
 
 SHARE = 0.05  # default share of the samples that pass to the next level
-RUNS = 6  # runs of a round, side by side
+RUNS = 6  # independent runs of a round, in one batch
 SAMPLES = 1500  # default number of samples of a level in the first round
 MIN_SAMPLES = 800  # least number of samples of a level in later rounds
 # Greatest growth of the samples from one round to the next; more rounds give a better estimate of the spread.
@@ -36,8 +37,12 @@ TAIL = 0.5 + LEVEL / 2  # quantile at the upper end of the interval
 
 
 class _Run(NamedTuple):
-    """A run of `samples` samples per level: P, its relative variance as estimated from the run itself, and
-    the failing samples, (k, d)."""
+    """A completed run.
+
+    - `probability`: estimate of P, 0 if no level reached failure
+    - `variance`: relative variance of the estimate, estimated from this run
+    - `samples`: number of samples per level; `failing`: the failing samples, (k, d)
+    """
 
     probability: float
     variance: float
@@ -95,7 +100,7 @@ class Subset(AbstractEstimator):
             probability *= float(below.mean())
             if level == 0.0:
                 return _Run(probability, variance, samples, u[below])
-            # A random choice: the first samples are those that moved the least.
+            # The choice is random, because the first samples have moved the least.
             chosen = self.rng.permutation(np.flatnonzero(below))[: round(self.share * samples)]
             chains = chosen.size
             u, g, spread = yield from self._chains(u[chosen], g[chosen], level, spread)
