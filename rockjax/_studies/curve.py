@@ -219,11 +219,11 @@ def _add_intervals(
     records, overturn = data.capacity.size, int(np.isfinite(data.capacity).sum())
     count = overturn if method == "capacities" else records
     if count < MIN_RECORDS:
-        qualifier = "that overturn " if method == "capacities" else ""
+        qualifier = " that overturn" if method == "capacities" else ""
         message = (
-            f"fragility: the intervals rest on only {count} records {qualifier.strip()}".rstrip()
-            + f"; with fewer than {MIN_RECORDS} they depend on the form of the distribution more than on the "
-            "records; use more records, or confidence=None for the curve alone"
+            f"fragility: the intervals rest on only {count} records{qualifier}; with fewer than {MIN_RECORDS} "
+            "they depend on the form of the distribution more than on the records; use more records, or "
+            "confidence=None for the curve alone"
         )
         warnings.warn(message, RuntimeWarning, stacklevel=3)
     find_intervals = _intervals_of_capacities if method == "capacities" else _intervals_of_stripes

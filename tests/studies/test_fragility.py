@@ -412,12 +412,12 @@ def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
 
 
 def test_few_records_are_said():
-    with pytest.warns(RuntimeWarning, match="rest on 2 records that overturn"):
+    with pytest.warns(RuntimeWarning, match="rest on only 2 records that overturn"):
         curve = rj.fragility(stripe_analysis([0.8, 1.2, 9.0], [0.5, 1.0, 2.0]))
     low, high = curve["interval"].sel(quantity="median_capacity").values
     assert high / low > 10
     assert curve["interval"].attrs["overturning_records"] == 2
-    with pytest.warns(RuntimeWarning, match="rest on 4 records only"):
+    with pytest.warns(RuntimeWarning, match="rest on only 4 records"):
         rj.fragility(stripe_analysis([0.4, 0.8, 1.2, 1.6], np.linspace(0.1, 2, 20)), method="stripes")
 
 
