@@ -221,9 +221,9 @@ def _add_intervals(
     if count < MIN_RECORDS:
         qualifier = " that overturn" if method == "capacities" else ""
         message = (
-            f"fragility: the intervals rest on only {count} records{qualifier}; with fewer than {MIN_RECORDS} "
-            "they depend on the form of the distribution more than on the records; use more records, or "
-            "confidence=None for the curve alone"
+            f"fragility: the intervals rest on only {count} records{qualifier}; with fewer than "
+            f"{MIN_RECORDS} they depend on the form of the distribution more than on the records; use more "
+            "records, or confidence=None for the curve alone"
         )
         warnings.warn(message, RuntimeWarning, stacklevel=3)
     find_intervals = _intervals_of_capacities if method == "capacities" else _intervals_of_stripes
