@@ -1,9 +1,9 @@
-"""What each piece of machinery buys: `python -m benchmarks.ablation [piece …]`.
+"""Ablation of optimisations: `python -m benchmarks.ablation [piece …]`.
 
-Every piece is switched off by itself, in a process of its own, and timed beside a process with all of them: a
-row in one and the same row in the other, in turn, the minimum of several. Programs are compiled anew in each
-process, which gives the CPU seconds of compilation. What a piece buys is the time without it over the time
-with it. Leave the machine alone while this runs.
+The benchmark switches off one optimisation ("piece") at a time in a separate process, and alternates timings
+between this process and one with all pieces. It reports the shortest time without a piece divided by the
+shortest time with it. Each process compiles its own programs, which gives the CPU seconds of compilation. Run
+nothing else on the machine meanwhile.
 
 Writes `benchmarks/results/ablation.json`.
 """
@@ -47,15 +47,15 @@ LANES = 64
 
 # ----------------------------------------------------------------------------------------------------- pieces
 class Piece(NamedTuple):
-    """A piece of machinery."""
+    """One optimisation."""
 
-    off: Callable[[], None]  # switches it off in this process, before anything is traced
-    modules: tuple[str, ...]  # where it stands
-    rows: tuple[str, ...] = ()  # which rows it can change; none: all
+    off: Callable[[], None]  # switch it off in this process, before anything is traced
+    modules: tuple[str, ...]  # modules that implement it
+    rows: tuple[str, ...] = ()  # words of the rows that it can change; empty for all rows
 
 
 def _replace(original: Any, replacement: Any) -> None:
-    """Replace a function of rockjax in every module that holds it."""
+    """Replace a function of rockjax in every module that imports it."""
     found = 0
     for module in pkgutil.walk_packages(rj.__path__, "rockjax."):
         if module.name == "rockjax.__main__":
@@ -165,7 +165,7 @@ ROWS: dict[str, Callable[[], Callable[[], Any]]] = {
 
 # ---------------------------------------------------------------------------------------------------- workers
 def operations() -> dict[str, int]:
-    """Arithmetic operations of one trial in the compiled program, a scene."""
+    """Return the arithmetic operations of one trial per scene, in the compiled program."""
     found = {}
     for name, period in (("rigid", 0.0), ("elastic", 0.5)):
         structure = podium(Family(period, np.zeros(0), np.zeros(0)))
@@ -183,7 +183,7 @@ def operations() -> dict[str, int]:
 
 
 def work(piece: str) -> None:
-    """Answer rows from the standard input with seconds: wall time, and CPU time of the first call."""
+    """Read rows from the standard input; print their wall times, and the CPU time of the first call [s]."""
     if piece:
         PIECES[piece].off()
     made: dict[str, Callable[[], Any]] = {}
@@ -204,7 +204,7 @@ def work(piece: str) -> None:
 
 
 class Worker:
-    """A process with a piece switched off, "" for none."""
+    """A process with one piece switched off, or none if the name is ""."""
 
     def __init__(self, piece: str):
         self.folder = tempfile.TemporaryDirectory()
@@ -234,7 +234,7 @@ def lines_of(piece: Piece) -> int:
 
 
 def ratios(name: str, piece: Piece, whole: Worker) -> dict[str, Any]:
-    """Without the piece over with it: each row, the CPU seconds of first calls, the operations of a trial."""
+    """Return ratios without/with the piece: times, CPU seconds of first calls, operations of a trial."""
     row: dict[str, Any] = {"piece": name, "lines": lines_of(piece)}
     without = Worker(name)
     try:

@@ -1,16 +1,15 @@
-"""Error estimates and confidence intervals against the truth: `python -m benchmarks.calibration
+"""Calibration of error estimates and confidence intervals: `python -m benchmarks.calibration
 errors|intervals`.
 
-`errors [scenes] [--records FOLDER]`: random structures of ordinary proportions under synthetic records, and
-under those in a folder (`benchmarks/boundaries.py` says which), at amplitudes from just above what lifts the
-columns to eight times that. Each scene is solved as asked for with its error estimate and again at
-`REFERENCE_RTOL`, which stands for the truth. Scenes whose class differs from that of the truth are counted by
-themselves: a peak is then no longer a number with an error.
+`errors [scenes] [--records FOLDER]` solves random structures of ordinary proportions under synthetic records,
+and under the records of a folder (see `benchmarks/boundaries.py`), with a PGA from 0.9 to 8 times the uplift
+threshold. It solves each scene with its error estimate, and again with `REFERENCE_RTOL` as the reference.
+Scenes with another outcome than the reference are counted separately, because their peaks have no error.
 
-`intervals [trials]`: how often intervals of fragility curves hold the truth. Capacities are drawn from a
-lognormal distribution, some of them censored; a fit and its 90 % intervals are found for each sample, with
-the functions of `rockjax.fragility`. For stripes each record survives again at levels above its capacity, by
-chance. Samples without a fit, with fewer than two capacities that differ, are drawn but do not count.
+`intervals [trials]` counts how often intervals of fragility curves contain the true value. It draws
+capacities from a lognormal distribution, some of them censored, and computes a fit and its 90 % intervals for
+each sample with the functions of `rockjax.fragility`. For stripes, records can survive by chance at levels
+above their capacity. Samples without a fit, with fewer than two different capacities, do not count.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from .measure import report, store_rows
 QUANTITIES = ("peak_rotation", "peak_shear")
 TOLERANCES = (1e-4, 1e-6, 1e-8)
 REFERENCE_RTOL = 1e-13
-ROUNDING = 1e-12  # of a rotation over α: errors as small are those of the truth
+ROUNDING = 1e-12  # error of max|θ|/α that may come from the reference
 
 
 def podiums(structure: str, n: int, rng: np.random.Generator) -> rj.Podium:
@@ -50,7 +49,7 @@ def podiums(structure: str, n: int, rng: np.random.Generator) -> rj.Podium:
 
 
 def scale_records(podium: rj.Podium, records: rj.Records, n: int, rng: np.random.Generator) -> rj.Records:
-    """One of the records each, PGA from 0.9 to eight times what lifts the columns."""
+    """Return one record for each podium, with a PGA from 0.9 to 8 times the uplift threshold."""
     which = rng.integers(0, len(records), n).astype(np.int32)
     pga = np.asarray(records.sizes()).max(axis=1)[which]
     lifts = np.asarray(podium.g) * np.tan(np.asarray(podium.alpha))
@@ -87,7 +86,7 @@ def compare_errors(source: str, structure: str, records: rj.Records, n: int) -> 
                 row[f"{name}: over {factor} x"] = float(np.mean(ratio > factor))
             row |= {f"{name}: most": float(np.max(ratio)), f"{name}: median error": float(np.median(error))}
             row[f"{name}: largest error"] = float(np.max(error))
-            # How large an error is that an estimate misses.
+            # Largest error that exceeds ten times its estimate.
             row[f"{name}: largest beyond 10 x"] = float(np.max(np.where(ratio > 10, error, 0.0)))
         rows.append(row)
     return rows
@@ -109,8 +108,8 @@ def errors(scenes: int, folder: Path | None) -> None:
 CONFIDENCE = 0.9
 DISPERSION = 0.4
 BATCH = 500
-FRACTILES = (0.1, 0.9)  # where the band is looked at
-SURVIVAL_CHANCE, SPAN = 0.3, 0.7  # chance of surviving a level above the capacity, up to so much in ln(x)
+FRACTILES = (0.1, 0.9)  # probabilities at which the band is tested
+SURVIVAL_CHANCE, SPAN = 0.3, 0.7  # chance of surviving above the capacity, up to this distance in ln(x)
 
 _fits = jax.jit(jax.vmap(fit_capacities))
 
@@ -120,7 +119,7 @@ def _coverage(bounds, true_value) -> np.ndarray:
 
 
 def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
-    """Coverage with `count` records, of which a share `censored` is expected above the limit."""
+    """Return the coverage with `count` records; a fraction `censored` is expected above the limit."""
     rng = np.random.default_rng(seed)
     limit = np.exp(DISPERSION * ndtri(1 - censored)) if censored else 1e6
     is_covered = []
@@ -146,7 +145,7 @@ def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
 
 
 def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: int = 0) -> dict:
-    """Coverage of counts at `levels`, with a chance `survival_chance` of surviving above the capacity."""
+    """Return the coverage for counts at `levels` levels, with chance survivals above the capacity."""
     rng = np.random.default_rng(seed)
     x = np.linspace(0.25, 3.0, levels)
 
@@ -174,7 +173,7 @@ def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: 
 
 
 def _analysis(x: np.ndarray, overturned: np.ndarray) -> xarray.Dataset:
-    """What `fragility` looks at of an analysis."""
+    """Return the variables of an analysis that `fragility` reads."""
     first = np.where(overturned.any(axis=1), x[np.argmax(overturned, axis=1)], np.nan)
     return xarray.Dataset(
         {"capacity": ("record", first), "overturned": (("record", "intensity"), overturned)},

@@ -1,12 +1,13 @@
 """Derivatives: `python -m benchmarks.gradients cost`, and `python -m benchmarks.gradients modes [scenes]`.
 
-(cost) value and gradient with respect to five numbers beside the value alone. (modes) forward against reverse
-derivatives over many scenes, rigid and elastic, batched by `jax.vmap`: under pulses with respect to every
-number, and under records with respect to all samples, where both modes are computations of their own (some
-twenty times fewer scenes). Of the samples, the derivative along a random direction is compared with the
-gradient's component along it, relative to the sum of the sizes of its terms. Where they differ by more than
-`CLOSE`, the forward derivative is computed again with samples that differ by a unit in the last place:
-`unexplained` counts those that this moves by less than a tenth as much.
+`cost` compares the time of the value and the gradient with respect to five parameters with the time of the
+value alone. `modes` compares forward with reverse derivatives of many rigid and elastic scenes, batched by
+`jax.vmap`: under pulses with respect to every scalar parameter, and under records (about twenty times fewer
+scenes) with respect to all samples, where the two modes are separate computations. For samples, it compares
+the derivative along a random direction with the component of the gradient along it, relative to the sum of
+the sizes of its terms. Where they differ by more than `CLOSE`, it repeats the forward derivative with samples
+changed by a unit in the last place. `unexplained` counts differences that are more than ten times larger than
+the effect of this change.
 """
 
 from __future__ import annotations
@@ -61,10 +62,10 @@ def _row(family: str, quantity: str, value: float, both: float) -> dict:
     return {"family": family, "kind": quantity} | times
 
 
-SAMPLES, DT = 60, 0.05  # of the records
+SAMPLES, DT = 60, 0.05  # number of samples and sampling interval of the records [s]
 CLOSE = 1e-12
-PERTURBATIONS = 16  # times that samples are changed
-PART = 256  # scenes that go through a program side by side
+PERTURBATIONS = 16  # number of changes of the samples
+PART = 256  # scenes in one call of a program
 OPTIONS = rj.Options(max_steps=4000, throw=False)
 
 
@@ -89,7 +90,7 @@ def of_record(y: jax.Array, samples: jax.Array, elastic: bool) -> jax.Array:
 
 
 def by_samples(y: jax.Array, elastic: bool) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Derivatives along a direction, by forward and by reverse mode, and the sizes of their terms."""
+    """Return derivatives along a direction, by forward and by reverse mode, and the sizes of their terms."""
     y, samples, direction = jnp.split(y, [y.size - 2 * SAMPLES, y.size - SAMPLES])
     function = lambda samples: of_record(y, samples, elastic)
     _, forward = jax.jvp(function, (samples,), (direction,))
@@ -110,7 +111,7 @@ def numbers(n: int, elastic: bool) -> np.ndarray:
 
 
 def random_records(n: int, elastic: bool) -> np.ndarray:
-    """Structures, samples of smoothed noise with PGA as that of the pulses, and directions."""
+    """Return structures, samples of smoothed noise with the PGA of the pulses, and directions."""
     rng = np.random.default_rng([4, elastic])
     y = structures(n, elastic, rng)
     noise = np.apply_along_axis(np.convolve, 1, rng.normal(size=(n, SAMPLES)), np.hanning(9), mode="same")
@@ -148,7 +149,7 @@ def compare_modes(name: str, function, y: np.ndarray) -> dict:
 
 
 def _moved(solved, y: np.ndarray, forward: np.ndarray) -> np.ndarray:
-    """How far the last place of the samples moves forward derivatives."""
+    """Return the change of forward derivatives by a unit in the last place of the samples."""
     rng = np.random.default_rng(0)
     most = np.zeros_like(forward)
     samples = slice(-2 * SAMPLES, -SAMPLES)

@@ -1,6 +1,6 @@
-"""Shared by all benchmarks: scenes, timing, errors against a reference, and tables.
+"""Scenes, timing, errors relative to a reference, and tables of all benchmarks.
 
-The scenes that are measured are the grid of Fig. 6 at η/γ = 10, one family per superstructure.
+The measured scenes are the grid of Fig. 6 at η/γ = 10, one family per superstructure.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ class Family:
         return len(self.a_p)
 
     def some(self, count: int) -> Family:
-        """Evenly spread scenes of the family, for peers that need seconds for each."""
+        """Return evenly spaced scenes of the family, for solvers that need seconds for each."""
         chosen = np.linspace(0, len(self) - 1, count).round().astype(int)
         return dataclasses.replace(self, a_p=self.a_p[chosen], T_p=self.T_p[chosen])
 
 
 def family(name: str, points: int) -> Family:
-    """The family on points × points pulses: 1 ≤ ω_p/p ≤ 8, 1 ≤ a_p/(g tan α) ≤ 12."""
+    """Return the family on points × points pulses: 1 ≤ ω_p/p ≤ 8, 1 ≤ a_p/(g tan α) ≤ 12."""
     p = math.sqrt(0.75 * G / Family.R)
     frequency, acceleration = np.meshgrid(np.linspace(1, 8, points), np.linspace(1, 12, points))
     return Family(
@@ -66,13 +66,13 @@ def log_uniform(rng: np.random.Generator, low: float, high: float, n: int) -> np
 def some(
     rng: np.random.Generator, values: np.ndarray, special: tuple[float, ...], share: float = 0.15
 ) -> np.ndarray:
-    """The values, a share of them replaced by special ones."""
+    """Return the values with a fraction `share` of them replaced by special values."""
     chosen = rng.choice(special, len(values))
     return np.where(rng.random(len(values)) < share, chosen, values)
 
 
 def shortest_time(function: Callable[[], Any], runs: int = 5) -> float:
-    """Wall time of the shortest of several runs [s], after one that compiles."""
+    """Return the wall time of the shortest of several runs [s], after one that compiles."""
     function()
     times = []
     for _ in range(runs):
@@ -104,7 +104,7 @@ _known: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
 
 
 def reference(family: Family) -> tuple[np.ndarray, np.ndarray]:
-    """(peaks, overturned) by an implementation that shares nothing with this project, at rtol 1e-13."""
+    """Return (peaks, overturned) by an implementation that shares no code with rockjax, at rtol 1e-13."""
     from .peers import numba_loop
 
     key = (family.T_s, family.eta, family.a_p.tobytes(), family.T_p.tobytes())
@@ -114,15 +114,15 @@ def reference(family: Family) -> tuple[np.ndarray, np.ndarray]:
 
 
 def errors(found: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, float]:
-    """Quantiles of |error of max|θ|/α| over the scenes, and how many changed between standing and
-    overturned."""
+    """Return quantiles of the error of max|θ|/α over the scenes, and the number of scenes with another
+    outcome (overturned or not)."""
     return difference_quantiles(found, reference(family))
 
 
 def difference_quantiles(
     found: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray]
 ) -> dict[str, float]:
-    """The same of (peaks, overturned) against others."""
+    """Return the quantiles of `errors` for two pairs (peaks, overturned)."""
     same = found[1] == expected[1]
     error = np.abs(found[0] - expected[0])[same]
     return {
@@ -134,7 +134,7 @@ def difference_quantiles(
 
 
 def store_rows(name: str, rows: list[dict]) -> None:
-    """Store a table beside the versions it was measured with."""
+    """Store a table together with the versions of Python, JAX and rockjax."""
     import jax
 
     RESULTS.mkdir(exist_ok=True)
@@ -144,12 +144,12 @@ def store_rows(name: str, rows: list[dict]) -> None:
 
 
 def stored_rows(name: str) -> list[dict]:
-    """The rows of a table that was stored before."""
+    """Return the rows of a stored table."""
     return json.loads((RESULTS / f"{name}.json").read_text())["rows"]
 
 
 def stored_rows_if_any(name: str) -> list[dict]:
-    """The same, none where there is no such table yet."""
+    """Return the rows of a stored table, or an empty list if there is none."""
     return stored_rows(name) if (RESULTS / f"{name}.json").exists() else []
 
 

@@ -1,16 +1,17 @@
-"""A stress campaign: `python -m benchmarks.stress [scenes] [seed] [words of groups] [--control] [--every K]
-[--store FOLDER]`.
+"""Stress campaign of random scenes.
 
-Random structures, motions, initial states, tolerances and methods, in groups that one program serves; with
-`--control` restrainers, vertical motion and several modes. Every scene is solved three times: as asked for
-with its error estimate (a second solve), and at a far tighter tolerance, which stands for the truth. A sample
-of the scenes goes to an implementation that shares nothing with the project. With a store every batch is a
-sweep of its own in that folder: stopped at any moment, the same command goes on, and with everything solved
-it makes the report anew.
+    python -m benchmarks.stress [scenes] [seed] [words of groups] [--control] [--every K] [--store FOLDER]
 
-What is looked for: results without a name, NaN, numbers out of their range, scenes out of steps, classes that
-change unnoticed, errors beyond the estimate, trials per scene. Failures are printed with the line of Python
-that repeats them.
+The campaign draws random structures, motions, initial states, tolerances and methods, in groups that one
+program serves. With `--control` it adds restrainers, vertical motion and several modes. It solves each scene
+three times: at the requested tolerance, again for its error estimate, and for the reference at a much smaller
+tolerance. An implementation that shares no code with the project solves a sample of the scenes. With a store
+each batch is a sweep in that folder. The same command continues an interrupted campaign, and repeats the
+report of a finished one.
+
+The campaign looks for results without a name, NaN, values out of their range, scenes that do not finish,
+outcomes that change without a flag, and errors beyond the estimate, and it counts trials. It prints each
+failure with the line of Python that repeats it.
 """
 
 from __future__ import annotations
@@ -41,25 +42,25 @@ from .measure import log_uniform, show, some, store_rows
 
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
-FINER = 1e-3  # the tolerance of the truth, over that of the scene
-TRUTH_STEPS = 50_000  # of the truth
-ASKED_STEPS = rj.Options().max_steps  # of scenes as asked for; `--steps` allows fewer
-VIBRATION = 3e5  # radians, see `vibration`: up to here a scene has to be answered
-PER_GROUP = 3  # tolerances
-CHUNK = 65536  # scenes of a sweep: as much as a stop costs at most
+FINER = 1e-3  # tolerance of the reference divided by that of the scene
+TRUTH_STEPS = 50_000  # max_steps of the reference
+ASKED_STEPS = rj.Options().max_steps  # max_steps at the requested tolerance; `--steps` sets fewer
+VIBRATION = 3e5  # radians, see `vibration`: a scene with fewer has to finish
+PER_GROUP = 3  # number of tolerances in each group
+CHUNK = 65536  # scenes in a chunk of a sweep: an interruption loses at most these
 Answers = dict[str, np.ndarray]
 SUPERSTRUCTURES = ("none", "rigid", "elastic")
 LAWS = ("paper", "compatible", "given")
 PULSES = ("Ricker", "AntisymmetricRicker", "OneSine", "OneCosine", "HalfSine")
 MOTIONS = (*PULSES, "MavroeidisPapageorgiou", "Gabor", "Rest", "record", "offset record", "coarse record")
-# Methods of lower order where they make sense: down to which tolerance.
+# Smallest tolerance for each method of lower order.
 METHOD_TOLERANCES = {"tsit5": 1e-12, "dopri5": 1e-11, "bosh3": 1e-6}
 QUANTITIES = ("peak_rotation", "peak_deformation", "peak_shear")
 
 
 @dataclasses.dataclass(frozen=True)
 class Group:
-    """Scenes that one program serves."""
+    """Scenes that one compiled program serves."""
 
     top: str
     law: str
@@ -73,7 +74,7 @@ class Group:
 
     @property
     def controlled(self) -> bool:
-        """Whether it is one of `--control`."""
+        """True if the group belongs to `--control`."""
         return bool(self.added) or self.top == "modes"
 
 
@@ -93,7 +94,7 @@ def control_groups() -> Iterator[Group]:
 
 # ----------------------------------------------------------------------------------------------------- scenes
 def samples(motion: str) -> np.ndarray:
-    """Synthetic records of peak 1, of different length and roughness."""
+    """Return the samples of a synthetic record with peak 1; the records differ in length and roughness."""
     n, seed = {"record": (240, 1), "offset record": (400, 2), "coarse record": (24, 3)}[motion]
     rng = np.random.default_rng(seed)
     t = np.arange(n) / n
@@ -119,7 +120,7 @@ class Batch:
         return rj.peak_responses(self.podium, self.motion, initial=self.initial, options=options)
 
     def answers(self, options: rj.Options, store: Path | None, name: str) -> Answers:
-        """The same as named arrays, from a store where there is one."""
+        """Return the answers as named arrays, from a store if there is one."""
         if store is None:
             return {name: values for name, values, _ in peak_variables(self.solve(options), options.outputs)}
         data = rj.sweep(
@@ -157,7 +158,7 @@ def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
 
 
 def motions(rng: np.random.Generator, group: Group, podium: rj.Podium, n: int) -> rj.AbstractExcitation:
-    """From just under what lifts the columns to fifty times that; periods around the columns' own."""
+    """Return motions from 0.99 to 50 times the uplift threshold, with frequencies from 0.2 p to 40 p."""
     lifts = np.where(rng.random(n) < 0.5, podium.uplift_demand, podium.g * np.tan(podium.alpha))
     factor = some(rng, log_uniform(rng, 0.99, 50.0, n), (1 - 1e-9, 1.0, 1 + 1e-9, 1.001), 0.1)
     a = np.asarray(lifts) * factor * rng.choice([-1.0, 1.0], n)
@@ -211,7 +212,7 @@ def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
 
 
 def scene(batch: Batch, k: int | np.ndarray) -> tuple[rj.Podium, rj.AbstractExcitation, rj.State]:
-    """Scene k of a batch, as single numbers; or some of them."""
+    """Return scene k of a batch with scalar parameters, or the scenes of several indices k."""
 
     def pick(y):
         y = np.asarray(y)
@@ -222,7 +223,7 @@ def scene(batch: Batch, k: int | np.ndarray) -> tuple[rj.Podium, rj.AbstractExci
 
 
 def repeat(group: Group, rtol: float, n: int, seed: int, k: int) -> str:
-    """The line that gets a scene back."""
+    """Return the Python expression that repeats a scene."""
     arguments = ", ".join(repr(getattr(group, field.name)) for field in dataclasses.fields(group))
     return f"s.scene(s.batch(s.Group({arguments}), {rtol:g}, {n}, {seed}), {k})"
 
@@ -233,20 +234,20 @@ Job = tuple[Group, float, int, int, int]  # the arguments of `repeat`
 
 @dataclasses.dataclass
 class Findings:
-    """What is counted over scenes."""
+    """Counts over the scenes of a group."""
 
     scenes: int = 0
     results: dict[str, int] = dataclasses.field(default_factory=dict)
     failures: dict[str, int] = dataclasses.field(default_factory=dict)
     examples: list[tuple[str, str]] = dataclasses.field(default_factory=list)
-    # True error over estimate, of the rotation.
+    # True error of the rotation divided by its estimate.
     ratios: list[np.ndarray] = dataclasses.field(default_factory=list)
-    flips: int = 0  # classes that change between the asked-for tolerance and the truth …
-    unflagged: int = 0  # … without having been flagged as undecided
+    flips: int = 0  # scenes that overturn at only one of the two tolerances, requested or reference
+    unflagged: int = 0  # flips without the flag `undecided`
     undecided: int = 0
     trials: list[np.ndarray] = dataclasses.field(default_factory=list)
-    beyond: int = 0  # more vibration than has to be followed
-    within: int = 0  # out of steps all the same
+    beyond: int = 0  # scenes with a vibration of more than `VIBRATION`
+    within: int = 0  # scenes that do not finish although their vibration is at most `VIBRATION`
     seconds: float = 0.0
 
     def fail(self, cause: str, failed: np.ndarray, line: Callable[[int], str]) -> None:
@@ -260,12 +261,12 @@ class Findings:
 
 # -------------------------------------------------------------------------- an implementation of its own kind
 def against_reference(job: Job) -> tuple[float, float, bool, bool]:
-    """(error, estimate, same class, undecided) of one scene."""
+    """Return (error, estimate, whether the outcomes agree, undecided) of one scene."""
     group, rtol, n, seed, k = job
     of = batch(group, rtol, n, seed)
     podium, motion, initial = scene(of, k)
     peak = rj.peak_response(podium, motion, initial=initial, options=of.options.replace(throw=False))
-    # To the end of the scene and some more: the certificate is looked at as well.
+    # Beyond the end of the scene, so that the certificate is tested as well.
     end = min(
         float(peak.stats.end_time) + 3 / float(podium.p), float(motion.support[1]) + 30 / float(podium.p)
     )
@@ -281,7 +282,7 @@ def against_reference(job: Job) -> tuple[float, float, bool, bool]:
 def sample_for_reference(
     seed: int, number: int, among: list[Group]
 ) -> list[tuple[Group, float, int, int, int]]:
-    """Scenes that SciPy can do in seconds: not too stiff, not too many impacts."""
+    """Return scenes that SciPy can solve in seconds: not too stiff and without too many impacts."""
     rng = np.random.default_rng(seed)
     jobs = []
     chosen = [g for g in among if g.motion in PULSES and g.method == "dopri8"]
@@ -292,7 +293,7 @@ def sample_for_reference(
             warnings.simplefilter("ignore", RuntimeWarning)
             peak = of.solve(of.options.replace(max_steps=3000))
         fit = np.asarray(peak.stats.steps) < 1000
-        # NaN where they were not counted to their end, which the steps bound.
+        # NaN if impacts were not counted to the end; the number of steps then bounds them.
         fit &= ~(np.asarray(peak.impacts) >= 100)
         # SciPy looks for events at its steps, and misses shorter lifts.
         fit &= np.asarray(peak.peak_rotation) > 1e-6
@@ -303,16 +304,16 @@ def sample_for_reference(
     return jobs[:number]
 
 
-ROUNDING = 1e-13  # of a peak rotation over α: less than that is not asked of an estimate
+ROUNDING = 1e-13  # error of max|θ|/α that an estimate need not cover
 
 
 OUT_OF_STEPS = [NAMES.index(name) for name in ("out_of_steps", "chattering", "too_stiff")]
 
 
 def vibration(batch: Batch) -> np.ndarray:
-    """Radians that the superstructure vibrates on lifted columns, Eq. (31), until the end of each scene.
+    """Return the vibration on lifted columns, Eq. (31), until the end of each scene [rad].
 
-    Where damping there is more than twice critical, the radians that its decay counts for: both bound a step.
+    If the damping ratio there is above 2, the rate of decay replaces the frequency. Both limit the steps.
     """
     top, shape = batch.podium.superstructure, np.shape(batch.initial.theta)
     if not isinstance(top, rj.Elastic | rj.Modes):
@@ -444,7 +445,7 @@ def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
 
 
 def compared_with_reference(seed: int, number: int, among: list[Group]) -> dict[str, Any]:
-    """Random scenes against the independent implementation, in processes of their own."""
+    """Compare random scenes with the independent implementation, in separate processes."""
     if not number:
         return {}
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
@@ -473,9 +474,9 @@ def main() -> None:
     )
     arguments.add_argument("scenes", nargs="?", type=float, default=200_000)
     arguments.add_argument("seed", nargs="?", type=int, default=0)
-    arguments.add_argument("words", nargs="*", help="of groups: those that have all of them")
+    arguments.add_argument("words", nargs="*", help="run only groups whose names contain all of these words")
     arguments.add_argument(
-        "--every", type=int, default=1, help="one of so many groups: fewer programs to compile"
+        "--every", type=int, default=1, help="run every K-th group only, to compile fewer programs"
     )
     arguments.add_argument(
         "--references", type=int, default=120, help="scenes for the independent implementation"
