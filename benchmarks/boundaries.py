@@ -1,17 +1,17 @@
-"""Windows of overturning below the boundary that is reported.
+"""Test of the search for overturning boundaries: does it miss windows of overturning?
 
 `python -m benchmarks.boundaries [number of motions] [structure …] [--records FOLDER] [--store FOLDER]`
 
-For each structure and each motion every scale, from the last that lifts nothing up to the first wide window
-of overturning, is tried at a quarter of `WIDTH` of the range, by plain responses; each window that this shows
-is measured. Then the boundary is searched as users do. No window below it may be wider than what the search
-is certain to, and just above it the structure has to overturn. Half of the synthetic motions have a velocity
-pulse; some are pulses alone. With `--records`, the records in a folder (text with times and accelerations, in
-any unit: the range is in terms of PGA) are the motions, cut to 1000 samples from 400 before their peak.
+For each structure and each motion, plain responses are computed at scales a quarter of `WIDTH` of the range
+apart, from the last scale without uplift to the first wide window of overturning. The width of each window
+is measured. Then the boundary is searched as users do. No window below it may be wider than `certain_width`,
+and the structure must overturn just above it. Half of the synthetic motions have a velocity pulse, and some
+are pulses alone. `--records` uses the records of a folder instead (text with times and accelerations in any
+unit, because the range is in terms of PGA), cut to 1000 samples from 400 before their peak.
 
-What the scales tell does not depend on the search. With `--store` it is kept in a folder, a file for each
-structure and motion: stopped at any moment, the same command goes on, and once they are there another search
-is compared with them at the cost of that search alone.
+The responses do not depend on the search. `--store` keeps them in a folder, one file for each structure and
+motion. The same command continues an interrupted run, and another search can be compared with stored
+responses.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""This project beside what a user would pick instead, in one run on the same scenes: `python -m
-benchmarks.compare`.
+"""Comparison with other solvers on the same scenes in one run: `python -m benchmarks.compare`.
 
-For each target of the 99th percentile of the error, everyone runs at the loosest tolerance that reaches it.
-SciPy, heyoka and the literal Diffrax form run a spread of some scenes (and a target is judged by their
-largest error); times are per scene, of the shortest run. Peers: `pip install -e ".[bench]"`.
+For each target of the 99th percentile of the error, each solver uses the largest tolerance that reaches it.
+SciPy, heyoka and the Diffrax version solve some evenly spaced scenes, and the target applies to their
+largest error. Times are per scene, of the shortest run. Install the peers with `pip install -e ".[bench]"`.
 """
 
 from __future__ import annotations

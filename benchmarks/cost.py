@@ -1,11 +1,11 @@
 """Run time of a scene: `python -m benchmarks.cost motions|restrained|forces|scaling|processors`.
 
-(motions) the grid of Fig. 6 with pulses of every shape in place of Ricker's. (restrained) podiums with a
-tendon and a linear damper beside the same ones without; accelerations are relative to those that lift the
-columns, so that both rock alike. (forces) batches with forces in the joints beside the same ones without, for
-pulses and for records. (scaling) time and memory from 10³ to 10⁶ scenes. (processors) the devices
-that JAX has against the threads of a process on the CPU, with the differences of their answers; without an
-accelerator, `processors --host-devices 2` takes so many parts of the CPU instead.
+`motions` solves the grid of Fig. 6 with other pulse shapes than Ricker's. `restrained` compares podiums that
+have a tendon and a linear damper with the same podiums without them; accelerations are relative to the
+uplift threshold, so that both rock alike. `forces` compares batches with and without forces in the joints,
+for pulses and for records. `scaling` measures time and memory from 10³ to 10⁶ scenes. `processors` compares
+the devices of JAX with threads on the CPU, including the differences of their answers; without an
+accelerator, `processors --host-devices 2` uses two parts of the CPU as devices.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
-"""Records: run time against error, all three peaks, whole analyses: `python -m benchmarks.records`.
+"""Records: run time against error, three peaks, complete analyses: `python -m benchmarks.records`.
 
-20 synthetic records of 2000 samples (dt = .01 s), each at 50 scales of .5 to 12 g tan α, the podium of Fig. 6
-at η/γ = 10. Errors are those of max|θ|/α against rockjax at rtol = 1e-13, which an independent Taylor
-integrator has confirmed where columns chatter. With `--peer FILE` another implementation beside it: a Python
-file with a function `sweep(params, "record", scales, ones, rtol=, atol=, cert=, track=, parallel=,
-record=(times, samples))` that solves the scales of one record on all cores.
+The benchmark solves 20 synthetic records of 2000 samples (dt = 0.01 s), each at 50 scales from 0.5 to 12 g
+tan α, for the podium of Fig. 6 at η/γ = 10. Errors of max|θ|/α are relative to rockjax at rtol = 1e-13,
+which an independent Taylor integrator has confirmed where columns chatter. `--peer FILE` adds another
+implementation: a Python file with a function `sweep(params, "record", scales, ones, rtol=, atol=, cert=,
+track=, parallel=, record=(times, samples))` that solves the scales of one record on all cores.
 
-Writes the tables to `benchmarks/results/records.json` and the picture to `docs/images/records-precision.png`.
+Writes the tables to `benchmarks/results/records.json` and the picture to
+`docs/images/records-precision.png`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Limit states with known probabilities beside OpenTURNS: `python -m benchmarks.reliability [names]`.
+"""Limit states with known probabilities, compared with OpenTURNS: `python -m benchmarks.reliability [names]`.
 
-The limit states are those of the tests and of otbenchmark (RP…), whose probabilities are its own; all are
-functions of standard normal numbers, the same for both. OpenTURNS finds its design point by COBYLA, without
-derivatives; an evaluation of ours may be one with its derivative.
+The limit states come from the tests and from otbenchmark (RP…), with its published probabilities. All are
+functions of standard normal variables and the same for both programs. OpenTURNS finds its design point by
+COBYLA, without derivatives. An evaluation by rockjax may include the derivative.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Probabilities of failure of rocking structures: `python -m benchmarks.risk subset|sweep|first-order`.
 
-`subset [minutes] [names of cases]` repeats subset simulation beside counting; it goes on from what is stored,
-for so many minutes of processor time at most, and prints the table. `sweep MOTIONS STORE` counts by a sweep:
-every motion is one scene for each density, the same u, scaled. Stopped at any moment, the same command goes
-on; what it has counted is in the table of `subset`. `first-order` is by design points: motions are linear in
-√S₀, so those of one density are those of all, nearer or farther.
+`subset [minutes] [names of cases]` compares repeated subset simulations with counting and prints the table.
+It continues from the stored results, for at most the given minutes of processor time. `sweep MOTIONS STORE`
+counts failures by a sweep: each motion u is one scene for each spectral density S₀. The same command
+continues an interrupted sweep, and `subset` includes its counts in the table. `first-order` uses design
+points. Motions are proportional to √S₀, so the design points for one density give those for all others by
+scaling their distance.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
 """Columns sized for a risk, each from ten starts: `python -m benchmarks.risk_design [names]`.
 
-(probability) the slimmest column that overturns with at most 10⁻³ under a random ground motion; (frequency)
-the slimmest that overturns at most 4·10⁻⁴ times a year on a given hazard; (loss) the least of cost and
-expected loss; (curves) slenderness against both risks; (fresh) the frequency by records drawn anew in each
-step from 400, beside the same by suites that stay.
+`probability` finds the slimmest column that overturns with a probability of at most 10⁻³ under a random
+ground motion. `frequency` finds the slimmest column that overturns at most 4·10⁻⁴ times a year on a given
+hazard. `loss` minimises cost plus expected loss. `curves` computes both risks against the slenderness.
+`fresh` repeats `frequency` with new samples of 400 records in each step, and with fixed suites for
+comparison.
 
-Every design is looked at with motions that took no part in it: 200 other records, another seed of subset
-simulation or counting. What is in the table already is not done again.
+Each design is tested with motions that the search did not use: 200 other records, another seed of subset
+simulation, or counting. Results that are already in the table are not computed again.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""How long the first answer of a process takes: `python -m benchmarks.startup`, or with names of rows.
+"""Time to the first answer of a process: `python -m benchmarks.startup [names of rows]`.
 
-"First" has nothing kept, "later" is a further process of the same user. CPU seconds of the process and all
-its threads, which say the same on a busy machine, and wall time, the shortest of several; also in units of J,
-the time of `import jax`. Rows that are named replace those of the table that was kept before.
+"First" starts without stored programs, and "later" is a further process of the same user. The table has the
+CPU seconds of the process and all its threads, which are reliable on a busy machine too, and the wall time,
+the shortest of several runs. Both are also divided by J, the time of `import jax`. Named rows replace those
+of the stored table.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Sweeps: throughput over local processes, overhead of a chunk, memory: `python -m benchmarks.sweeps`.
+"""Sweeps: throughput with local processes, overhead of a chunk, memory: `python -m benchmarks.sweeps`.
 
-Every figure is a ratio to the batch path on the same scenes in the same run, the least time of several. And
-one large sweep, in fact: `python -m benchmarks.sweeps large SCENES STORE`; stopped at any moment, the same
-command goes on.
+Each value is the shortest time of several, also divided by the time of a batch of the same scenes in the
+same run. `python -m benchmarks.sweeps large SCENES STORE` runs one large sweep; the same command continues
+an interrupted one.
 """
 
 from __future__ import annotations

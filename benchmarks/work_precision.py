@@ -1,9 +1,11 @@
-"""Work against error, per method and family: `python -m benchmarks.work_precision pulses|control [points]`.
+"""Work against error for each method and family.
 
-(pulses) run time of the families of Fig. 6, beside a scalar numba loop. (control) podiums with devices, of
-several modes and under vertical motion; work is counted in trial steps and in operations of a trial, which
-are the same on every machine, and errors are against a solution at 1e-13. Both store a table in
-`benchmarks/results/` and draw a picture in `docs/images/`; `control draw` draws the table that is there.
+    python -m benchmarks.work_precision pulses|control [points]
+
+`pulses` measures the run time for the families of Fig. 6 and for a scalar Numba loop. `control` solves
+podiums with devices, with several modes and under vertical motion. It counts trial steps and operations of a
+trial, which are the same on every machine, and computes errors relative to a solution at 1e-13. Both store a
+table in `benchmarks/results/` and draw a picture in `docs/images/`. `control draw` draws the stored table.
 """
 
 from __future__ import annotations
