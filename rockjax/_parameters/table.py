@@ -186,10 +186,11 @@ DIMENSIONS = _by_name(
     Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
     Parameter("end_radius", "r_c", "m", NOT_NEGATIVE, "radius of round ends of a column", note=_ROUND),
 )
-# Arguments with one value for each story. Names are numbered from 1, such as `story_mass_2`.
+# Arguments with one value for each story or column. Names are numbered from 1, such as `story_mass_2`.
 ROWS_OF_DIMENSIONS = _by_name(
     Parameter("story_mass", "m", "kg", POSITIVE, "mass of the floor", "story_masses"),
     Parameter("story_stiffness", "k", "N m-1", POSITIVE, "stiffness of the story", "story_stiffnesses"),
+    Parameter("position", "x", "m", ANY, "position of the column", "positions"),
 )
 
 # Parameters of ground motions: fields of their classes, and ratios of pulses, which variants.py computes.

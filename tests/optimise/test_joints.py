@@ -1,0 +1,150 @@
+"""Targets on the joints: margins, derivatives through lift-off, and designs."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import optimise
+import rockjax as rj
+
+TIGHT = rj.Options(rtol=1e-11, atol=1e-13)
+HEIGHT = 9.0
+
+
+def elevation(height=HEIGHT, distance=3.0, depth=0.6) -> rj.Elevation:
+    return rj.Elevation([-distance, distance], beam_depth=depth, top_height=height)
+
+
+PODIUM = rj.Podium(0.15, 1.5, 10.0, rj.Elastic(50.0, 0.5), elevation=elevation())
+MOTIONS = [rj.Ricker(2.4, 1.0), rj.Ricker(1.8, 0.7)]
+TARGETS = {
+    "friction": optimise.PeakFriction(0.25, MOTIONS),
+    "axial force": optimise.LeastAxialForce(0.1, MOTIONS),
+    "foundation shear": optimise.PeakFoundationShear(0.16, MOTIONS),
+}
+
+
+def histories():
+    """Axial forces, shears and foundation shears along densely sampled histories."""
+    for motion in MOTIONS:
+        response = rj.simulate(PODIUM, motion, options=TIGHT)
+        start, end = float(response.times[0]), float(response.stats.end_time)
+        t = np.linspace(start, end, 200_001)
+        left = np.asarray(response.times)[1 : int(response.nodes.used)]
+        sides = [(t, False), (left, True)]
+        forces = [response.joint_forces(time, left=side) for time, side in sides]
+        shears = [response.foundation_shear(time, left=side) for time, side in sides]
+        T, N = (
+            np.concatenate([np.asarray(getattr(f, name)) for f in forces]) for name in ("horizontal", "axial")
+        )
+        yield T, N, np.concatenate([np.asarray(V) for V in shears])
+
+
+def test_margins_are_those_of_histories():
+    """Margins of both joints of both motions, one of which lifts off, from forces along histories."""
+    load, expected = np.asarray(PODIUM.dead_load), {name: [] for name in TARGETS}
+    for T, N, V in histories():
+        expected["friction"].append(np.nanmin(0.25 * N - np.abs(T), axis=(0, 1)) / (0.25 * load))
+        expected["axial force"].append(np.nanmin(N, axis=(0, 1)) / load - 0.1)
+        expected["foundation shear"].append([(0.16 - np.nanmax(np.abs(V))) / 0.16])
+    assert np.min(expected["axial force"]) < -0.1  # a joint pulls
+    for name, target in TARGETS.items():
+        found = np.asarray(target.margins(PODIUM, TIGHT))
+        np.testing.assert_allclose(found, np.concatenate(expected[name]), atol=2e-6)
+
+
+def varied(name, value):
+    if name in ("height", "distance", "depth"):
+        return PODIUM.replace(elevation=elevation(**{name: value}))
+    return PODIUM.replace(**{name: value})
+
+
+START = {"height": HEIGHT, "distance": 3.0, "depth": 0.6, "alpha": 0.15, "gamma": 10.0}
+
+
+@pytest.mark.slow(but=["height"])
+@pytest.mark.parametrize("name", START)
+def test_derivatives_through_lift_off(name):
+    """Forward and reverse derivatives of all margins against central differences."""
+    at = START[name]
+    for target in TARGETS.values():
+        margins = lambda y, target=target: target.margins(varied(name, y), TIGHT)
+        h = 1e-5 * at
+        expected = (np.asarray(margins(at + h)) - np.asarray(margins(at - h))) / (2 * h)
+        scale = 1e-6 * (1 + np.abs(expected))
+        assert np.all(np.abs(np.asarray(jax.jacfwd(margins)(at)) - expected) <= 3 * scale)
+        assert np.all(np.abs(np.asarray(jax.jacrev(margins)(at)) - expected) <= 3 * scale)
+
+
+def test_bad_input():
+    for share in (-0.1, 1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match=r"LeastAxialForce: at_least must be in \[0, 1\), got"):
+            optimise.LeastAxialForce(share, MOTIONS)
+    with pytest.raises(ValueError, match="PeakFriction: limit must be finite and > 0"):
+        optimise.PeakFriction(0.0, MOTIONS)
+    with pytest.raises(ValueError, match="peak_friction can be infinite, so it cannot be minimised"):
+        optimise.WorstPeak("peak_friction", MOTIONS)
+
+
+def test_where_columns_overturn_margins_are_those_of_overturning():
+    pulses = [rj.Ricker(20.0, 1.5)]
+    overturned = float(
+        rj.peak_response(PODIUM, pulses[0], options=rj.Options(outputs=("margin",), throw=False)).margin
+    )
+    assert overturned < 0
+    for make in (optimise.PeakFriction, optimise.LeastAxialForce, optimise.PeakFoundationShear):
+        assert np.all(np.asarray(make(0.5, pulses).margins(PODIUM, rj.Options(throw=False))) <= overturned)
+
+
+# --------------------------------------------------------------------------------------------- studies
+DRAWING = optimise.Dimensions(
+    width=0.45, height=3.0, column_mass=3e3, beam_mass=60e3, top_mass=180e3, period=0.5,
+    positions=(0.0, 6.0), beam_depth=0.6, top_height=HEIGHT,
+)  # fmt: skip
+SUITE = [rj.Ricker(2.4, 1.0), rj.Ricker(2.0, 0.7), rj.OneSine(1.8, 1.2)]
+CLOSED = optimise.LeastAxialForce(0.0, SUITE)
+HOW = rj.Options(rtol=1e-9, atol=1e-11)
+
+
+def starts_agree(design: optimise.Design, digits: float = 1e-4):
+    """Every start that converged found the same objective."""
+    assert design.satisfied
+    found = [start.objective for start in design.starts if start.satisfied]
+    assert len(found) >= 8
+    assert np.ptp(found) <= digits * abs(design.objective)
+
+
+@pytest.mark.slow
+def test_least_spacing_that_keeps_joints_closed():
+    """From ten starts, against the root of the margin found on its own."""
+    spacing = lambda podium: podium.elevation.columns[1] - podium.elevation.columns[0]
+    design = optimise.design(
+        DRAWING, {"position_2": (3.0, 20.0)}, spacing, [CLOSED], starts=10, options=HOW, progress=False
+    )
+    starts_agree(design)
+
+    def worst(distance):
+        podium = DRAWING.replace(positions=(0.0, distance)).podium()
+        peaks = [rj.peak_response(podium, y, options=TIGHT.replace(outputs=("axial_force",))) for y in SUITE]
+        return min(float(np.min(np.asarray(y.least_axial_force))) for y in peaks)
+
+    assert design.objective == pytest.approx(brentq(worst, 3.0, 20.0, xtol=1e-9), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_columns_sized_with_and_without_the_joints():
+    """The constraint on the joints decides the width, and costs some; both designs hold when checked anew."""
+    rotation = optimise.PeakRotation(0.4, SUITE)
+    wide, narrow = (
+        optimise.design(
+            DRAWING.replace(positions=(0.0, 7.0)), {"width": (0.3, 0.9)}, lambda podium: podium.width,
+            targets, starts=10, options=HOW, progress=False,
+        )
+        for targets in ([rotation, CLOSED], [rotation])
+    )  # fmt: skip
+    assert narrow.satisfied
+    assert np.all(np.asarray(rotation.margins(narrow.podium, TIGHT)) >= -1e-5)
+    if wide.satisfied:
+        assert np.all(np.asarray(CLOSED.margins(wide.podium, TIGHT)) >= -1e-5)
+        assert wide.objective >= narrow.objective * (1 - 1e-6)
