@@ -46,28 +46,6 @@ class Quintic(NamedTuple):
         return turning_point_or_dip(self, turned, rising)
 
 
-class Cubic(NamedTuple):
-    """A polynomial c0 + c1 z + c2 z² + c3 z³ of one quantity, or of several in a row."""
-
-    c0: Values
-    c1: Values
-    c2: Values
-    c3: Values
-
-    def value(self, z: Values | float) -> Values:
-        return self.c0 + z * (self.c1 + z * (self.c2 + z * self.c3))
-
-    def slope(self, z: Values | float) -> Values:
-        return self.c1 + z * (2 * self.c2 + z * (3 * self.c3))
-
-    def curvature(self, z: Values | float) -> Values:
-        return 2 * self.c2 + z * (6 * self.c3)
-
-    def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-        """Return the result of the function of this name."""
-        return turning_point_or_dip(self, turned, rising)
-
-
 def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Values, h: Value) -> Quintic:
     """Return the quintic with given values, slopes and curvatures in time at both ends of a step.
 
@@ -137,15 +115,13 @@ def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, 
     return z
 
 
-def turning_point_or_dip(polynomial: Quintic | Cubic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
+def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
     """Return the turning point of a quantity over a step, or its dip, and whether it turns twice.
 
     If the slopes at both ends have opposite signs (`turned`), z is the turning point. Otherwise the quantity
     may dip: z is the zero of the curvature, where the slope is least relative to its sign at the ends
     (`rising`). If the slope changes sign there, the quantity turns both before and after it.
     """
-    if isinstance(polynomial, Cubic):
-        return _turning_point_or_dip_of_cubic(polynomial, turned, rising)
     return turning_point_of_slope(derivative(polynomial), jnp.abs(polynomial.c0), turned, rising)
 
 
@@ -166,20 +142,6 @@ def turning_point_of_slope(
     z = _first_zero([jnp.where(turned, a, b) for a, b in pairs])
     noise = 128 * jnp.finfo(sign.dtype).eps * size
     return z, may_dip & (_horner(slope, z) < -noise)
-
-
-def _turning_point_or_dip_of_cubic(polynomial: Cubic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-    """Do the same for a cubic, whose slope a + b z + c z² has roots in closed form."""
-    sign = jnp.where(rising, 1.0, -1.0)
-    a, b, c = (sign * y for y in derivative(polynomial))
-    opens = b > 0  # beyond a zero at z = 0, or before its steepest fall
-    q = -0.5 * (b + jnp.where(opens, 1.0, -1.0) * jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0.0)))
-    may_dip = ~turned & (b < 0) & (b + 2 * c > 0)
-    over = jnp.where(turned, jnp.where(opens, q, a), -b)
-    under = jnp.where(turned, jnp.where(opens, c, q), 2 * c)
-    z = jnp.clip(over / jnp.where(under == 0, 1.0, under), 0.0, 1.0)
-    noise = 128 * jnp.finfo(z.dtype).eps * jnp.abs(polynomial.c0)
-    return z, may_dip & (a + z * (b + z * c) < -noise)
 
 
 def _first_zero(f: Sequence[Values]) -> Values:

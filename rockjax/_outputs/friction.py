@@ -10,8 +10,8 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
 from rockjax._engine.coefficients import present
-from rockjax._engine.hermite import Cubic, turning_point_of_slope
-from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Maximum
+from rockjax._engine.hermite import turning_point_of_slope
+from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Cubic, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Flags, Values
 

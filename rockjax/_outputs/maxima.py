@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.hermite import Cubic, Quintic, derivative
+from rockjax._engine.hermite import Quintic, derivative
 from rockjax._engine.ratio import safe_ratio
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Flags, Value, Values
@@ -22,6 +22,38 @@ WELL_INSIDE = 0.02
 WELL_INSIDE_QUINTIC = 2e-3
 WELL_INSIDE_CUBIC = 1e-4
 ROUNDING = 64  # times the resolution of numbers
+
+
+class Cubic(NamedTuple):
+    """A polynomial c0 + c1 z + c2 z² + c3 z³ of one quantity, or of several in a row."""
+
+    c0: Values
+    c1: Values
+    c2: Values
+    c3: Values
+
+    def value(self, z: Values | float) -> Values:
+        return self.c0 + z * (self.c1 + z * (self.c2 + z * self.c3))
+
+    def slope(self, z: Values | float) -> Values:
+        return self.c1 + z * (2 * self.c2 + z * (3 * self.c3))
+
+    def curvature(self, z: Values | float) -> Values:
+        return 2 * self.c2 + z * (6 * self.c3)
+
+    def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
+        """Return the same as `hermite.turning_point_or_dip`: the slope a + b z + c z² has roots in closed
+        form."""
+        sign = jnp.where(rising, 1.0, -1.0)
+        a, b, c = (sign * y for y in derivative(self))
+        opens = b > 0  # the slope rises at z = 0, and falls to its zero later
+        q = -0.5 * (b + jnp.where(opens, 1.0, -1.0) * jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0.0)))
+        may_dip = ~turned & (b < 0) & (b + 2 * c > 0)
+        numerator = jnp.where(turned, jnp.where(opens, q, a), -b)
+        denominator = jnp.where(turned, jnp.where(opens, c, q), 2 * c)
+        z = jnp.clip(numerator / jnp.where(denominator == 0, 1.0, denominator), 0.0, 1.0)
+        noise = 128 * jnp.finfo(z.dtype).eps * jnp.abs(self.c0)
+        return z, may_dip & (a + z * (b + z * c) < -noise)
 
 
 Sizes = Literal["absolute", "signed", "both"]
