@@ -260,7 +260,7 @@ def test_designs_and_problem_files():
     variables = make_variables(column, {"end_radius": (0.1, 1.2), "width": (0.3, 0.6)})
     assert variables.units == ("m", "m")
     assert float(variables.podium(variables.start()).R) == pytest.approx(float(column.podium().R), rel=1e-12)
-    with pytest.raises(ValueError, match=r"exceeds the possible range: .* less than half the height"):
+    with pytest.raises(ValueError, match=r"exceeds the admissible range: .* less than half the height"):
         make_variables(column, {"end_radius": (0.1, 1.6)})
     reader = Reader(None, {})
     given = reader.check(models.Problem, {"structure": COLUMNS | {"end_radius": 0.75}}).structure

@@ -112,7 +112,7 @@ def test_a_response_to_a_record(run, tmp_path):
     code, out, err = run("response", *same, "--record", "record.txt", "--scale", 1.5, "-o", "a")
     assert code == 0
     assert "rockjax: warning: " in err
-    assert "record.txt: ends with a velocity of" in err
+    assert "record.txt: the motion ends with a velocity of" in err
     assert "wrote a.nc" in out
     with xarray.open_dataset("a.nc") as data:
         assert float(abs(data["ground_acceleration"]).max()) == pytest.approx(1.5 * 0.3 * 9.80665, rel=1e-2)

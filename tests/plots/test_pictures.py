@@ -211,7 +211,7 @@ def test_an_incremental_dynamic_analysis_has_nothing_beyond_the_limit_state():
     ax = plots.incremental_dynamic_analysis(whole)
     assert max(np.nanmax(line.get_xdata()) for line in ax.lines) == 1.0
     assert ax.get_xlim() == (0.0, 1.0)
-    assert "windows of survival" in texts(ax.figure)
+    assert "survival windows" in texts(ax.figure)
     assert legend_is_clear_of(ax)
 
 
