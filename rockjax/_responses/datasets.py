@@ -27,6 +27,7 @@ from rockjax._structures import (
     SUPERSTRUCTURES,
     AbstractSuperstructure,
     Elastic,
+    Elevation,
     GivenRestitution,
     Podium,
     Rigid,
@@ -74,6 +75,7 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
         **({"T_s_s": 0.0} if isinstance(top, Rigid) else {}),
         **({} if isinstance(law, GivenRestitution) else {"restitution": repr(law).strip("'")}),
         **({"restrainers": _as_text(podium.restrainers)} if podium.restrainers else {}),
+        **({"elevation": _numbers(podium.elevation)} if isinstance(podium.elevation, Elevation) else {}),
         **derived,
     }
 
@@ -88,11 +90,16 @@ def _described(top: AbstractSuperstructure | None) -> dict[str, Any]:
         about["stories"] = top.stories
     if top.oscillators is not None:
         about["T_s_s"] = float(np.max(np.asarray(top.oscillators.T_s)))  # the longest
-    numbers = {field.name: getattr(top, field.name) for field in dataclasses.fields(top)}
+    return about | {"superstructure_numbers": _numbers(top)}
+
+
+def _numbers(part: AbstractSuperstructure | Elevation) -> str:
+    """Return the fields of a part of the structure as JSON, for an attribute of a file."""
+    numbers = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
     plain = {
         name: y if isinstance(y, int) or y is None else np.asarray(y).tolist() for name, y in numbers.items()
     }
-    return about | {"superstructure_numbers": json.dumps(plain)}
+    return json.dumps(plain)
 
 
 def _as_text(restrainers: Sequence[AbstractRestrainer]) -> str:
@@ -126,6 +133,7 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
         for name, kind in SUPERSTRUCTURES.items()
         if kind.rows
     }
+    elevation = attributes.get("elevation")
     return Podium(
         alpha=attributes["alpha_rad"],
         R=attributes["R_m"],
@@ -135,6 +143,7 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
         restitution=attributes["restitution"],
         g=attributes["g_m_s2"],
         restrainers=_of_text(attributes.get("restrainers", "[]")),
+        elevation=Elevation(**json.loads(elevation)) if elevation else None,
     )
 
 

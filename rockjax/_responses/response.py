@@ -16,7 +16,7 @@ from rockjax._engine.flat import Nodes
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
-from rockjax._outputs.base import MODES, STORIES
+from rockjax._outputs.base import JOINTS, MODES, STORIES
 from rockjax._programs.program import nans_allowed
 from rockjax._results import RESULTS, State
 from rockjax._structures import Podium
@@ -330,15 +330,10 @@ def _dataset(
         "flag_values": [-1.0, 0.0, 1.0],
         "flag_meanings": "rocking_left full_contact rocking_right",
     }
-    if response.options.of_joints:
-        found = response._of_joints(t, False)
-        for name, (unit, description) in joint_forces.SERIES.items():
-            if name in found:
-                dims = joint_forces.series_dims(found[name].ndim)
-                data[name] = dims, np.asarray(found[name]), _about(unit, description)
-        data = data.assign_coords(joint_forces.coordinates(found["joint_shear"].shape[1]))
     for name, (unit, description) in _IMPACTS.items():
         data[name] = ("impact", np.asarray(impacts[name]), {"units": unit, "long_name": description})
+    if response.options.of_joints:
+        data = with_joints(data, response)
     unit = {"units": "m2 s-2", "long_name": "mechanical energy at the start per N m_c"}
     data["initial_energy"] = ((), np.asarray(energies.initial), unit)
     for name, scalar, attrs in peak_variables(response, response.options.outputs):
@@ -349,6 +344,23 @@ def _dataset(
     data.attrs |= dict(response.origin)
     data.attrs |= describe_podium(response.podium) | describe_options(response.options)
     return data
+
+
+def with_joints(data: xarray.Dataset, response: Response) -> xarray.Dataset:
+    """Return the dataset of a response with the forces in the joints at its times, and the friction demand of
+    its impacts."""
+    found = response._of_joints(data["time"].values, False)
+    for name, (unit, description) in joint_forces.SERIES.items():
+        if name in found:
+            dims = joint_forces.series_dims(found[name].ndim)
+            data[name] = dims, np.asarray(found[name]), _about(unit, description)
+    across, axial = np.moveaxis(np.asarray(response.impulses)[: data.sizes["impact"]], -1, 0)
+    presses = axial > 0
+    demand = np.abs(across) / np.where(presses, axial, 1.0)
+    demand = np.where(presses | (across == 0), demand, np.inf)
+    text = "friction demand of the impact |J_T|/J_N, inf where the joint pulls"
+    data["impact_friction"] = ("impact", joint_forces.COLUMNS, JOINTS), demand, _about("1", text)
+    return data.assign_coords(joint_forces.coordinates(demand.shape[1]))
 
 
 def _dims(name: str, dimensions: int) -> tuple[str, ...]:

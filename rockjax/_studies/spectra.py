@@ -19,6 +19,7 @@ from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._machine.threads import TABLES, import_in_background, submit
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._outputs.base import JOINTS
 from rockjax._parameters.table import variable_attributes
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_types
@@ -59,7 +60,8 @@ def rocking_spectrum(
     Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as
     variables (those in `options.outputs`; `"errors"` gives `peak_rotation_error` … and `undecided`), with
     sensitivities `peak_rotation_sensitivity` … (further dim `parameter`), the dimensional axes `T_p` [s] and
-    `a_p` [m/s²] as further coordinates, and parameters, tolerances and versions in the attributes. Raises
+    `a_p` [m/s²] (and, beside axial forces, `dead_load`) as further coordinates, and parameters, tolerances
+    and versions in the attributes. Raises
     `ValueError` for axes that are not 1-D, finite and in range, and for sensitivities to unknown parameters.
     """
     resumed = None if resume is None else [resume]
@@ -319,6 +321,9 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
             "a_p": ("acceleration_ratio", a_p, variable_attributes("a_p")),
         },
     )
+    if "least_axial_force" in dataset:
+        about = {"units": "1", "long_name": "axial force of the mean column at rest N/(m_c g)"}
+        dataset.coords["dead_load"] = JOINTS, np.asarray(podium.dead_load), about
     dataset.attrs = _attributes(podium, pulse, options)
     return dataset
 

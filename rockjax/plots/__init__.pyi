@@ -12,9 +12,13 @@ from ._histories import energy_balance as energy_balance
 from ._histories import ground_motion as ground_motion
 from ._histories import moment_rotation as moment_rotation
 from ._histories import phase_portrait as phase_portrait
-from ._histories import response as response
 from ._histories import rotation_history as rotation_history
+from ._joints import friction_demand as friction_demand
+from ._joints import joint_forces as joint_forces
+from ._joints import lift_off_spectra as lift_off_spectra
+from ._joints import lift_off_spectrum as lift_off_spectrum
 from ._records import record_spectrum as record_spectrum
+from ._response import response as response
 from ._risk import design_point as design_point
 from ._risk import risk as risk
 from ._sensitivities import sensitivity_spectra as sensitivity_spectra

@@ -61,6 +61,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "sensitivity": Picture(
             _panels(plots.sensitivity_spectra), required_variable="peak_rotation_sensitivity"
         ),
+        "lift-off": Picture(_panels(plots.lift_off_spectra), required_variable="least_axial_force"),
     },
     "overturning-spectrum": {
         "boundaries": Picture(_panels(plots.overturning_boundaries)),
@@ -72,6 +73,10 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "moment-rotation": Picture(plots.moment_rotation, default=False),
         "energy": Picture(plots.energy_balance, default=False),
         "stories": Picture(plots.stories, default=False, required_variable="peak_drift"),
+        "joint-forces": Picture(plots.joint_forces, default=False, required_variable="joint_axial_force"),
+        "friction-demand": Picture(
+            plots.friction_demand, default=False, required_variable="joint_axial_force"
+        ),
         "animation": Picture(plots.save_animation, default=False, is_animation=True),
     },
     "incremental-dynamic-analysis": {"ida": Picture(plots.incremental_dynamic_analysis)},

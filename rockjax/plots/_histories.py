@@ -15,7 +15,6 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import potential, potential_slope, spin_with_inerters
@@ -24,7 +23,7 @@ from rockjax._responses.response import Response
 from rockjax._structures import Podium, Rigid
 from rockjax._units import MM_PER_M
 
-from ._style import COLOURS, ROTATION, curve_style, on_axes, styled
+from ._style import COLOURS, ROTATION, curve_style, on_axes
 
 if TYPE_CHECKING:
     import xarray
@@ -326,23 +325,3 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
     ax.grid(True, alpha=0.3)
     ax.legend(loc="best")
     return ax
-
-
-@styled
-def response(response: Response | xarray.Dataset, figure: Figure | None = None, points: int = 4000) -> Figure:
-    """Plot a time history: rotation with its impacts, deformation of an elastic superstructure, ground
-    acceleration."""
-    figure = figure or plt.figure(figsize=(8, 6.5), layout="constrained")
-    if isinstance(response, Response):
-        response = response.dataset(np.linspace(*response.span, points))
-    data = as_history(response)
-    panels = [rotation_history, deformation_history, ground_motion]
-    if not vibrates(data.attrs):
-        panels.remove(deformation_history)
-    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for ax, draw in zip(axes, panels, strict=True):
-        draw(data, ax)
-        if ax is not axes[-1]:
-            ax.set_xlabel("")
-    figure.align_ylabels(axes)
-    return figure

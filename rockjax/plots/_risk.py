@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from rockjax._responses.simulate import simulate
 from rockjax._units import displayed
 
-from ._histories import response
+from ._response import response
 from ._style import COLOURS, label_log_x, plt, styled
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -91,12 +92,23 @@ def spectra(panels: xarray.Dataset) -> Figure:
 
     `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
+    return draw_panels(panels, rocking_spectrum)
+
+
+def draw_panels(panels: xarray.Dataset, draw: Callable[..., Axes], title: str = "", **bar) -> Figure:
+    """Draw spectra with their dimensional axes and a colour bar: η/γ down, T_s across.
+
+    - `panels`: spectrum with the further dims `eta_over_gamma` and `T_s`
+    - `draw`: function (spectrum, axes) that draws one panel with Matplotlib's `contourf`
+    - `title`: text before the description of structure and pulse
+    - `bar`: arguments of `rotation_bar`
+    """
     rows, columns = panels.sizes["eta_over_gamma"], panels.sizes["T_s"]
-    figure, axes, right_end = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels)
+    figure, axes, right_end = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels, title=title)
     for i in range(rows):
         for j in range(columns):
             panel, ax = panels.isel(eta_over_gamma=i, T_s=j), axes[i, j]
-            rocking_spectrum(panel, ax)
+            draw(panel, ax)
             dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
             ratio = float(panel.eta_over_gamma)
             names = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
@@ -106,6 +118,8 @@ def spectra(panels: xarray.Dataset) -> Figure:
             ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
             if bool(panel["overturned"].any()):
                 ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
-    bar = figure.add_axes((right_end + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5))
-    rotation_bar(axes, cax=bar)
+    place = figure.add_axes(
+        (right_end + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5)
+    )
+    rotation_bar(axes, cax=place, **bar)
     return figure

@@ -1,0 +1,130 @@
+"""Where the beam lifts off: axial forces and friction of the twelve structures of Fig. 6.
+
+`python -m benchmarks.lift_off [POINTS]` draws the maps of docs/validation/lift-off.md for 2, 3 and 5 columns and
+prints its tables, on POINTS × POINTS pulses (60).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from typing import Any
+
+import numpy as np
+import xarray
+
+import rockjax as rj
+from rockjax import plots
+from rockjax._cli._panels import combine_panels
+from rockjax._files import write_figure
+
+from .measure import IMAGES, PERIODS, report
+
+FLOORS = (1, 5, 10)  # η/γ: all floors weigh as much as the beam
+BAY, STORY, DEPTH = 6.0, 3.2, 0.6  # [m]: between columns, between floors, of the beam
+COLUMNS = (2, 3, 5)
+OUTPUTS = ("peak_rotation", "axial_force", "peak_friction", "impact_friction")
+PRESSED = 0.1  # least axial force over the dead load from which on friction is reported
+STRUCTURES = [(floors, T_s) for floors in FLOORS for T_s in PERIODS.values()]
+
+
+def podium(floors: int, T_s: float, positions: np.ndarray) -> rj.Podium:
+    """A podium of the paper's Fig. 6; the mass of the superstructure lies at the mean height of its floors."""
+    eta = 10.0 * floors
+    top = rj.Elastic(eta, T_s, 0.05) if T_s else rj.Rigid(eta)
+    elevation = rj.Elevation(positions, DEPTH, STORY * (floors + 1) / 2)
+    return rj.Podium(math.atan(0.15), 1.5, 10.0, top, elevation=elevation)
+
+
+def spectra(podiums: list[rj.Podium], points: int) -> list[xarray.Dataset]:
+    axes = np.linspace(1.0, 8.0, points), np.linspace(1.0, 12.0, points)
+    return rj.rocking_spectra(podiums, rj.Ricker, *axes, options=rj.Options(outputs=OUTPUTS))
+
+
+@dataclasses.dataclass(frozen=True)
+class Surviving:
+    """Scenes of a spectrum that do not overturn: least N over the dead load, least share of an impulse, friction
+    demand of the motion and of impacts, a_p/(g tan α); worst joint."""
+
+    share: np.ndarray
+    impulse: np.ndarray
+    friction: np.ndarray
+    impact: np.ndarray
+    ratio: np.ndarray
+
+    @classmethod
+    def of(cls, data: xarray.Dataset) -> Surviving:
+        stands = ~data["overturned"].values
+        ratio = np.broadcast_to(data["acceleration_ratio"].values[:, None], stands.shape)
+        pick = lambda values: values.transpose("acceleration_ratio", "frequency_ratio").values[stands]
+        return cls(
+            pick((data["least_axial_force"] / data["dead_load"]).min("joint")),
+            pick(data["least_impulse_share"].min("joint")),
+            pick(data["peak_friction"].max("joint")),
+            pick(data["peak_impact_friction"].max("joint")),
+            ratio[stands],
+        )
+
+    def row(self) -> dict[str, Any]:
+        """Return the verdict: whether a joint opens, from which amplitude on, and in which share of the scenes."""
+        opens, pressed = self.share < 0, self.share >= PRESSED
+        return {
+            "least N": float(self.share.min()),
+            "opens from": float(self.ratio[opens].min()) if opens.any() else None,
+            "open scenes": float(opens.mean()),
+            "friction": float(self.friction[pressed].max()) if pressed.any() else None,
+            "least impulse": float(self.impulse.min()),
+            "impact friction": float(self.impact.max()),
+        }
+
+
+def static_distance(floors: int) -> float:
+    """h̄ tan α + B [m]: the core distance at which the far joint of a rigid structure opens at uplift."""
+    structure = podium(floors, 0.0, np.array([-3.0, 3.0]))
+    tan, eta = math.tan(float(structure.alpha)), float(structure.eta)
+    height = (10.0 * DEPTH / 2 + eta * (DEPTH + STORY * (floors + 1) / 2)) / (10.0 + eta)
+    return height * tan + float(structure.width) / 2
+
+
+def needed_distances(points: int, steps: int = 6) -> list[float]:
+    """Return the least core distance ℓ_p with which no joint opens in a surviving scene, for each structure [m].
+
+    The forces of the end columns depend on the columns by ℓ_p only, (F8), as those of two columns at ±ℓ_p. The
+    least N is a decreasing, concave function of 1/ℓ_p; regula falsi finds its root.
+    """
+
+    def least(inverse: np.ndarray) -> np.ndarray:
+        ends = [1 / y * np.array([-1.0, 1.0]) for y in inverse]
+        podiums = [podium(*each, x) for each, x in zip(STRUCTURES, ends, strict=True)]
+        return np.array([Surviving.of(data).share.min() for data in spectra(podiums, points)])
+
+    low, high = np.full(len(STRUCTURES), 1 / 40), np.full(len(STRUCTURES), 1 / 0.5)
+    below, above = least(low), least(high)
+    assert np.all(below > 0) and np.all(above < 0)
+    for _ in range(steps):
+        middle = low + (high - low) * below / (below - above)
+        found = least(middle)
+        closed = found >= 0
+        low, below = np.where(closed, middle, low), np.where(closed, found, below)
+        high, above = np.where(closed, high, middle), np.where(closed, above, found)
+    return list(map(float, 1 / low))
+
+
+def main(points: int = 60) -> None:
+    rows = [{"η/γ": floors, "T_s": T_s, "static ℓ_p": static_distance(floors)} for floors, T_s in STRUCTURES]
+    for count in COLUMNS:
+        positions = BAY * (np.arange(count) - (count - 1) / 2)
+        found = spectra([podium(*each, positions) for each in STRUCTURES], points)
+        panels = combine_panels(found, list(map(float, FLOORS)), list(PERIODS.values()), 0.05)
+        write_figure(IMAGES / f"lift-off-{count}.png", plots.lift_off_spectra(panels))
+        for row, data in zip(rows, found, strict=True):
+            row |= {f"{count}: {name}": value for name, value in Surviving.of(data).row().items()}
+    for row, distance in zip(rows, needed_distances(points), strict=True):
+        row |= {"needed ℓ_p": distance, "over static": distance / row["static ℓ_p"]}
+        row |= {"columns": max(2, math.ceil(6 * distance / BAY - 1))}
+    report("lift_off", rows)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -1,0 +1,203 @@
+"""Plots of the forces in the joints: over a history, and over the pulses of a spectrum.
+
+They show whether the assumptions of the model hold: joints that neither open nor slide.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import CenteredNorm
+from matplotlib.figure import Figure
+
+from rockjax._responses.datasets import podium_of
+from rockjax._responses.response import Response, with_joints
+
+from ._histories import TIME, as_history, time_limits
+from ._spectra import draw_panels
+from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, OVERTURNED, on_axes, styled
+
+if TYPE_CHECKING:
+    import xarray
+
+OPEN = "#F7D9CC"  # colour of times at which a joint is open
+LEVELS = (-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # of N over the dead load
+_LINES = {"bottom": "-", "top": "--"}
+_SHOWN = 4.0  # if a joint opens: largest friction shown, over the larger one of tan α and μ
+
+
+def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
+    """Return the dataset to draw, with the forces in the joints. Raises `ValueError` for one without them.
+
+    A joint without dead load is left out: the top joint of a solitary block.
+    """
+    data = as_history(response)
+    if "joint_axial_force" not in data:
+        if not isinstance(response, Response):
+            raise ValueError(
+                "plots: the dataset has no forces in the joints; simulate with an output such as "
+                "Options(outputs=('axial_force',)), or give the rockjax.Response itself"
+            )
+        data = with_joints(data, response)
+    data.coords["dead_load"] = "joint", np.asarray(podium_of(data.attrs).dead_load)
+    return data.isel(joint=data["dead_load"].values > 0)
+
+
+@on_axes
+def joint_forces(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """Plot the axial forces N/(m_c g) of both end columns over time, with the dead load of the mean column.
+
+    The forces of the other columns lie between them. Without an elevation the mean column is drawn. Times at
+    which a joint is open, N < 0, are shaded; from the first of them on the model does not hold.
+
+    - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
+    - `ax`: axes to draw into
+
+    Raises `ValueError` for a dataset without forces in the joints.
+    """
+    assert ax is not None
+    data = _history_with_joints(response)
+    t, forces, loads = (data[name].values for name in ("time", "joint_axial_force", "dead_load"))
+    joints = list(map(str, data["joint"].values))
+    ax.axhline(0, color="0.3", lw=0.8, zorder=1)
+    for (name, column), colour in zip(_end_columns(data).items(), (COLOURS[2], COLOURS[1]), strict=False):
+        for k, joint in enumerate(joints):
+            label = None if k else name
+            ax.plot(t, forces[:, column, k], color=colour, ls=_LINES[joint], lw=1.0, label=label)
+    for load, joint in zip(loads, joints, strict=True):
+        label = "dead load" if joint == joints[0] else None
+        ax.axhline(load, color="0.55", ls=_LINES[joint], lw=0.9, zorder=1, label=label)
+    if len(joints) > 1:
+        ax.plot([], [], color="0.55", ls=_LINES["top"], lw=1.0, label="at the top joint")
+    _mark_least(data, ax)
+    _shade_open_joints(data, ax)
+    ax.set(xlabel=TIME, ylabel=r"axial force $N\,/\,(m_c g)$", xlim=time_limits(data))
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + 0.45 * (high - low))  # room for the legend
+    ax.legend(loc="upper right", ncols=3, fontsize="small", framealpha=1.0)
+    return ax
+
+
+def _end_columns(data: xarray.Dataset) -> dict[str, int]:
+    """Return the outermost columns: name → index."""
+    elevation = podium_of(data.attrs).elevation
+    if elevation is None:
+        return {"mean column": 0}
+    positions = np.asarray(elevation.columns)
+    return {"left column": int(np.argmin(positions)), "right column": int(np.argmax(positions))}
+
+
+def _mark_least(data: xarray.Dataset, ax: Axes) -> None:
+    """Mark the least force over its dead load. Its value is the exact peak, if that was requested."""
+    forces, loads = data["joint_axial_force"].values, data["dead_load"].values
+    shares = np.where(np.isnan(forces), np.inf, forces) / loads
+    k, column, joint = np.unravel_index(np.argmin(shares), shares.shape)
+    exact = data["least_axial_force"].values if "least_axial_force" in data else forces[k, column]
+    label = f"least, {np.min(exact / loads):.2f} of the dead load".replace("-", "−")
+    ax.plot(data["time"].values[k], forces[k, column, joint], "o", mfc="none", color=COLOURS[0], label=label)
+
+
+def _shade_open_joints(data: xarray.Dataset, ax: Axes) -> None:
+    """Shade the times at which a joint is open."""
+    t = data["time"].values
+    is_open = np.any(data["joint_axial_force"].values < 0, axis=(1, 2))
+    if not is_open.any():
+        return
+    ends = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])  # half-way between samples
+    changes = np.flatnonzero(np.diff(is_open, prepend=False, append=False)).reshape(-1, 2)
+    spans = [(ends[i], ends[j] - ends[i]) for i, j in changes]
+    place = ax.get_xaxis_transform()
+    ax.broken_barh(spans, (0, 1), transform=place, facecolor=OPEN, lw=0, zorder=0, label="a joint is open")
+
+
+@on_axes
+def friction_demand(
+    response: Response | xarray.Dataset, ax: Axes | None = None, friction: float | None = None
+) -> Axes:
+    """Plot the friction demand |T|/N of the worst column over time, at both joints, and of the impacts.
+
+    Heavy frames hardly exceed tan α, the dotted line. Times at which a joint is open, where no friction
+    suffices, are shaded; close to them the demand grows without bound and leaves the axes.
+
+    - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
+    - `ax`: axes to draw into
+    - `friction`: friction coefficient μ of the joints to draw as a line [–]
+
+    Raises `ValueError` for a dataset without forces in the joints.
+    """
+    assert ax is not None
+    data = _history_with_joints(response)
+    t, limits = data["time"].values, [math.tan(data.attrs["alpha_rad"])]
+    demand = data["joint_friction"].max("column", skipna=False)
+    for k, joint in enumerate(map(str, demand["joint"].values)):
+        values = demand.sel(joint=joint).values
+        finite = np.where(np.isfinite(values), values, np.nan)
+        ax.plot(t, finite, color=COLOURS[2 - k], ls=_LINES[joint], lw=1.0, label=f"{joint} joint")
+    ax.axhline(limits[0], color="0.4", ls=":", lw=1.2, label=rf"$\tan\alpha = {limits[0]:.3g}$")
+    if friction is not None:
+        limits.append(friction)
+        ax.axhline(friction, color=COLOURS[3], ls="-.", lw=1.2, label=rf"$\mu = {friction:g}$")
+    impacts = data["impact_friction"].max(["column", "joint"]).values
+    held = np.isfinite(impacts)
+    times = data["impact_times"].values
+    if held.any():
+        ax.plot(times[held], impacts[held], ".", color=COLOURS[0], ms=4, label=r"impacts, $|J_T|\,/\,J_N$")
+    if not held.all():
+        place = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+        line = np.ones(np.sum(~held))
+        ax.plot(times[~held], line, "v", color=COLOURS[0], ms=5, label="impact that opens a joint", **place)
+    _shade_open_joints(data, ax)
+    highest = max(ax.dataLim.y1, *limits, 0.0)
+    if not np.all(demand.values < np.inf):
+        highest = min(highest, _SHOWN * max(limits))
+    ax.set(xlabel=TIME, ylabel=r"friction demand $|T|\,/\,N$", xlim=time_limits(data))
+    ax.set_ylim(0, 1.45 * highest)  # with room for the legend
+    ax.legend(loc="upper right", ncols=3, fontsize="small", framealpha=1.0)
+    return ax
+
+
+@on_axes
+def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LEVELS) -> Axes:
+    """Plot the least axial force over the dead load, over ω_p/p and a_p/(g tan α).
+
+    Of both joints the worse one counts. The black line is 0: beyond it the beam lifts off a column, or a
+    column off the ground, and the model does not hold. Overturned cells are grey.
+
+    - `dataset`: rocking spectrum of one podium with the output `"axial_force"`
+    - `ax`: axes to draw into
+    - `levels`: of the colours
+
+    Raises `ValueError` for a spectrum without axial forces.
+    """
+    assert ax is not None
+    if "least_axial_force" not in dataset:
+        raise ValueError(
+            "lift_off_spectrum: the dataset has no axial forces; compute it with "
+            "rockjax.rocking_spectrum(…, options=Options(outputs=('peak_rotation', 'axial_force')))"
+        )
+    loads = dataset["dead_load"].where(dataset["dead_load"] > 0)
+    shares = (dataset["least_axial_force"] / loads).min("joint").where(~dataset["overturned"])
+    drawn = shares.transpose("acceleration_ratio", "frequency_ratio").values
+    x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
+    ax.set_facecolor(OVERTURNED)
+    ax.contourf(x, y, drawn, levels=levels, cmap="RdBu", norm=CenteredNorm(halfrange=1.0), extend="both")
+    if np.nanmin(drawn) < 0 < np.nanmax(drawn):
+        ax.contour(x, y, drawn, levels=[0.0], colors="k", linewidths=1.0)
+    ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
+    return ax
+
+
+@styled
+def lift_off_spectra(panels: xarray.Dataset) -> Figure:
+    """Plot least axial forces in the layout of the paper's Fig. 6: η/γ down, T_s across.
+
+    `panels` is a rocking spectrum with the output `"axial_force"` and the further dims `eta_over_gamma` and
+    `T_s`.
+    """
+    positions = [value for name, value in panels.attrs.items() if name.startswith("position_")]
+    title = f"{len(positions)} columns over {np.ptp(positions):g} m" if positions else ""
+    bar = {"label": r"least axial force $N$ over the dead load", "ticks": LEVELS}
+    return draw_panels(panels, lift_off_spectrum, title, **bar)
