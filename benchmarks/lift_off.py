@@ -1,7 +1,7 @@
 """Where the beam lifts off: axial forces and friction of the twelve structures of Fig. 6.
 
-`python -m benchmarks.lift_off [POINTS]` draws the maps of docs/validation/lift-off.md for 2, 3 and 5 columns and
-prints its tables, on POINTS × POINTS pulses (60).
+`python -m benchmarks.lift_off [POINTS]` draws the maps of docs/validation/lift-off.md for 2, 3 and 5 columns
+and prints its tables, on POINTS × POINTS pulses (60).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ STRUCTURES = [(floors, T_s) for floors in FLOORS for T_s in PERIODS.values()]
 
 
 def podium(floors: int, T_s: float, positions: np.ndarray) -> rj.Podium:
-    """A podium of the paper's Fig. 6; the mass of the superstructure lies at the mean height of its floors."""
+    """A podium of the paper's Fig. 6; the superstructure is at its floors' mean height."""
     eta = 10.0 * floors
     top = rj.Elastic(eta, T_s, 0.05) if T_s else rj.Rigid(eta)
     elevation = rj.Elevation(positions, DEPTH, STORY * (floors + 1) / 2)
@@ -44,8 +44,8 @@ def spectra(podiums: list[rj.Podium], points: int) -> list[xarray.Dataset]:
 
 @dataclasses.dataclass(frozen=True)
 class Surviving:
-    """Scenes of a spectrum that do not overturn: least N over the dead load, least share of an impulse, friction
-    demand of the motion and of impacts, a_p/(g tan α); worst joint."""
+    """Scenes of a spectrum that do not overturn: least N over the dead load, least share of an impulse,
+    friction demand of the motion and of impacts, a_p/(g tan α); worst joint."""
 
     share: np.ndarray
     impulse: np.ndarray
@@ -67,7 +67,7 @@ class Surviving:
         )
 
     def row(self) -> dict[str, Any]:
-        """Return the verdict: whether a joint opens, from which amplitude on, and in which share of the scenes."""
+        """Return the verdict: whether a joint opens, from which amplitude on, in which share of scenes."""
         opens, pressed = self.share < 0, self.share >= PRESSED
         return {
             "least N": float(self.share.min()),
@@ -88,10 +88,10 @@ def static_distance(floors: int) -> float:
 
 
 def needed_distances(points: int, steps: int = 6) -> list[float]:
-    """Return the least core distance ℓ_p with which no joint opens in a surviving scene, for each structure [m].
+    """Return the least core distance ℓ_p with which no joint opens in a scene that survives [m].
 
-    The forces of the end columns depend on the columns by ℓ_p only, (F8), as those of two columns at ±ℓ_p. The
-    least N is a decreasing, concave function of 1/ℓ_p; regula falsi finds its root.
+    The forces of the end columns depend on the columns by ℓ_p only, (F8), as those of two columns at ±ℓ_p.
+    The least N is a decreasing, concave function of 1/ℓ_p; regula falsi finds its root.
     """
 
     def least(inverse: np.ndarray) -> np.ndarray:
@@ -101,7 +101,7 @@ def needed_distances(points: int, steps: int = 6) -> list[float]:
 
     low, high = np.full(len(STRUCTURES), 1 / 40), np.full(len(STRUCTURES), 1 / 0.5)
     below, above = least(low), least(high)
-    assert np.all(below > 0) and np.all(above < 0)
+    assert np.all(below > 0) and np.all(above < 0)  # noqa: PT018
     for _ in range(steps):
         middle = low + (high - low) * below / (below - above)
         found = least(middle)
