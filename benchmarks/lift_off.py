@@ -1,7 +1,8 @@
 """Where the beam lifts off: axial forces and friction of the twelve structures of Fig. 6.
 
 `python -m benchmarks.lift_off [POINTS]` draws the maps of docs/validation/lift-off.md for 2, 3 and 5 columns
-and prints its tables, on POINTS × POINTS pulses (60).
+and prints its tables, on POINTS × POINTS pulses (60 by default). `python -m benchmarks.lift_off 60
+compatible` prints the tables of the restitution law "compatible".
 """
 
 from __future__ import annotations
@@ -29,12 +30,13 @@ PRESSED = 0.1  # least axial force over the dead load from which on friction is 
 STRUCTURES = [(floors, T_s) for floors in FLOORS for T_s in PERIODS.values()]
 
 
-def podium(floors: int, T_s: float, positions: np.ndarray) -> rj.Podium:
-    """A podium of the paper's Fig. 6; the superstructure is at its floors' mean height."""
+def podium(floors: int, T_s: float, positions: np.ndarray, restitution: Any = "paper") -> rj.Podium:
+    """Return a podium of the paper's Fig. 6. The mass of the superstructure lies at the mean height of its
+    floors."""
     eta = 10.0 * floors
     top = rj.Elastic(eta, T_s, 0.05) if T_s else rj.Rigid(eta)
     elevation = rj.Elevation(positions, DEPTH, STORY * (floors + 1) / 2)
-    return rj.Podium(math.atan(0.15), 1.5, 10.0, top, elevation=elevation)
+    return rj.Podium(math.atan(0.15), 1.5, 10.0, top, restitution=restitution, elevation=elevation)
 
 
 def spectra(podiums: list[rj.Podium], points: int) -> list[xarray.Dataset]:
@@ -44,8 +46,12 @@ def spectra(podiums: list[rj.Podium], points: int) -> list[xarray.Dataset]:
 
 @dataclasses.dataclass(frozen=True)
 class Surviving:
-    """Scenes of a spectrum that do not overturn: least N over the dead load, least share of an impulse,
-    friction demand of the motion and of impacts, a_p/(g tan α); worst joint."""
+    """Scenes of a spectrum that do not overturn, each with the values of its worst joint.
+
+    - `share`: least N over the dead load; `impulse`: least share of an impulse [–]
+    - `friction`, `impact`: friction demand of the motion and of the impacts [–]
+    - `ratio`: a_p/(g tan α)
+    """
 
     share: np.ndarray
     impulse: np.ndarray
@@ -67,7 +73,7 @@ class Surviving:
         )
 
     def row(self) -> dict[str, Any]:
-        """Return the verdict: whether a joint opens, from which amplitude on, in which share of scenes."""
+        """Return the verdict: from which amplitude on a joint opens, and in which share of the scenes."""
         opens, pressed = self.share < 0, self.share >= PRESSED
         return {
             "least N": float(self.share.min()),
@@ -87,21 +93,23 @@ def static_distance(floors: int) -> float:
     return height * tan + float(structure.width) / 2
 
 
-def needed_distances(points: int, steps: int = 6) -> list[float]:
-    """Return the least core distance ℓ_p with which no joint opens in a scene that survives [m].
+def needed_distances(points: int, restitution: str, steps: int = 6) -> list[float]:
+    """Return the least core distance ℓ_p [m] with which no joint opens in a surviving scene, for each
+    structure.
 
-    The forces of the end columns depend on the columns by ℓ_p only, (F8), as those of two columns at ±ℓ_p.
-    The least N is a decreasing, concave function of 1/ℓ_p; regula falsi finds its root.
+    The forces of the end columns depend on the columns by ℓ_p only, (F8): they are those of two columns at
+    ±ℓ_p. The least N is a decreasing, concave function of 1/ℓ_p; regula falsi finds its root.
     """
 
     def least(inverse: np.ndarray) -> np.ndarray:
         ends = [1 / y * np.array([-1.0, 1.0]) for y in inverse]
-        podiums = [podium(*each, x) for each, x in zip(STRUCTURES, ends, strict=True)]
+        podiums = [podium(*each, x, restitution) for each, x in zip(STRUCTURES, ends, strict=True)]
         return np.array([Surviving.of(data).share.min() for data in spectra(podiums, points)])
 
     low, high = np.full(len(STRUCTURES), 1 / 40), np.full(len(STRUCTURES), 1 / 0.5)
     below, above = least(low), least(high)
-    assert np.all(below > 0) and np.all(above < 0)  # noqa: PT018
+    assert np.all(below > 0)
+    assert np.all(above < 0)
     for _ in range(steps):
         middle = low + (high - low) * below / (below - above)
         found = least(middle)
@@ -111,20 +119,21 @@ def needed_distances(points: int, steps: int = 6) -> list[float]:
     return list(map(float, 1 / low))
 
 
-def main(points: int = 60) -> None:
+def main(points: int = 60, restitution: str = "paper") -> None:
     rows = [{"η/γ": floors, "T_s": T_s, "static ℓ_p": static_distance(floors)} for floors, T_s in STRUCTURES]
     for count in COLUMNS:
         positions = BAY * (np.arange(count) - (count - 1) / 2)
-        found = spectra([podium(*each, positions) for each in STRUCTURES], points)
-        panels = combine_panels(found, list(map(float, FLOORS)), list(PERIODS.values()), 0.05)
-        write_figure(IMAGES / f"lift-off-{count}.png", plots.lift_off_spectra(panels))
+        found = spectra([podium(*each, positions, restitution) for each in STRUCTURES], points)
+        if restitution == "paper":
+            panels = combine_panels(found, list(map(float, FLOORS)), list(PERIODS.values()), 0.05)
+            write_figure(IMAGES / f"lift-off-{count}.png", plots.lift_off_spectra(panels))
         for row, data in zip(rows, found, strict=True):
             row |= {f"{count}: {name}": value for name, value in Surviving.of(data).row().items()}
-    for row, distance in zip(rows, needed_distances(points), strict=True):
+    for row, distance in zip(rows, needed_distances(points, restitution), strict=True):
         row |= {"needed ℓ_p": distance, "over static": distance / row["static ℓ_p"]}
         row |= {"columns": max(2, math.ceil(6 * distance / BAY - 1))}
-    report("lift_off", rows)
+    report("lift_off" if restitution == "paper" else f"lift_off_{restitution}", rows)
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*map(int, sys.argv[1:2]), *sys.argv[2:])

@@ -86,7 +86,7 @@ def _end_columns(data: xarray.Dataset) -> dict[str, int]:
     elevation = podium_of(data.attrs).elevation
     if elevation is None:
         return {"mean column": 0}
-    positions = np.asarray(elevation.columns)  # pyright: ignore[reportAttributeAccessIssue]
+    positions = np.asarray(elevation.offsets)
     return {"left column": int(np.argmin(positions)), "right column": int(np.argmax(positions))}
 
 
@@ -108,9 +108,9 @@ def _shade_open_joints(data: xarray.Dataset, ax: Axes) -> None:
         return
     ends = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])  # half-way between samples
     changes = np.flatnonzero(np.diff(is_open, prepend=False, append=False)).reshape(-1, 2)
-    spans = [(ends[i], ends[j] - ends[i]) for i, j in changes]
+    spans = [(float(ends[i]), float(ends[j] - ends[i])) for i, j in changes]
     place = ax.get_xaxis_transform()
-    ax.broken_barh(spans, (0, 1), transform=place, facecolor=OPEN, lw=0, zorder=0, label="a joint is open")  # pyright: ignore[reportArgumentType]
+    ax.broken_barh(spans, (0, 1), transform=place, facecolor=OPEN, lw=0, zorder=0, label="a joint is open")
 
 
 @on_axes
