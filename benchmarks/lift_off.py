@@ -93,7 +93,7 @@ def static_distance(floors: int) -> float:
     return height * tan + float(structure.width) / 2
 
 
-def needed_distances(points: int, restitution: str, steps: int = 6) -> list[float]:
+def needed_distances(points: int, steps: int = 6) -> list[float]:
     """Return the least core distance ℓ_p [m] with which no joint opens in a surviving scene, for each
     structure.
 
@@ -103,7 +103,7 @@ def needed_distances(points: int, restitution: str, steps: int = 6) -> list[floa
 
     def least(inverse: np.ndarray) -> np.ndarray:
         ends = [1 / y * np.array([-1.0, 1.0]) for y in inverse]
-        podiums = [podium(*each, x, restitution) for each, x in zip(STRUCTURES, ends, strict=True)]
+        podiums = [podium(*each, x) for each, x in zip(STRUCTURES, ends, strict=True)]
         return np.array([Surviving.of(data).share.min() for data in spectra(podiums, points)])
 
     low, high = np.full(len(STRUCTURES), 1 / 40), np.full(len(STRUCTURES), 1 / 0.5)
@@ -129,9 +129,10 @@ def main(points: int = 60, restitution: str = "paper") -> None:
             write_figure(IMAGES / f"lift-off-{count}.png", plots.lift_off_spectra(panels))
         for row, data in zip(rows, found, strict=True):
             row |= {f"{count}: {name}": value for name, value in Surviving.of(data).row().items()}
-    for row, distance in zip(rows, needed_distances(points, restitution), strict=True):
-        row |= {"needed ℓ_p": distance, "over static": distance / row["static ℓ_p"]}
-        row |= {"columns": max(2, math.ceil(6 * distance / BAY - 1))}
+    if restitution == "paper":
+        for row, distance in zip(rows, needed_distances(points), strict=True):
+            row |= {"needed ℓ_p": distance, "over static": distance / row["static ℓ_p"]}
+            row |= {"columns": max(2, math.ceil(6 * distance / BAY - 1))}
     report("lift_off" if restitution == "paper" else f"lift_off_{restitution}", rows)
 
 

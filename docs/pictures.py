@@ -33,6 +33,15 @@ def main() -> None:
         ax = draw(data)
         ax.figure.set_size_inches(6.4, 4.4)
         write_figure(IMAGES / f"{name}.png", ax.figure)
+    tower = podium.replace(elevation=rj.Elevation([-3.0, 3.0], beam_depth=0.6, top_height=17.6))
+    joints = rj.Options(outputs=("peak_rotation", "axial_force", "peak_friction", "impact_friction"))
+    forces = rj.simulate(tower, rj.Ricker(a_p=3.7, T_p=1.0), t_end=8.0, options=joints)
+    for name, ax in (
+        ("joint-forces", plots.joint_forces(forces)),
+        ("friction-demand", plots.friction_demand(forces, friction=0.4)),
+    ):
+        ax.figure.set_size_inches(6.4, 4.4)
+        write_figure(IMAGES / f"{name}.png", ax.figure)
     plots.save_animation(IMAGES / "rocking.gif", data, start=-0.8, end=6.0, fps=20, dpi=80, exaggerate=2.0)
     write_figure(IMAGES / "sensitivity-spectra.png", plots.sensitivity_spectra(sensitivities()))
     block = rj.Podium(alpha=0.2, R=1.0)
