@@ -37,8 +37,8 @@ def share_in_no_mode(podium: rj.Podium) -> float:
 def response(request: Request, report: Report, output: Output = "rockjax-response") -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
-    Writes OUTPUT.nc and OUTPUT.png; `rockjax plot OUTPUT.nc` draws phase portraits, energies and an
-    animation.
+    Writes OUTPUT.nc and OUTPUT.png, with forces and friction in the joints if the structure has an elevation;
+    `rockjax plot OUTPUT.nc` draws phase portraits, energies and an animation.
 
     \b
     Examples:
