@@ -363,7 +363,7 @@ def test_boundaries_say_what_they_are():
 
 
 def test_bad_boundaries_are_refused():
-    with pytest.raises(ValueError, match=r"single ones; for several use jax\.vmap"):
+    with pytest.raises(ValueError, match=r"must be scalar; for several use jax\.vmap"):
         rj.overturning_acceleration(FRAME, rj.Ricker, [1.0, 2.0])
     with pytest.raises(ValueError, match="T_p must be finite and > 0"):
         rj.overturning_acceleration(FRAME, rj.Ricker, -1.0)
