@@ -36,9 +36,8 @@ def design(request: Request, report: Report, output: Output = "rockjax-design") 
     found, written, stopped = optimise.design_command(problem, files.prefix, report.quiet, files.format)
     report.say(str(found))
     peaks = optimise.joint_peaks(problem, found)
-    if peaks is not None or found.podium.elevation is None:
-        for line in joint_warnings(found.podium, peaks, request.problem.friction):
-            report.say(line)
+    for line in joint_warnings(found.podium, peaks, request.problem.friction):
+        report.say(line)
     for path in written:
         report.add_file(path)
     report.facts |= {

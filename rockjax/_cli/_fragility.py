@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from rockjax._problem import models
 from rockjax._problem.models import MOTION
 
-from ._joints import joint_warnings, with_joints
+from ._joints import joint_warnings, request_joints
 from ._options import SINGLE_DEFAULTS, Output, accuracy, argument, option, options_of, structure_options
 from ._outputs import Outputs, parse_outputs
 from ._request import Request, read_records
@@ -71,7 +71,7 @@ def fragility(
 
     files = parse_outputs(output, "rockjax-fragility").check(("fragility", "ida"))
     podium, settings = request.podium(), request.settings
-    options = with_joints(podium, request.options())
+    options = request_joints(podium, request.options())
     found = _suite(request, synthetic, inputs or [])
     measure = _measure(settings, found)
     if settings.intensity is None:

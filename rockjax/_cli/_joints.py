@@ -16,7 +16,7 @@ OUTPUTS = ("peak_friction", "axial_force", "impact_friction")
 ROUNDING = 1e-9  # of ξ_J above 1
 
 
-def with_joints(podium: rj.Podium, options: rj.Options) -> rj.Options:
+def request_joints(podium: rj.Podium, options: rj.Options) -> rj.Options:
     """Return the options with outputs of the joints if the podium has an elevation."""
     if podium.elevation is None:
         return options
@@ -28,7 +28,7 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
 
     - `podium`: the structure
     - `peaks`: anything with `ANSWERS` as attributes, of one scene or of many; scenes that overturn do not
-      count among many
+      count among many. None without scenes
     - `friction`: friction coefficient μ of the joints; None if unknown
     """
     import numpy as np
@@ -41,6 +41,8 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
         )
     if podium.elevation is None:
         yield "not checked: friction in the joints, and whether the beam stays on all columns (no elevation)"
+        return
+    if peaks is None:
         return
     overturned = np.asarray(peaks.overturned)
     stands = ~overturned if overturned.ndim else np.ones((), bool)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rockjax._problem import models
 
 from ._context import MASSES
-from ._joints import joint_warnings, with_joints
+from ._joints import joint_warnings, request_joints
 from ._options import PULSE, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
 from ._outputs import parse_outputs
 from ._request import Request
@@ -53,7 +53,7 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
 
     files = parse_outputs(output, "rockjax-response").check(("",))
     podium = request.podium()
-    excitation, options = request.motion(podium), with_joints(podium, request.options())
+    excitation, options = request.motion(podium), request_joints(podium, request.options())
     history = rj.simulate(podium, excitation, t_end=request.settings.t_end, options=options)
     data = history.dataset()
     report.say(repr(history))

@@ -8,14 +8,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.bounds import every
 from rockjax._engine.coefficients import present
 from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Maximum
 from rockjax._types import Flag, Values
 
 from .base import Variable
 from .joints import JOINTS, AbstractOfJoints, JointBounds, end_forces, halves
-from .views import Bounces, Ended, Start, Step
+from .views import Ended, Start, Step
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,13 +42,7 @@ class AxialForce(AbstractOfJoints):
         axial = jax.tree.map(lambda forces: halves(forces)[1] / step.c.g, step.course(end_forces))
         return step.largest(axial, record, WELL_INSIDE_CUBIC, sizes="both")
 
-    def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
-        return self._stands(JointBounds.over(bounces), record)
-
-    def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        return self._stands(JointBounds.of(bounds), record)
-
-    def _stands(self, bounds: JointBounds, record: Values) -> Flag:
+    def stands(self, bounds: JointBounds, record: Values) -> Flag:
         pulled, pressed = map(self.worst, halves(jax.lax.stop_gradient(record)))
         g = bounds.c.g
         return every((bounds.least_axial >= -pulled * g) & (bounds.most_axial <= pressed * g))

@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from rockjax._engine.bounds import Bounds
 from rockjax._outputs.joint_forces import mean_forces, total_weight
 from rockjax._types import Flag, Value
 
 from .joints import AbstractOfForces, JointBounds
-from .views import Bounces, Ended, Moment
+from .views import Ended, Moment
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,11 +25,8 @@ class PeakFoundationShear(AbstractOfForces):
         c, sigma, _, ground, x, v, a = moment
         return mean_forces(c, sigma, ground, x, v, a).foundation[0] / total_weight(c)
 
-    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        return JointBounds.over(bounces).foundation_shear <= record * total_weight(bounces.c)
-
-    def is_final(self, bounds: Bounds, record: Value) -> Flag:
-        return JointBounds.of(bounds).foundation_shear <= record * total_weight(bounds.c)
+    def stands(self, bounds: JointBounds, record: Value) -> Flag:
+        return bounds.foundation_shear <= record * total_weight(bounds.c)
 
     def answer(self, ended: Ended, record: Value, note: Any) -> dict[str, Any]:
         return {self.name: self.answered(ended, record)}

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.bounds import every
 from rockjax._engine.coefficients import present
 from rockjax._engine.hermite import turning_point_of_slope
 from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Cubic, Maximum
-from rockjax._structures import Podium
 from rockjax._types import Flag, Flags, Values
 
 from .base import AbstractOutput
 from .joints import AbstractOfJoints, JointBounds, end_forces, friction_of, halves, quarter_tangent
-from .views import Bounces, Course, Ended, Start, Step
+from .views import Course, Ended, Start, Step
 
 
 class AnglePath(NamedTuple):
@@ -79,13 +78,7 @@ class PeakFriction(AbstractOfJoints):
         found = step.largest(angles, record, WELL_INSIDE_CUBIC)
         return found._replace(value=jnp.minimum(found.value, 1.0))
 
-    def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
-        return self._stands(JointBounds.over(bounces), record)
-
-    def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        return self._stands(JointBounds.of(bounds), record)
-
-    def _stands(self, bounds: JointBounds, record: Values) -> Flag:
+    def stands(self, bounds: JointBounds, record: Values) -> Flag:
         return every(bounds.friction <= friction_of(jax.lax.stop_gradient(self.worst(record))))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
@@ -109,9 +102,6 @@ class FrictionUse(AbstractOfJoints):
 
     limit: float = 1.0
 
-    def of(self, podium: Podium) -> Self:
-        return dataclasses.replace(super().of(podium), limit=self.limit)
-
     def start(self, start: Start) -> tuple[Values, None]:
         return self.zeros(start, 2) - jnp.inf, None
 
@@ -122,13 +112,7 @@ class FrictionUse(AbstractOfJoints):
 
         return step.largest(jax.tree.map(excess, step.course(end_forces)), record, sizes="signed")
 
-    def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
-        return self._stands(JointBounds.over(bounces), record)
-
-    def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        return self._stands(JointBounds.of(bounds), record)
-
-    def _stands(self, bounds: JointBounds, record: Values) -> Flag:
+    def stands(self, bounds: JointBounds, record: Values) -> Flag:
         above = bounds.friction - self.limit
         beyond = above * jnp.where(above < 0, bounds.least_axial, bounds.most_axial)
         return every(beyond <= self._worst_excess(jax.lax.stop_gradient(record)))

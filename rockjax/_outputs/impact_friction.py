@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, present
 from rockjax._outputs.joint_forces import impulses_of_columns, sway_of_modes
 from rockjax._types import Flag, Value, Values
@@ -75,20 +74,16 @@ class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         if bounds.c.vibration is None:  # all impacts are alike
             return bounds.rests | jnp.any(halves(record)[0] > 0)
-        c, found = bounds.c, []
-        arms = present(c.joints).arms
+        c, arms = bounds.c, present(bounds.c.joints).arms
+        offsets, sway = None, 0.0
         if arms is not None:
             # The worst impact is the one with the largest deformation, on a column at the end of the group.
-            sway = bounds.of_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
             far = arms.mean_square / arms.core_distance
-            ends = jnp.stack([-far, far]), jnp.ones_like(far)
-            found = [_of_columns(c, ends[1], side * sway, ends[0]) for side in (-1, 1)]
-        else:
-            found = [_of_columns(c, jnp.ones_like(c.alpha), 0.0, None)]
-        worst = [self.worst(y) for each in found for y in halves(each)]
-        angles, lifted = map(self.worst, halves(jax.lax.stop_gradient(record)))
-        stands = [every((a <= angles) & (b <= lifted)) for a, b in zip(worst[::2], worst[1::2], strict=True)]
-        return bounds.rests | functools.reduce(jnp.logical_and, stands)
+            most = bounds.of_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
+            offsets, sway = jnp.stack([-far, far, -far, far]), jnp.stack([most, most, -most, -most])
+        worst = _of_columns(c, jnp.ones_like(c.alpha), sway, offsets).reshape(2, self.joints, -1).max(axis=-1)
+        records = jnp.stack([self.worst(y) for y in halves(jax.lax.stop_gradient(record))])
+        return bounds.rests | jnp.all(worst <= records)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         angles, lifted = (self.answered(ended, self.worst(y)) for y in halves(record))

@@ -16,7 +16,7 @@ from rockjax._engine.coefficients import Coefficients, present
 from rockjax._outputs.joint_forces import column_forces
 from rockjax._sincos import sincos
 from rockjax._structures import Podium
-from rockjax._types import Flags, Value, Values
+from rockjax._types import Flag, Flags, Value, Values
 
 from .base import JOINTS, AbstractOutput
 from .views import Bounces, Ended, Moment, Start
@@ -90,6 +90,16 @@ class AbstractOfForces(AbstractOutput):
     needs_flat = True
     of_joints = True
 
+    def stands(self, bounds: JointBounds, record: Values) -> Flag:
+        """Return whether the record stands, whatever happens within bounds of the forces."""
+        raise NotImplementedError
+
+    def over_bounces(self, bounces: Bounces, record: Values) -> Flag | bool:
+        return self.stands(JointBounds.over(bounces), record)
+
+    def is_final(self, bounds: Bounds, record: Values) -> Flag | bool:
+        return self.stands(JointBounds.of(bounds), record)
+
     def answered(self, ended: Ended, values: Values) -> Values:
         """Return answers, NaN for a scene in which joints would open vertically."""
         return jnp.where(ended.code == results.WEIGHTLESS, jnp.nan, values)
@@ -110,7 +120,7 @@ class AbstractOfJoints(AbstractOfForces):
     columns: int = 1  # that are followed: both ends, or the mean column
 
     def of(self, podium: Podium) -> Self:
-        return type(self)(1 if podium.elevation is None else 2)
+        return dataclasses.replace(self, columns=1 if podium.elevation is None else 2)
 
     def worst(self, record: Values) -> Values:
         """Return the largest record of the columns at each joint."""

@@ -355,9 +355,7 @@ def with_joints(data: xarray.Dataset, response: Response) -> xarray.Dataset:
             dims = joint_forces.series_dims(found[name].ndim)
             data[name] = dims, np.asarray(found[name]), _about(unit, description)
     across, axial = np.moveaxis(np.asarray(response.impulses)[: data.sizes["impact"]], -1, 0)
-    presses = axial > 0
-    demand = np.abs(across) / np.where(presses, axial, 1.0)
-    demand = np.where(presses | (across == 0), demand, np.inf)
+    demand = np.asarray(JointForces(jnp.asarray(across), jnp.asarray(axial)).friction)
     text = "friction demand of the impact |J_T|/J_N, inf where the joint pulls"
     data["impact_friction"] = ("impact", joint_forces.COLUMNS, JOINTS), demand, _about("1", text)
     return data.assign_coords(joint_forces.coordinates(demand.shape[1]))
