@@ -18,26 +18,26 @@ from ._objectives import WorstFloorAcceleration as WorstFloorAcceleration
 from ._objectives import WorstPeak as WorstPeak
 from ._objectives import WorstRotation as WorstRotation
 from ._objectives import WorstShear as WorstShear
+from ._peak_targets import LeastAxialForce as LeastAxialForce
+from ._peak_targets import PeakDeformation as PeakDeformation
+from ._peak_targets import PeakDrift as PeakDrift
+from ._peak_targets import PeakFloorAcceleration as PeakFloorAcceleration
+from ._peak_targets import PeakFoundationShear as PeakFoundationShear
+from ._peak_targets import PeakFriction as PeakFriction
+from ._peak_targets import PeakLimit as PeakLimit
+from ._peak_targets import PeakRotation as PeakRotation
+from ._peak_targets import PeakShear as PeakShear
 from ._pictures import before_after as before_after
 from ._pictures import convergence as convergence
 from ._problem import Problem as Problem
 from ._problem import load as load
 from ._results import RESULTS as RESULTS
 from ._targets import AbstractTarget as AbstractTarget
-from ._targets import LeastAxialForce as LeastAxialForce
 from ._targets import MedianCapacity as MedianCapacity
 from ._targets import NoOverturning as NoOverturning
 from ._targets import OverturningAcceleration as OverturningAcceleration
 from ._targets import OverturningProbability as OverturningProbability
 from ._targets import OverturningScale as OverturningScale
-from ._targets import PeakDeformation as PeakDeformation
-from ._targets import PeakDrift as PeakDrift
-from ._targets import PeakFloorAcceleration as PeakFloorAcceleration
-from ._targets import PeakFoundationShear as PeakFoundationShear
-from ._targets import PeakFriction as PeakFriction
-from ._targets import PeakLimit as PeakLimit
-from ._targets import PeakRotation as PeakRotation
-from ._targets import PeakShear as PeakShear
 from ._variables import Dimensions as Dimensions
 
 __version__: str

@@ -15,17 +15,9 @@ from rockjax._units import displayed_or_empty
 from rockjax.internal import Module, require_instance
 
 from ._annual import AnnualFrequency
+from ._peak_targets import limited_output, of_output, overturning_depths, requested, words_of
 from ._suite import Margins, Suite
-from ._targets import (
-    AbstractResponses,
-    check_limit,
-    limited_output,
-    of_output,
-    overturning_depths,
-    requested,
-    severity,
-    words_of,
-)
+from ._targets import AbstractResponses, check_limit, severity
 
 
 class AbstractObjective(Module):

@@ -33,14 +33,8 @@ from ._objectives import (
     WorstRotation,
     WorstShear,
 )
-from ._targets import (
-    AbstractTarget,
+from ._peak_targets import (
     LeastAxialForce,
-    MedianCapacity,
-    NoOverturning,
-    OverturningAcceleration,
-    OverturningProbability,
-    OverturningScale,
     PeakDeformation,
     PeakDrift,
     PeakFloorAcceleration,
@@ -49,6 +43,14 @@ from ._targets import (
     PeakLimit,
     PeakRotation,
     PeakShear,
+)
+from ._targets import (
+    AbstractTarget,
+    MedianCapacity,
+    NoOverturning,
+    OverturningAcceleration,
+    OverturningProbability,
+    OverturningScale,
 )
 from ._variables import Dimensions, Structure, as_podium, make_variables
 
