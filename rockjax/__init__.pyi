@@ -34,6 +34,7 @@ from ._options import Options as Options
 from ._outputs.base import AbstractOutput as AbstractOutput
 from ._outputs.base import Variable as Variable
 from ._responses.estimate import Errors as Errors
+from ._responses.floor import FloorMotion as FloorMotion
 from ._responses.history import Energies as Energies
 from ._responses.peak import Peak as Peak
 from ._responses.response import Response as Response

@@ -136,6 +136,16 @@ def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple
     return c.two_R * (sigma * c.sin_alpha - s), c.two_R * theta_dot * cos
 
 
+def beam_climb(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> Value:
+    """Return the vertical velocity of the beam relative to the ground v̇_b [m/s], Eq. (15), upwards.
+
+    - `c`: constants of the podium
+    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `theta`, `theta_dot`: θ [rad] and θ̇ [rad/s]
+    """
+    return c.two_R * theta_dot * sincos(sigma * c.alpha - theta)[0]
+
+
 def beam_acceleration(
     c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value
 ) -> Value:

@@ -23,6 +23,7 @@ from rockjax._structures import Podium
 
 from . import history, joint_forces
 from .datasets import describe_excitation, describe_options, describe_podium
+from .floor import DECK, FloorMotion, floor_weights
 from .history import Energies
 from .joint_forces import JointForces
 from .peak import AbstractPeak, own_axis, peak_variables
@@ -157,6 +158,32 @@ class Response(AbstractPeak):
         ∫(C/m_c)|ℓ̇|^(1+ν) dt of [`rockjax.Damper`][]s; the total depends on the end of the scene.
         """
         return self.energies(self.stats.end_time if t is None else t).dampers
+
+    def floor(
+        self, level: str | int = DECK, *, weights: Float[ArrayLike, " modes"] | None = None
+    ) -> FloorMotion:
+        """Return the motion of the deck, of a story, or of a weighted sum of modes, (L1) to (L3).
+
+        - `level`: `"deck"` (the beam), or a story from 1, the lowest; `Elastic` and `Rigid` have one
+        - `weights`: instead of a level, weights W_i of the modes, shape (modes,) [–]; the rest, 1 − ΣW_i,
+          moves with the deck
+
+        Raises `ValueError` for a level that is not there, and for weights of another length.
+        """
+        row = floor_weights("Response.floor", self.podium, level, weights)
+        podium, excitation, nodes, limit, method, rtol = self._scene()
+        return FloorMotion(
+            weights=as_array(row),
+            impulse_times=self.impact_times,
+            podium=podium,
+            excitation=excitation,
+            nodes=nodes,
+            end_time=self.stats.end_time,
+            _limit=limit,
+            _rtol=rtol,
+            _method=method,
+            level=level if weights is None else "weights",
+        )
 
     def joint_forces(self, t: Float[ArrayLike, "*times"], left: bool = False) -> JointForces:
         """Return the forces in the joints of all columns over m_c g at times t [s], (F3) to (F11); with

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._checks import as_number, concrete, require, require_not_negative
+from rockjax._checks import array_module, as_number, concrete, require, require_not_negative
 from rockjax._text.cards import card, format_call
 from rockjax._tree import Module
 from rockjax._types import Array, Number
@@ -71,6 +71,12 @@ class AbstractSuperstructure(Module):
     def floors(self) -> Array | None:
         """Γ_i φ_ji of the floors j and, along the last axis, the modes i, (C11); None without floors."""
         return None
+
+    @property
+    def story_weights(self) -> Array | None:
+        """Weights W_i of the modes i in the motion of each story j, (L2), shape (stories, modes); None
+        without stories. The rest, 1 − ΣW_i, moves with the beam."""
+        return self.floors
 
     @property
     def height_count(self) -> int | None:
@@ -168,6 +174,10 @@ class Elastic(AbstractSuperstructure):
     def mass_ratio(self) -> Number:
         return self.eta
 
+    @property
+    def story_weights(self) -> Array:
+        return array_module(self.eta).ones((1, 1))
+
 
 class Rigid(AbstractSuperstructure):
     """A rigid superstructure: it adds to the beam, γ ← γ + η (the paper's "T_s = 0").
@@ -195,6 +205,10 @@ class Rigid(AbstractSuperstructure):
     @property
     def elastic(self) -> bool:
         return False
+
+    @property
+    def story_weights(self) -> Array:
+        return array_module(self.eta).zeros((1, 0))
 
 
 class Oscillators(AbstractSuperstructure):
