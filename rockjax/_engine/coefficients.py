@@ -58,9 +58,10 @@ class Restraint(NamedTuple):
 class Joints(NamedTuple):
     """Constants of forces in the joints.
 
-    - `gamma`, `lam`: mass ratio of what moves with the beam, and the inertia factor of a column
+    - `gamma`, `lam`: ratio of the mass that moves with the beam, and inertia factor of a column
     - `dead_load`: N of the mean column at rest at the bottom and the top joint [m_c g]
-    - `impulses`: those of an impact, over its speed, (F12); `impulse_place`: their eccentricity ξ_J, (F13)
+    - `impulses`: impulses of an impact divided by its speed, (F12)
+    - `impulse_eccentricity`: their eccentricity ξ_J, (F13)
     - `arms`: positions of the columns and first moments of the masses; None without an elevation
     """
 
@@ -68,7 +69,7 @@ class Joints(NamedTuple):
     lam: Value
     dead_load: Values
     impulses: Impulses
-    impulse_place: Value
+    impulse_eccentricity: Value
     arms: Arms | None
 
 

@@ -1,1 +1,1 @@
-"""Outputs of a scene: one module each, a registry, and the protocol that they share."""
+"""Outputs of a scene: one module each, their registry, and their base class."""

@@ -20,10 +20,10 @@ from .views import Ended, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class AxialForce(AbstractOfJoints):
-    """The least and the largest axial force N of the bottom and the top joint of the worst column over m_c g,
-    (F8). Below 0 a joint opens, and the scene is outside the model from then on.
+    """The least and the largest axial force N/(m_c g) at the bottom and the top joint of the worst column,
+    (F8). Below 0 a joint would open, and the model no longer holds.
 
-    Its record holds −N, then N.
+    The record contains the largest −N/(m_c g), then the largest N/(m_c g).
     """
 
     name = "axial_force"
@@ -43,20 +43,20 @@ class AxialForce(AbstractOfJoints):
         return step.largest(axial, record, WELL_INSIDE_CUBIC, sizes="both")
 
     def stands(self, bounds: JointBounds, record: Values) -> Flag:
-        pulled, pressed = map(self.worst, halves(jax.lax.stop_gradient(record)))
+        tension, compression = map(self.worst, halves(jax.lax.stop_gradient(record)))
         g = bounds.c.g
-        return every((bounds.least_axial >= -pulled * g) & (bounds.most_axial <= pressed * g))
+        return every((bounds.least_axial >= -tension * g) & (bounds.most_axial <= compression * g))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        pulled, pressed = (self.answered(ended, self.worst(y)) for y in halves(record))
-        return {"least_axial_force": 0.0 - pulled, "peak_axial_force": pressed}
+        tension, compression = (self.answered(ended, self.worst(y)) for y in halves(record))
+        return {"least_axial_force": 0.0 - tension, "peak_axial_force": compression}
 
 
 @dataclasses.dataclass(frozen=True)
 class Unloading(AxialForce):
-    """The largest loss of axial force 1 − N/N_0 of the bottom and the top joint of the worst column [–], for
-    targets and limit states. N_0 is the dead load of the mean column. Above 1 a joint pulls; 0 where there is
-    no dead load.
+    """The largest loss of axial force 1 − N/N_0 at the bottom and the top joint of the worst column [–], for
+    targets and limit states. N_0 is the dead load of the mean column. Above 1 a joint would open. The answer
+    is 0 where there is no dead load.
     """
 
     name = "unloading"

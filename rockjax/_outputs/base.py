@@ -1,4 +1,4 @@
-"""The base class of outputs: name, unit, and the methods by which a record follows a scene."""
+"""The base class of outputs: names, units, and the methods that update a record during a scene."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rockjax._types import Flag, Values
 
 from .views import Bounces, Ended, Impact, Moment, Rest, Sample, Start, Step, StepEnd
 
-# Axes of outputs: modes and stories are numbered from 1 at the bottom; joints are the bottom and the top one.
+# Axes of answers. Stories are numbered from 1 at the bottom, modes from 1; joints have names.
 MODES, STORIES, JOINTS = "vibration_mode", "story", "joint"
 JOINT_NAMES = ("bottom", "top")
 
@@ -23,11 +23,11 @@ JOINT_NAMES = ("bottom", "top")
 class Variable(NamedTuple):
     """One answer of an output, for datasets, pictures and tables.
 
-    - `name`, `unit`, `description`, `symbol`: of the answer
-    - `axis`: None for one number, or `MODES`, `STORIES`, `JOINTS`
-    - `sensitive`: whether batches give its derivatives
-    - `estimated`: whether the estimate of errors covers it
-    - `until_overturning`: whether it covers a scene that overturned only until then
+    - `name`, `unit`, `description`, `symbol`: text for datasets and axes
+    - `axis`: None for a scalar, or `MODES`, `STORIES`, `JOINTS`
+    - `sensitive`: whether batches can compute its sensitivities
+    - `estimated`: whether `"errors"` estimates its error
+    - `until_overturning`: whether the answer of an overturned scene is a peak up to overturning
     """
 
     name: str
@@ -41,8 +41,8 @@ class Variable(NamedTuple):
 
 
 def larger(new: Values, record: Values) -> Values:
-    """Return the larger of two values with the derivative of one of them. `maximum` would average both
-    derivatives at ties."""
+    """Return the larger of two values with its derivative, at ties that of `record`. `jnp.maximum` would
+    average both derivatives."""
     return jnp.where(new > record, new, record)
 
 
@@ -58,18 +58,18 @@ class AbstractOutput:
                 return moment.c.two_R * moment.v[0] * jnp.cos(psi)
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
-    value of the quantity over the scene, with its derivatives. That is all that is needed. The other methods
-    make an output of another form (`over_step`, `at_impact`, `update`, `answer`), or a faster one: no part of
-    a scene is passed over for which `over_rest`, `over_sample` or `over_bounces` of a requested output is not
-    written, and the scene goes on until `t_end` unless `is_final` says that the record stands.
+    value of the quantity over the scene, with its derivatives. Override `over_step`, `at_impact`, `update` or
+    `answer` for an output of another form. The remaining methods make it faster: rests, samples of a record
+    and bounces are skipped only if every requested output overrides `over_rest`, `over_sample` or
+    `over_bounces`, and a scene continues to overturning or `t_end` unless `is_final` returns True.
 
-    - `name`: of the request and of the answer
+    - `name`: name in `Options.outputs`, and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: of the answer,
       as in [`rockjax.Variable`][]; an output with several answers lists them in `variables`
     - `by_default`: whether it is requested by default
-    - `needs_flat`: whether only the flat engine has it
-    - `follows_impacts`: whether every impact counts, however slow
-    - `of_joints`: whether it reads constants of the joints, `moment.c.joints`
+    - `needs_flat`: whether only the flat engine supports it
+    - `follows_impacts`: whether it needs every impact until rest, however slow
+    - `of_joints`: whether it needs the constants of the joints, `moment.c.joints`
     """
 
     name: ClassVar[str]
@@ -97,38 +97,38 @@ class AbstractOutput:
         return True
 
     def of(self, podium: Podium) -> AbstractOutput:
-        """Return the output for a podium, with what is decided before tracing."""
+        """Return the output with its static attributes set for a podium."""
         del podium
         return self
 
     def for_limit(self, limit: float) -> tuple[AbstractOutput, float]:
-        """Return the output that a target with a limit reads, and the limit of its answer. Override it for
-        answers that become infinite."""
+        """Return the output that a target with this limit uses, and the limit of that output. Override it for
+        answers that can be infinite."""
         return self, limit
 
     # ------------------------------------------------------------------------------------- following a scene
     def quantity(self, moment: Moment) -> Values:
-        """Return the quantity at a moment: one number, or a row of them."""
+        """Return the quantity at a moment, a scalar or an array of shape (k,)."""
         raise NotImplementedError(f"the output {self.name!r} has no `quantity`")
 
     def start(self, start: Start) -> tuple[Any, Any]:
-        """Return the record at the start of a scene, whose derivatives are followed, and a note beside it,
-        whose derivatives batches do not follow; None for none."""
+        """Return the record and the note at the start of a scene; either may be None. Batches compute
+        derivatives of records, not of notes."""
         shape = jax.eval_shape(lambda: self.quantity(start.moment()))
         return jnp.zeros(shape.shape, shape.dtype), None
 
     def over_step(self, step: Step, record: Any) -> Maximum | None:
-        """Return the largest value over a step, and where to shorten the step to land on it; None if there is
-        nothing to look at inside steps."""
+        """Return the largest value over a step, and where to shorten the step to land on it; None if the
+        record does not depend on the inside of steps."""
         return step.largest(step.course(self.quantity), record)
 
     def at_impact(self, impact: Impact) -> Values | None:
-        """Return the value of a quantity that exists at impacts only; None for others."""
+        """Return the value of a quantity that exists only at impacts; None for other quantities."""
         del impact
         return None
 
     def update(self, end: StepEnd, record: Any, note: Any, largest: Values | None) -> tuple[Any, Any]:
-        """Return the record and the note after an accepted step, with the largest value over it."""
+        """Return the record and the note after an accepted step. `largest` is the value from `over_step`."""
         if largest is not None:
             record = larger(largest, record)
         value = self.at_impact(end.impact)
@@ -149,32 +149,32 @@ class AbstractOutput:
         """Return the answers where the output was not requested: NaN."""
         return {self.name: jnp.full_like(ended.t, jnp.nan)}
 
-    # --------------------------------------------------------- what allows to pass over parts of a scene
+    # ---------------------------------------------------------------------------- skipping parts of a scene
     def over_rest(self, rest: Rest, record: Any) -> Any:
         """Return the record after full contact of a rigid podium."""
         raise NotImplementedError
 
     def over_sample(self, sample: Sample, record: Any) -> Flag | bool:
-        """Return whether the record stands over a sample of a record that is passed without a trial."""
+        """Return whether the record is unchanged over a sample that is passed without a trial."""
         raise NotImplementedError
 
     def over_bounces(self, bounces: Bounces, record: Any) -> Flag | bool:
-        """Return whether the record stands over bounces that are not followed."""
+        """Return whether the record is unchanged over bounces that are skipped."""
         raise NotImplementedError
 
     def is_final(self, bounds: Bounds, record: Any) -> Flag | bool:
-        """Return whether the record stands, whatever follows within the bounds."""
+        """Return whether nothing that the bounds allow can change the record."""
         del bounds, record
         return False
 
     def passes(self, method: str) -> bool:
-        """Return whether one of `over_rest`, `over_sample`, `over_bounces` is written."""
+        """Return whether this class overrides `method`: "over_rest", "over_sample" or "over_bounces"."""
         return getattr(type(self), method) is not getattr(AbstractOutput, method)
 
 
 class AbstractEventOutput(AbstractOutput):
-    """An output whose record changes at turning points of the rotation and at events only: neither in full
-    contact of a rigid podium, nor over a sample where the rotation is monotone."""
+    """An output whose record changes only at turning points of the rotation and at events. It is unchanged in
+    full contact of a rigid podium, and over a sample where the rotation is monotone."""
 
     def over_rest(self, rest: Rest, record: Any) -> Any:
         del rest
@@ -186,7 +186,7 @@ class AbstractEventOutput(AbstractOutput):
 
 
 class AbstractWithoutAnswer(AbstractEventOutput):
-    """An output that is followed for others, and is no answer of a scene. It has nothing inside steps."""
+    """An output for internal use, without public answers. It does not depend on the inside of steps."""
 
     @property
     def variables(self) -> tuple[Variable, ...]:

@@ -18,7 +18,7 @@ from .views import Ended, Moment, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakDeformation(AbstractOutput):
-    """The peak deformation max|u_t − u_b| of the superstructure [m]; for each mode if there are several."""
+    """The peak deformation max|u_t − u_b| of the superstructure [m], of each mode if there are several."""
 
     name = "peak_deformation"
     unit = "m"
@@ -28,7 +28,7 @@ class PeakDeformation(AbstractOutput):
     axis = MODES
 
     elastic: bool = True
-    in_row: bool = False  # an axis of modes
+    has_mode_axis: bool = False  # whether the answer has an axis of modes
 
     def applies(self, podium: Podium) -> bool:
         return podium.vibrates
@@ -52,11 +52,11 @@ class PeakDeformation(AbstractOutput):
         return every(bounds.deformations() < record)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        return {self.name: jnp.atleast_1d(record) if self.in_row else record}
+        return {self.name: jnp.atleast_1d(record) if self.has_mode_axis else record}
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         if not self.elastic:
-            found = jnp.zeros_like(ended.t)
+            deformation = jnp.zeros_like(ended.t)
         else:
-            found = jnp.broadcast_to(jnp.full_like(ended.t, jnp.nan), ended.x[1].shape)
-        return {self.name: jnp.atleast_1d(found) if self.in_row else found}
+            deformation = jnp.broadcast_to(jnp.full_like(ended.t, jnp.nan), ended.x[1].shape)
+        return {self.name: jnp.atleast_1d(deformation) if self.has_mode_axis else deformation}

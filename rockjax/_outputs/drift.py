@@ -39,13 +39,12 @@ class PeakDrift(AbstractOfStories):
         return jnp.zeros(self.stories, start.t.dtype), None
 
     def over_step(self, step: Step, record: Values) -> Maximum:
-        moved = step.deformations
-        drifts = jax.vmap(moved.summed)(_weights(step.c))
+        drifts = jax.vmap(step.deformations.summed)(_weights(step.c))
         return step.largest(drifts, record, WELL_INSIDE_QUINTIC, lands=step.refines)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        stiffness = jnp.sqrt(present(bounds.c.vibration).omega2)
-        bound = jax.vmap(lambda weights: bounds.of_sum(weights / stiffness))(_weights(bounds.c))
+        frequencies = jnp.sqrt(present(bounds.c.vibration).omega2)
+        bound = jax.vmap(lambda weights: bounds.of_sum(weights / frequencies))(_weights(bounds.c))
         return every(bound < record)
 
     def absent(self, ended: Ended) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 @dataclasses.dataclass(frozen=True)
 class PeakFloorAcceleration(AbstractOfStories):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
-    building move with the beam, as its shear does."""
+    building have the acceleration of the beam, which `PeakShear` follows."""
 
     name = "peak_floor_acceleration"
     unit = "m s-2"
@@ -31,35 +31,35 @@ class PeakFloorAcceleration(AbstractOfStories):
     by_default = True
 
     def quantity(self, moment: Moment) -> Values:
-        view = moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a
-        return floor_accelerations(*view) if self.elastic else beam_absolute(*view) / moment.c.g
+        arguments = moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a
+        return floor_accelerations(*arguments) if self.elastic else beam_absolute(*arguments) / moment.c.g
 
     def start(self, start: Start) -> tuple[Values, None]:
         return jnp.zeros(self.stories if self.elastic else (), start.t.dtype), None
 
     def over_step(self, step: Step, record: Values) -> Maximum:
         if not self.elastic:
-            return _BASE.over_step(step, record)
+            return _BEAM.over_step(step, record)
         carried = step.carrier()
         floors = jax.vmap(carried)(present(present(step.c.modal).floors))
         return step.largest(floors, record, step.inside_of_forces)
 
     def over_rest(self, rest: Rest, record: Values) -> Values:
-        return _BASE.over_rest(rest, record)
+        return _BEAM.over_rest(rest, record)
 
     def over_sample(self, sample: Sample, record: Values) -> Flag:
-        return _BASE.over_sample(sample, record)
+        return _BEAM.over_sample(sample, record)
 
     def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
-        return _BASE.over_bounces(bounces, record)
+        return _BEAM.over_bounces(bounces, record)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         if not self.elastic:
-            return _BASE.is_final(bounds, record)
+            return _BEAM.is_final(bounds, record)
         return every(jax.vmap(bounds.carried)(present(present(bounds.c.modal).floors)) < record)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         return {self.name: record} if self.elastic else self.in_all_stories(record * ended.scene.c.g)
 
 
-_BASE = PeakShear()  # of a rigid building: the beam's acceleration over g
+_BEAM = PeakShear()  # for a rigid building, its value is the acceleration of the beam divided by g

@@ -14,11 +14,11 @@ from .views import Ended, Moment
 
 @dataclasses.dataclass(frozen=True)
 class PeakFoundationShear(AbstractOfForces):
-    """The peak shear on the foundation over the total weight max|V|/W_0, (F5)."""
+    """The peak shear on the foundation divided by the total weight, max|V|/W_0, (F5)."""
 
     name = "peak_foundation_shear"
     unit = "1"
-    description = "peak shear on the foundation over the total weight max|V|"
+    description = "peak shear on the foundation divided by the total weight max|V|/W_0"
     symbol = "max |V|/W_0"
 
     def quantity(self, moment: Moment) -> Value:

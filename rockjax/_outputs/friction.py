@@ -1,4 +1,4 @@
-"""The friction that the joints demand: the largest |T|/N over a scene."""
+"""The friction demand of the joints: the largest |T|/N over a scene."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from .views import Course, Ended, Start, Step
 
 
 class AnglePath(NamedTuple):
-    """The angle of a force over a step as tan(φ/4), from the polynomials of T and N.
+    """The angle φ of a force over a step, as tan(φ/4), from cubics of T and N.
 
-    The angle itself is no polynomial: it swings within a fraction of a step where N is close to zero.
+    No cubic of the angle itself would do: it turns within a fraction of a step where N is close to zero.
     """
 
-    across: Cubic
+    tangential: Cubic
     axial: Cubic
 
     def value(self, z: Values | float) -> Values:
-        return quarter_tangent(self.across.value(z), self.axial.value(z))
+        return quarter_tangent(self.tangential.value(z), self.axial.value(z))
 
     def slope(self, z: Values | float) -> Values:
-        (across, across_slope), (axial, axial_slope) = ((y.value(z), y.slope(z)) for y in self)
-        return jax.jvp(quarter_tangent, (across, axial), (across_slope, axial_slope))[1]
+        (tangential, tangential_slope), (axial, axial_slope) = ((y.value(z), y.slope(z)) for y in self)
+        return jax.jvp(quarter_tangent, (tangential, axial), (tangential_slope, axial_slope))[1]
 
     def curvature(self, z: Values) -> Values:
         return jax.jvp(self.slope, (z,), (jnp.ones_like(z),))[1]
 
     def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
         # φ' has the sign of N T' − T N', a polynomial.
-        t, n = self.across, self.axial
+        t, n = self.tangential, self.axial
         slope = [
             n.c0 * t.c1 - t.c0 * n.c1,
             2 * (n.c0 * t.c2 - t.c0 * n.c2),
@@ -53,9 +53,9 @@ class AnglePath(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PeakFriction(AbstractOfJoints):
-    """The largest friction demand max|T|/N of the bottom and the top joint of the worst column, (F9), (F11).
+    """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
 
-    Its record is the angle of the force with the axis, as tan(φ/4), which passes N = 0 smoothly.
+    The record is the angle φ of the force from the vertical, as tan(φ/4), which is smooth at N = 0.
     """
 
     name = "peak_friction"
@@ -71,12 +71,12 @@ class PeakFriction(AbstractOfJoints):
 
     def over_step(self, step: Step, record: Values) -> Maximum:
         forces = step.course(end_forces)
-        angle = lambda values: quarter_tangent(*halves(values))
-        first, last = (jax.jvp(angle, end[:1], end[1:]) for end in (forces.first, forces.last))
-        across, axial = zip(*map(halves, forces.path), strict=True)
-        angles = Course(AnglePath(Cubic(*across), Cubic(*axial)), first, last)
-        found = step.largest(angles, record, WELL_INSIDE_CUBIC)
-        return found._replace(value=jnp.minimum(found.value, 1.0))
+        angle = lambda row: quarter_tangent(*halves(row))
+        start, end = (jax.jvp(angle, jet[:1], jet[1:]) for jet in (forces.start, forces.end))
+        tangential, axial = zip(*map(halves, forces.path), strict=True)
+        angles = Course(AnglePath(Cubic(*tangential), Cubic(*axial)), start, end)
+        maximum = step.largest(angles, record, WELL_INSIDE_CUBIC)
+        return maximum._replace(value=jnp.minimum(maximum.value, 1.0))
 
     def stands(self, bounds: JointBounds, record: Values) -> Flag:
         return every(bounds.friction <= friction_of(jax.lax.stop_gradient(self.worst(record))))
@@ -87,11 +87,11 @@ class PeakFriction(AbstractOfJoints):
 
 @dataclasses.dataclass(frozen=True)
 class FrictionUse(AbstractOfJoints):
-    """The largest use of the friction of a joint 1 − (μN − |T|)/(μN_0), with the dead load N_0 of the mean
-    column [–]; 1 where it slides, 0 where there is no dead load. For targets: unlike |T|/N it stays smooth
-    where a joint pulls.
+    """The largest use of friction 1 − (μN − |T|)/(μN_0) at a joint [–], with the dead load N_0 of the mean
+    column. Above 1 the joint would slide. The answer is 0 where there is no dead load. Targets use it because
+    it is smooth where a joint would open, unlike |T|/N.
 
-    Its record is the largest |T| − μN [m/s²], of T and of −T.
+    The record contains the largest T − μN, then the largest −T − μN [m/s²].
 
     - `limit`: friction coefficient μ [–]
     """
@@ -107,20 +107,20 @@ class FrictionUse(AbstractOfJoints):
 
     def over_step(self, step: Step, record: Values) -> Maximum:
         def excess(forces: Values) -> Values:
-            across, axial = halves(forces)
-            return jnp.concatenate([across, -across]) - self.limit * jnp.concatenate([axial, axial])
+            tangential, axial = halves(forces)
+            return jnp.concatenate([tangential, -tangential]) - self.limit * jnp.concatenate([axial, axial])
 
         return step.largest(jax.tree.map(excess, step.course(end_forces)), record, sizes="signed")
 
     def stands(self, bounds: JointBounds, record: Values) -> Flag:
-        above = bounds.friction - self.limit
-        beyond = above * jnp.where(above < 0, bounds.least_axial, bounds.most_axial)
-        return every(beyond <= self._worst_excess(jax.lax.stop_gradient(record)))
+        ratio_excess = bounds.friction - self.limit
+        excess = ratio_excess * jnp.where(ratio_excess < 0, bounds.least_axial, bounds.most_axial)
+        return every(excess <= self._worst_excess(jax.lax.stop_gradient(record)))
 
     def _worst_excess(self, record: Values) -> Values:
         return jnp.maximum(*map(self.worst, halves(record)))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        load = self.limit * ended.scene.c.g * present(ended.scene.c.joints).dead_load
-        use = 1 + self._worst_excess(record) / jnp.where(load > 0, load, 1.0)
-        return {self.name: self.answered(ended, jnp.where(load > 0, use, 0.0))}
+        capacity = self.limit * ended.scene.c.g * present(ended.scene.c.joints).dead_load
+        use = 1 + self._worst_excess(record) / jnp.where(capacity > 0, capacity, 1.0)
+        return {self.name: self.answered(ended, jnp.where(capacity > 0, use, 0.0))}

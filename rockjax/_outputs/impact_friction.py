@@ -18,21 +18,22 @@ from .joints import JOINTS, AbstractOfJoints, end_offsets, friction_of, halves, 
 from .views import Bounces, Ended, Impact, Start, Step
 
 
-def _of_columns(c: Coefficients, sigma: Value, sway: Value | float, offsets: Values | None) -> Values:
-    """Return the angles of the impulses of columns as tan(φ/4), then −J_N over the mean of all columns; joint
-    by joint, the bottom first."""
-    across, axial = impulses_of_columns(c, sigma, jnp.ones_like(sigma), sway, offsets)
+def _angles_and_ratios(c: Coefficients, sigma: Value, sway: Value | float, offsets: Values | None) -> Values:
+    """Return |tan(φ/4)| of the angles φ of impulses from the vertical, then −J_N divided by the mean of all
+    columns. Both are rows over the columns of the bottom joint, then of the top joint."""
+    tangential, axial = impulses_of_columns(c, sigma, jnp.ones_like(sigma), sway, offsets)
     mean = jnp.stack(jnp.broadcast_arrays(*present(c.joints).impulses.axial))[:, None]
-    share = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)
-    return jnp.concatenate([jnp.abs(quarter_tangent(across, axial)).ravel(), -share.ravel()])
+    ratio = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)
+    return jnp.concatenate([jnp.abs(quarter_tangent(tangential, axial)).ravel(), -ratio.ravel()])
 
 
 @dataclasses.dataclass(frozen=True)
 class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
-    """The largest friction demand max|J_T|/J_N of the impulses at the joints of the worst column, and the
-    least share of J_N over its mean of all columns, (F12), (F14).
+    """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean of all
+    columns, at the bottom and the top joint of the worst column, (F12), (F14).
 
-    Its record holds the angles of the impulses, then −share. With everything rigid all impacts have the same.
+    The record contains the angles of the impulses, then the negative ratios, as `_angles_and_ratios` returns
+    them. Without a vibrating superstructure all impacts have the same angles and ratios.
     """
 
     name = "impact_friction"
@@ -51,7 +52,7 @@ class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
             Variable(
                 "least_impulse_share",
                 "1",
-                "least axial impulse of a column over the mean of all columns",
+                "least axial impulse of a column divided by the mean of all columns",
                 "min J_N/mean",
                 JOINTS,
             ),
@@ -65,10 +66,10 @@ class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
 
     def at_impact(self, impact: Impact) -> Values:
         c = impact.c
-        return _of_columns(c, impact.sigma, sway_of_modes(c, impact.sigma, impact.x), end_offsets(c))
+        return _angles_and_ratios(c, impact.sigma, sway_of_modes(c, impact.sigma, impact.x), end_offsets(c))
 
     def over_bounces(self, bounces: Bounces, record: Values) -> bool:
-        del bounces, record  # of rigid podiums: the bounces have the ratios of the impact before them
+        del bounces, record  # only rigid podiums skip bounces, and all their impacts are alike
         return True
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
@@ -77,14 +78,21 @@ class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
         c, arms = bounds.c, present(bounds.c.joints).arms
         offsets, sway = None, 0.0
         if arms is not None:
-            # The worst impact is the one with the largest deformation, on a column at the end of the group.
-            far = arms.mean_square / arms.core_distance
-            most = bounds.of_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
-            offsets, sway = jnp.stack([-far, far, -far, far]), jnp.stack([most, most, -most, -most])
-        worst = _of_columns(c, jnp.ones_like(c.alpha), sway, offsets).reshape(2, self.joints, -1).max(axis=-1)
+            # The worst impact has the largest deformation, and acts on a column at an end.
+            end_offset = arms.mean_square / arms.core_distance
+            largest_sway = bounds.of_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
+            offsets, sway = (
+                jnp.stack([-end_offset, end_offset, -end_offset, end_offset]),
+                jnp.stack([largest_sway, largest_sway, -largest_sway, -largest_sway]),
+            )
+        worst = (
+            _angles_and_ratios(c, jnp.ones_like(c.alpha), sway, offsets)
+            .reshape(2, self.joints, -1)
+            .max(axis=-1)
+        )
         records = jnp.stack([self.worst(y) for y in halves(jax.lax.stop_gradient(record))])
         return bounds.rests | jnp.all(worst <= records)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        angles, lifted = (self.answered(ended, self.worst(y)) for y in halves(record))
-        return {"peak_impact_friction": friction_of(angles), "least_impulse_share": -lifted}
+        angles, negative_ratios = (self.answered(ended, self.worst(y)) for y in halves(record))
+        return {"peak_impact_friction": friction_of(angles), "least_impulse_share": -negative_ratios}

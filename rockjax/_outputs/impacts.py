@@ -1,4 +1,4 @@
-"""Impacts: their number to the end, and the sum over energetic ones with which errors are estimated."""
+"""The number of impacts until rest, and the sum over energetic impacts for the estimate of errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .views import Ended, Start, StepEnd
 
 @dataclasses.dataclass(frozen=True)
 class Impacts(AbstractWithoutAnswer):
-    """All impacts until rest: every scene counts those that it follows, but only this output follows all."""
+    """All impacts until rest. A scene counts the impacts that it follows; with this output it follows all."""
 
     name = "impacts"
     follows_impacts = True
@@ -29,17 +29,17 @@ class Impacts(AbstractWithoutAnswer):
 
 
 class Energetic(NamedTuple):
-    """Sums over impacts by their speed. Each counts y⁸, y = |θ̇⁻|/(pα), so that only impacts count after
-    which columns can overturn; faster ones count 1 + 8(y − 1)."""
+    """Contributions of impacts. With y = |θ̇⁻|/(pα) an impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for
+    y > 1, so that practically only impacts count after which columns can overturn."""
 
-    total: Value  # of all so far …
-    last: Value  # … and of the last one
+    total: Value  # sum over all impacts so far
+    last: Value  # contribution of the last impact
 
 
 @dataclasses.dataclass(frozen=True)
 class EnergeticImpacts(AbstractWithoutAnswer):
-    """The sum over energetic impacts, in which two solutions of a chaotic scene differ. It belongs to the
-    request "errors"."""
+    """The sum over energetic impacts. Two solutions of a chaotic scene differ in it. It is requested
+    as "errors"."""
 
     name = "errors"
     needs_flat = True
@@ -51,16 +51,18 @@ class EnergeticImpacts(AbstractWithoutAnswer):
         del largest
         c = end.step.c
         ratio = jax.lax.stop_gradient(end.impact.speed / (c.p * c.alpha))
-        # Faster impacts continue along the tangent, so that differences of their speeds still count.
-        one = jnp.where(end.hit, jnp.minimum(ratio * ratio, 1.0) ** 4 + 8 * jnp.maximum(ratio - 1, 0.0), 0.0)
-        return record, Energetic(note.total + one, jnp.where(end.hit, one, note.last))
+        # For y > 1 the tangent at y = 1 replaces y⁸.
+        contribution = jnp.where(
+            end.hit, jnp.minimum(ratio * ratio, 1.0) ** 4 + 8 * jnp.maximum(ratio - 1, 0.0), 0.0
+        )
+        return record, Energetic(note.total + contribution, jnp.where(end.hit, contribution, note.last))
 
     def is_final(self, bounds: Bounds, record: None) -> bool:
         del bounds, record
         return True
 
     def answer(self, ended: Ended, record: None, note: Energetic) -> dict[str, Any]:
-        # Excess energy at the overturning angle, over half the inertia.
+        # `fall`, θ̇² at the overturning angle, is proportional to the excess energy there.
         overturned = ended.code == results.OVERTURNED
         return {
             "energetic": note.total,

@@ -1,8 +1,8 @@
 """Forces in the joints of the columns, and impulses at impacts; equations (F1) … of docs/forces.md.
 
-A force (T, N) acts at a joint on the body above it: T along the motion, N upwards, so that N > 0 is
-compression. Forces are per column over m_c [m/s²] here. They follow from a state of the motion and do not act
-back on it.
+A force (T, N) acts at a joint on the body above it: T horizontally in the direction of motion, N upwards, so
+that N > 0 is compression. Forces are per column and divided by m_c [m/s²]. They follow from the motion and do
+not affect it.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from rockjax._types import Value, Values, Vector
 
 
 class DeviceForces(NamedTuple):
-    """Forces of the restrainers that press on the bottom and the top joint, over m_c (F2) [m/s²]."""
+    """Compression of the bottom and the top joint by restrainers, divided by m_c, (F2) [m/s²]."""
 
     bottom: Value | float
     top: Value | float
 
 
 class MeanForces(NamedTuple):
-    """Forces of the mean column over m_c [m/s²].
+    """Forces of the mean column divided by m_c [m/s²].
 
     - `bottom`, `top`: (T, N) at the joints, (F3)
-    - `foundation`: (V, W), what the foundation feels, (F5)
-    - `eccentricity`: place of the resultants over half the width of a column: ξ in full contact, (F10), σ
-      while rocking
-    - `lean`: −dT_i/dN_i over the columns: ξ tan α in full contact, (F11), tan ψ while rocking, (F9)
+    - `foundation`: (V, W), horizontal and vertical force on the foundation, (F5)
+    - `eccentricity`: position of the resultants divided by half the width of a column: ξ in full contact,
+      (F10), and σ while rocking
+    - `lean`: −dT_i/dN_i from column to column: ξ tan α in full contact, (F11), and tan ψ while rocking, (F9)
     """
 
     bottom: tuple[Value, Value]
@@ -56,11 +56,11 @@ def device_forces(c: Coefficients, sigma: Value, x: Vector, v: Vector, a: Vector
     rate, slip = lever * v[0] / c.p, c.restraint.slip
     lengthening = lever * a[0] - 0.25 * stretch * v[0] ** 2  # ℓ̈/R
     over_both = over_one = jnp.zeros_like(stretch)
-    for each in c.restraint.restrainers:
-        force = c.g * each.force(stretch, rate, slip)
-        if each.apparent_mass is not None:
-            force = force + 0.5 * c.two_R * each.apparent_mass * lengthening
-        if each.joints == 2:
+    for restrainer in c.restraint.restrainers:
+        force = c.g * restrainer.force(stretch, rate, slip)
+        if restrainer.apparent_mass is not None:
+            force = force + 0.5 * c.two_R * restrainer.apparent_mass * lengthening
+        if restrainer.joints == 2:
             over_both = over_both + force
         else:
             over_one = over_one + force
@@ -68,14 +68,14 @@ def device_forces(c: Coefficients, sigma: Value, x: Vector, v: Vector, a: Vector
 
 
 def springs(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Values:
-    """Return F_i = ω_i²(u_i−u_b) + 2ζ_iω_i(u̇_i−u̇_b) of the modes, Eq. (7) [m/s²]."""
+    """Return the spring forces F_i = ω_i²(u_i−u_b) + 2ζ_iω_i(u̇_i−u̇_b) of the modes, Eq. (7) [m/s²]."""
     modes = present(c.vibration)
     sway, rate = beam(c, sigma, x[0], v[0])
     return modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - rate)
 
 
 def total_weight(c: Coefficients) -> Value:
-    """Return the total weight W_0 per N m_c [m/s²]."""
+    """Return the total weight W_0 divided by N m_c [m/s²]."""
     return (1 + present(c.joints).gamma + c.eta) * c.g
 
 
@@ -93,15 +93,15 @@ def mean_forces(
     s, cos = sincos(sigma * c.alpha - x[0])
     turning = sigma, x[0], v[0], a[0]
     sway, rise = beam_acceleration(c, *turning), beam_rise(c, *turning)
-    over, weight = horizontal(ground), c.g + _vertical(ground)
-    of_bottom, of_top = device_forces(c, sigma, x, v, a)
+    ground_horizontal, weight = horizontal(ground), c.g + _vertical(ground)
+    device_bottom, device_top = device_forces(c, sigma, x, v, a)
     half, cos_half = sincos(0.5 * x[0])
-    pushed = 0.0 if c.vibration is None else weighted(c.etas, springs(c, sigma, x, v))
-    v_top = gamma * (over + sway) - pushed
+    spring_force = 0.0 if c.vibration is None else weighted(c.etas, springs(c, sigma, x, v))
+    v_top = gamma * (ground_horizontal + sway) - spring_force
     w_top = (gamma + eta) * (weight + rise)
-    v_bottom, w_bottom = v_top + over + 0.5 * sway, w_top + weight + 0.5 * rise
-    top = v_top + of_top * half, w_top + of_top * cos_half
-    bottom = v_bottom + of_bottom * half, w_bottom + of_bottom * cos_half
+    v_bottom, w_bottom = v_top + ground_horizontal + 0.5 * sway, w_top + weight + 0.5 * rise
+    top = v_top + device_top * half, w_top + device_top * cos_half
+    bottom = v_bottom + device_bottom * half, w_bottom + device_bottom * cos_half
     tan_alpha = c.sin_alpha / c.cos_alpha
     in_contact = -safe_ratio(bottom[0] + top[0], tan_alpha * (bottom[1] + top[1]), bottom[1] + top[1] != 0)
     contact = sigma == 0
@@ -117,7 +117,7 @@ def mean_forces(
 def overturning_moment(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> Value:
-    """Return the overturning moment on the columns over N m_c, clockwise, (F6) [m²/s²].
+    """Return the overturning moment on the columns divided by N m_c, clockwise, (F6) [m²/s²].
 
     - `c`: constants of a podium with an elevation; `sigma`: mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
@@ -128,20 +128,21 @@ def overturning_moment(
     if c.vibration is None:
         return beam_moment
     rise = beam_rise(c, sigma, x[0], v[0], a[0])
-    lifted = (c.g + _vertical(ground) + rise) * sway_of_modes(c, sigma, x)
-    return beam_moment + weighted(present(arms.modes), springs(c, sigma, x, v)) + lifted
+    weight_moment = (c.g + _vertical(ground) + rise) * sway_of_modes(c, sigma, x)
+    return beam_moment + weighted(present(arms.modes), springs(c, sigma, x, v)) + weight_moment
 
 
 def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, offsets: Values) -> Values:
-    """Return the axial force that columns at `offsets` [m] carry above the mean, (F8); rows over columns.
+    """Return the axial forces of columns minus that of the mean column, (F8) [m/s²], (columns,).
 
-    - `moment`: M over N m_c [m²/s²]
-    - `eccentricity`: χ, over half the width of a column
+    - `moment`: M divided by N m_c [m²/s²]
+    - `eccentricity`: χ, relative to half the width of a column
     - `axial`: N_t of the mean column [m/s²]
+    - `offsets`: positions of the columns from their mean [m], (columns,)
     """
     arms = present(present(c.joints).arms)
-    width = 0.5 * c.two_R * c.sin_alpha
-    return offsets * ((moment + eccentricity * width * axial) / arms.mean_square)
+    half_width = 0.5 * c.two_R * c.sin_alpha
+    return offsets * ((moment + eccentricity * half_width * axial) / arms.mean_square)
 
 
 def column_forces(
@@ -162,19 +163,19 @@ def column_forces(
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
     """
     mean = barrier(mean_forces(c, sigma, ground, x, v, a))
-    over, axial = (jnp.stack(y)[:, None] for y in zip(mean.bottom, mean.top, strict=True))
+    tangential, axial = (jnp.stack(y)[:, None] for y in zip(mean.bottom, mean.top, strict=True))
     if offsets is None:
-        return over, axial
+        return tangential, axial
     moment = barrier(overturning_moment(c, sigma, ground, x, v, a))
-    more = transfer(c, moment, mean.eccentricity, mean.top[1], offsets)[None, :]
-    return over - more * mean.lean, axial + more
+    transferred = transfer(c, moment, mean.eccentricity, mean.top[1], offsets)[None, :]
+    return tangential - transferred * mean.lean, axial + transferred
 
 
 def impulses_of_columns(
     c: Coefficients, sigma: Value, speed: Value, sway: Value | float, offsets: Values | None
 ) -> tuple[Values, Values]:
-    """Return (J_T, J_N) at the joints of columns at an impact, each of shape (2, columns), over m_c, (F12) to
-    (F14) [m/s].
+    """Return the impulses (J_T, J_N) at the joints of columns at an impact, divided by m_c, each of shape (2,
+    columns), the bottom joint first, (F12) to (F14) [m/s].
 
     - `c`: constants of the podium, with those of the joints; `sigma`: mode before the impact
     - `speed`: |θ̇| before it [rad/s]
@@ -182,15 +183,17 @@ def impulses_of_columns(
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
     """
     joints = present(c.joints)
-    found = joints.impulses
-    over, axial = (jnp.stack(jnp.broadcast_arrays(*y))[:, None] for y in (found.horizontal, found.axial))
-    over, axial = sigma * speed * over, speed * axial
+    of_mean = joints.impulses
+    tangential, axial = (
+        jnp.stack(jnp.broadcast_arrays(*y))[:, None] for y in (of_mean.horizontal, of_mean.axial)
+    )
+    tangential, axial = sigma * speed * tangential, speed * axial
     if offsets is None:
-        return over, axial
-    place = -sigma * joints.impulse_place
-    moment = found.rise * sway - present(joints.arms).beam * found.sway * sigma
-    more = transfer(c, speed * moment, place, axial[1, 0], offsets)[None, :]
-    return over - place * (c.sin_alpha / c.cos_alpha) * more, axial + more
+        return tangential, axial
+    eccentricity = -sigma * joints.impulse_eccentricity
+    moment = of_mean.rise * sway - present(joints.arms).beam * of_mean.sway * sigma
+    transferred = transfer(c, speed * moment, eccentricity, axial[1, 0], offsets)[None, :]
+    return tangential - eccentricity * (c.sin_alpha / c.cos_alpha) * transferred, axial + transferred
 
 
 def sway_of_modes(c: Coefficients, sigma: Value, x: Vector) -> Value | float:

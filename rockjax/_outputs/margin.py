@@ -19,7 +19,7 @@ from .views import Bounces, Start, Step, StepEnd, Turn
 
 @dataclasses.dataclass(frozen=True)
 class Margin(AbstractEventOutput):
-    """The overturning margin: least of all turning points, negative for a scene that overturned."""
+    """The overturning margin: the least of all turning points; negative for a scene that overturned."""
 
     name = "margin"
     unit = "1"
@@ -35,18 +35,18 @@ class Margin(AbstractEventOutput):
 
     def over_step(self, step: Step, record: Value) -> Maximum:
         value = step.turn.margin
-        near = jax.lax.stop_gradient(value) < record + NEAR_RECORD * (1 - record)
-        return Maximum(value, step.cut_at_turn(step.refines & step.has_peak & near))
+        is_near_record = jax.lax.stop_gradient(value) < record + NEAR_RECORD * (1 - record)
+        return Maximum(value, step.cut_at_turn(step.refines & step.has_peak & is_near_record))
 
     def update(self, end: StepEnd, record: Value, note: None, largest: Value | None) -> tuple[Value, None]:
         del largest
         step, (x, v) = end.step, (end.x, end.v)
         scene, turn = step.scene, step.turn
         least = jnp.where(step.has_peak & (turn.margin < record), turn.margin, record)
-        # At the end of the scene a column on its way up has the margin of its present rotation.
+        # At the end of a scene, columns that still move away from contact have the margin of their rotation.
         rises = (end.stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
-        here = margin_at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
-        least = jnp.where(rises & (here < least), here, least)
+        at_end = margin_at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
+        least = jnp.where(rises & (at_end < least), at_end, least)
         return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
@@ -60,8 +60,8 @@ class Margin(AbstractEventOutput):
 
 @dataclasses.dataclass(frozen=True)
 class TurningPoints(AbstractWithoutAnswer):
-    """The turning point of the last trial, from which the distance to the overturning boundary is
-    estimated."""
+    """The turning point of the last trial; batches estimate the distance to the overturning boundary from
+    it."""
 
     name = "turning_points"
 

@@ -1,4 +1,4 @@
-"""Maxima of smooth quantities over one step, from the quintic through both ends."""
+"""Maxima of smooth quantities over one step, from polynomials through both ends."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from rockjax._engine.ratio import safe_ratio
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Flags, Value, Values
 
-# A step is shortened to end on an extremum that would raise the record and lies well inside the step. Near
-# the ends the polynomial is as accurate as the step itself.
-NEAR_RECORD = 1e-2
-WELL_INSIDE = 0.02
-# Limits for the vibrating superstructure, whose derivatives grow with every swing.
+# A step is shortened to end on an extremum that may raise the record and lies well inside the step. Near the
+# ends of a step the polynomial is as accurate as the step itself.
+NEAR_RECORD = 1e-2  # relative distance below the record from which an extremum may raise it
+WELL_INSIDE = 0.02  # fraction of the step at both ends where a turning point of θ needs no shorter step
+# The same fraction for quantities given by quintics and cubics. It is smaller for a vibrating superstructure,
+# because derivatives of its motion grow with every oscillation.
 WELL_INSIDE_QUINTIC = 2e-3
 WELL_INSIDE_CUBIC = 1e-4
-ROUNDING = 64  # times the resolution of numbers
+ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
 
 
 class Cubic(NamedTuple):
-    """A polynomial c0 + c1 z + c2 z² + c3 z³ of one quantity, or of several in a row."""
+    """A polynomial c0 + c1 z + c2 z² + c3 z³ of a scalar, or of a row of quantities."""
 
     c0: Values
     c1: Values
@@ -42,21 +43,21 @@ class Cubic(NamedTuple):
         return 2 * self.c2 + z * (6 * self.c3)
 
     def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-        """Return the same as `hermite.turning_point_or_dip`: the slope a + b z + c z² has roots in closed
-        form."""
+        """Return the result of `hermite.turning_point_or_dip` from the roots of the slope a + b z + c z² in
+        closed form."""
         sign = jnp.where(rising, 1.0, -1.0)
         a, b, c = (sign * y for y in derivative(self))
-        opens = b > 0  # the slope rises at z = 0, and falls to its zero later
-        q = -0.5 * (b + jnp.where(opens, 1.0, -1.0) * jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0.0)))
+        is_increasing = b > 0  # the slope increases at z = 0 and decreases to its zero later
+        q = -0.5 * (b + jnp.where(is_increasing, 1.0, -1.0) * jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0.0)))
         may_dip = ~turned & (b < 0) & (b + 2 * c > 0)
-        numerator = jnp.where(turned, jnp.where(opens, q, a), -b)
-        denominator = jnp.where(turned, jnp.where(opens, c, q), 2 * c)
+        numerator = jnp.where(turned, jnp.where(is_increasing, q, a), -b)
+        denominator = jnp.where(turned, jnp.where(is_increasing, c, q), 2 * c)
         z = jnp.clip(numerator / jnp.where(denominator == 0, 1.0, denominator), 0.0, 1.0)
         noise = 128 * jnp.finfo(z.dtype).eps * jnp.abs(self.c0)
         return z, may_dip & (a + z * (b + z * c) < -noise)
 
 
-Sizes = Literal["absolute", "signed", "both"]
+Sizes = Literal["absolute", "signed", "both"]  # which maxima `largest` returns
 _SIZES: dict[str, Callable[[Values], Values]] = {
     "absolute": jnp.abs,
     "signed": lambda y: y,
@@ -74,19 +75,18 @@ class Path(Protocol):
 
 
 class Maximum(NamedTuple):
-    """The largest |f| over a step, and the shorter step that ends on it; of one quantity, or of several in a
-    row."""
+    """The largest value of a quantity, or of a row of quantities, over a step."""
 
     value: Values
-    cut: Values  # fraction of the step, inf where no shorter step is needed
+    cut: Values  # fraction of the step at which to end it on the maximum; inf where that is not needed
 
 
 class End(NamedTuple):
-    """An end of a step: the quantity, its rate in time, and how far past its time stamp the end lies [s]."""
+    """A quantity at an end of a step, and its rate in time."""
 
     value: Values
     rate: Values
-    past: Value
+    past: Value  # time from there to an event or breakpoint, with its derivative [s]
 
 
 @functools.partial(jax.jit, static_argnames=("inside", "lands", "sizes"))
@@ -100,50 +100,54 @@ def largest(
     lands: bool = True,
     sizes: Sizes = "absolute",
 ) -> Maximum:
-    """Return max|f| over a step of length h, and where to shorten the step to land on it.
+    """Return max|f| over a step, and where to shorten the step to end on it.
 
-    - `path`: f(z) on z ∈ [0, 1], with its value, slope and curvature at both ends
-    - `long`: whether the curvatures of the path are more than rounding, `hermite.is_long`
+    - `path`: f(z) on z ∈ [0, 1]
+    - `h`: length of the step [s]
+    - `long`: whether curvatures of the path are more than rounding (`hermite.is_long`)
     - `record`: largest |f| so far
-    - `ends`: f and its rate at both ends; an end that is an event or a breakpoint moves with the parameters
-    - `inside`: part of the step at both ends where an extremum need not be landed on
-    - `lands`: whether extrema are landed on
-    - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for max(−f) and then max f in records and
-      values; in the last two these may be negative
+    - `ends`: f at both ends
+    - `inside`: fraction of the step at both ends where an extremum needs no shorter step
+    - `lands`: whether steps are shortened at all
+    - `sizes`: "absolute" for max|f|; "signed" for max f; "both" for a row of max(−f) and max f, also in
+      `record`
 
-    A step over which f turns twice is cut between both extrema where they could raise the record.
+    If f turns twice in the step, and either extremum may raise the record, the step ends between them.
     """
     size_of = _SIZES[sizes]
-    each = (lambda y: jnp.concatenate([y, y])) if sizes == "both" else (lambda y: y)
-    rates, of_each_end = [end.rate for end in ends], [size_of(end.value) for end in ends]
+    repeat = (lambda y: jnp.concatenate([y, y])) if sizes == "both" else (lambda y: y)
+    rates, end_sizes = [end.rate for end in ends], [size_of(end.value) for end in ends]
     turned = rates[0] * rates[1] < 0
     z, dips = barrier(jax.lax.stop_gradient(path).turning_point_or_dip(turned, rates[0] > 0))
-    at_z = size_of(path.value(z))
-    value = jnp.where(each(turned), at_z, -jnp.inf)
-    of_rates = safe_ratio(rates[1] - rates[0], h, h > 0)
-    for place, end in zip((0.0, 1.0), ends, strict=True):
-        bend = jnp.where(long, safe_ratio(path.curvature(jnp.full_like(h, place)), h * h, h > 0), of_rates)
-        size = size_of(end.value + end.past * (end.rate + 0.5 * end.past * bend))
+    size_at_z = size_of(path.value(z))
+    value = jnp.where(repeat(turned), size_at_z, -jnp.inf)
+    mean_curvature = safe_ratio(rates[1] - rates[0], h, h > 0)
+    for z_end, end in zip((0.0, 1.0), ends, strict=True):
+        at_end = safe_ratio(path.curvature(jnp.full_like(h, z_end)), h * h, h > 0)
+        curvature = jnp.where(long, at_end, mean_curvature)
+        size = size_of(end.value + end.past * (end.rate + 0.5 * end.past * curvature))
         value = jnp.where(size > value, size, value)
     value = barrier(value)
-    # Over a short hop the quantity is nearly constant: a maximum that equals an end value up to rounding
+    # Over a short step the quantity is nearly constant: a maximum that equals an end value up to rounding
     # needs no shorter step.
-    of_ends = jnp.maximum(*of_each_end)
+    largest_end = jnp.maximum(*end_sizes)
     rounding = ROUNDING * jnp.finfo(h.dtype).eps
     if sizes != "absolute":
-        stands_out = jax.lax.stop_gradient(value > of_ends + rounding * jnp.abs(of_ends))
+        stands_out = jax.lax.stop_gradient(value > largest_end + rounding * jnp.abs(largest_end))
         near = record - jnp.where(jnp.isfinite(record), NEAR_RECORD * jnp.abs(record), 0.0)
     else:
-        stands_out = jax.lax.stop_gradient(value > of_ends * (1 + rounding))
+        stands_out = jax.lax.stop_gradient(value > largest_end * (1 + rounding))
         near = record * (1 - NEAR_RECORD)
-    raises = lands & each(turned) & stands_out & (value > near)
-    raises |= each(long & dips) & (jnp.maximum(of_ends, at_z + each(jnp.abs(path.slope(z)))) > near)
-    raises &= each((z > inside) & (z < 1 - inside))
-    return Maximum(value, jnp.where(raises, each(z), jnp.inf))
+    raises = lands & repeat(turned) & stands_out & (value > near)
+    raises |= repeat(long & dips) & (
+        jnp.maximum(largest_end, size_at_z + repeat(jnp.abs(path.slope(z)))) > near
+    )
+    raises &= repeat((z > inside) & (z < 1 - inside))
+    return Maximum(value, jnp.where(raises, repeat(z), jnp.inf))
 
 
 def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Quintic:
-    """Return the spring and damper force per mass ω² d + 2ζω ḋ, Eq. (7), as a polynomial over a step.
+    """Return the force of spring and damper per mass, ω² d + 2ζω ḋ, Eq. (7), as a polynomial over a step.
 
     - `deformation`: polynomial of the deformation d [m]
     - `omega2`, `damping`: ω² [1/s²] and 2ζω [1/s]

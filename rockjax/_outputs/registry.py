@@ -1,4 +1,4 @@
-"""The list of outputs. An output is one module of this folder and one line here."""
+"""The registry of outputs by name."""
 
 from __future__ import annotations
 
@@ -33,18 +33,21 @@ REGISTRY: dict[str, AbstractOutput] = {
     )
 }
 
-# The answers by name, each with its output's name.
+# All answers by name, each with the name of its output.
 VARIABLES: dict[str, tuple[Variable, str]] = {
-    each.name: (each, name) for name, output in REGISTRY.items() for each in output.variables
+    variable.name: (variable, name) for name, output in REGISTRY.items() for variable in output.variables
 }
 
 
 def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
-    """Return the answers of outputs by name: names of the registry, and outputs of the user's own."""
-    listed = [REGISTRY[y] if isinstance(y, str) else y for y in outputs]
-    return {each.name: (each, output.name) for output in listed for each in output.variables}
+    """Return the answers of outputs by name, each with the name of its output.
+
+    - `outputs`: names of the registry, and instances of other outputs
+    """
+    instances = [REGISTRY[y] if isinstance(y, str) else y for y in outputs]
+    return {variable.name: (variable, output.name) for output in instances for variable in output.variables}
 
 
 def name_if_registered(output: AbstractOutput) -> str | AbstractOutput:
-    """Return the name of an output of the registry, and an output of the user's own as it is."""
+    """Return the name of an output of the registry; return other outputs unchanged."""
     return output.name if REGISTRY.get(output.name) == output else output

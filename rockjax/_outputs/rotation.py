@@ -1,4 +1,4 @@
-"""The largest rotation. It is followed in every scene, since other outputs and short cuts compare with it."""
+"""The largest rotation. Every scene follows it, because other outputs and fast-forwards use it."""
 
 from __future__ import annotations
 
@@ -33,9 +33,14 @@ class PeakRotation(AbstractEventOutput):
     @property
     def variables(self) -> tuple[Variable, ...]:
         time = Variable(
-            "peak_rotation_time", "s", "time of the peak rotation", sensitive=False, estimated=False
+            "peak_rotation_time",
+            "s",
+            "time of the peak rotation",
+            sensitive=False,
+            estimated=False,
+            until_overturning=False,
         )
-        return *super().variables, time._replace(until_overturning=False)
+        return *super().variables, time
 
     def quantity(self, moment: Moment) -> Value:
         return moment.x[0] / moment.c.alpha
@@ -45,14 +50,13 @@ class PeakRotation(AbstractEventOutput):
 
     def over_step(self, step: Step, record: Value) -> Maximum:
         top = step.guard.top
-        return Maximum(
-            top, step.cut_at_turn(step.refines & step.has_peak & (top > record * (1 - NEAR_RECORD)))
-        )
+        may_raise = step.refines & step.has_peak & (top > record * (1 - NEAR_RECORD))
+        return Maximum(top, step.cut_at_turn(may_raise))
 
     def update(self, end: StepEnd, record: Value, note: Value, largest: Any) -> tuple[Value, Value]:
         del largest
         highest, time = barrier(_highest(end))
-        if not self.requested:  # nobody needs its derivatives
+        if not self.requested:  # its derivatives are not used
             highest, time = jax.lax.stop_gradient((highest, time))
         raises = barrier(end.accepted & (end.step.sigma != 0) & (highest > record))
         return jnp.where(raises, highest, record), jnp.where(raises, time, note)
@@ -63,8 +67,8 @@ class PeakRotation(AbstractEventOutput):
     def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
         if not self.requested:
             return True
-        at_peak = potential(bounds.c, jnp.ones_like(record), jnp.minimum(record, bounds.well))
-        return bounds.rests | (bounds.energy < at_peak)
+        at_record = potential(bounds.c, jnp.ones_like(record), jnp.minimum(record, bounds.well))
+        return bounds.rests | (bounds.energy < at_record)
 
     def answer(self, ended: Ended, record: Value, note: Value) -> dict[str, Any]:
         if not self.requested:
@@ -83,8 +87,8 @@ def _highest(end: StepEnd) -> tuple[Value, Value]:
     end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))
     peak, end_angle = barrier((guard.path.value(guard.turn), end_angle))
     at_turn = step.has_peak & (peak >= end_angle)
-    # A record at an end that is not an event is a turning point up to rounding.
+    # A maximum at an end that is not an event is a turning point up to rounding.
     at_event = (end.lands | step.trial.ends) & ~at_turn
-    crest = jnp.where(at_turn, guard.turn, 1.0)
-    time = jnp.where(at_event, end.now, step.state.t + step.time_to_turn(crest))
+    turn = jnp.where(at_turn, guard.turn, 1.0)
+    time = jnp.where(at_event, end.now, step.state.t + step.time_to_turn(turn))
     return jnp.where(at_turn, peak, end_angle), time

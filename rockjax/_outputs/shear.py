@@ -21,11 +21,11 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakShear(AbstractOutput):
-    """The peak shear of the superstructure over its weight max|V_s|/(m_t g), Eq. (7)."""
+    """The peak shear of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7)."""
 
     name = "peak_shear"
     unit = "1"
-    description = "peak shear of the superstructure over its weight max|V_s|/(m_t g)"
+    description = "peak shear of the superstructure divided by its weight max|V_s|/(m_t g)"
     symbol = "|V_s|/(m_t g)"
     by_default = True
 
@@ -46,7 +46,7 @@ class PeakShear(AbstractOutput):
     def over_step(self, step: Step, record: Value) -> Maximum:
         if step.c.vibration is None:
             return step.largest(step.course(self.quantity), record, WELL_INSIDE_CUBIC)
-        # Forces use a derivative of the polynomial, so they are landed on for methods of any order.
+        # Forces use a derivative of the polynomial, so steps of any method end on their maxima.
         modal: ModalConstants | None = step.c.modal
         if modal is None:
             course, inside = step.spring_forces, WELL_INSIDE_QUINTIC
@@ -59,10 +59,10 @@ class PeakShear(AbstractOutput):
         return larger(rest.largest_ground_acceleration / rest.scene.c.g, record)
 
     def over_sample(self, sample: Sample, record: Value) -> Flag:
-        return _stays_under(sample, record)
+        return _stays_below(sample, record)
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        return _beam_at_most(bounces) < record * bounces.c.g
+        return _beam_bound(bounces) < record * bounces.c.g
 
     def is_final(self, bounds: Bounds, record: Value) -> Flag:
         modal = bounds.c.modal
@@ -75,49 +75,49 @@ class PeakShear(AbstractOutput):
         return {self.name: absent}
 
 
-def _stays_under(sample: Sample, record: Value) -> Flag:
-    """Return whether the shear stays below its record up to the next sample.
+def _stays_below(sample: Sample, record: Value) -> Flag:
+    """Return whether the shear stays below its record over a sample.
 
-    If its second derivative is at most C, it lies at most C z(1 − z) h²/2 above the straight line between its
-    ends.
+    With a second derivative of at most C, the shear lies at most C z(1 − z) h²/2 above the straight line
+    between its values at both ends, z ∈ [0, 1].
     """
     c, sigma = sample.c, sample.sigma
-    first, last = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in (sample.first, sample.last)])
+    start, end = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in (sample.start, sample.end)])
     record = jax.lax.stop_gradient(record)
-    over = jax.lax.stop_gradient(_bend(sample)) / c.g
-    # Either it falls from the first end on, or the most that it can rise stays below the record.
-    falls = (first <= record) & (last + 0.5 * over <= first)
-    return falls | (jnp.maximum(first, last) + 0.125 * over <= record)
+    curvature = jax.lax.stop_gradient(_curvature_bound(sample)) / c.g
+    # Either the shear decreases from the start on, or its largest possible value is below the record.
+    decreases = (start <= record) & (end + 0.5 * curvature <= start)
+    return decreases | (jnp.maximum(start, end) + 0.125 * curvature <= record)
 
 
-def _bend(sample: Sample) -> Value:
-    """Bound h² times the second derivative in time of the beam's absolute acceleration over a sample, Eq.
-    (14). The ground acceleration is linear in between and does not contribute itself."""
+def _curvature_bound(sample: Sample) -> Value:
+    """Bound h² times the second derivative of the absolute acceleration of the beam over a sample, Eq. (14)
+    [m/s²]. The ground acceleration is linear in time and does not contribute directly."""
     c: Coefficients = sample.c
     h = sample.h
-    grounds = sample.first[0], sample.last[0]
-    speeds = sample.first[2][0], sample.last[2][0]
-    changes = sample.first[3][0], sample.last[3][0]
-    speed, change = (jnp.maximum(*map(jnp.abs, pair)) for pair in (speeds, changes))
-    w, wh = h * h * change, h * (speed + h * change)  # θ̈ h² and θ̇ h at most
-    jerk = h * h * jnp.abs(changes[1] - changes[0])  # θ⃛ h³
-    most = jnp.maximum(*map(jnp.abs, grounds))
-    # θ⁗ h⁴, Eq. (24): by the rotation itself, and by the change of ü_g while columns turn.
-    by_angle = h * h * (c.gravity + c.ground * most) / c.inertia * (w + wh * wh)
+    grounds = sample.start[0], sample.end[0]
+    speeds = sample.start[2][0], sample.end[2][0]
+    accelerations = sample.start[3][0], sample.end[3][0]
+    speed, acceleration = (jnp.maximum(*map(jnp.abs, pair)) for pair in (speeds, accelerations))
+    w, wh = h * h * acceleration, h * (speed + h * acceleration)  # bounds of |θ̈|h² and |θ̇|h
+    jerk = h * h * jnp.abs(accelerations[1] - accelerations[0])  # |θ⃛|h³
+    ground = jnp.maximum(*map(jnp.abs, grounds))
+    # |θ⁗|h⁴, Eq. (24): from the rotation, and from the change of ü_g during the rotation.
+    by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (w + wh * wh)
     by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * wh
-    turns = c.sin_alpha * (4 * wh * jerk + 3 * w * w + wh**4) + 6 * wh * wh * w
-    return c.two_R * (by_angle + by_ground + turns) / (h * h)
+    by_rotation = c.sin_alpha * (4 * wh * jerk + 3 * w * w + wh**4) + 6 * wh * wh * w
+    return c.two_R * (by_angle + by_ground + by_rotation) / (h * h)
 
 
-def _beam_at_most(bounces: Bounces) -> Value:
+def _beam_bound(bounces: Bounces) -> Value:
     """Bound the absolute acceleration of the beam over bounces [m/s²].
 
-    The bound is the acceleration at uplift, Eqs. (14), (24), plus the contributions of rotation and its rate.
+    The bound is the acceleration at uplift, Eqs. (14), (24), plus the contributions of θ and θ̇.
     """
     c, ground = bounces.c, bounces.ground
     per_moment = c.two_R / c.inertia
     lifting = per_moment * c.cos_alpha
-    at_foot = lifting * c.gravity * c.sin_alpha + jnp.abs(1 - lifting * c.ground * c.cos_alpha) * ground
-    # The rotation changes ψ, and thereby 2Rθ̈ cos ψ by less than 2R(p² + |θ̈|) θ.
-    turned = 2 * per_moment * (c.gravity + c.ground * ground) * bounces.height
-    return at_foot + turned + c.two_R * bounces.speed**2
+    at_uplift = lifting * c.gravity * c.sin_alpha + jnp.abs(1 - lifting * c.ground * c.cos_alpha) * ground
+    # The rotation changes ψ, and thus 2Rθ̈ cos ψ by less than 2R(p² + |θ̈|) θ.
+    by_angle = 2 * per_moment * (c.gravity + c.ground * ground) * bounces.height
+    return at_uplift + by_angle + c.two_R * bounces.speed**2

@@ -15,7 +15,7 @@ from .views import Ended
 
 @dataclasses.dataclass(frozen=True)
 class AbstractOfStories(AbstractOutput):
-    """An output of a building with a number for each story or floor."""
+    """An output of a building with an answer for each story or floor, (stories,)."""
 
     axis = STORIES
 
@@ -33,5 +33,5 @@ class AbstractOfStories(AbstractOutput):
         return self.in_all_stories(jnp.full_like(ended.t, jnp.nan))
 
     def in_all_stories(self, value: Any) -> dict[str, Any]:
-        """Return an answer that is the same in all stories; none of a podium without stories."""
+        """Return a scalar as the answer of all stories; no answer for a podium without stories."""
         return {self.name: jnp.broadcast_to(value, (self.stories,))} if self.stories else {}

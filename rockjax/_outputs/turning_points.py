@@ -1,25 +1,27 @@
-"""The overturning margin of a scene: positive if it survives, zero on the boundary, negative if it overturns.
+"""The overturning margin M: positive if the scene survives, zero on the boundary, negative if it overturns.
 
-The margin is an energy over the depth of the potential well from full contact to the overturning angle α_o =
-overturn_ratio·α. A turning point |θ| = θ_m short of α_o has in reserve the work against gravity, and against
-other decelerating moments, over the remaining angle:
+It is an energy divided by the depth of the potential well, from full contact to the overturning angle α_o =
+overturn_ratio·α. The margin of a turning point |θ| = θ_m < α_o is the work against gravity, G, and against
+other decelerating moments, W, over the remaining angle:
 
     M = G + W/(1 + W/w),   G = [cos(α−α_o) − cos(α−θ_m)] / d,   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / d,
     d = cos(α−α_o) − cos α,
 
-where f is the decelerating moment besides gravity at that time, over gravity's coefficient in Eq. (24), and
-f⁺ its positive part. A column that reaches α_o with the speed θ̇ has an excess energy I θ̇²/2. The inertia I
-is that of columns, beam and superstructure moving together, as they do near the saddle.
+where f is the decelerating moment besides gravity at the turning point, divided by the coefficient of gravity
+in Eq. (24), f⁺ is its positive part, and w = 0.02. A column that reaches α_o with the speed θ̇ has the excess
+energy I θ̇²/2, and its margin is −I θ̇²/2 divided by the depth. I is the inertia of columns, beam and
+superstructure moving together, as they do near the unstable equilibrium.
 
-M passes through zero with a finite slope, whether the columns are pushed over or linger at the saddle after
-the shaking. The slopes on both sides are equal if gravity alone acts, and nearly equal if the ground still
-moves or the superstructure sways. With restrainers the potential V of (C3) replaces that of gravity, (C21):
+M passes through zero with a finite slope, both during the shaking and after it. The slopes on both sides are
+equal if only gravity acts, and nearly equal if the ground still moves or the superstructure vibrates. With
+restrainers the potential V of (C3) replaces the potential of gravity, (C21):
 
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
-The margin of a scene is the least of its turning points, at most 1 (the columns never lift), or that of its
-fall. Turning points appear and vanish with the parameters, and each has its own f. The work term is therefore
-limited to w: away from the boundary M follows the largest rotation, which is continuous.
+The margin of a scene is the least margin of its turning points, 1 if the columns never lift, or the margin of
+its fall. Turning points appear and vanish as the parameters change, and f differs between them. The term of W
+is therefore limited to w, so that M, away from the boundary, depends on the largest rotation, which is
+continuous.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from rockjax._engine.energy import potential, potential_slope, rotational_inerti
 from rockjax._sincos import sincos
 from rockjax._types import Value
 
-OTHERS = 0.02  # w: limit of the contribution of moments other than gravity
+MAX_WORK = 0.02  # w: limit of the contribution of moments other than gravity
 
 
 def margin_at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value) -> Value:
@@ -45,9 +47,9 @@ def margin_at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing
     one = jnp.ones_like(theta)
     (sin_o, _), (sin, _) = (sincos(c.alpha - angle) for angle in (overturn_angle, theta))
     depth = potential(c, one, overturn_angle)
-    push = _moment(c, theta, slowing) - potential_slope(c, theta)
-    work = jnp.maximum(push, 0.0) * (sin - sin_o) / depth
-    return 1 - potential(c, one, theta) / depth + work / (1 + work / OTHERS)
+    other_moment = _moment(c, theta, slowing) - potential_slope(c, theta)
+    work = jnp.maximum(other_moment, 0.0) * (sin - sin_o) / depth
+    return 1 - potential(c, one, theta) / depth + work / (1 + work / MAX_WORK)
 
 
 def margin_at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> Value:
@@ -60,11 +62,10 @@ def margin_at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Valu
     """Return the margin M of a column at rest at |θ| = `theta` ≥ 0 under gravity and restrainers alone;
     beyond the overturning angle, 1 − θ/α_o."""
     one = jnp.ones_like(theta)
-    left = 1 - potential(c, one, theta) / potential(c, one, overturn_angle)
-    return jnp.where(theta < overturn_angle, left, 1 - theta / overturn_angle)
+    margin = 1 - potential(c, one, theta) / potential(c, one, overturn_angle)
+    return jnp.where(theta < overturn_angle, margin, 1 - theta / overturn_angle)
 
 
 def _moment(c: Coefficients, theta: Value, rate: Value) -> Value:
-    """Return inertia times a rate of the rotation, per N m_c: an angular acceleration, or a squared
-    velocity."""
+    """Return I times `rate` per N m_c: an angular acceleration [rad/s²], or a squared speed [rad²/s²]."""
     return c.two_R**2 / 3 * rotational_inertia(c, jnp.ones_like(theta), theta) * rate

@@ -1,7 +1,9 @@
-"""Views of a scene: what an output may ask of a step, of an impact, or of a stretch that is passed over.
+"""Views of a scene for its outputs: of moments, steps, impacts, and parts that are skipped.
 
-An output never reads the loop's state. It gets one of these views, the record that it returned before, and
-returns a new one.
+An output reads these views instead of the loop's state. From a view and its record it computes a new record.
+
+A *stamp* is the value of a time, held constant under differentiation. The time of an event or a breakpoint
+depends on the parameters and has a derivative.
 """
 
 from __future__ import annotations
@@ -46,7 +48,8 @@ class Moment(NamedTuple):
     - `sigma`: mode σ ∈ {−1, 0, 1}
     - `t`: time [s]
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
-    - `x`, `v`, `a`: positions (θ [rad], u_t [m]), velocities and accelerations
+    - `x`, `v`, `a`: positions (θ [rad], u_t [m]), velocities and accelerations, each with one entry if there
+      is no vibrating superstructure
     """
 
     c: Coefficients
@@ -67,14 +70,15 @@ Quantity = Callable[[Moment], Values]
 
 
 class Turn(NamedTuple):
-    """A turning point |θ| = θ_m within a step; inf if there is none."""
+    """A maximum |θ| = θ_m inside a step; inf if there is none."""
 
-    margin: Value  # the overturning margin of that point alone
-    slowing: Value  # its angular deceleration −σθ̈ [rad/s²]
+    margin: Value  # overturning margin of this turning point [–]
+    slowing: Value  # angular deceleration −σθ̈ [rad/s²]
 
 
 class Start(NamedTuple):
-    """The start of a scene: the prepared scene, the initial state, its time, and the moment."""
+    """The start of a scene: the prepared scene, the initial state, its time [s], and a function that returns
+    the moment."""
 
     scene: Scene
     initial: State
@@ -83,8 +87,12 @@ class Start(NamedTuple):
 
 
 class Span(NamedTuple):
-    """The length of a step [s], whether it is long enough for its polynomials, and how far past its time
-    stamps it begins and ends [s]."""
+    """Times of a step [s].
+
+    - `h`: its length
+    - `long`: whether it is long enough for the curvatures of its polynomials (`hermite.is_long`)
+    - `before`, `after`: from its start and its end to the event or breakpoint there, with derivatives
+    """
 
     h: Value
     long: Flag
@@ -93,11 +101,11 @@ class Span(NamedTuple):
 
 
 class Course(NamedTuple):
-    """A quantity over a step: its polynomial, and its value and rate at both ends."""
+    """A quantity over a step: its polynomial, and its value and rate in time at the start and the end."""
 
     path: Any  # a `Path`
-    first: tuple[Values, Values]
-    last: tuple[Values, Values]
+    start: tuple[Values, Values]
+    end: tuple[Values, Values]
 
     def summed(self, weights: Values) -> Course:
         """Return the weighted sum over the modes."""
@@ -111,11 +119,11 @@ class Step:
     """A trial step as outputs see it: both ends, the mode, and polynomials of quantities in between.
 
     - `scene`: the prepared scene
-    - `refines`: whether the method is of higher order than the polynomials, so that maxima are landed on
+    - `refines`: whether the method is of higher order than the polynomials, so that steps end on maxima
     - `state`: state at the start of the step
-    - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
+    - `ground_at`: t ↦ ground acceleration on the current piece of the excitation [m/s²]
     - `trial`, `guard`: the step and its guard
-    - `before`, `after`: times after its time stamps at which the step begins and ends [s]
+    - `before`, `after`: from start and end of the step to the event or breakpoint there [s]
     """
 
     def __init__(
@@ -151,7 +159,7 @@ class Step:
 
     def course(self, quantity: Quantity) -> Course:
         """Return a quantity over the step as a cubic. Automatic differentiation gives its rates in time."""
-        if quantity in self._courses:  # outputs share it
+        if quantity in self._courses:  # several outputs may use the same quantity
             return self._courses[quantity]
         state, trial, c, sigma = self.state, self.trial, self.c, self.sigma
 
@@ -160,14 +168,14 @@ class Step:
             a = barrier(acceleration(c, sigma, ground, x, v))
             return quantity(Moment(c, sigma, t, ground, x, v, a))
 
-        one = jnp.ones_like(trial.h)
-        first = jax.jvp(at_state, (state.t, state.x, state.v), (one, state.v, trial.a0))
-        end = trial.end
-        last = jax.jvp(at_state, (state.t + trial.h, end.x, end.v), (one, end.v, end.a))
-        first, last = barrier((first, last))
-        path = cubic(first[0], first[1], last[0], last[1], trial.h)
-        found = self._courses[quantity] = Course(path, first, last)
-        return found
+        one, after = jnp.ones_like(trial.h), trial.end
+        start = jax.jvp(at_state, (state.t, state.x, state.v), (one, state.v, trial.a0))
+        end = jax.jvp(at_state, (state.t + trial.h, after.x, after.v), (one, after.v, after.a))
+        start, end = barrier((start, end))
+        course = self._courses[quantity] = Course(
+            cubic(start[0], start[1], end[0], end[1], trial.h), start, end
+        )
+        return course
 
     @functools.cached_property
     def _jets(self) -> tuple[Jet, Jet]:
@@ -183,8 +191,8 @@ class Step:
 
     @functools.cached_property
     def _deformation_path(self) -> Quintic:
-        first, last = self._jets
-        return quintic(*first, *last, self.span.h)
+        start, end = self._jets
+        return quintic(*start, *end, self.span.h)
 
     @functools.cached_property
     def deformations(self) -> Course:
@@ -194,16 +202,16 @@ class Step:
 
     @functools.cached_property
     def spring_forces(self) -> Course:
-        """Force of the spring and damper of each mode over its mass, Eq. (7) [m/s²]."""
+        """Force of spring and damper of each mode divided by its mass, Eq. (7) [m/s²]."""
         modes: Vibration = present(self.c.vibration)
-        first, last = barrier(
+        start, end = barrier(
             [
                 (modes.omega2 * d + modes.damping * r, modes.omega2 * r + modes.damping * s)
                 for d, r, s in self._jets
             ]
         )
         path = spring(self._deformation_path, modes.omega2, modes.damping, self.span.h)
-        return Course(path, first, last)
+        return Course(path, start, end)
 
     @functools.cached_property
     def _base(self) -> Course | None:
@@ -218,12 +226,12 @@ class Step:
 
     @property
     def inside_of_forces(self) -> float:
-        """Part of the step at both ends within which a maximum of carried forces need not be landed on."""
+        """Fraction of the step at both ends where a maximum of carried forces needs no shorter step."""
         return WELL_INSIDE_QUINTIC if self._base is None else WELL_INSIDE_CUBIC
 
     def carrier(self) -> Callable[[Values], Course]:
-        """Return the function from weights of the modes to Σ w_i F_i + (Σ w_i − 1) a_b over the step
-        [m/s²], the spring forces and the part of the mass that moves with the beam."""
+        """Return a function that maps weights w_i of the modes to Σ w_i F_i + (Σ w_i − 1) a_b over the step
+        [m/s²]: spring forces, and the inertia of the mass that moves with the beam."""
         springs, base = self.spring_forces, self._base
 
         def carried(weights: Values) -> Course:
@@ -238,8 +246,10 @@ class Step:
         return carried
 
     def cut_at_turn(self, lands: Flag) -> Value:
-        """Return the fraction of the step at which to end it where `lands` holds: at the guard's turning
-        point, unless that is so close to an end that the polynomial is accurate enough; inf elsewhere."""
+        """Return the fraction of the step up to the guard's turning point if `lands`; else inf.
+
+        It is also inf if the turning point is so close to an end that the polynomial is accurate enough.
+        """
         turn = self.guard.turn
         return jnp.where(lands & (turn > WELL_INSIDE) & (turn < 1 - WELL_INSIDE), turn, jnp.inf)
 
@@ -251,63 +261,63 @@ class Step:
         lands: bool = True,
         sizes: Sizes = "absolute",
     ) -> Maximum:
-        """Return the largest absolute value of a quantity over the step, and where to shorten the step to
-        land on it.
+        """Return the largest absolute value of a quantity over the step, and where to shorten the step to end
+        on it.
 
         - `course`: the quantity over the step
         - `record`: largest absolute value so far
-        - `inside`: part of the step at both ends within which a maximum need not be landed on
-        - `lands`: whether maxima are landed on at all
-        - `sizes`: "absolute" for |f|, "signed" for f, "both" for −f and then f in records and values
+        - `inside`: fraction of the step at both ends where a maximum needs no shorter step
+        - `lands`: whether the step is shortened at all
+        - `sizes`: "absolute" for |f|, "signed" for f, "both" for a row of −f and f, in `record` too
         """
-        ends = End(*course.first, self.span.before), End(*course.last, self.span.after)
+        ends = End(*course.start, self.span.before), End(*course.end, self.span.after)
         return largest(course.path, self.span.h, self.span.long, record, ends, inside, lands, sizes)
 
     def time_to_turn(self, z: Value) -> Value:
-        """Return the time from the start of the step to its turning point of θ near `z`, which moves with the
-        parameters [s].
+        """Return the time from the start of the step to its turning point of θ near `z` [s], with its
+        derivative.
 
-        Over a short step the slopes of the quintic are differences of nearly equal numbers; there the speeds
-        and accelerations at both ends give the derivative of the time.
+        Over a short step the slopes of the quintic are differences of nearly equal numbers. There the
+        derivative follows from the speeds and accelerations at both ends.
         """
         trial, path, end = self.trial, self.guard.path, self.trial.end
         speed = cubic(self.state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h)
-        off, of_ends = (
+        correction, of_ends = (
             jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0) * trial.h
             for value, slope in ((path.slope(z), path.curvature(z)), (speed.value(z), speed.slope(z)))
         )
         of_ends -= jax.lax.stop_gradient(of_ends)
-        return z * trial.h - jnp.where(self.span.long, off, of_ends)
+        return z * trial.h - jnp.where(self.span.long, correction, of_ends)
 
     @functools.cached_property
     def turn(self) -> Turn:
-        """Margin and deceleration of the maximum of |θ|; inf without one."""
+        """The maximum of |θ| inside the step."""
         h, sigma, trial = self.span.h, self.sigma, self.trial
         span = self.time_to_turn(self.guard.turn)
         z = safe_ratio(span, h, h > 0)
         theta = self.guard.path.value(z)
         x, v = (sigma * theta,), (jnp.zeros_like(h),)
         if self.c.vibration is not None:
-            first = self.state.x[1], self.state.v[1], trial.a0[1]
-            last = trial.end.x[1], trial.end.v[1], trial.end.a[1]
-            sway = quintic(*first, *last, h)
-            rate = cubic(*first[1:], *last[1:], h).value(z)
+            start = self.state.x[1], self.state.v[1], trial.a0[1]
+            end = trial.end.x[1], trial.end.v[1], trial.end.a[1]
+            sway = quintic(*start, *end, h)
+            rate = cubic(*start[1:], *end[1:], h).value(z)
             slope = safe_ratio(sway.slope(z), h, h > 0)
             x, v = (*x, sway.value(z)), (*v, jnp.where(self.span.long, slope, rate))
         slowing = -sigma * acceleration(self.c, sigma, self.ground_at(self.state.t + span), x, v)[0]
-        here = margin_at_turn(self.c, self.scene.overturn_angle, theta, slowing)
-        return barrier(Turn(*(jnp.where(self.has_peak, y, jnp.inf) for y in (here, slowing))))
+        margin = margin_at_turn(self.c, self.scene.overturn_angle, theta, slowing)
+        return barrier(Turn(*(jnp.where(self.has_peak, y, jnp.inf) for y in (margin, slowing))))
 
 
 class Impact(NamedTuple):
     """An impact.
 
     - `c`: constants of the podium
-    - `sigma`: mode before it
-    - `t`: its time [s]
-    - `ground`: ü_g, or ü_g and v̈_g after it [m/s²]
-    - `x`, `v`: positions and velocities before it; θ = 0
-    - `v_after`, `sigma_after`: velocities and mode after it
+    - `sigma`: mode before the impact
+    - `t`: time of the impact, with its derivative [s]
+    - `ground`: ü_g, or ü_g and v̈_g, after the impact [m/s²]
+    - `x`, `v`: positions and velocities before the impact; θ = 0
+    - `v_after`, `sigma_after`: velocities and mode after the impact
     """
 
     c: Coefficients
@@ -326,14 +336,14 @@ class Impact(NamedTuple):
 
 
 class StepEnd(NamedTuple):
-    """The end of an accepted step, after the transition of the automaton.
+    """The end of a step, after the transition of modes there.
 
     - `step`: the step
-    - `accepted`: whether it is; otherwise nothing of this counts
-    - `lands`: whether it ends on an event; `hit`: an impact; `toppled`: the overturning angle
-    - `after`: time past its end at which the event lies [s]
-    - `now`: time of its end, which moves with the parameters [s]; `stamp`: its fixed time stamp
-    - `x`, `v`: positions and velocities afterwards
+    - `accepted`: whether the step is accepted; otherwise the loop discards the updated records
+    - `lands`, `hit`, `toppled`: whether the step ends on an event, on an impact, on overturning
+    - `after`: time from the end of the step to the event [s]
+    - `now`: time of the end, with its derivative [s]; `stamp`: its stamp [s]
+    - `x`, `v`: positions and velocities after the transition
     - `impact`: the impact, valid where `hit`
     """
 
@@ -351,11 +361,11 @@ class StepEnd(NamedTuple):
 
 
 class Rest:
-    """Full contact of a rigid podium, in which nothing moves until its next uplift.
+    """Full contact of a rigid podium up to its next uplift.
 
     - `scene`: the prepared scene
-    - `start`, `end`: times between which the columns rest [s]; they move with the parameters
-    - `short`: how long before `end` it stops, zero unless the ground acceleration jumps there [s]
+    - `start`, `end`: times between which the columns rest, with their derivatives [s]
+    - `short`: how long before `end` the evaluation stops [s]; 0 unless the ground acceleration jumps at `end`
     """
 
     def __init__(self, scene: Scene, start: Value, end: Value, short: Value):
@@ -365,38 +375,37 @@ class Rest:
     def largest_ground_acceleration(self) -> Value:
         """Largest |ü_g| during the rest [m/s²].
 
-        It is 0 after the end of the motion. At an end of the interval, a jump or a kink, the largest value
-        moves with that time; at a smooth maximum, its time does not matter to first order.
+        It is 0 after the end of the motion. A largest value at an end of the rest, a jump or a kink has the
+        derivative of that time; the time of a smooth maximum has no influence to first order.
         """
         constant, excitation = jax.lax.stop_gradient, self.scene.excitation
-        first, last = constant(self.start), constant(self.end) - self.short
-        stays = (last > first) & (first < constant(excitation.support[1]))
-        time = jnp.clip(constant(self.scene.lookahead.highest_time(first, last)), first, last)
-        edge = excitation.breakpoint(excitation.before(excitation.locate(time)))
-        moving_time = jnp.where(constant(edge) == time, edge, time)
-        moving_time = jnp.where(time == first, self.start, jnp.where(time == last, self.end, moving_time))
-        size = jnp.abs(excitation(time + (moving_time - constant(moving_time))))
-        return jnp.where(stays, size, 0.0)
+        start, end = constant(self.start), constant(self.end) - self.short
+        is_shaken = (end > start) & (start < constant(excitation.support[1]))
+        stamp = jnp.clip(constant(self.scene.lookahead.highest_time(start, end)), start, end)
+        breakpoint = excitation.breakpoint(excitation.before(excitation.locate(stamp)))
+        time = jnp.where(constant(breakpoint) == stamp, breakpoint, stamp)
+        time = jnp.where(stamp == start, self.start, jnp.where(stamp == end, self.end, time))
+        largest = jnp.abs(excitation(stamp + (time - constant(time))))
+        return jnp.where(is_shaken, largest, 0.0)
 
 
 class Sample(NamedTuple):
-    """A sample of a record that is passed without a trial: θ rises or falls all the way.
+    """A sample of a record that is passed without a trial; θ is monotone in it.
 
     - `c`: constants of the podium; `sigma`: the mode
     - `h`: length of the sample [s]
-    - `first`, `last`: ground acceleration [m/s²] (linear in between), positions, velocities and accelerations
-      at both ends
+    - `start`, `end`: ground acceleration [m/s²] (linear in between), positions, velocities and accelerations
     """
 
     c: Coefficients
     sigma: Value
     h: Value
-    first: tuple[Value, Vector, Vector, Vector]
-    last: tuple[Value, Vector, Vector, Vector]
+    start: tuple[Value, Vector, Vector, Vector]
+    end: tuple[Value, Vector, Vector, Vector]
 
 
 class Bounces(NamedTuple):
-    """Bounces of a rigid podium that end at rest and are not followed.
+    """Skipped bounces of a rigid podium that end at rest.
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
@@ -417,8 +426,8 @@ class Ended(NamedTuple):
 
     - `scene`: the prepared scene
     - `x`, `v`, `t`: positions, velocities and time at the end
-    - `code`: result code
-    - `overturn_time`: [s], NaN without overturning
+    - `code`: result code, `rockjax._results`
+    - `overturn_time`: time of overturning [s], NaN without overturning
     """
 
     scene: Scene

@@ -1,4 +1,4 @@
-"""Checks of a podium, an excitation and options."""
+"""Checks and conversion of the arguments of scenes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rockjax._unit_warnings import warn_about_units
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:
-    """Raise `ValueError`, in the name of `owner`, for arguments of other types.
+    """Raise `ValueError` if the podium or the options have a wrong type or an unsupported dtype.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `options`: a `Podium` and `Options`
@@ -27,8 +27,8 @@ def check_types(owner: str, podium, options, name: str = "podium") -> None:
     """
     require_instance(owner, name, podium, Podium, "a rockjax.Podium")
     require_instance(owner, "options", options, Options, "rockjax.Options")
-    for part, value in ((name, podium), ("options", options)):
-        check_dtype(owner, part, value)
+    for argument, value in ((name, podium), ("options", options)):
+        check_dtype(owner, argument, value)
     check_precision(options)
 
 
@@ -39,23 +39,26 @@ def check_precision(options: Options) -> None:
 
 
 @functools.cache
-def _least_tolerance(kind: np.dtype) -> tuple[float, str]:
-    """Return the least tolerance of a floating-point type, and its text."""
-    least = 20 * float(np.finfo(kind).eps)
-    return least, f">= {least:.1e} in {kind} (loosen it, or enable float64 with jax_enable_x64)"
+def _least_tolerance(dtype: np.dtype) -> tuple[float, str]:
+    """Return the least tolerance of a floating-point type, and the condition for the error message."""
+    least = 20 * float(np.finfo(dtype).eps)
+    return least, f">= {least:.1e} in {dtype} (loosen it, or enable float64 with jax_enable_x64)"
 
 
 def check_single(owner: str, podium: Podium) -> None:
-    """Raise `ValueError` for a batch of podiums; axes of modes and stories are allowed."""
+    """Raise `ValueError` for a batch of podiums. Axes of modes, stories and columns are allowed."""
     if any(np.ndim(y) for y in jax.tree.leaves(podium.split())):
         raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
 
 
 def as_start(owner: str, initial, podium: Podium) -> State:
-    """Return the initial state as arrays, with a number for every scene in each.
+    """Return the initial state as arrays over scenes.
 
-    Displacements and velocities of several modes are split along their axis; a single number applies to all
-    of them, as if all floors moved by it.
+    - `owner`: name of the calling function, for messages
+    - `initial`, `podium`: of the scenes
+
+    With an axis of modes, `u_t` and `u_t_dot` become tuples of arrays, one for each mode. A scalar applies to
+    all modes, as if all floors moved by it. Raises `ValueError` for another number of modes.
     """
     require_instance(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
@@ -76,18 +79,19 @@ def as_start(owner: str, initial, podium: Podium) -> State:
 
 
 def as_end(owner: str, t_end) -> Array | None:
+    """Return the end of the scenes [s] as an array, or None."""
     return None if t_end is None else as_float(t_end, f"{owner}: t_end")
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """Check concrete numbers against each other.
+    """Check concrete values against each other.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `excitation`, `options`: of the scenes
     - `t_end`: end of the scenes [s], or None
 
-    Raises `ValueError` for an `overturn_ratio` above π/(2α), for a margin that does not exist, and for a
-    `t_end` before the excitation.
+    Raises `ValueError` for an `overturn_ratio` above π/(2α), or above θ_s/α if the margin is requested, and
+    for a `t_end` before the excitation.
     """
     check_dtype(owner, "excitation", excitation)
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
@@ -110,33 +114,37 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
 
 
 def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
-    """Raise `ValueError` for an overturn ratio without margin: past the stability angle a column may still
-    return."""
+    """Raise `ValueError` for an overturn ratio above θ_s/α: from beyond the stability angle θ_s a column may
+    still return, so that the margin is undefined."""
     limit = concrete(podium.stability_angle / podium.alpha)
     if limit is not None:
         least = float(limit.min())
         accepted = (
-            f"<= θ_s/α = {least:.6g} for the margin: past the stability angle a column may still come back"
+            f"<= θ_s/α = {least:.6g} for the margin: beyond the stability angle a column may still return"
         )
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
-IN_G = 0.05, 1.0  # range of amplitudes of strong motion in g; in m/s² they lift almost no structure
+IN_G = 0.05, 1.0  # amplitudes of strong motion in g; in m/s² they lift almost no structure
 
 
 def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
-    """Warn of a pulse that cannot lift the columns but would if its amplitude were in g.
+    """Warn about a pulse that cannot lift the columns, but would if its amplitude were in g.
 
-    Only amplitudes of at most two digits, as typed by hand, are checked; computed ones are not.
+    Only amplitudes of at most two significant digits are checked, because computed ones have more.
     """
-    size = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
-    if size is None or not IN_G[0] <= abs(size) < IN_G[1] or float(f"{float(size):.2g}") != float(size):
+    amplitude = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
+    if (
+        amplitude is None
+        or not IN_G[0] <= abs(amplitude) < IN_G[1]
+        or float(f"{float(amplitude):.2g}") != float(amplitude)
+    ):
         return
-    lifts, g = concrete(podium.uplift_ground_acceleration), concrete(podium.g)
-    if lifts is not None and g is not None and abs(size) < lifts <= abs(size) * g:
+    uplift, g = concrete(podium.uplift_ground_acceleration), concrete(podium.g)
+    if uplift is not None and g is not None and abs(amplitude) < uplift <= abs(amplitude) * g:
         warn_about_units(
-            f"{owner}: a_p = {float(size):g} m/s² is {abs(float(size / g)):.3g} g, and the columns lift at "
-            f"{float(lifts / g):.3g} g; was it meant in g? rockjax takes m/s²: "
-            f"a_p = {float(size):g} * {STANDARD_GRAVITY}",
+            f"{owner}: a_p = {float(amplitude):g} m/s² is {abs(float(amplitude / g)):.3g} g, and the "
+            f"columns lift at {float(uplift / g):.3g} g; was it meant in g? rockjax takes m/s²: "
+            f"a_p = {float(amplitude):g} * {STANDARD_GRAVITY}",
             stacklevel=4,
         )

@@ -48,12 +48,16 @@ def _derive(podium: Podium) -> dict[str, Any]:
 
 
 def derived_numbers(podium: Podium) -> dict[str, float]:
-    """Return derived numbers of a podium, computed in one small program."""
+    """Return quantities derived from the parameters of a podium, for the attributes of a file."""
     return {name: float(value) for name, value in _derive(podium).items()}
 
 
 def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    """Return the parameters of a spectrum as attributes of a file."""
+    """Return the attributes of a spectrum.
+
+    - `podium`, `options`: of the scenes
+    - `pulse`: class of the pulses, or an excitation
+    """
     return {
         "pulse": getattr(pulse, "__name__", repr(pulse)),
         **describe_podium(podium),
@@ -62,7 +66,7 @@ def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
 
 def describe_podium(podium: Podium) -> dict[str, Any]:
-    """Return the parameters of a podium, for the attributes of a file."""
+    """Return the parameters of a podium and derived quantities, for the attributes of a file."""
     top = podium.superstructure
     law, derived = podium.restitution, derived_numbers(podium)
     parameters = [parameter for parameter in variants.parameters_of(podium).values() if parameter.place]
@@ -71,97 +75,98 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
             attribute_name(parameter): float(variants.read(podium, parameter.name))
             for parameter in parameters
         },
-        **_described(top),
+        **_describe_superstructure(top),
         **({"T_s_s": 0.0} if isinstance(top, Rigid) else {}),
         **({} if isinstance(law, GivenRestitution) else {"restitution": repr(law).strip("'")}),
-        **({"restrainers": _as_text(podium.restrainers)} if podium.restrainers else {}),
-        **({"elevation": _numbers(podium.elevation)} if isinstance(podium.elevation, Elevation) else {}),
+        **({"restrainers": _restrainers_as_json(podium.restrainers)} if podium.restrainers else {}),
+        **(
+            {"elevation": _fields_as_json(podium.elevation)}
+            if isinstance(podium.elevation, Elevation)
+            else {}
+        ),
         **derived,
     }
 
 
-def _described(top: AbstractSuperstructure | None) -> dict[str, Any]:
-    """Return the kind of a superstructure, and its arrays."""
-    about: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
+def _describe_superstructure(top: AbstractSuperstructure | None) -> dict[str, Any]:
+    """Return the attributes of a superstructure: its class, and its arrays as JSON."""
+    attributes: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
     if top is None or not top.rows:
-        return about
-    about["eta"] = float(top.mass_ratio)
+        return attributes
+    attributes["eta"] = float(top.mass_ratio)
     if isinstance(top, ShearBuilding):
-        about["stories"] = top.stories
+        attributes["stories"] = top.stories
     if top.oscillators is not None:
-        about["T_s_s"] = float(np.max(np.asarray(top.oscillators.T_s)))  # the longest
-    return about | {"superstructure_numbers": _numbers(top)}
+        attributes["T_s_s"] = float(np.max(np.asarray(top.oscillators.T_s)))
+    return attributes | {"superstructure_numbers": _fields_as_json(top)}
 
 
-def _numbers(part: AbstractSuperstructure | Elevation) -> str:
-    """Return the fields of a part of the structure as JSON, for an attribute of a file."""
-    numbers = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
-    plain = {
-        name: y if isinstance(y, int) or y is None else np.asarray(y).tolist() for name, y in numbers.items()
-    }
-    return json.dumps(plain)
-
-
-def _as_text(restrainers: Sequence[AbstractRestrainer]) -> str:
-    """Return restrainers as JSON, for an attribute of a file."""
-    numbers = [
-        {field.name: getattr(each, field.name) for field in dataclasses.fields(each)} for each in restrainers
-    ]
+def _fields_as_json(structure: AbstractSuperstructure | Elevation) -> str:
+    """Return the fields of a superstructure or an elevation as JSON."""
+    values = {field.name: getattr(structure, field.name) for field in dataclasses.fields(structure)}
     return json.dumps(
-        [
-            {"kind": type(each).__name__}
-            | {name: y if isinstance(y, int) else float(y) for name, y in own.items()}
-            for each, own in zip(restrainers, numbers, strict=True)
-        ]
+        {name: y if isinstance(y, int) or y is None else np.asarray(y).tolist() for name, y in values.items()}
     )
 
 
-def _of_text(text: str) -> tuple[AbstractRestrainer, ...]:
+def _restrainers_as_json(restrainers: Sequence[AbstractRestrainer]) -> str:
+    """Return restrainers as JSON: the class as `kind`, and the fields of each."""
+    rows = []
+    for restrainer in restrainers:
+        values = {field.name: getattr(restrainer, field.name) for field in dataclasses.fields(restrainer)}
+        fields = {name: y if isinstance(y, int) else float(y) for name, y in values.items()}
+        rows.append({"kind": type(restrainer).__name__} | fields)
+    return json.dumps(rows)
+
+
+def _restrainers_from_json(text: str) -> tuple[AbstractRestrainer, ...]:
     rows = json.loads(text)
     return tuple(KINDS[row["kind"]](**{name: y for name, y in row.items() if name != "kind"}) for row in rows)
 
 
 def podium_of(attributes: Mapping[str, Any]) -> Podium:
-    """Return the podium from the attributes that `describe_podium` returned."""
-    kinds = {
+    """Return the podium with attributes from `describe_podium`."""
+    makers = {
         "none": lambda: None,
         "rigid": lambda: Rigid(attributes["eta"]),
         "elastic": lambda: Elastic(attributes["eta"], attributes["T_s_s"], attributes["zeta"]),
     }
-    kinds |= {
-        name.lower(): lambda kind=kind: kind(**json.loads(attributes["superstructure_numbers"]))
-        for name, kind in SUPERSTRUCTURES.items()
-        if kind.rows
+    makers |= {
+        name.lower(): lambda cls=cls: cls(**json.loads(attributes["superstructure_numbers"]))
+        for name, cls in SUPERSTRUCTURES.items()
+        if cls.rows
     }
     elevation = attributes.get("elevation")
     return Podium(
         alpha=attributes["alpha_rad"],
         R=attributes["R_m"],
         gamma=attributes["gamma"],
-        superstructure=kinds[attributes["superstructure"]](),
+        superstructure=makers[attributes["superstructure"]](),
         lam=attributes["lambda"],
         restitution=attributes["restitution"],
         g=attributes["g_m_s2"],
-        restrainers=_of_text(attributes.get("restrainers", "[]")),
+        restrainers=_restrainers_from_json(attributes.get("restrainers", "[]")),
         elevation=Elevation(**json.loads(elevation)) if elevation else None,
     )
 
 
 def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
-    """Return name and numbers of a ground motion, for the attributes of a file; arrays are left out."""
+    """Return class and scalar parameters of a ground motion, for the attributes of a file."""
     if isinstance(excitation, GroundMotion):
         vertical = {f"vertical_{name}": y for name, y in describe_excitation(excitation.vertical).items()}
         return describe_excitation(excitation.horizontal) | vertical
-    numbers = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
+    values = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
     samples = describe_record(excitation) if isinstance(excitation, Record) else {}
     return {"pulse": type(excitation).__name__, **samples} | {
-        _of_motion(name): float(y) for name, y in numbers.items() if isinstance(y, ARRAYS) and y.ndim == 0
+        _motion_attribute(name): float(y)
+        for name, y in values.items()
+        if isinstance(y, ARRAYS) and y.ndim == 0
     }
 
 
-def _of_motion(name: str) -> str:
-    named = attribute_name(motion_parameter(name))
-    return f"pulse_{name}" if named == name else named  # a ratio could be of the podium
+def _motion_attribute(name: str) -> str:
+    attribute = attribute_name(motion_parameter(name))
+    return f"pulse_{name}" if attribute == name else attribute  # without a unit, it may be a podium's name
 
 
 def describe_options(options: Options) -> dict[str, Any]:
@@ -177,8 +182,8 @@ def describe_options(options: Options) -> dict[str, Any]:
 
 
 def describe_versions() -> dict[str, str]:
-    """Return the versions that computed a result as attributes of a file."""
-    # The metadata of the package, because Diffrax itself is slow to import.
+    """Return the versions of rockjax, JAX and Diffrax, for the attributes of a file."""
+    # From the metadata of the package, because importing Diffrax is slow.
     return {
         "rockjax_version": _version.__version__,
         "jax_version": jax.__version__,

@@ -34,13 +34,13 @@ class Energies(Module):
 
     initial + input = mechanical + impacts + damping + dampers + residual:
 
-    - `mechanical`: kinetic energy relative to the ground, strain energy, gravity and tendons, Eqs. (16)–(19);
-      `initial`: at the start
-    - `input`: work of the ground since the start, −∫ü_g[(½+γ)u̇_b + η u̇_t] dt
-    - `impacts`: lost at the impacts since the start, Eqs. (26), (27)
-    - `damping`: lost in the damper of the superstructure since the start, ∫2ζω_s η (u̇_t − u̇_b)² dt
-    - `dampers`: lost in the dampers that restrain the columns since the start, ∫(C/m_c)|ℓ̇|^(1+ν) dt
-    - `residual`: remainder of the balance; its size measures the error of the history
+    - `mechanical`: kinetic energy relative to the ground, strain energy, and potential energy of gravity and
+      tendons, Eqs. (16)–(19); `initial`: its value at the start
+    - `input`: work of the ground since the start, −∫{ü_g[(½+γ)u̇_b + η u̇_t] + v̈_g w v̇_b} dt
+    - `impacts`: energy lost at impacts since the start, Eqs. (26), (27)
+    - `damping`: energy lost in the damper of the superstructure since the start, ∫2ζω_s η (u̇_t − u̇_b)² dt
+    - `dampers`: energy lost in the dampers of the columns since the start, ∫(C/m_c)|ℓ̇|^(1+ν) dt
+    - `residual`: remainder of the balance, a measure of the error of the history
     """
 
     mechanical: Float[Array, "*times"]
@@ -55,13 +55,13 @@ class Energies(Module):
         return self.initial + self.input - self.mechanical - self.impacts - self.damping - self.dampers
 
 
-# Podium, excitation, nodes, end, the method between the nodes, and the tolerance if restrainers depend on
-# it.
+# Podium, excitation, nodes, end of the scene, method between the nodes, and `rtol`, which is None without
+# restrainers.
 Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 
-class _Sample(NamedTuple):
-    """Inputs of a quantity of the history."""
+class _Instant(NamedTuple):
+    """Mode, ground acceleration, positions and velocities at one time."""
 
     sigma: Value
     ground: Value
@@ -70,38 +70,38 @@ class _Sample(NamedTuple):
 
 
 def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> dict[str, Any]:
-    """Return every quantity of a history at one instant, by name.
+    """Return all quantities of a history at one time, by name.
 
-    - `c`: coefficients; `sigma`: mode, 0 in full contact, ±1 while rocking; `ground`: ground acceleration
-    - `x`, `v`: displacements and velocities
+    - `c`: constants of the podium; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `x`, `v`: positions and velocities; NaN outside the scene
     """
     a = acceleration(c, sigma, ground, x, v)
-    none = 0.0 * x[0]  # NaN outside the scene
-    found = {
+    zero = 0.0 * x[0]  # NaN outside the scene
+    quantities = {
         "theta": x[0],
         "theta_dot": v[0],
-        "u_t": none if c.vibration is None else x[1],
-        "u_t_dot": none if c.vibration is None else v[1],
-        "deformation": none if c.vibration is None else x[1] - beam(c, sigma, x[0], v[0])[0],
+        "u_t": zero if c.vibration is None else x[1],
+        "u_t_dot": zero if c.vibration is None else v[1],
+        "deformation": zero if c.vibration is None else x[1] - beam(c, sigma, x[0], v[0])[0],
         "base_shear": shear(c, sigma, ground, x, v, a),
         "mechanical_energy": energy(c, sigma, x, v),
-        "mode": sigma + none,
+        "mode": sigma + zero,
         "restoring_moment": restoring_moment(c, sigma, ground, x, v),
     }
     if c.modal is not None and c.modal.floors is not None:
         weights = drift_weights(c.modal.floors)
-        found["drift"] = jnp.sum(weights * found["deformation"][None, :], axis=-1)
-        found["floor_acceleration"] = floor_accelerations(c, sigma, ground, x, v, a)
-    return found
+        quantities["drift"] = jnp.sum(weights * quantities["deformation"][None, :], axis=-1)
+        quantities["floor_acceleration"] = floor_accelerations(c, sigma, ground, x, v, a)
+    return quantities
 
 
-# A few fixed sizes, so that histories of many lengths share programs: for a few times, for the times and
-# impacts of a dataset, and for nodes.
+# Times and nodes are padded to a few sizes, so that histories of many lengths share programs.
 FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
 def filled(t, left):
-    """Return times (n,) and flags (n,), padded by repeating the last."""
+    """Return times t (n,) and flags `left` (n,), padded by repeating the last; traced ones unchanged."""
     if concrete(t) is None or not t.size:
         return t, left
     padding = (FEW_TIMES if t.size <= FEW_TIMES else common_size(t.size, *TIMES)) - t.size
@@ -109,12 +109,13 @@ def filled(t, left):
 
 
 def padded(nodes: Nodes) -> Nodes:
+    """Return the nodes padded to one of a few sizes; traced ones and batches unchanged."""
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)) or nodes.t.ndim != 1:
         return nodes
     padding = common_size(nodes.t.size, *NODES) - nodes.t.size
-    longer = lambda y: np.pad(np.asarray(y), [(0, padding), *[(0, 0)] * (y.ndim - 1)], mode="edge")
-    filled = jax.tree.map(lambda y: longer(y) if jnp.ndim(y) else y, nodes)
-    return filled._replace(
+    pad = lambda y: np.pad(np.asarray(y), [(0, padding), *[(0, 0)] * (y.ndim - 1)], mode="edge")
+    padded_nodes = jax.tree.map(lambda y: pad(y) if jnp.ndim(y) else y, nodes)
+    return padded_nodes._replace(
         t=np.pad(np.asarray(nodes.t), (0, padding), constant_values=np.inf),
         impact_time=np.pad(np.asarray(nodes.impact_time), (0, padding), constant_values=np.nan),
     )
@@ -122,11 +123,16 @@ def padded(nodes: Nodes) -> Nodes:
 
 def sample(
     c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, method, k: Int[Array, ""], t: Value
-) -> _Sample:
-    """Return the state at time t by one step of the method from node k."""
+) -> _Instant:
+    """Return the motion at time t, by one step of the method from node k.
+
+    - `c`, `excitation`, `nodes`, `method`: of the scene
+    - `k`: index of the node from which the motion at t starts, `node_before`
+    - `t`: time [s]
+    """
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
-    if c.vibration is None:  # full contact is one step, over many pieces
+    if c.vibration is None:  # a step in full contact may cover many pieces
         piece = jnp.where(sigma == 0, excitation.locate(t), piece)
     ground_at = excitation.piece(piece)
 
@@ -134,93 +140,96 @@ def sample(
         return acceleration(c, sigma, ground_at(t), x, v)
 
     x, v = tuple(y[k] for y in nodes.x), tuple(y[k] for y in nodes.v)
-    tab = tableau_for(method, c.vibration is not None or c.restraint is not None)
-    trial = step(tab, field, start, t - start, x, v, field(start, x, v))
-    return _Sample(sigma, ground_at(t), trial.x, trial.v)
+    tableau = tableau_for(method, c.vibration is not None or c.restraint is not None)
+    trial = step(tableau, field, start, t - start, x, v, field(start, x, v))
+    return _Instant(sigma, ground_at(t), trial.x, trial.v)
 
 
 def node_before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
-    """Return the node from which the motion at t starts; if `left`, the one before a node at t itself."""
-    passed = jnp.where(
+    """Return the index of the last node at or before t; of the last node before t if `left`."""
+    count = jnp.where(
         left, jnp.searchsorted(nodes.t, t, side="left"), jnp.searchsorted(nodes.t, t, side="right")
     )
-    return jnp.clip(passed - 1, 0, nodes.used - 1)
+    return jnp.clip(count - 1, 0, nodes.used - 1)
 
 
 def constants(
     podium: Podium, excitation: AbstractExcitation, rtol: Value | None, joints: bool = False
 ) -> Coefficients:
-    """Return the constants of the equations along a history; with `joints` those of forces in the joints."""
+    """Return the constants of the equations; if `joints`, with the constants of forces in the joints."""
     vertical = isinstance(excitation, GroundMotion)
     return coefficients(podium, SLIP if rtol is None else rtol, vertical, joints)
 
 
 @KeptProgram
 def ground_acceleration(excitation: AbstractExcitation, t):
+    """Return the ground acceleration at times t [m/s²]."""
     return excitation(t)
 
 
 @KeptProgram
 def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
-    """Return all quantities at times t (n,), just before them where `left` (n,)."""
+    """Return all quantities at times t (n,), or just before them where `left` (n,), by name."""
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
-    def at(s, left):
-        here = sample(c, excitation, nodes, method, node_before(nodes, s, left), s)
-        inside = (s >= nodes.t[0]) & (s <= end)
-        x, v = (tuple(jnp.where(inside, y, jnp.nan) for y in ys) for ys in (here.x, here.v))
-        return _quantities(c, here.sigma, here.ground, x, v)
+    def at_time(s, left):
+        instant = sample(c, excitation, nodes, method, node_before(nodes, s, left), s)
+        is_inside = (s >= nodes.t[0]) & (s <= end)
+        x, v = (tuple(jnp.where(is_inside, y, jnp.nan) for y in ys) for ys in (instant.x, instant.v))
+        return _quantities(c, instant.sigma, instant.ground, x, v)
 
-    return jax.vmap(at)(t, left)
+    return jax.vmap(at_time)(t, left)
 
 
 @KeptProgram
 def balance(scene: Solved, t, left):
-    """Return all samples, the energies at times t, and the first of them at the start.
+    """Return all quantities at times t (n,), or just before them where `left` (n,), and the energies at t.
 
-    Energies are mechanical, input, impacts, damping and, with restrainers, dampers.
+    The result contains the quantities by name, then the fields of `Energies` mechanical, input, impacts,
+    damping, dampers (only with restrainers), and initial.
     """
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
     size = nodes.t.shape[0]
-    # All full steps, and the partial ones from the nodes before t to t. Padded steps have no length.
-    every = jnp.arange(size, dtype=nodes.used.dtype)
-    k = jnp.where(every < nodes.used, every, 0)
-    last = k + 1 >= nodes.used
-    stops = jnp.where(last | (every >= nodes.used), nodes.t[k], nodes.t[jnp.minimum(k + 1, size - 1)])
+    # All steps between nodes, and the partial steps from the nodes before t to t. The last node and unused
+    # nodes start steps of length zero.
+    indices = jnp.arange(size, dtype=nodes.used.dtype)
+    k = jnp.where(indices < nodes.used, indices, 0)
+    is_last = k + 1 >= nodes.used
+    stops = jnp.where(is_last | (indices >= nodes.used), nodes.t[k], nodes.t[jnp.minimum(k + 1, size - 1)])
     before = jax.vmap(lambda s, left: node_before(nodes, s, left))(t, left)
     starts, stops = jnp.concatenate([k, before]), jnp.concatenate([stops, t])
 
     def advance(z, k, stop):
-        """Return state, powers and energy at the fraction z of a step."""
-        here = sample(
-            c, excitation, nodes, method, k, jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k]))
-        )
-        restraint = c.restraint
-        by_dampers = () if restraint is None else (damper_power(c, restraint, here.sigma, here.x, here.v),)
-        return here, (*power(c, *here), *by_dampers, energy(c, here.sigma, here.x, here.v))
+        """Return motion, powers and energy at the fraction z of the step from node k to the time `stop`."""
+        time = jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k]))
+        instant = sample(c, excitation, nodes, method, k, time)
+        sigma, _, x, v = instant
+        by_dampers = () if c.restraint is None else (damper_power(c, c.restraint, sigma, x, v),)
+        return instant, (*power(c, *instant), *by_dampers, energy(c, sigma, x, v))
 
-    # One compiled step serves all of them, because compilation dominates.
-    nodes_of_rule, weights = np.polynomial.legendre.leggauss(POINTS)
-    places = jnp.asarray(np.append(0.5 + 0.5 * nodes_of_rule, 1.0), t.dtype)
-    states, (given, *taken, stored) = jax.vmap(
-        lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(places)
+    # All points use the same vectorised step, because compilation takes most of the time.
+    abscissae, weights = np.polynomial.legendre.leggauss(POINTS)
+    fractions = jnp.asarray(np.append(0.5 + 0.5 * abscissae, 1.0), t.dtype)
+    instants, (*powers, energies) = jax.vmap(
+        lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(fractions)
     )(starts, stops)
     lengths = stops - nodes.t[starts]
-    given, *taken = (lengths * (y[:, :-1] @ jnp.asarray(0.5 * weights, t.dtype)) for y in (given, *taken))
-    mechanical = stored[:, -1]
-    leaving = jax.vmap(lambda sigma, *y: energy(c, sigma, y[: len(nodes.x)], y[len(nodes.x) :]))(
+    work = [lengths * (y[:, :-1] @ jnp.asarray(0.5 * weights, t.dtype)) for y in powers]
+    mechanical = energies[:, -1]
+    after_nodes = jax.vmap(lambda sigma, *y: energy(c, sigma, y[: len(nodes.x)], y[len(nodes.x) :]))(
         nodes.sigma, *nodes.x, *nodes.v
     )
-    struck = jnp.isfinite(nodes.impact_time)
-    at_impacts = jnp.cumsum(jnp.where(struck, jnp.roll(mechanical[:size], 1) - leaving, 0.0))
-    given, *taken = (y[size:] + (jnp.cumsum(y[:size]) - y[:size])[before] for y in (given, *taken))
-    samples = jax.vmap(lambda here: _quantities(c, *here))(jax.tree.map(lambda y: y[size:, -1], states))
-    inside = (t >= nodes.t[0]) & (t <= end)
-    parts = samples, mechanical[size:], given, at_impacts[before], *taken
+    is_impact = jnp.isfinite(nodes.impact_time)
+    lost = jnp.cumsum(jnp.where(is_impact, jnp.roll(mechanical[:size], 1) - after_nodes, 0.0))
+    input_work, *dissipated = (y[size:] + (jnp.cumsum(y[:size]) - y[:size])[before] for y in work)
+    at_t = jax.tree.map(lambda y: y[size:, -1], instants)
+    samples = jax.vmap(lambda instant: _quantities(c, *instant))(at_t)
+    is_inside = (t >= nodes.t[0]) & (t <= end)
+    terms = samples, mechanical[size:], input_work, lost[before], *dissipated
 
     def inside_only(y):
-        return jnp.where(inside.reshape(-1, *(1,) * (y.ndim - 1)), y, jnp.nan)
+        return jnp.where(is_inside.reshape(-1, *(1,) * (y.ndim - 1)), y, jnp.nan)
 
-    return *jax.tree.map(inside_only, parts), leaving[0]
+    return *jax.tree.map(inside_only, terms), after_nodes[0]

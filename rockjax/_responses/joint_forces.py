@@ -33,18 +33,18 @@ SERIES = {
     "joint_shear": ("1", "horizontal force of the joint on the body above it T/(m_c g)"),
     "joint_axial_force": ("1", "axial force of the joint N/(m_c g), compression positive"),
     "joint_friction": ("1", "friction demand of the joint |T|/N, inf where it pulls"),
-    "joint_eccentricity": ("1", "place of the resultants over half the width of a column"),
-    "foundation_shear": ("1", "horizontal force on the foundation over the total weight V/W_0"),
-    "foundation_reaction": ("1", "vertical force on the foundation over the total weight W/W_0"),
-    "overturning_moment": ("m", "overturning moment on the columns, clockwise, over N m_c g"),
+    "joint_eccentricity": ("1", "position of the resultants divided by half the width of a column"),
+    "foundation_shear": ("1", "horizontal force on the foundation divided by the total weight V/W_0"),
+    "foundation_reaction": ("1", "vertical force on the foundation divided by the total weight W/W_0"),
+    "overturning_moment": ("m", "overturning moment on the columns, clockwise, divided by N m_c g"),
 }
 
 
 class JointForces(Module):
-    """Forces (T, N) of the joints on the bodies above them over m_c g, with axes of times, columns and joints
-    (bottom, top). Without an elevation there is one column, the mean of all.
+    """Forces (T, N) of the joints on the bodies above them, divided by m_c g, with axes of times, columns and
+    joints (bottom, top). Without an elevation there is one column, the mean column.
 
-    - `horizontal`: T along the motion [–]
+    - `horizontal`: T in the direction of motion [–]
     - `axial`: N upwards, compression positive [–]
     """
 
@@ -53,27 +53,28 @@ class JointForces(Module):
 
     @property
     def friction(self) -> Float[Array, "*times columns joints"]:
-        """Friction demand |T|/N, inf where a joint pulls, 0 where it carries nothing [–]."""
+        """Friction demand |T|/N [–]; inf where a joint pulls, 0 where it carries no force."""
         return friction_of(jnp.abs(quarter_tangent(self.horizontal, self.axial)))
 
 
 @KeptProgram
 def along(scene: history.Solved, t, left) -> dict[str, Array]:
-    """Return the quantities of `SERIES` at times t (n,), just before them where `left` (n,)."""
+    """Return the quantities of `SERIES` at times t (n,), or just before them where `left` (n,), by name."""
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
     arms = present(c.joints).arms
     weight = total_weight(c)
 
-    def at(s, left):
-        here = history.sample(c, excitation, nodes, method, history.node_before(nodes, s, left), s)
-        inside = (s >= nodes.t[0]) & (s <= end)
-        x, v = (tuple(jnp.where(inside, y, jnp.nan) for y in ys) for ys in (here.x, here.v))
-        state = c, here.sigma, here.ground, x, v, acceleration(c, here.sigma, here.ground, x, v)
+    def at_time(s, left):
+        instant = history.sample(c, excitation, nodes, method, history.node_before(nodes, s, left), s)
+        is_inside = (s >= nodes.t[0]) & (s <= end)
+        x, v = (tuple(jnp.where(is_inside, y, jnp.nan) for y in ys) for ys in (instant.x, instant.v))
+        sigma, ground = instant.sigma, instant.ground
+        state = c, sigma, ground, x, v, acceleration(c, sigma, ground, x, v)
         mean = mean_forces(*state)
-        across, axial = column_forces(*state, None if arms is None else arms.offsets)
-        forces = JointForces(across.T / c.g, axial.T / c.g)
-        found = {
+        horizontal, axial = column_forces(*state, None if arms is None else arms.offsets)
+        forces = JointForces(horizontal.T / c.g, axial.T / c.g)
+        series = {
             "joint_shear": forces.horizontal,
             "joint_axial_force": forces.axial,
             "joint_friction": forces.friction,
@@ -81,35 +82,38 @@ def along(scene: history.Solved, t, left) -> dict[str, Array]:
             "foundation_shear": mean.foundation[0] / weight,
             "foundation_reaction": mean.foundation[1] / weight,
         }
-        found = {name: jnp.where(inside, y, jnp.nan) for name, y in found.items()}
-        return found if arms is None else found | {"overturning_moment": overturning_moment(*state) / c.g}
+        series = {name: jnp.where(is_inside, y, jnp.nan) for name, y in series.items()}
+        if arms is None:
+            return series
+        return series | {"overturning_moment": overturning_moment(*state) / c.g}
 
-    return jax.vmap(at)(t, left)
+    return jax.vmap(at_time)(t, left)
 
 
 @KeptProgram
 def at_impacts(scene: history.Solved, times) -> Array:
-    """Return (J_T, J_N) over m_c at impacts, with axes of impacts, columns, joints and the two; NaN where
-    there is no impact [m/s]."""
+    """Return the impulses at the times of impacts divided by m_c [m/s], with axes of impacts, columns, joints
+    and (J_T, J_N); NaN for times of NaN."""
     podium, excitation, nodes, _, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
     arms = present(c.joints).arms
 
-    def at(s):
-        there = jnp.isfinite(s)
-        time = jnp.where(there, s, nodes.t[0])
-        here = history.sample(c, excitation, nodes, method, history.node_before(nodes, time, there), time)
-        x = (jnp.zeros_like(s), *here.x[1:])
+    def at_impact(s):
+        is_impact = jnp.isfinite(s)
+        time = jnp.where(is_impact, s, nodes.t[0])
+        node = history.node_before(nodes, time, is_impact)
+        before = history.sample(c, excitation, nodes, method, node, time)
+        x = (jnp.zeros_like(s), *before.x[1:])
         offsets = None if arms is None else arms.offsets
-        sway = sway_of_modes(c, here.sigma, x)
-        found = impulses_of_columns(c, here.sigma, jnp.abs(here.v[0]), sway, offsets)
-        return jnp.where(there, jnp.stack([y.T for y in found], axis=-1), jnp.nan)
+        sway = sway_of_modes(c, before.sigma, x)
+        impulses = impulses_of_columns(c, before.sigma, jnp.abs(before.v[0]), sway, offsets)
+        return jnp.where(is_impact, jnp.stack([y.T for y in impulses], axis=-1), jnp.nan)
 
-    return jax.vmap(at)(times)
+    return jax.vmap(at_impact)(times)
 
 
 def series_dims(dimensions: int) -> tuple[str, ...]:
-    """Return the dims of a quantity of `SERIES` in a dataset, from their number."""
+    """Return the dims of a quantity of `SERIES` in a dataset from its number of dimensions."""
     return ("time",) if dimensions == 1 else ("time", COLUMNS, JOINTS)
 
 

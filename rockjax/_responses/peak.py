@@ -1,4 +1,4 @@
-"""Peaks of a scene: as fields, as lines of text, as the table of a notebook and as a dataset."""
+"""Peaks of a scene: fields, text, HTML, and datasets."""
 
 from __future__ import annotations
 
@@ -31,13 +31,12 @@ from .sensitivities import Sensitivities, slope_name
 if TYPE_CHECKING:
     import xarray
 
-# Peaks of a scene that overturned cover the time until overturning; they do not describe the fall.
+# Peaks of a scene that overturned cover only the time until overturning.
 UNTIL_OVERTURNING = "until overturning"
 
-# A scene in which the joints do not hold as the model assumes.
-OPEN = "a joint pulls or the beam lifts off at an impact: outside the model from then on"
+OPEN = "a joint would open, or the beam would lift off at an impact: the model does not hold from then on"
 
-# What every scene answers, whatever was requested.
+# Answers of every scene, independent of the requested outputs.
 ALWAYS = {
     name: (Variable(name, unit, description, until_overturning=False), None)
     for name, unit, description in (
@@ -46,49 +45,50 @@ ALWAYS = {
         ("overturn_time", "s", "time of overturning"),
         ("uplifted", "1", "columns left full contact"),
         ("uplift_time", "s", "time of the first uplift"),
-        ("impacts", "1", "impacts until rest, overturning or t_end, NaN where not counted to the end"),
+        ("impacts", "1", "number of impacts until rest, overturning or t_end, NaN where unknown"),
         ("smallest_impact_speed", "rad s-1", "least |θ̇| at an impact before the peak rotation"),
     )
 }
 
 
 def all_variables(outputs: Sequence[str | AbstractOutput] = ()) -> dict[str, tuple[Variable, str | None]]:
-    """Return all answers that a scene can have by name, each with the output that must be requested for it;
-    `outputs` adds those of the user's own."""
+    """Return all answers that a scene can have, by name, each with the output that must be requested for it.
+
+    `outputs`: requested outputs, whose answers are included
+    """
     return {**VARIABLES, **ALWAYS, **variables_of(outputs)}
 
 
 class AbstractPeak(Module):
     """Peaks and result of a scene.
 
-    - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first reached
-      [s]
-    - `exceeded_alpha`: |θ| exceeded α; `overturned`: it reached `overturn_ratio`·α, at `overturn_time` [s]
+    - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: its first time [s]
+    - `exceeded_alpha`: |θ| reached α; `overturned`: |θ| reached `overturn_ratio`·α, at `overturn_time` [s]
       (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
-    - `impacts`: their number until rest, overturning or `t_end`; NaN if the scene ended earlier because the
-      requested outputs were final (request the output `"impacts"`, or a history). Bounces of rigid columns
-      that end at rest are counted by restitution alone, unless it is requested
-    - `peak_deformation`: max|u_t − u_b| [m]; 0 for a rigid superstructure or none; with several modes for
-      each, along a last axis
-    - `peak_shear`: max|V_s|/(m_t g) of the superstructure [–], at its base; 0 without one. Mass that is in no
-      mode receives impulses at impacts; they have no acceleration and are left out, here and in
-      `peak_floor_acceleration`
-    - `peak_drift`: largest drift of each story of a building [m], `peak_floor_acceleration`: largest absolute
-      horizontal acceleration of each floor [m/s²], from the bottom along a last axis; None without stories.
-      All peaks of a scene that overturned cover the time until then; they do not describe the fall
-    - `peak_friction`: largest friction demand max|T|/N of the joints [–], inf if a joint pulls;
-      `least_axial_force`, `peak_axial_force`: least and largest N of a joint over m_c g [–];
-      `peak_foundation_shear`: max|V| over the total weight [–]; `peak_impact_friction`: max|J_T|/J_N at
-      impacts [–]; `least_impulse_share`: least J_N of a column over the mean of all [–]. They are of the
-      worst column, with a last axis of the bottom and the top joint; None unless requested
-    - `margin`: the overturning margin [–], if requested (else NaN): energy to spare over the depth of the
-      well, 1 if the columns never lift, 0 on the overturning boundary, negative the faster they fall
-    - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s] (inf without any).
+    - `impacts`: number of impacts until rest, overturning or `t_end`; NaN if the scene ended earlier because
+      all requested outputs were final (request `"impacts"`, or compute a history). Unless `"impacts"` is
+      requested, skipped bounces of rigid podiums that end at rest are counted by restitution alone
+    - `peak_deformation`: max|u_t − u_b| [m], 0 without an elastic superstructure; for several modes, that of
+      each along the last axis
+    - `peak_shear`: max|V_s|/(m_t g) at the base of the superstructure [–], 0 without one. It omits the
+      impulses at impacts on mass that is in no mode, as does `peak_floor_acceleration`
+    - `peak_drift`: largest drift of each story of a building [m]; `peak_floor_acceleration`: largest absolute
+      horizontal acceleration of each floor [m/s²]. Both are None without stories, and have a last axis of
+      stories from the bottom. All peaks of a scene that overturned cover only the time until overturning
+    - `peak_friction`: largest friction demand max|T|/N of the joints [–], inf if a joint would open;
+      `least_axial_force`, `peak_axial_force`: least and largest N/(m_c g) of the joints [–];
+      `peak_foundation_shear`: max|V| divided by the total weight [–]; `peak_impact_friction`: max|J_T|/J_N at
+      impacts [–]; `least_impulse_share`: least J_N of a column divided by the mean of all columns [–]. These
+      are None unless requested. Those of joints are of the worst column, at the bottom and the top joint
+      along the last axis
+    - `margin`: overturning margin [–], NaN unless requested: 1 if the columns never lift, 0 on the
+      overturning boundary, and the more negative the faster the columns fall
+    - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s], inf without any.
       Derivatives of the motion after an impact grow like its inverse
-    - `values`: the answers of all outputs by name, those of the user's own among them. Each is an attribute
-      too: `peak.peak_shear` is `peak.values["peak_shear"]`
-    - `errors`: estimated errors, an [`rockjax.Errors`][], if requested (else None)
+    - `values`: answers of all outputs by name. Each is also an attribute: `peak.peak_shear` is
+      `peak.values["peak_shear"]`
+    - `errors`: estimated errors, an [`rockjax.Errors`][]; None unless requested
     - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
     """
 
@@ -103,22 +103,22 @@ class AbstractPeak(Module):
     errors: Errors | None
     result: RESULTS
     stats: Stats
-    own_outputs: tuple[AbstractOutput, ...] = eqx.field(static=True, default=(), kw_only=True)
+    user_outputs: tuple[AbstractOutput, ...] = eqx.field(static=True, default=(), kw_only=True)
 
     def __getattr__(self, name: str) -> Any:
         return by_name(self, name)
 
     @property
     def joints_closed(self) -> Bool[Array, "*batch"]:
-        """True if no joint pulls and no impact lifts the beam off a column, as far as the requested outputs
-        show it."""
-        found = jnp.ones(jnp.shape(self.overturned), bool)
+        """True if no joint would open and the beam would lift off no column at an impact, according to the
+        requested ones of `"axial_force"`, `"impact_friction"` and `"peak_friction"`."""
+        is_closed = jnp.ones(jnp.shape(self.overturned), bool)
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)
             if values is not None:
-                found &= ~jnp.any(values < 0, axis=-1)
+                is_closed &= ~jnp.any(values < 0, axis=-1)
         demand = self.values.get("peak_friction")
-        return found if demand is None else found & ~jnp.any(jnp.isinf(demand), axis=-1)
+        return is_closed if demand is None else is_closed & ~jnp.any(jnp.isinf(demand), axis=-1)
 
     def __repr__(self):
         return _text(self)
@@ -132,20 +132,20 @@ class Peak(AbstractPeak):
         "Peak response of one scene, or of a batch of any shape.\n"
         + (AbstractPeak.__doc__ or "")
         + """
-    - `sensitivities`: derivatives of the peaks, a [`rockjax.Sensitivities`][], if asked for of a batch (else
-      None)
+    - `sensitivities`: derivatives of the peaks, a [`rockjax.Sensitivities`][]; None unless requested of
+      `peak_responses`
     """
     )
 
     sensitivities: Sensitivities | None = None
 
     def dataset(self) -> xarray.Dataset:
-        """Return the scalars as a dataset (host), a batch with the dims `scene_0`, `scene_1`, …; with `units`
-        and `long_name`."""
+        """Return the answers as a dataset (host) with `units` and `long_name`. A batch has the dims
+        `scene_0`, `scene_1`, …"""
         import xarray
 
         dims = tuple(f"scene_{k}" for k in range(np.ndim(self.stats.steps)))
-        outputs = (*OUTPUTS, *self.own_outputs)
+        outputs = (*OUTPUTS, *self.user_outputs)
         data = xarray.Dataset(data_variables(self, outputs, dims), coords=parameter_axis(self.sensitivities))
         data.attrs = {
             "title": "Peak responses",
@@ -161,8 +161,8 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
 
     - `floats`, `integers`: outputs of the lanes by name
     - `options`: of the scenes
-    - `throw`: raise `RuntimeError` for a scene that did not finish
-    - `history`: whether the scenes have a history, which goes on to rest
+    - `throw`: whether to raise `RuntimeError` for a scene that did not finish
+    - `history`: whether the scenes have a history, which continues to rest
     """
     code = integers["code"]
     if throw:
@@ -177,33 +177,33 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
         "impacts": _impacts(floats, integers, options, history),
         "result": results.named(code),
         "stats": stats,
-        "own_outputs": tuple(y for y in options.outputs if not isinstance(y, str)),
+        "user_outputs": tuple(y for y in options.outputs if not isinstance(y, str)),
     }
 
 
 def _impacts(floats, integers, options: Options, history: bool):
     """Return the number of impacts, NaN if the scene ended before it was final.
 
-    In a scene that has settled the requested outputs are final. The number of impacts is final only if it was
-    requested, if a history goes on to rest, or if the columns never lift: they cannot any more without a
-    change of rotation and margin.
+    In a settled scene the number is final if it was requested, if the scene has a history, or if rotation or
+    margin were requested and the columns did not lift: a later uplift would still change these.
     """
     flags = integers["code"], integers["impacts"], integers["uplifted"]
-    traced, of_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
+    is_traced, is_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
     # In NumPy, because outside jit every jnp operation compiles separately.
-    code, count, uplifted = flags if traced else map(np.asarray, flags)
+    code, count, uplifted = flags if is_traced else map(np.asarray, flags)
     is_final = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
     if history or "impacts" in options.outputs:
         is_final |= code == results.SETTLED
     elif {"peak_rotation", "margin"} & set(options.outputs):
         is_final |= (code == results.SETTLED) & ~uplifted
-    numpy = jnp if traced else np
-    found = numpy.where(is_final, count.astype(floats["end_time"].dtype), np.nan)
-    return as_array(found) if of_jax and not traced else found
+    numpy = jnp if is_traced else np
+    impacts = numpy.where(is_final, count.astype(floats["end_time"].dtype), np.nan)
+    return as_array(impacts) if is_jax and not is_traced else impacts
 
 
 def raise_without_answer(code: Array) -> None:
-    """Raise `RuntimeError` if any (concrete) scene did not finish, naming the first."""
+    """Raise `RuntimeError` with the first scene that did not finish, if there is one and codes are
+    concrete."""
     codes = concrete(code)
     if codes is None:
         return
@@ -214,39 +214,43 @@ def raise_without_answer(code: Array) -> None:
         where = f" at index {first} ({len(failed)} of {codes.size} scenes)" if codes.ndim else ""
         message = results.RESULTS[getattr(results.RESULTS, name)]
         raise RuntimeError(
-            f"rockjax: scene ended '{name}'{where}. {message} (Options(throw=False) returns it instead)"
+            f"rockjax: scene ended '{name}'{where}. {message} (Options(throw=False) returns the result "
+            "instead)"
         )
 
 
 def peak_variables(
     peaks: AbstractPeak, outputs: Sequence[str | AbstractOutput]
 ) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
-    """Return (name, values, attributes) of the requested scalars of a peak or a batch of them."""
+    """Yield (name, values, attributes) of the requested answers of a peak or a batch."""
     requested = {y if isinstance(y, str) else y.name for y in outputs}
     variables = all_variables(outputs)
-    for name, (each, output) in variables.items():
+    for name, (variable, output) in variables.items():
         values = getattr(peaks, name)
         if values is not None and (output is None or output in requested):
-            about = {"units": each.unit, "long_name": each.description, **_until(each)}
-            yield name, np.asarray(values), about
+            attrs = {"units": variable.unit, "long_name": variable.description, **_until(variable)}
+            yield name, np.asarray(values), attrs
     if peaks.errors is not None:
-        for name, (each, output) in variables.items():
+        for name, (variable, output) in variables.items():
             error = peaks.errors.values.get(name)
             if error is not None and output in requested:
                 error = np.asarray(error)
                 yield (
                     f"{name}_error",
                     error,
-                    {"units": each.unit, "long_name": f"estimated error of the {each.description}"},
+                    {"units": variable.unit, "long_name": f"estimated error of the {variable.description}"},
                 )
-        flags = {"units": "1", "long_name": "the class is open within ten times the estimated error"}
-        yield "undecided", np.asarray(peaks.errors.undecided), flags
+        attrs = {
+            "units": "1",
+            "long_name": "overturning is undecided within ten times the estimated error, or chaotic",
+        }
+        yield "undecided", np.asarray(peaks.errors.undecided), attrs
     code = np.asarray(results.code_of(peaks.result), np.int8)
     flags = {
         "flag_values": np.arange(len(results.NAMES), dtype=np.int8),
         "flag_meanings": " ".join(results.NAMES),
     }
-    yield "result", code, {"units": "1", "long_name": "how the scene ended", **flags}
+    yield "result", code, {"units": "1", "long_name": "result of the scene", **flags}
     yield (
         "steps",
         np.asarray(peaks.stats.steps + peaks.stats.rejected),
@@ -255,7 +259,7 @@ def peak_variables(
 
 
 def _until(variable: Variable) -> dict[str, str]:
-    """Return attributes of a peak that refer to the flag `overturned` beside it."""
+    """Return the attributes of a peak that refer to the variable `overturned`."""
     if not variable.until_overturning:
         return {}
     return {"ancillary_variables": "overturned", "comment": f"where overturned, {UNTIL_OVERTURNING}"}
@@ -264,9 +268,10 @@ def _until(variable: Variable) -> dict[str, str]:
 def data_variables(
     peaks: Peak, outputs: Sequence[str | AbstractOutput], dims: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return the variables of a dataset of peaks, including sensitivities along `parameter` if there are any.
+    """Return the variables of a dataset of peaks, with sensitivities along `parameter` if there are any.
 
-    `dims`: of the scenes; empty for variables whose dims are added later.
+    - `peaks`, `outputs`: a batch and its requested outputs
+    - `dims`: dims of the scenes; empty if the caller adds them
     """
     scenes = np.ndim(peaks.stats.steps)
     data: dict[str, Any] = {
@@ -274,35 +279,39 @@ def data_variables(
         for name, values, attrs in peak_variables(peaks, outputs)
     }
     slopes = {} if peaks.sensitivities is None else peaks.sensitivities.values
-    for name, (each, _) in variables_of(outputs).items():
+    for name, (variable, _) in variables_of(outputs).items():
         if name in slopes:
-            about = {
-                "units": each.unit,
-                "long_name": f"y ∂/∂y of the {each.description}, for each parameter y",
+            attrs = {
+                "units": variable.unit,
+                "long_name": f"y ∂/∂y of the {variable.description}, for each parameter y",
             }
             values = np.asarray(slopes[name])
             own = own_axis(name, values.ndim - scenes - 1, outputs)
-            data[slope_name(name)] = (*dims, *own, "parameter"), values, about
+            data[slope_name(name)] = (*dims, *own, "parameter"), values, attrs
     return data
 
 
 def own_axis(name: str, dimensions: int, outputs: Sequence[str | AbstractOutput] = ()) -> tuple[str, ...]:
-    """Return the dim of the modes or stories that an output, or a quantity derived from it, has besides those
-    of the scenes."""
+    """Return the dim of modes, stories or joints of an answer, or of its error; empty for a scalar answer.
+
+    - `name`: name of the variable
+    - `dimensions`: number of dimensions besides those of scenes and parameters, 0 or 1
+    - `outputs`: requested outputs
+    """
     if not dimensions:
         return ()
-    of_answer = name.removesuffix("_error")
-    return (all_variables(outputs)[of_answer][0].axis or f"{of_answer}_component",)
+    answer = name.removesuffix("_error")
+    return (all_variables(outputs)[answer][0].axis or f"{answer}_component",)
 
 
 def parameter_axis(sensitivities: Sensitivities | None) -> dict[str, Any]:
-    """Return the coordinate of the parameters, if there are any."""
+    """Return the coordinate of the parameters of sensitivities; empty without sensitivities."""
     return {} if sensitivities is None else {"parameter": list(sensitivities.parameters)}
 
 
 def _text(peak: AbstractPeak) -> str:
     """Return a readable description of one scene, or of the size of a batch."""
-    headline, rows = _account(peak)
+    headline, rows = _summary(peak)
     return "\n".join(
         [headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)]
     )
@@ -310,11 +319,12 @@ def _text(peak: AbstractPeak) -> str:
 
 def _html(peak: AbstractPeak) -> str:
     """Return the peaks as an HTML table."""
-    headline, rows = _account(peak)
+    headline, rows = _summary(peak)
     return f"<p><b>{escape(headline)}</b></p>" + (tables.html(rows) if rows else "")
 
 
-def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
+def _summary(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
+    """Return a headline, and rows of label and value."""
     kind = type(peak).__name__
     codes = concrete(peak.peak_rotation) is not None and concrete(results.code_of(peak.result))
     if codes is None or codes is False:
@@ -323,14 +333,14 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
         overturned = int(np.sum(np.asarray(peak.overturned)))
         until = f": their peaks are {UNTIL_OVERTURNING}" if overturned else ""
         return f"{kind}({codes.size} scenes, shape {codes.shape}, {overturned} overturned{until})", []
-    doubt = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
-    rotation = f"{float(peak.peak_rotation):.6g}{doubt} α at t = {float(peak.peak_rotation_time):.6g} s"
+    error = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
+    rotation = f"{float(peak.peak_rotation):.6g}{error} α at t = {float(peak.peak_rotation_time):.6g} s"
     rows = [("peak rotation", rotation)]
     if peak.errors is not None and peak.errors.undecided:
         rows.append(
             (
-                "undecided: within the estimated error the columns may overturn or not, or the rocking is "
-                "chaotic; tighten rtol and atol",
+                "undecided: within ten times the estimated error the columns may or may not overturn, or the "
+                "rocking is chaotic; tighten rtol and atol",
                 "",
             )
         )
@@ -339,33 +349,33 @@ def _account(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     rows.append(
         ("uplift at", f"{float(peak.uplift_time):.6g} s") if peak.uplifted else ("never uplifted", "")
     )
-    uncounted = "not counted to the end (outputs=(…, 'impacts') does)"
+    uncounted = "not counted to the end (request the output 'impacts')"
     rows.append(("impacts", uncounted if np.isnan(peak.impacts) else f"{int(peak.impacts)}"))
     until = f" {UNTIL_OVERTURNING}" if peak.overturned else ""
-    rows.append(("deformation", f"{_numbers(peak.peak_deformation)} m{until}"))
+    rows.append(("deformation", f"{_format(peak.peak_deformation)} m{until}"))
     rows.append(("shear / weight", f"{float(peak.peak_shear):.6g}{until}"))
-    rows += _of_joints(peak)
+    rows += _rows_of_joints(peak)
     if peak.peak_drift is not None and peak.peak_floor_acceleration is not None:
-        rows.append(("drifts", f"{_numbers(peak.peak_drift)} m{until}"))
-        rows.append(("floors", f"{_numbers(peak.peak_floor_acceleration)} m/s²{until}"))
+        rows.append(("drifts", f"{_format(peak.peak_drift)} m{until}"))
+        rows.append(("floors", f"{_format(peak.peak_floor_acceleration)} m/s²{until}"))
     rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
-    at = f", t = {float(peak.stats.end_time):.6g} s" if codes == results.END_OF_TIME else ""
-    return f"{kind}: {results.NAMES[int(codes)]}{at}", rows
+    end = f", t = {float(peak.stats.end_time):.6g} s" if codes == results.END_OF_TIME else ""
+    return f"{kind}: {results.NAMES[int(codes)]}{end}", rows
 
 
-def _of_joints(peak: AbstractPeak) -> list[tuple[str, str]]:
+def _rows_of_joints(peak: AbstractPeak) -> list[tuple[str, str]]:
     """Return rows of the requested outputs of joints."""
     requested = [(y, VARIABLES[name][0]) for name, y in peak.values.items() if name in VARIABLES]
     rows = [
-        (each.symbol, f"{_numbers(value)} ({', '.join(JOINT_NAMES)})")
-        for value, each in requested
-        if each.axis == JOINTS
+        (variable.symbol, f"{_format(value)} ({', '.join(JOINT_NAMES)})")
+        for value, variable in requested
+        if variable.axis == JOINTS
     ]
     shear = peak.values.get("peak_foundation_shear")
-    rows += [] if shear is None else [(VARIABLES["peak_foundation_shear"][0].symbol, _numbers(shear))]
+    rows += [] if shear is None else [(VARIABLES["peak_foundation_shear"][0].symbol, _format(shear))]
     return [*rows, ("joints", "closed" if peak.joints_closed else OPEN)] if rows else []
 
 
-def _numbers(values) -> str:
-    """Return the text of a number, or of a few."""
+def _format(values) -> str:
+    """Return a number, or several, as text."""
     return ", ".join(f"{float(y):.6g}" for y in np.ravel(np.asarray(values)))

@@ -42,8 +42,8 @@ _SERIES = {
     "floor_acceleration": ("m s-2", "absolute horizontal acceleration of the floors"),
     "ground_acceleration": ("m s-2", "ground acceleration ü_g"),
     "vertical_acceleration": ("m s-2", "vertical ground acceleration v̈_g, upwards"),
-    "restoring_moment": ("1", "restoring moment over its value at uplift"),
-    "mode": ("1", "full contact (0) or rocking to the side of the sign"),
+    "restoring_moment": ("1", "restoring moment divided by its value at uplift"),
+    "mode": ("1", "mode: full contact (0), or rocking to one side (1, −1)"),
     "mechanical_energy": ("m2 s-2", "mechanical energy relative to the ground per N m_c"),
     "input_energy": ("m2 s-2", "work of the ground since the start per N m_c"),
     "impact_energy": ("m2 s-2", "energy lost at the impacts since the start per N m_c"),
@@ -59,16 +59,16 @@ _IMPACTS = {
 
 
 class Response(AbstractPeak):
-    """Time history of one scene: everything in [`rockjax.Peak`][], and the motion itself.
+    """Time history of one scene: everything in [`rockjax.Peak`][], and the motion.
 
-    `response(t)` is the state at any times within the scene, with the accuracy of the solution: one step of
-    the method from the nearest node before. At an impact it is the state after it, with `left=True` the one
-    before. All methods that take times return NaN before the start and after the end of the scene. A rigid
-    scene that has settled is at rest for good, so it has no end.
+    `response(t)` returns the state at any times of the scene with the accuracy of the solution, by one step
+    of the method from the preceding node. At an impact it returns the state after it, and with `left=True`
+    the state before it. All methods return NaN for times before the start or after the end of the scene. A
+    rigid podium whose scene has settled stays at rest, so that its history has no end.
 
-    - `impact_times`: times at which the columns struck the ground, ascending, padded with NaN under `jit` [s]
-    - `times`: nodes of the history, padded with inf under `jit` [s]
-    - `origin`: name, source, factor and seed of the motion, if it was given as a [`rockjax.Motion`][]
+    - `impact_times`: times of the impacts [s], ascending; padded with NaN under `jit`
+    - `times`: nodes of the history [s]; padded with inf under `jit`
+    - `origin`: name, source, factor and seed of a motion that was given as a [`rockjax.Motion`][]
     """
 
     impact_times: Float[Array, " impacts"]
@@ -84,25 +84,25 @@ class Response(AbstractPeak):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Start and end of the part to plot (host) [s]; to the end of the motion if a rigid scene comes to
-        rest before."""
+        """Start and end of the part to plot (host) [s]. It includes the whole motion if a rigid podium comes
+        to rest earlier."""
         start, end = float(np.asarray(self.times)[0]), float(self.stats.end_time)
         if not self.podium.vibrates and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
         return start, end if end > start else start + 1 / float(self.podium.p)
 
     def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
-        """Return the state at times t [s]."""
+        """Return the state at times t [s]; with `left=True` before an impact."""
         theta, theta_dot, *of_modes = self._at(t, "theta", "theta_dot", "u_t", "u_t_dot", left=left)
         return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
     def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the deformation of the superstructure u_t − u_b [m]; 0 without an elastic one, u_i − u_b
-        along a last axis for several modes."""
+        """Return the deformation of the superstructure u_t − u_b at times t [s], in m; 0 without an elastic
+        superstructure; u_i − u_b along a last axis for several modes."""
         return self._over_modes(*self._at(t, "deformation"))
 
     def drift(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
-        """Return the drift of each story of a building [m], the lowest first, (C11).
+        """Return the drift of each story of a building at times t [s], in m, the lowest first, (C11).
 
         Raises `ValueError` without stories.
         """
@@ -110,7 +110,7 @@ class Response(AbstractPeak):
         return self._at(t, "drift")[0]
 
     def floor_acceleration(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
-        """Return the absolute horizontal acceleration of each floor of a building [m/s²], the lowest first.
+        """Return the absolute horizontal acceleration of each floor at times t [s], in m/s², lowest first.
 
         Raises `ValueError` without stories.
         """
@@ -118,8 +118,8 @@ class Response(AbstractPeak):
         return self._at(t, "floor_acceleration")[0]
 
     def base_shear(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the shear between the beam and the superstructure over the weight of the latter, Eq. (7)
-        [–]."""
+        """Return the shear at the base of the superstructure divided by its weight [–], at times t [s], Eq.
+        (7)."""
         return self._at(t, "base_shear")[0]
 
     def _check_stories(self, name: str) -> None:
@@ -128,35 +128,31 @@ class Response(AbstractPeak):
             raise ValueError(f"Response.{name}: the superstructure must be an elastic ShearBuilding")
 
     def _over_modes(self, values: Array) -> Array:
-        """Add an axis of modes if a superstructure that may have several has only one."""
+        """Add the axis of modes of a superstructure that was solved as a single oscillator."""
         top = self.podium.superstructure
-        alone = top is not None and top.has_mode_axis and not top.resolved().has_mode_axis
-        return values[..., None] if alone else values
+        is_missing = top is not None and top.has_mode_axis and not top.resolved().has_mode_axis
+        return values[..., None] if is_missing else values
 
     def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""
         return self._at(t, "mechanical_energy")[0]
 
     def mode(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return σ of the automaton: 0 in full contact, ±1 while rocking, with the sign of the rotation
-        [–]."""
+        """Return the mode σ at times t [s]: 0 in full contact, ±1 while rocking, with the sign of θ [–]."""
         return self._at(t, "mode")[0]
 
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the restoring moment over its value at uplift [–].
+        """Return the restoring moment divided by its value at uplift [–], at times t [s].
 
-        In full contact −q/q_up, Eq. (9): between −1 and 1. While rocking the moment of the ground's vertical
-        forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15): near σ − θ/α, less the inertia
-        of the vertical motion; and that of the forces of restrainers.
+        In full contact it is −q/q_up ∈ [−1, 1], Eq. (9). While rocking it is the moment of the vertical
+        forces of the ground, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15), and of the
+        restrainers, (C22). Without restrainers and vertical inertia it is about σ − θ/α.
         """
         return self._at(t, "restoring_moment")[0]
 
     def damper_energy(self, t: Float[ArrayLike, "*times"] | None = None) -> Float[Array, "*times"]:
-        """Return the energy that the dampers of the columns have dissipated up to times t, per N m_c [m²/s²];
-        by default at the end.
-
-        ∫(C/m_c)|ℓ̇|^(1+ν) dt of [`rockjax.Damper`][]s; the total depends on the end of the scene.
-        """
+        """Return the energy that the dampers of the columns, [`rockjax.Damper`][], have dissipated up to
+        times t [s], ∫(C/m_c)|ℓ̇|^(1+ν) dt per N m_c [m²/s²]; by default up to the end of the scene."""
         return self.energies(self.stats.end_time if t is None else t).dampers
 
     def floor(
@@ -186,63 +182,63 @@ class Response(AbstractPeak):
         )
 
     def joint_forces(self, t: Float[ArrayLike, "*times"], left: bool = False) -> JointForces:
-        """Return the forces in the joints of all columns over m_c g at times t [s], (F3) to (F11); with
-        `left=True` before an impact.
+        """Return the forces in the joints of all columns divided by m_c g, at times t [s], (F3) to (F11);
+        with `left=True` before an impact.
 
-        Without an elevation there is one column, the mean of all. Forces follow from the motion and do not
-        act back on it: from the first time on at which a joint pulls or needs more friction than there is,
-        they are conditional.
+        Without an elevation there is one column, the mean column. Forces follow from the motion and do not
+        affect it. They no longer hold after the first time at which a joint pulls or would slide.
         """
-        of = self._of_joints(t, left)
+        of = self._joint_series(t, left)
         return JointForces(of["joint_shear"], of["joint_axial_force"])
 
     def friction(
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times columns joints"]:
-        """Return the friction demand |T|/N of all joints [–]; inf where a joint pulls."""
-        return self._of_joints(t, left)["joint_friction"]
+        """Return the friction demand |T|/N of all joints [–] at times t [s]; inf where a joint pulls."""
+        return self._joint_series(t, left)["joint_friction"]
 
     def eccentricity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return where the resultants act at every joint, over half the width of a column [–]: ξ of (F10) in
-        full contact, the whole width is pressed up to ⅓; σ while rocking."""
-        return self._of_joints(t, left)["joint_eccentricity"]
+        """Return the position of the resultants at all joints, divided by half the width of a column [–], at
+        times t [s]: ξ of (F10) in full contact, and σ while rocking. Up to |ξ| = ⅓ the whole width is
+        compressed."""
+        return self._joint_series(t, left)["joint_eccentricity"]
 
     def foundation_shear(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the horizontal force on the foundation over the total weight V/W_0 [–], (F5)."""
-        return self._of_joints(t, left)["foundation_shear"]
+        """Return the horizontal force on the foundation divided by the total weight, V/W_0 [–], (F5)."""
+        return self._joint_series(t, left)["foundation_shear"]
 
     def foundation_reaction(
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times"]:
-        """Return the vertical force on the foundation over the total weight W/W_0 [–], (F5)."""
-        return self._of_joints(t, left)["foundation_reaction"]
+        """Return the vertical force on the foundation divided by the total weight, W/W_0 [–], (F5)."""
+        return self._joint_series(t, left)["foundation_reaction"]
 
     def overturning_moment(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the overturning moment on the columns, clockwise, over N m_c g [m], (F6).
+        """Return the overturning moment on the columns, clockwise, divided by N m_c g [m], (F6).
 
         Raises `ValueError` without an elevation.
         """
         if self.podium.elevation is None:
             raise ValueError("Response.overturning_moment: the podium needs an elevation, Elevation(...)")
-        return self._of_joints(t, left)["overturning_moment"]
+        return self._joint_series(t, left)["overturning_moment"]
 
     @property
     def impulses(self) -> Float[Array, "impacts columns joints 2"]:
-        """Impulses (J_T, J_N) of the joints at the impacts over m_c [m/s], (F12) to (F14), with axes of
-        impacts, columns, joints (bottom, top) and the two; NaN after the last impact under `jit`."""
+        """Impulses in the joints at the impacts divided by m_c [m/s], (F12) to (F14). The axes are impacts,
+        columns, joints (bottom, top), and (J_T, J_N); entries after the last impact are NaN under `jit`."""
         times = self.impact_times
-        more, _ = history.filled(times, np.zeros(times.size, bool))
-        found = joint_forces.at_impacts(self._scene(with_elevation=True), more)
+        padded_times, _ = history.filled(times, np.zeros(times.size, bool))
+        impulses = joint_forces.at_impacts(self._scene(with_elevation=True), padded_times)
         with nans_allowed():
-            return _first(found, times.size)
+            return _first(impulses, times.size)
 
-    def _of_joints(self, t: Float[ArrayLike, "*times"], left: bool) -> dict[str, Array]:
-        """Return all quantities of the joints at times t."""
+    def _joint_series(self, t: Float[ArrayLike, "*times"], left: bool) -> dict[str, Array]:
+        """Return the quantities of `joint_forces.SERIES` at times t, by name."""
         t = as_float(t)
         times, flags = history.filled(t.ravel(), np.full(t.size, left))
-        found = joint_forces.along(self._scene(with_elevation=True), times, flags)
+        series = joint_forces.along(self._scene(with_elevation=True), times, flags)
         with nans_allowed():
-            return {name: _first(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in found.items()}
+            return {name: _first(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in series.items()}
 
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
         """Return the balance of energy at times t [s], integrated over every step of the history."""
@@ -252,55 +248,55 @@ class Response(AbstractPeak):
             return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
-        """Return the history as a dataset (host): states, deformation, ground acceleration, mode, moment and
-        energies at times t.
+        """Return the history as a dataset (host): states, deformation, ground acceleration, mode, restoring
+        moment and energies at times t, by default at 4001 times over `span`.
 
-        By default at 4001 times over the `span` of the scene. The scalars of [`rockjax.Peak`][] are variables
-        without a dim, impacts have the dim `impact`, with the rates of rotation before and after. Every
-        variable has `units` and `long_name`; parameters, tolerances and versions are in the attributes.
-        Raises `ValueError` for times that are not 1-D.
+        Answers of [`rockjax.Peak`][] have no dim `time`. Impacts, with the rates of rotation before and after
+        them, have the dim `impact`. Forces in the joints are included if an output of the joints was
+        requested. Every variable has `units` and `long_name`; the attributes contain parameters, tolerances
+        and versions. Raises `ValueError` for times that are not 1-D.
         """
         if t is None:
             t = np.linspace(*self.span, 4001)
         t = np.asarray(t, float)
         if t.ndim != 1:
             raise ValueError(f"Response.dataset: t must be a 1-D array of times, got shape {t.shape}")
-        struck = np.asarray(self.impact_times)
-        struck = struck[np.isfinite(struck)]
-        # The states before the impacts are computed in the same call.
-        times, left = np.append(t, struck), np.arange(t.size + struck.size) >= t.size
+        impact_times = np.asarray(self.impact_times)
+        impact_times = impact_times[np.isfinite(impact_times)]
+        # The same call computes the states before impacts.
+        times, left = np.append(t, impact_times), np.arange(t.size + impact_times.size) >= t.size
         samples, energies = self._history(times, left)
         before = np.asarray(samples["theta_dot"])[t.size :]
         after = np.asarray(self.nodes.v[0])[np.isfinite(self.nodes.impact_time)]
         samples, energies = jax.tree.map(
             lambda y: np.asarray(y)[: t.size] if y.ndim else np.asarray(y), (samples, energies)
         )
-        impacts = {"impact_times": struck, "theta_dot_before": before, "theta_dot_after": after}
+        impacts = {"impact_times": impact_times, "theta_dot_before": before, "theta_dot_after": after}
         return _dataset(self, t, samples, energies, impacts)
 
     def _at(self, t: Float[ArrayLike, "*times"], *names: str, left: bool = False) -> list[Array]:
-        """Return the quantities of these names at times t, with modes or stories along further axes."""
+        """Return the named quantities at times t. Axes of modes or stories follow those of t."""
         t = as_float(t)
         times, flags = history.filled(t.ravel(), np.full(t.size, left))
-        found = history.quantities_at(self._scene(), times, flags)
+        quantities = history.quantities_at(self._scene(), times, flags)
         with nans_allowed():
-            values = [found[name] for name in names]
+            values = [quantities[name] for name in names]
             return [_first(y, t.size).reshape(*t.shape, *y.shape[1:]) for y in values]
 
     def _history(self, t, left) -> tuple[dict, Energies]:
         """Return all samples and energies at times t (n,), or just before them where `left` (n,)."""
         size = t.size
         times, flags = history.filled(t, left)
-        samples, *parts, initial = history.balance(self._scene(), times, flags)
+        samples, *terms, initial = history.balance(self._scene(), times, flags)
         with nans_allowed():
             if not self.podium.restrainers:
-                parts.append(0.0 * parts[-1])  # NaN outside the scene
-            samples, parts = jax.tree.map(lambda y: _first(y, size), (samples, parts))
+                terms.append(0.0 * terms[-1])  # no dampers; NaN outside the scene
+            samples, terms = jax.tree.map(lambda y: _first(y, size), (samples, terms))
             samples |= {name: self._over_modes(samples[name]) for name in ("u_t", "u_t_dot", "deformation")}
-        return samples, Energies(*parts, initial=initial)
+        return samples, Energies(*terms, initial=initial)
 
     def _scene(self, with_elevation: bool = False) -> history.Solved:
-        # The segments engine may have any solver; between its nodes an explicit one is used.
+        # The method of the segments engine may be any Diffrax solver; between its nodes dopri8 is used.
         explicit = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
@@ -311,10 +307,10 @@ class Response(AbstractPeak):
 
 
 def _first(values: Array, count: int) -> Array:
-    """Return the first `count` entries of an array; in NumPy if concrete, because JAX would compile a program
-    for every count."""
-    numbers = concrete(values)
-    return values[:count] if numbers is None else as_array(numbers[:count])
+    """Return the first `count` entries of an array. Concrete arrays use NumPy, because JAX would compile a
+    program for every count."""
+    host_values = concrete(values)
+    return values[:count] if host_values is None else as_array(host_values[:count])
 
 
 def _motion(excitation: AbstractExcitation, t: np.ndarray) -> np.ndarray:
@@ -330,7 +326,7 @@ def _dataset(
     energies: Energies,
     impacts: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Return the dataset of `Response.dataset`, from quantities computed at times t."""
+    """Return the dataset of `Response.dataset` from samples and energies at times t."""
     import xarray
 
     values = dict(samples) | {
@@ -347,7 +343,11 @@ def _dataset(
         values["vertical_acceleration"] = _motion(response.excitation.vertical, t)
     data = xarray.Dataset(
         {
-            name: (_dims(name, np.ndim(values[name])), np.asarray(values[name]), _about(unit, description))
+            name: (
+                _dims(name, np.ndim(values[name])),
+                np.asarray(values[name]),
+                _attributes(unit, description),
+            )
             for name, (unit, description) in _SERIES.items()
             if name in values
         },
@@ -358,11 +358,11 @@ def _dataset(
         "flag_meanings": "rocking_left full_contact rocking_right",
     }
     for name, (unit, description) in _IMPACTS.items():
-        data[name] = ("impact", np.asarray(impacts[name]), {"units": unit, "long_name": description})
+        data[name] = ("impact", np.asarray(impacts[name]), _attributes(unit, description))
     if response.options.of_joints:
         data = with_joints(data, response)
-    unit = {"units": "m2 s-2", "long_name": "mechanical energy at the start per N m_c"}
-    data["initial_energy"] = ((), np.asarray(energies.initial), unit)
+    attrs = _attributes("m2 s-2", "mechanical energy at the start per N m_c")
+    data["initial_energy"] = ((), np.asarray(energies.initial), attrs)
     for name, scalar, attrs in peak_variables(response, response.options.outputs):
         data[name] = (own_axis(name, scalar.ndim), scalar, attrs)
     for axis in {MODES, STORIES} & set(map(str, data.dims)):
@@ -374,26 +374,26 @@ def _dataset(
 
 
 def with_joints(data: xarray.Dataset, response: Response) -> xarray.Dataset:
-    """Return the dataset of a response with the forces in the joints at its times, and the friction demand of
+    """Return the dataset of a response, with the forces in the joints at its times and the friction demand at
     its impacts."""
-    found = response._of_joints(data["time"].values, False)
+    series = response._joint_series(data["time"].values, False)
     for name, (unit, description) in joint_forces.SERIES.items():
-        if name in found:
-            dims = joint_forces.series_dims(found[name].ndim)
-            data[name] = dims, np.asarray(found[name]), _about(unit, description)
-    across, axial = np.moveaxis(np.asarray(response.impulses)[: data.sizes["impact"]], -1, 0)
-    demand = np.asarray(JointForces(jnp.asarray(across), jnp.asarray(axial)).friction)
-    text = "friction demand of the impact |J_T|/J_N, inf where the joint pulls"
-    data["impact_friction"] = ("impact", joint_forces.COLUMNS, JOINTS), demand, _about("1", text)
+        if name in series:
+            dims = joint_forces.series_dims(series[name].ndim)
+            data[name] = dims, np.asarray(series[name]), _attributes(unit, description)
+    horizontal, axial = np.moveaxis(np.asarray(response.impulses)[: data.sizes["impact"]], -1, 0)
+    demand = np.asarray(JointForces(jnp.asarray(horizontal), jnp.asarray(axial)).friction)
+    attrs = _attributes("1", "friction demand |J_T|/J_N at the impact, inf where the joint pulls")
+    data["impact_friction"] = ("impact", joint_forces.COLUMNS, JOINTS), demand, attrs
     return data.assign_coords(joint_forces.coordinates(demand.shape[1]))
 
 
 def _dims(name: str, dimensions: int) -> tuple[str, ...]:
-    """Return the dimensions of a series: modes or stories come after time."""
+    """Return the dims of a series: time, and modes or stories for a series of two dimensions."""
     if dimensions == 1:
         return ("time",)
     return "time", STORIES if name in ("drift", "floor_acceleration") else MODES
 
 
-def _about(unit: str, description: str) -> dict[str, str]:
+def _attributes(unit: str, description: str) -> dict[str, str]:
     return {"units": unit, "long_name": description}

@@ -26,13 +26,13 @@ from rockjax._tree import Module
 
 
 class Sensitivities(Module):
-    """Derivatives of peaks with respect to the logarithms ln y of some parameters y, with the others
+    """Derivatives of peaks with respect to the logarithms of parameters y, with other parameters held
     constant.
 
-    - `parameters`: their names; they are along the last axis of the following arrays
+    - `parameters`: names of the parameters, along the last axis of the following arrays
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: y ∂(…)/∂y of the answers
-      of these names, held by `values`; None for those that were not requested or do not exist; zero where a
-      parameter is zero. Axes of modes and stories come before that of the parameters
+      with these names, stored in `values`; None for answers that were not requested or do not exist; zero for
+      a parameter of value zero. Axes of modes, stories and joints precede the axis of parameters
     """
 
     parameters: tuple[str, ...] = eqx.field(static=True)
@@ -45,7 +45,12 @@ class Sensitivities(Module):
 def sensitivities_of(
     floats, names: tuple[str, ...], outputs: Sequence[str | AbstractOutput]
 ) -> Sensitivities | None:
-    """Collect the sensitivities of requested peaks from the outputs of lanes; None without parameters."""
+    """Return the sensitivities of requested peaks; None without parameters.
+
+    - `floats`: outputs of the lanes by name
+    - `names`: parameters
+    - `outputs`: requested outputs
+    """
     if not names:
         return None
     slopes = {name: slope_name(name) for name in variables_of(outputs)}
@@ -53,84 +58,93 @@ def sensitivities_of(
 
 
 def slope_name(answer: str) -> str:
-    """Return the name of the derivatives of an output."""
+    """Return the name of the sensitivities of an answer."""
     return f"{answer}_sensitivity"
 
 
 def number_fields(motion: AbstractExcitation) -> dict[str, str]:
-    """Return where a motion holds its single numbers, by parameter name.
+    """Return the fields of a motion that hold scalar parameters, by parameter name.
 
-    Numbers of the vertical motion of a pair are named `vertical.…`.
+    Names of fields of a pair of motions start with `horizontal.` or `vertical.`; parameters of the vertical
+    motion have the same names as their fields.
     """
     if isinstance(motion, GroundMotion):
-        of_each = {part: number_fields(getattr(motion, part)) for part in PARTS}
-        places = {name: f"horizontal.{field}" for name, field in of_each["horizontal"].items()}
-        return places | {f"vertical.{field}": f"vertical.{field}" for field in of_each["vertical"].values()}
-    left_out = {*motion.own_dimensions, "which", "scale"}
-    fields = [field.name for field in dataclasses.fields(motion) if field.name not in left_out]
-    numbers = [name for name in fields if _varies(getattr(motion, name))]
-    return {f"excitation.{field}" if field in STRUCTURE else field: field for field in numbers}
+        components = {part: number_fields(getattr(motion, part)) for part in PARTS}
+        fields = {name: f"horizontal.{field}" for name, field in components["horizontal"].items()}
+        return fields | {
+            f"vertical.{field}": f"vertical.{field}" for field in components["vertical"].values()
+        }
+    excluded = {*motion.own_dimensions, "which", "scale"}
+    names = [field.name for field in dataclasses.fields(motion) if field.name not in excluded]
+    scalars = [name for name in names if _is_float_array(getattr(motion, name))]
+    return {f"excitation.{field}" if field in STRUCTURE else field: field for field in scalars}
 
 
-def _varies(value: Any) -> bool:
+def _is_float_array(value: Any) -> bool:
     return isinstance(value, jax.Array | np.ndarray) and jnp.issubdtype(value.dtype, jnp.floating)
 
 
 def with_numbers(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:
-    """Return the motion with other values of some numbers."""
-    for place, value in values.items():
-        part, _, field = place.rpartition(".")
+    """Return the motion with other values of scalar parameters, given by field as in `number_fields`."""
+    for path, value in values.items():
+        part, _, field = path.rpartition(".")
         if part:
             changed = dataclasses.replace(getattr(motion, part), **{field: value})
             motion = dataclasses.replace(motion, **{part: changed})
-    fields = {place: value for place, value in values.items() if "." not in place}
+    fields = {path: value for path, value in values.items() if "." not in path}
     return dataclasses.replace(motion, **fields)
 
 
 def of_scenes(
     owner: str, podium: Podium, motion: AbstractExcitation, names: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return names of parameters of a structure and a ground motion, checked.
+    """Return the names of requested parameters of a structure and a ground motion as a tuple.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `motion`: of the scenes
     - `names`: requested parameters
 
-    Raises `ValueError` for a name that neither has, that occurs twice, or that determines the same number as
-    another.
+    Raises `ValueError` for a name of no parameter of either, for a name that occurs twice, and for two names
+    of the same value.
     """
     names = _checks.as_strings(owner, "sensitivities", names)
     if not names:
         return names
     check_parameters(owner, podium, names, more=[*number_fields(motion), "scale"])
     if len(set(names)) < len(names):
-        raise ValueError(f"{owner}: sensitivities name a parameter twice: {list(names)}")
+        raise ValueError(f"{owner}: sensitivities must name each parameter once, got {list(names)}")
     return names
 
 
 def moved(
     podium: Podium, motion: AbstractExcitation, names: Sequence[str], factors: Float[Array, " n"]
 ) -> tuple[Podium, AbstractExcitation]:
-    """Return a structure and a ground motion of unchanged values that depend on factors on named parameters.
+    """Return the structure and the ground motion with parameters multiplied by factors of value 1.
 
     - `podium`, `motion`: of the scene
-    - `names`: parameters, as checked by `of_scenes`
-    - `factors`: factor on each, equal to 1, for derivatives, (n,)
+    - `names`: parameters, as returned by `of_scenes`
+    - `factors`: factor on each parameter, equal to 1, for derivatives, (n,)
+
+    All values are unchanged; only derivatives with respect to the factors differ.
     """
-    factor = dict(zip(names, factors, strict=True))
-    fields = {field: factor.pop(name) for name, field in number_fields(motion).items() if name in factor}
-    scale = factor.pop("scale", None)
-    changed = with_numbers(motion, {place: y * _value_at(motion, place) for place, y in fields.items()})
+    factor_of = dict(zip(names, factors, strict=True))
+    fields = {
+        field: factor_of.pop(name) for name, field in number_fields(motion).items() if name in factor_of
+    }
+    scale = factor_of.pop("scale", None)
+    changed = with_numbers(motion, {path: y * _value_at(motion, path) for path, y in fields.items()})
     changed = changed if scale is None else changed.scaled(scale)
-    structure = with_factors(podium, list(factor), jnp.asarray(list(factor.values()))) if factor else podium
-    return _as_is(podium, structure), _as_is(motion, changed)
+    structure = podium
+    if factor_of:
+        structure = with_factors(podium, list(factor_of), jnp.asarray(list(factor_of.values())))
+    return _with_derivatives(podium, structure), _with_derivatives(motion, changed)
 
 
-def _value_at(motion: AbstractExcitation, place: str) -> Any:
-    return functools.reduce(getattr, place.split("."), motion)
+def _value_at(motion: AbstractExcitation, path: str) -> Any:
+    return functools.reduce(getattr, path.split("."), motion)
 
 
-def _as_is(now: Any, changed: Any) -> Any:
-    """Return exactly the values of `now`, with the derivatives of `changed`."""
+def _with_derivatives(original: Any, changed: Any) -> Any:
+    """Return exactly the values of `original`, with the derivatives of `changed`."""
     constant = jax.lax.stop_gradient
-    return jax.tree.map(lambda y, z: y if z is y else y + (z - constant(z)), now, changed)
+    return jax.tree.map(lambda y, z: y if z is y else y + (z - constant(z)), original, changed)

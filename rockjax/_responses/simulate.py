@@ -1,4 +1,4 @@
-"""The functions `simulate`, with history, and `peak_response`, without."""
+"""The functions `peak_response` and `simulate`, without and with a history."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ def peak_response(
 ) -> Peak:
     """Compute the peak response of one scene, without history.
 
-    Works under `jit`, `vmap`, `grad`, `jacfwd`, `jvp`, with respect to every number in `podium`,
+    Works under `jit`, `vmap`, `grad`, `jacfwd` and `jvp`, with respect to all arrays in `podium`,
     `excitation`, `initial` and `t_end`. For many scenes on the host see [`rockjax.peak_responses`][].
 
-    - `podium`: podium of single numbers
-    - `excitation`: a pulse, a wavelet, a record, a `Motion`; or any other [`rockjax.AbstractExcitation`][]
-    - `initial`: the state at the start of the excitation's support
+    - `podium`: a single podium (rows over modes, stories and columns are allowed)
+    - `excitation`: a pulse, a wavelet, a record, a `Motion`, or any other [`rockjax.AbstractExcitation`][]
+    - `initial`: state at the start of the support of the excitation
     - `t_end`: latest end of the scene [s]; by default the end of the support plus 30/p, or 10 T_s if that is
       longer
     - `options`: accuracy, requested outputs and limits
 
-    Raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError` for a scene that does not
-    finish, if values are concrete. Under `jit` check `result`.
+    If values are concrete, raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError`
+    for a scene that does not finish. Under `jit` check `result`.
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solved(*arguments, None)
@@ -68,26 +68,28 @@ def simulate(
     t_end: float | Array | None = None,
     options: Options = Options(),
 ) -> Response:
-    """Compute the response history of one scene, to `t_end`, overturning, or (rigid) rest for good.
+    """Compute the response history of one scene, to `t_end`, overturning, or the final rest of a rigid
+    podium.
 
     - `podium`, `excitation`, `initial`, `t_end`, `options`: as for [`rockjax.peak_response`][]; under `jit`
-      the history holds `options.history` steps, outside it as many as it needs
+      the history has a capacity of `options.history` steps, otherwise it grows as needed
 
-    The peaks equal those of `peak_response` to the tolerance. (If rocking is chaotic neither is reliable:
-    request `"errors"`.) Impacts are counted to the end of the history. Errors are those of `peak_response`.
+    The peaks equal those of `peak_response` within the tolerance, unless rocking is chaotic; the output
+    `"errors"` detects that. Impacts are counted to the end of the history. Errors are those of
+    `peak_response`. Raises the errors of `peak_response`.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
-    # Every capacity compiles its own program, so start with one that few scenes exceed; none exceeds `most`.
-    most = options.max_steps + 2
+    # Every capacity needs its own program, so start with one that few scenes exceed.
+    largest = options.max_steps + 2
     is_concrete = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
-    capacity = min(max(options.history, CAPACITY), most) if is_concrete else options.history
+    capacity = min(max(options.history, CAPACITY), largest) if is_concrete else options.history
     while True:
         floats, integers, nodes = _solved(*arguments, capacity)
-        full = concrete(integers["code"]) == results.HISTORY_FULL
-        if not full or capacity >= most:
+        is_full = concrete(integers["code"]) == results.HISTORY_FULL
+        if not is_full or capacity >= largest:
             break
-        capacity = min(4 * capacity, most)
+        capacity = min(4 * capacity, largest)
     assert nodes is not None
     nodes, impact_times = _used(nodes, integers["impacts"])
     return Response(
@@ -103,8 +105,8 @@ def simulate(
 
 
 def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
-    """Return the nodes that are used, and the times of impact in ascending order; all of them, padded with
-    NaN, if traced."""
+    """Return the used nodes, and the times of impacts in ascending order. If the number of used nodes is
+    traced, return all nodes, and times padded with NaN."""
     count = concrete(nodes.used)
     if count is None or count.ndim:
         return nodes, jnp.sort(nodes.impact_time)  # NaN last
@@ -112,30 +114,32 @@ def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)):
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         return nodes, jnp.sort(nodes.impact_time)[: int(impacts)]
-    # Concrete numbers use NumPy: outside jit every jnp operation would compile separately for every length.
+    # Concrete values use NumPy: outside jit every jnp operation would compile separately for every length.
     nodes = jax.tree.map(lambda y: as_array(np.asarray(y)[:used]) if jnp.ndim(y) else y, nodes)
     return nodes, as_array(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
 
 
 def _solved(podium, excitation, initial, t_end, options, history):
+    """Return floats and integers by name, and the nodes of a history of the capacity `history`, or None."""
+    """Return floats and integers by name, and the nodes of a history of the capacity `history`, or None."""
     (floats, smooth), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, history)
     nodes = None if smooth is None else smooth._replace(piece=node_integers[0], used=node_integers[1])
     return floats, integers, nodes
 
 
 def _errors(arguments, floats, integers) -> Errors | None:
-    """Return the estimated errors of a solution, by a second one."""
+    """Return the estimated errors from a second solution; None unless requested."""
     podium, excitation, initial, t_end, options = arguments
     if "errors" not in options.outputs:
         return None
     constants = jax.lax.stop_gradient((podium, excitation, initial, t_end))
-    second, counts, _ = _solved(*constants, companion(options), None)
+    second_floats, second_integers, _ = _solved(*constants, companion(options), None)
     with nans_allowed():
-        return errors((floats, integers), (second, counts), options, jnp)
+        return errors((floats, integers), (second_floats, second_integers), options, jnp)
 
 
 def _arguments(owner: str, podium, excitation, initial, t_end, options):
-    """Return the arguments as arrays, checked if they are concrete."""
+    """Return the arguments as arrays; check concrete values."""
     check_types(owner, podium, options)
     excitation = as_excitation(owner, excitation)
     initial, t_end = as_start(owner, initial, podium), as_end(owner, t_end)

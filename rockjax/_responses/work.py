@@ -1,4 +1,4 @@
-"""Power of the ground and of the dampers, and the restoring moment of the columns along a history."""
+"""Power of the ground and of dampers, and the restoring moment of the columns, along a history."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from rockjax._types import Value, Vector
 
 
 def damper_power(c: Coefficients, restraint: Restraint, sigma: Value, x: Vector, v: Vector) -> Value:
-    """Return the power that restrainers dissipate, (C/m_c)|ℓ̇|^(1+ν) for dampers, per N m_c [m²/s³].
+    """Return the power dissipated by restrainers, (C/m_c)|ℓ̇|^(1+ν) for dampers, per N m_c [m²/s³].
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `sigma`: mode σ ∈ {−1, 0, 1}
     - `x`, `v`: positions and velocities
     """
     rate = elongation(c, sigma, x[0]).lever * v[0] / c.p
-    taken = sum((each.power(rate, restraint.slip) for each in restraint.restrainers), jnp.zeros_like(rate))
-    return 0.5 * c.two_R * c.g * c.p * taken
+    powers = (restrainer.power(rate, restraint.slip) for restrainer in restraint.restrainers)
+    return 0.5 * c.two_R * c.g * c.p * sum(powers, jnp.zeros_like(rate))
 
 
 def power(
@@ -34,26 +34,26 @@ def power(
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities
 
-    Between impacts Ė is their difference. The ground gives −ü_g[(½+γ)u̇_b + η u̇_t], the work of its inertia
-    forces in Eq. (19); the damper of Eq. (22) takes 2ζω_s η (u̇_t − u̇_b)². Vertical motion gives −v̈_g w
-    v̇_b, (C18).
+    Without dampers of the columns, the energy changes between impacts at the difference of both. The power of
+    the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18), with the inertia forces of Eq. (19). The
+    damper of Eq. (22) dissipates 2ζω_s η (u̇_t − u̇_b)².
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])
-    heavy = 0.5 * c.ground * c.g / c.p**2  # ½+γ
-    lifted = 0.0
+    half_and_gamma = 0.5 * c.ground * c.g / c.p**2  # ½+γ
+    vertical_power = 0.0
     if isinstance(ground, Shaking):
-        rises, _ = sincos(sigma * c.alpha - x[0])
-        lifted = -ground.vertical * 0.5 * c.gravity / c.p**2 * c.two_R * v[0] * rises
+        sin_psi, _ = sincos(sigma * c.alpha - x[0])
+        vertical_power = -ground.vertical * 0.5 * c.gravity / c.p**2 * c.two_R * v[0] * sin_psi
         ground = ground.horizontal
     if c.vibration is None:
-        return plus(-ground * heavy * beam_rate, lifted), jnp.zeros_like(beam_rate)
-    rates = heavy * beam_rate + summed(c.etas * v[1])
-    taken = summed(c.etas * c.vibration.damping * (v[1] - beam_rate) ** 2)
-    return plus(-ground * rates, lifted), taken
+        return plus(-ground * half_and_gamma * beam_rate, vertical_power), jnp.zeros_like(beam_rate)
+    momentum = half_and_gamma * beam_rate + summed(c.etas * v[1])
+    dissipated = summed(c.etas * c.vibration.damping * (v[1] - beam_rate) ** 2)
+    return plus(-ground * momentum, vertical_power), dissipated
 
 
 def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
-    """Return the restoring moment about the edges over its value at uplift [–].
+    """Return the restoring moment about the edges divided by its value at uplift [–].
 
     - `c`: constants of the podium
     - `sigma`: mode σ ∈ {−1, 0, 1}
@@ -61,17 +61,17 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     - `x`, `v`: positions and velocities
 
     In full contact it balances the demand: −q/q_up, Eq. (9). While rocking, the vertical forces of the ground
-    act at the edges and carry the weights and their vertical acceleration: (sin ψ/sin α)[1 +
-    (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15). The columns' centres rise half as fast as the beam.
-    Both expressions are σ at uplift, where v̈_b = 0. Restrainers add their forces times their levers, (C22).
+    act at the edges and carry the weights and their vertical inertia: (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1)
+    v̈_b/g] with v̈_b of Eq. (15). The centres of the columns rise half as fast as the beam. At uplift
+    both expressions equal σ, since v̈_b = 0. Restrainers add their forces times their levers, (C22).
     """
     s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
-    rises = beam_rise(c, sigma, x[0], v[0], theta_ddot)
-    share = 1 + (1 - 0.5 * c.p**2 / c.gravity) * rises / c.g
+    rise = beam_rise(c, sigma, x[0], v[0], theta_ddot)
+    reaction = 1 + (1 - 0.5 * c.p**2 / c.gravity) * rise / c.g  # divided by the weight
     if isinstance(ground, Shaking):
-        share = share + ground.vertical / c.g
-    rocking = s / c.sin_alpha * share
+        reaction = reaction + ground.vertical / c.g
+    rocking = s / c.sin_alpha * reaction
     if c.restraint is not None:
         rocking = _with_restrainers(c, c.restraint, sigma, x[0], v[0], theta_ddot, rocking)
     return jnp.where(sigma == 0, -horizontal_demand(c, ground, x, v) / c.uplift, rocking)
@@ -86,15 +86,18 @@ def _with_restrainers(
     theta_ddot: Value,
     rocking: Value,
 ) -> Value:
-    """Return the moment of weights and restrainers over its value at uplift, from the moment `rocking` of the
-    weights over their own value at uplift, (C22)."""
+    """Return the moment of weights and restrainers divided by its value at uplift, (C22).
+
+    `rocking`: moment of the weights divided by its own value at uplift [–]; other arguments as above
+    """
     stretch, lever = elongation(c, sigma, theta)
     rate = lever * theta_dot / c.p
     zero = jnp.zeros_like(stretch)
-    forces = sum((each.force(stretch, rate, restraint.slip) for each in restraint.restrainers), zero)
-    pressed = sum((each.force(zero, zero, restraint.slip) for each in restraint.restrainers), zero)
+    restrainers, slip = restraint.restrainers, restraint.slip
+    forces = sum((restrainer.force(stretch, rate, slip) for restrainer in restrainers), zero)
+    initial = sum((restrainer.force(zero, zero, slip) for restrainer in restrainers), zero)
     if restraint.apparent_mass is not None:
         lengthening = lever * theta_ddot - 0.25 * stretch * theta_dot**2  # ℓ̈/R
         forces = forces + 0.5 * c.two_R / c.g * restraint.apparent_mass * lengthening
     weight = c.weight / (c.two_R * c.g)  # w
-    return (weight * rocking + 0.5 * forces * lever / c.sin_alpha) / (weight + pressed)
+    return (weight * rocking + 0.5 * forces * lever / c.sin_alpha) / (weight + initial)

@@ -10,9 +10,9 @@ from .podium import Podium
 from .restitution import GivenRestitution
 from .superstructures import AbstractSuperstructure, Elastic, Rigid
 
-# Superstructures by name: a new one is a line here.
+# Superstructures by name. Add new ones here.
 SUPERSTRUCTURES: dict[str, type[AbstractSuperstructure]] = {
-    kind.__name__: kind for kind in (Elastic, Rigid, Modes, ShearBuilding)
+    superstructure.__name__: superstructure for superstructure in (Elastic, Rigid, Modes, ShearBuilding)
 }
 
 __all__ = [

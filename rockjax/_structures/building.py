@@ -24,46 +24,48 @@ from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid
 
 
 class ModalAnalysis(NamedTuple):
-    """All modes of a building, the lowest first along the last axis, retained or not."""
+    """All modes of a building, retained or not, the lowest first along the last axis."""
 
     omega: Array  # ω_i [rad/s]
     eta: Array  # η_i = Γ_i² M_i
-    shapes: Array  # Γ_i φ_ji, floors j from the bottom along the axis before
+    shapes: Array  # Γ_i φ_ji, floors j from the bottom along the last axis but one
 
 
 def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
-    """Return the modes of a chain of masses and springs from the beam upwards, K φ_i = ω_i² M φ_i, (C11).
+    """Return the modes of a chain of floors on a fixed beam, K φ_i = ω_i² M φ_i, (C11).
 
-    The periods of such a chain are distinct, so the modes have derivatives.
+    - `masses`, `stiffnesses`: of floors and of the stories below them, from the bottom along the last axis
+
+    The periods of a chain are distinct, so that the modes have derivatives.
     """
     xp: Any = array_module(masses, stiffnesses)
     masses, stiffnesses = xp.broadcast_arrays(masses, stiffnesses)
-    above = xp.concatenate([stiffnesses[..., 1:], xp.zeros_like(stiffnesses[..., :1])], axis=-1)
+    stiffness_above = xp.concatenate([stiffnesses[..., 1:], xp.zeros_like(stiffnesses[..., :1])], axis=-1)
     size, root = masses.shape[-1], xp.sqrt(masses)
-    diagonal = ((stiffnesses + above) / masses)[..., None] * np.eye(size)
-    link = (-above / (root * xp.roll(root, -1, axis=-1)))[..., None] * np.eye(size, k=1)
-    _, vectors = eigh(diagonal + link + xp.swapaxes(link, -1, -2))
+    diagonal = ((stiffnesses + stiffness_above) / masses)[..., None] * np.eye(size)
+    coupling = (-stiffness_above / (root * xp.roll(root, -1, axis=-1)))[..., None] * np.eye(size, k=1)
+    _, vectors = eigh(diagonal + coupling + xp.swapaxes(coupling, -1, -2))
     shapes = vectors / root[..., None]  # of modes with M_i = 1
-    # ω² as a sum of story energies has no cancellation: the lowest are as accurate as the highest.
+    # As a sum over stories, ω² has no cancellation: the lowest is as accurate as the highest.
     drifts = xp.concatenate([shapes[..., :1, :], shapes[..., 1:, :] - shapes[..., :-1, :]], axis=-2)
     squares = xp.sum(stiffnesses[..., None] * drifts**2, axis=-2)
-    shares = xp.sum(masses[..., None] * shapes, axis=-2)  # Γ_i
-    return ModalAnalysis(xp.sqrt(squares), shares**2, shares[..., None, :] * shapes)
+    participation = xp.sum(masses[..., None] * shapes, axis=-2)  # Γ_i
+    return ModalAnalysis(xp.sqrt(squares), participation**2, participation[..., None, :] * shapes)
 
 
 class ShearBuilding(AbstractSuperstructure):
-    """A building of n stories as a superstructure: rigid floors, and stories between them that shear.
+    """A building of n stories as a superstructure: rigid floors, and stories that deform in shear.
 
     - `masses`: mass ratios of the floors m_j/(N m_c), > 0 [–], from the bottom along the last axis
-    - `stiffnesses`: of the stories below them k_j/(N m_c), > 0 [1/s²]
-    - `damping`: damping ratios of the modes, ≥ 0 [–]; one number for all modes, or one for each
-    - `modes`: number of modes to retain, the lowest first; the remaining modal mass moves with the beam. By
-      default all. With fewer, `peak_shear` and `peak_floor_acceleration` omit the contribution of the other
-      modes to the impulses at impacts
-    - `heights`: of the stories [m], > 0, for drift ratios and for pictures; None if unknown
+    - `stiffnesses`: stiffness ratios of the stories below them k_j/(N m_c), > 0 [1/s²]
+    - `damping`: damping ratios of the modes, ≥ 0 [–]; one value for all modes, or one for each
+    - `modes`: number of lowest modes to retain, 0 … n, by default n. The mass of the other modes moves with
+      the beam, and `peak_shear` and `peak_floor_acceleration` omit its impulses at impacts
+    - `heights`: heights of the stories, > 0 [m], for forces in the joints, drift ratios and pictures; None if
+      unknown
 
-    Its modes are [`rockjax.ShearBuilding.modes`][]. Peaks and histories also hold drifts of the stories and
-    accelerations of the floors. Raises `ValueError` for unequal lengths and for concrete numbers outside
+    Its modes are [`rockjax.ShearBuilding.modes`][]. Peaks and histories include drifts of the stories and
+    accelerations of the floors. Raises `ValueError` for unequal lengths and for concrete values outside
     these ranges.
     """
 
@@ -107,8 +109,8 @@ class ShearBuilding(AbstractSuperstructure):
                 )
         if as_many(self.damping, 1) is self.damping and len(parts(self.damping)) != self.retained:
             raise ValueError(
-                f"{owner}: damping must be one number or one for each of the {self.retained} modes that are "
-                f"kept, got {len(parts(self.damping))}"
+                f"{owner}: damping must be one number or one for each of the {self.retained} retained "
+                f"modes, got {len(parts(self.damping))}"
             )
         require_positive(owner, masses=self.masses, **rows)
         require_not_negative(owner, damping=self.damping)
@@ -118,7 +120,7 @@ class ShearBuilding(AbstractSuperstructure):
         """Return a building with equal stories.
 
         - `stories`: number of stories n ≥ 1
-        - `eta`: mass ratio of all of them, m_t/(N m_c), > 0 [–]
+        - `eta`: mass ratio of the building, m_t/(N m_c), > 0 [–]
         - `T`: longest fixed-base period, > 0 [s]
         - `damping`, `modes`: as for [`rockjax.ShearBuilding`][]
         - `height`: height of each story [m]; None if unknown
@@ -128,10 +130,10 @@ class ShearBuilding(AbstractSuperstructure):
         eta, T = as_float(eta, "ShearBuilding.uniform: eta"), as_float(T, "ShearBuilding.uniform: T")
         lowest = 2 * math.sin(math.pi / (4 * count + 2))  # ω_1 √(m/k)
         mass = eta / count
-        each = np.ones(count)
-        heights = None if height is None else as_float(height)[..., None] * each
+        ones = np.ones(count)
+        heights = None if height is None else as_float(height)[..., None] * ones
         stiffness = mass * (2 * math.pi / (lowest * T)) ** 2
-        return cls(mass[..., None] * each, stiffness[..., None] * each, damping, modes, heights=heights)
+        return cls(mass[..., None] * ones, stiffness[..., None] * ones, damping, modes, heights=heights)
 
     @property
     def stories(self) -> int:
@@ -141,10 +143,10 @@ class ShearBuilding(AbstractSuperstructure):
     @property
     def modes(self) -> Modes:
         """The retained modes, with the mass ratio of the others as the residual."""
-        found, retained = self._analysis(), self.retained
-        residual = found.eta[..., retained:].sum(axis=-1) if retained < self.stories else 0.0
+        analysis, retained = self._analysis(), self.retained
+        residual = analysis.eta[..., retained:].sum(axis=-1) if retained < self.stories else 0.0
         return Modes(
-            found.eta[..., :retained], 2 * math.pi / found.omega[..., :retained], self.damping, residual
+            analysis.eta[..., :retained], 2 * math.pi / analysis.omega[..., :retained], self.damping, residual
         )
 
     @property
@@ -154,8 +156,8 @@ class ShearBuilding(AbstractSuperstructure):
 
     @property
     def shapes(self) -> Array:
-        """Γ_i φ_ji of the floors j and, along the last axis, the retained modes i [–], (C11): a floor moves
-        by Σ Γ_i φ_ji (u_i − u_b) relative to the beam."""
+        """Γ_i φ_ji of the floors j and the retained modes i, (n, modes) [–], (C11). Floor j moves by
+        Σ_i Γ_i φ_ji (u_i − u_b) relative to the beam."""
         return self._analysis().shapes[..., : self.retained]
 
     def _analysis(self) -> ModalAnalysis:
@@ -219,30 +221,30 @@ class ShearBuilding(AbstractSuperstructure):
     def split(self) -> Self:
         values: dict[str, Any] = {name: parts(getattr(self, name)) for name in ("masses", "stiffnesses")}
         values["damping"] = members(self.damping)
-        values["heights"] = None  # for pictures only
+        values["heights"] = None  # the motion does not depend on them
         return with_fields(self, values)
 
     def resolved(self) -> AbstractSuperstructure:
         if not self.retained:
             return Rigid(self.mass_ratio)
-        found, retained = self._analysis(), self.retained
-        residual = None if retained == self.stories else found.eta[..., retained:].sum(axis=-1)
+        analysis, retained = self._analysis(), self.retained
+        residual = None if retained == self.stories else analysis.eta[..., retained:].sum(axis=-1)
         return Oscillators(
-            found.eta[..., :retained],
-            2 * math.pi / found.omega[..., :retained],
+            analysis.eta[..., :retained],
+            2 * math.pi / analysis.omega[..., :retained],
             joined(self.damping),
             residual,
-            found.shapes[..., :retained],
+            analysis.shapes[..., :retained],
         )
 
 
 def superstructure_of(eta: Any, T_s: Any = None, zeta: Any = 0.05, stories: int | None = None):
-    """Return a superstructure of given mass ratio.
+    """Return a rigid or elastic superstructure, or a building of equal stories.
 
     - `eta`: mass ratio m_t/(N m_c) [–]
     - `T_s`: longest fixed-base period [s]; None for a rigid superstructure
     - `zeta`: damping ratio [–]
-    - `stories`: number of equal stories of a building; None for a single oscillator
+    - `stories`: number of stories of a building; None for a single oscillator
     """
     if T_s is None:
         return Rigid(eta)

@@ -1,4 +1,4 @@
-"""The column: its dimensions, and the acceleration that lifts it."""
+"""The column: its dimensions, checks of their units, and round ends."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from rockjax._checks import array_module, concrete, require, require_not_negativ
 from rockjax._types import Number
 from rockjax._unit_warnings import warn_about_units
 
-LARGEST_R = 100.0  # m, beyond any plausible column
-DENSITIES = 300.0, 8000.0  # kg/m³, from light timber or a hollow section to steel
+LARGEST_R = 100.0  # [m], larger than any plausible column
+DENSITIES = 300.0, 8000.0  # [kg/m³], from light timber or a hollow section to steel
 
 
 def check_column_units(width, height, mass) -> None:
-    """Warn of a size that suggests mm, or a mass that suggests tonnes. The depth of a column is unknown and
-    taken as its width."""
+    """Warn about a size that suggests mm, or a mass that suggests tonnes, of a square column.
+
+    - `width`, `height`, `mass`: of a column [m, m, kg]
+    """
     sides, mass = (concrete(width), concrete(height)), concrete(mass)
     if sides[0] is None or sides[1] is None:
         return
@@ -34,10 +36,10 @@ def _check_density(width: np.ndarray, height: np.ndarray, mass: np.ndarray) -> N
     low, high = DENSITIES
     is_unlikely = (density < low) | (density > high)
     if is_unlikely.any():
-        b, h, m, found = (float(y[is_unlikely].flat[0]) for y in (width, height, mass, density))
+        b, h, m, rho = (float(y[is_unlikely].flat[0]) for y in (width, height, mass, density))
         column = f"a square column of {b:g} m by {b:g} m by {h:g} m"
         warn_about_units(
-            f"Podium.from_dimensions: column_mass = {m:g} kg makes {column} {found:.3g} kg/m³ dense, outside "
+            f"Podium.from_dimensions: column_mass = {m:g} kg makes {column} {rho:.3g} kg/m³ dense, outside "
             f"{low:g} to {high:g}; masses are in kg, were they meant in t?",
             stacklevel=4,
         )
@@ -51,8 +53,8 @@ def slenderness_and_size(width: Number, height: Number) -> tuple[Number, Number]
 
 
 def enlargement(owner: str, radius: Number, height: Number) -> Number:
-    """Return H/(H − r_c), the size of the podium with flat ends that rocks as one with round ends, (R5), over
-    the size of the latter.
+    """Return H/(H − r_c), by which R of a podium with round ends is multiplied for the podium with flat ends
+    that rocks like it, (R5).
 
     - `owner`: name for error messages
     - `radius`: radius r_c of the round ends of a column, in [0, H) [m]
@@ -66,8 +68,8 @@ def enlargement(owner: str, radius: Number, height: Number) -> Number:
     if radii is not None and halves is not None:
         radii, halves = np.broadcast_arrays(radii, halves)
         limit = float(halves[radii >= halves].min(initial=np.inf))
-        words = f"less than half the height, {limit:g} m (a column with rounder ends never overturns)"
-        require(owner, "end_radius", radii, lambda v: v < halves, words)
+        accepted = f"less than half the height, {limit:g} m (a column with rounder ends never overturns)"
+        require(owner, "end_radius", radii, lambda v: v < halves, accepted)
     return half / (half - radius)
 
 

@@ -1,4 +1,4 @@
-"""The elevation of a podium: where its columns stand, and the heights of the masses that they carry."""
+"""The elevation of a podium: positions of its columns, and heights of the masses on them."""
 
 from __future__ import annotations
 
@@ -15,31 +15,32 @@ from rockjax._types import Array, Number
 from .modes import Row, as_many, is_plain_zero, joined, members, parts, row, with_fields
 from .superstructures import AbstractSuperstructure
 
-SAME_LINE = 1e-9  # gap of two positions over their span, below which they are of one line across the plane
+SAME_LINE = 1e-9  # gap between positions of one line of columns, at most, as a fraction of the span of all
 
 
 class Elevation(Module):
     """Positions of the columns of a podium, and heights of the masses on them.
 
-    - `columns`: positions x_i of the N ≥ 2 columns along the motion [m], along the last axis. Equal positions
-      are columns of one line across the plane of motion. All masses stand over their mean
-    - `beam_depth`: depth D of the beam, ≥ 0 [m]; its mass lies at half of it
-    - `top_height`: height of the superstructure above the top of the beam [m]: of the mass of
-      [`rockjax.Elastic`][] and [`rockjax.Rigid`][]; for each mode of [`rockjax.Modes`][] its arm, which is
-      negative for some higher modes; for each floor of a [`rockjax.ShearBuilding`][] without `heights`
+    - `columns`: positions x_i of the N ≥ 2 columns along the direction of motion [m], along the last axis.
+      Columns of a line across the plane of motion have equal positions. The centres of all masses are above
+      the mean position
+    - `beam_depth`: depth D of the beam, ≥ 0 [m]; its mass is at D/2
+    - `top_height`: height above the top of the beam [m]. [`rockjax.Elastic`][] and [`rockjax.Rigid`][] need
+      the height of their mass, [`rockjax.Modes`][] one height for each mode (negative for some higher modes),
+      a [`rockjax.ShearBuilding`][] without `heights` one for each floor
     - `residual_height`: height of the residual mass of [`rockjax.Modes`][] above the top of the beam [m]
 
-    It changes forces in the joints only, never the motion. Raises `ValueError` for concrete numbers outside
-    these ranges, for fewer than two columns and for columns at one position.
+    It affects only forces in the joints, not the motion. Raises `ValueError` for concrete values outside
+    these ranges, for fewer than two columns, and if all columns have the same position.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("columns", "top_height")
 
     columns: Row
     beam_depth: Number
-    top_height: Any  # a number, or a row over modes or floors
+    top_height: Any  # a scalar, or a row over modes or floors
     residual_height: Number
-    _raised: Number | None = None  # tops of the columns of the model above the real ones [m]: round ends
+    _raised: Number | None = None  # with round ends: tops of the model's columns above the real tops [m]
 
     def __init__(
         self,
@@ -82,8 +83,8 @@ class Elevation(Module):
 
     @property
     def core_distance(self) -> Number:
-        """Core distance ℓ_p = Σx_i²/(N max|x_i|) of the group of columns [m]: a resultant within ±ℓ_p of
-        their mean presses on every column."""
+        """Core distance ℓ_p = Σx_i²/(N max|x_i|) of the columns [m]: a resultant within ±ℓ_p of their mean
+        position compresses all of them."""
         return _core_distance(self.offsets)
 
     def check(self, top: AbstractSuperstructure | None, width: Number) -> None:
@@ -100,20 +101,20 @@ class Elevation(Module):
         if top.own_heights is not None:
             if not is_plain_zero(height):
                 raise ValueError(
-                    f"Podium: the {kind} has heights of its own; give either them or elevation.top_height"
+                    f"Podium: the {kind} has its own heights; give either these or elevation.top_height"
                 )
             return
-        found = len(parts(as_many(height, 1)))
-        if found != count:
+        given = len(parts(as_many(height, 1)))
+        if given != count:
             raise ValueError(
                 f"Podium: elevation.top_height must hold {count} heights, one for each mode or floor of the "
-                f"{kind} (or give a building its own heights), got {found}"
+                f"{kind} (or give a building its own heights), got {given}"
             )
         top.check_heights("Podium", height)
 
     def split(self, top: AbstractSuperstructure | None) -> Elevation:
-        """Return the elevation with arrays over columns, modes or floors split into tuples, so that each leaf
-        has a number for every podium of a batch; with the heights of the building, if it has its own."""
+        """Return the elevation with rows split into tuples, so that each leaf has one value per podium of a
+        batch. Heights of a building replace `top_height`."""
         if isinstance(self.columns, tuple):
             return self
         height = self.top_height
@@ -153,7 +154,7 @@ class Arms(Module):
     """An elevation in the form of the engine.
 
     - `offsets`: positions of the columns from their mean (N,) [m]
-    - `beam`: γ_b h_b + η_r h_r, the first moment of the masses that move with the beam over N m_c [m]
+    - `beam`: γ_b h_b + η_r h_r, the first moment of the masses that move with the beam, per N m_c [m]
     - `modes`: η_i h_i of the modes [m]; None if nothing vibrates
     """
 
@@ -168,7 +169,7 @@ class Arms(Module):
 
     @property
     def core_distance(self) -> Number:
-        """Core distance ℓ_p of the group of columns [m]."""
+        """Core distance ℓ_p of the columns [m]."""
         return _core_distance(self.offsets)
 
 
@@ -181,16 +182,16 @@ def _core_distance(offsets: Array) -> Number:
 
 
 def _check_overlap(positions: np.ndarray | None, width: np.ndarray | None) -> None:
-    """Raise `ValueError` for two lines of columns that are closer than the width of a column."""
+    """Raise `ValueError` for two lines of columns closer than the width of a column."""
     if positions is None or width is None:
         return
     ordered = np.sort(positions, axis=-1)
     gaps, span = np.diff(ordered, axis=-1), np.ptp(ordered, axis=-1)[..., None]
-    apart = gaps > SAME_LINE * span
-    close = apart & (gaps < np.asarray(width)[..., None] * (1 - SAME_LINE))
-    if np.any(close):
-        least = float(np.min(np.where(close, gaps, np.inf)))
+    is_other_line = gaps > SAME_LINE * span
+    overlaps = is_other_line & (gaps < np.asarray(width)[..., None] * (1 - SAME_LINE))
+    if np.any(overlaps):
+        least = float(np.min(np.where(overlaps, gaps, np.inf)))
         raise ValueError(
             f"Podium: elevation.columns must be at least the width of a column apart, or equal for columns "
-            f"of one line; got {least:g} m between two lines of columns {float(np.max(width)):g} m wide"
+            f"of the same line; got {least:g} m between two lines of columns {float(np.max(width)):g} m wide"
         )

@@ -1,4 +1,4 @@
-"""Impulses in the joints at an impact, as ratios that do not depend on its speed."""
+"""Impulses in the joints at an impact, divided by its speed."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from rockjax._types import Number
 
 
 class Impulses(NamedTuple):
-    """Impulses of the mean column over m_c and the speed Ω = |θ̇| before the impact [m], for a column that
-    rocks to the side σ = +1 before it; (F12).
+    """Impulses of the mean column for σ = +1 before the impact, divided by m_c and by the speed |θ̇| before
+    the impact, (F12) [m].
 
     - `horizontal`, `axial`: J_T and J_N at the bottom and the top joint
-    - `sway`, `rise`: changes Δu̇ and Δv̇ of the velocity of the beam
+    - `sway`, `rise`: changes Δu̇_b and Δv̇_b of the velocity of the beam, divided by |θ̇|
     """
 
     horizontal: tuple[Number, Number]
@@ -33,25 +33,26 @@ def impulses(
     """Return the impulses in the joints of the mean column, (F12).
 
     - `two_R`: 2R [m]; `sin_alpha`, `cos_alpha`: of the slenderness
-    - `gamma`, `eta`: mass ratios that move with the beam, and that vibrate
-    - `inertances`: μ_b and μ_t of the inerters that press on the bottom and the top joint, over m_c
-    - `e`: velocity factor of the impact, not negative
+    - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
+    - `inertances`: μ_b and μ_t of the inerters that act on the bottom and the top joint [–]
+    - `e`: velocity factor of the impact, ≥ 0 [–]
     """
-    of_bottom, of_top = inertances
+    mu_bottom, mu_top = inertances
     sway, rise = two_R * cos_alpha * (1 - e), two_R * sin_alpha * (1 + e)
-    top = (gamma + eta + of_top) * rise
-    bottom = top + (0.5 + of_bottom - of_top) * rise
+    top = (gamma + eta + mu_top) * rise
+    bottom = top + (0.5 + mu_bottom - mu_top) * rise
     return Impulses(((gamma + 0.5) * sway, gamma * sway), (bottom, top), sway, rise)
 
 
 def impulse_eccentricity(
     sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number, e: Number
 ) -> Number:
-    """Return ξ_J of (F13): where the resultants of the impulses act, over half the width of a column.
+    """Return ξ_J: position of the resultants of the impulses, divided by half the width of a column, (F13).
 
     - `sin2`: sin²α
-    - `gamma`, `eta`, `lam`, `mu`: mass ratios, inertia factor λ, and μ of all inerters
-    - `e`: velocity factor of the impact, not negative
+    - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
+    - `lam`, `mu`: inertia factor λ of a column, and μ of all inerters [–]
+    - `e`: velocity factor of the impact, ≥ 0 [–]
     """
-    taken = (1 - e) * (lam + (1 + 4 * gamma) * (1 - sin2))
-    return taken / ((1 + e) * sin2 * (1 + 4 * gamma + 4 * eta + 4 * mu))
+    stopped = (1 - e) * (lam + (1 + 4 * gamma) * (1 - sin2))
+    return stopped / ((1 + e) * sin2 * (1 + 4 * gamma + 4 * eta + 4 * mu))

@@ -14,30 +14,30 @@ from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
 ROUNDING = 1e-9  # fraction of the total mass by which the sum of modal masses may exceed it
 
-# Numbers along the last axis of an array; a tuple in a superstructure that is split.
+# Values for modes, stories or columns along the last axis of an array; a tuple in split structures.
 Row = Array
 
 
 def row(owner: str, name: str, values, what: str) -> Array:
-    """Return numbers along a last axis as an array of floats.
+    """Return a row as an array of floats.
 
     - `owner`, `name`: class and argument, for error messages
-    - `values`: the numbers
-    - `what`: noun for one of them, such as "mode"
+    - `values`: one value for each mode, story or column along the last axis
+    - `what`: noun for such an element, for error messages
 
-    Raises `ValueError` for a single number and for an empty axis.
+    Raises `ValueError` for a scalar and for an empty axis.
     """
-    found = as_float(values, f"{owner}: {name}")
-    if found.ndim == 0 or found.shape[-1] == 0:
+    array = as_float(values, f"{owner}: {name}")
+    if array.ndim == 0 or array.shape[-1] == 0:
         raise ValueError(
             f"{owner}: {name} must be an array with a number for each {what} along its last axis, got "
-            f"{'one number' if found.ndim == 0 else 'none'}"
+            f"{'one number' if array.ndim == 0 else 'none'}"
         )
-    return found
+    return array
 
 
 def parts(values: Row | tuple[Number, ...]) -> tuple[Number, ...]:
-    """Return the members of a row, each a number for every podium of a batch."""
+    """Return the elements of a row. Each is a scalar, or an array over a batch of podiums."""
     if isinstance(values, tuple):
         return values
     values = joined(values)
@@ -45,7 +45,7 @@ def parts(values: Row | tuple[Number, ...]) -> tuple[Number, ...]:
 
 
 def joined(values: Row | tuple[Number, ...]) -> Array:
-    """Return a row as an array with its members along the last axis. Concrete values use NumPy: outside jit,
+    """Return a row as an array with its elements along the last axis. Concrete values use NumPy: outside jit,
     every jnp call compiles separately."""
     if isinstance(values, tuple):
         xp = array_module(values)
@@ -55,17 +55,17 @@ def joined(values: Row | tuple[Number, ...]) -> Array:
 
 
 def as_many(values: Any, count: int) -> Any:
-    """Return a row of `count` members from one number for all, or the given row."""
+    """Return a row unchanged, or a scalar repeated `count` times."""
     return (values,) * count if not isinstance(values, tuple) and jnp.ndim(values) == 0 else values
 
 
 def members(values: Any) -> Any:
-    """Return the members of a row, or the single number that stands for all of them."""
+    """Return the elements of a row, or a scalar unchanged."""
     return values if not isinstance(values, tuple) and jnp.ndim(values) == 0 else parts(values)
 
 
 def is_plain_zero(value) -> bool:
-    """Return whether a value is known to be zero before tracing."""
+    """Return whether a value is concrete and zero."""
     number = concrete(value)
     return number is not None and not np.any(number)
 
@@ -73,10 +73,10 @@ def is_plain_zero(value) -> bool:
 class Modes(AbstractSuperstructure):
     """A superstructure of n modes: oscillators in parallel on the beam, (C9).
 
-    - `eta`: mass ratios η_i of the modes, ≥ 0 [–], along the last axis. A mode of 0 is driven but does not
-      act back
+    - `eta`: mass ratios η_i of the modes, ≥ 0 [–], along the last axis. A mode with η_i = 0 responds to the
+      beam but does not act on it
     - `T`: fixed-base periods T_i, > 0 [s]; they may be equal
-    - `zeta`: damping ratios ζ_i, ≥ 0 [–]; one number for all modes, or one for each
+    - `zeta`: damping ratios ζ_i, ≥ 0 [–]; one value for all modes, or one for each
     - `residual`: mass ratio η_r of the remaining mass, which moves with the beam, ≥ 0 [–]; `peak_shear` omits
       its impulses at impacts
 
@@ -90,7 +90,7 @@ class Modes(AbstractSuperstructure):
     eta: Row
     T: Row
     zeta: Row
-    residual: Number  # None for none, in modes that are split
+    residual: Number  # None in split modes without a residual
 
     def __init__(self, eta: Any, T: Any, zeta: Any = 0.05, residual: Any = 0.0):
         self.eta = row("Modes", "eta", eta, "mode")
@@ -111,8 +111,8 @@ class Modes(AbstractSuperstructure):
 
     @classmethod
     def of_total(cls, mass_ratio, eta, T, zeta=0.05) -> Self:
-        """Return modes of a superstructure of known total mass ratio; the residual is the mass that is not in
-        the modes.
+        """Return modes of a superstructure with a given total mass ratio. The residual is the mass that is
+        not in the modes.
 
         - `mass_ratio`: mass ratio m_t/(N m_c) of the whole superstructure [–]
         - `eta`, `T`, `zeta`: as for [`rockjax.Modes`][]
@@ -125,15 +125,15 @@ class Modes(AbstractSuperstructure):
         )
         remainder = total - jnp.sum(eta, axis=-1)
         accepted = "such that the modal masses are at most the total mass ratio"
-        host_remainder, size = concrete(remainder), concrete(total)
+        host_remainder, host_total = concrete(remainder), concrete(total)
         if (
             host_remainder is not None
-            and size is not None
-            and np.any(host_remainder < -ROUNDING * np.abs(size))
+            and host_total is not None
+            and np.any(host_remainder < -ROUNDING * np.abs(host_total))
         ):
             raise ValueError(
-                f"Modes.of_total: mass_ratio must be {accepted}, got {float(np.min(size)):g} and modes of "
-                f"{float(np.max(np.sum(np.asarray(eta), axis=-1))):g} in all"
+                f"Modes.of_total: mass_ratio must be {accepted}, got {float(np.min(host_total)):g} and modes "
+                f"of {float(np.max(np.sum(np.asarray(eta), axis=-1))):g} in all"
             )
         return cls(eta, T, zeta, residual=jnp.maximum(remainder, 0.0))
 
@@ -169,7 +169,7 @@ class Modes(AbstractSuperstructure):
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
         of_modes, carried = super().first_moments(heights, residual_height)
-        # One mode without other mass is resolved to `Elastic`, without an axis of modes.
+        # A single mode without a residual is resolved to `Elastic`, which has no axis of modes.
         if of_modes is not None and carried is None and self.count == 1:
             return of_modes[..., 0], None
         return of_modes, carried
@@ -183,13 +183,13 @@ class Modes(AbstractSuperstructure):
         if self.count == 1 and self.carried is None:
             zeta = parts(as_many(self.zeta, 1))
             return Elastic(*(y[0] for y in (parts(self.eta), parts(self.T), zeta)))
-        found = self.oscillators
-        return Oscillators(found.eta, found.T_s, found.zeta, self.carried)
+        modes = self.oscillators
+        return Oscillators(modes.eta, modes.T_s, modes.zeta, self.carried)
 
 
 def with_fields(superstructure, values):
     """Return a copy with other fields, which are neither converted nor checked."""
-    same = object.__new__(type(superstructure))
+    copy = object.__new__(type(superstructure))
     for name, value in (vars(superstructure) | values).items():
-        object.__setattr__(same, name, value)
-    return same
+        object.__setattr__(copy, name, value)
+    return copy

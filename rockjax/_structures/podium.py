@@ -1,8 +1,8 @@
 """The podium: a frame of rocking columns, its superstructure and its restrainers.
 
-All classes of structures are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, and every
-number may be traced, batched or differentiated. Numbers are SI (m, kg, s, rad) and checked when they are
-concrete.
+All classes of structures are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, and
+parameters may be traced, batched or differentiated. Parameters are in SI units (m, kg, s, rad); concrete
+values are checked.
 """
 
 from __future__ import annotations
@@ -71,13 +71,13 @@ class Podium(Module):
     - `restitution`: `"paper"`, Eq. (27); `"compatible"`, angular momentum with Eq. (26); or a velocity factor
       in [0, 1]
     - `g`: acceleration of gravity, > 0 [m/s²]
-    - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][] of every column,
-      side by side
-    - `elevation`: where the columns stand and how high the masses lie, an [`rockjax.Elevation`][], for forces
-      in the joints of each column; None for those of the mean column only
+    - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][], which act in
+      parallel on every column
+    - `elevation`: an [`rockjax.Elevation`][] with positions of columns and heights of masses, for forces in
+      the joints of each column; None for forces of the mean column only
 
-    Numbers may be arrays: a podium with arrays is a batch of podiums, for `jax.vmap` and
-    `rockjax.peak_responses`. Raises `ValueError` for concrete numbers outside these ranges.
+    Parameters may be arrays: a podium with arrays is a batch of podiums, for `jax.vmap` and
+    `rockjax.peak_responses`. Raises `ValueError` for concrete values outside these ranges.
     """
 
     alpha: Number = eqx.field(converter=as_number("Podium: alpha"))
@@ -159,18 +159,17 @@ class Podium(Module):
         - `width`, `height`: full column width 2B and height 2H, > 0 [m]
         - `column_mass`: mass of one column m_c, > 0 [kg]
         - `beam_mass`, `top_mass`: masses of the beam m_b and of the superstructure m_t, ≥ 0 [kg]
-        - `columns`: number of columns N; by default that of the positions, or 2
-        - `period`, `damping`: T_s [s] and ζ of the superstructure; with a top mass, `period=None` makes it
-          rigid
+        - `columns`: number of columns N; by default the number of positions, or 2
+        - `period`, `damping`: T_s [s] and ζ of the superstructure; it is rigid if `period` is None
         - `lam`, `restitution`, `g`: as for [`rockjax.Podium`][]
         - `tendon_force`, `tendon_stiffness`: initial force P₀ [N] and axial stiffness K [N/m] of the tendon
           of a column
         - `damper_coefficient`, `damper_exponent`: C [N(s/m)^ν] and ν of the damper of a column
         - `inertance`: b of the inerter of a column [kg]
-        - `stories`: number of stories of a building with equal stories, `top_mass` in all and the longest
+        - `stories`: number of stories of a building with equal stories, total mass `top_mass` and longest
           period `period`
         - `story_masses`, `story_stiffnesses`: masses [kg] and stiffnesses [N/m] of the stories of any
-          building, from the bottom, instead of `top_mass` and `period`
+          building, from the bottom; they exclude `stories`, `top_mass` and `period`
         - `story_heights`, `modes`: heights [m] and number of modes of a building, as in
           [`rockjax.ShearBuilding`][]
         - `positions`: positions of the columns along the motion [m], for forces in their joints; with
@@ -178,17 +177,17 @@ class Podium(Module):
         - `end_radius`: radius r_c of arcs that continue both flat faces of width 2B of a column, 0 ≤ r_c < H
           [m]; excludes tendons, dampers and inerters
 
-        With round ends the result is the podium with flat ends of the same α that rocks almost alike, (R5):
-        its `R`, `width` and `height` are H/(H − r_c) times those of the columns, its rotations (H − r_c)/H
-        times theirs. At tan α = 0.15, peaks of u_b up to half that of overturning are up to 0.65 % too small
-        for r_c = H/2 and 3.4 % for 0.8 H, overturning amplitudes 1.3 and 15 % too large. The page on forces
-        in the joints, section "Round column ends", says how to read results.
+        With round ends the result is an approximately equivalent podium with flat ends and the same α, (R5).
+        Its `R`, `width` and `height` are multiplied by H/(H − r_c), its rotations by (H − r_c)/H. For
+        tan α = 0.15 and r_c = H/2 (0.8 H), peaks of u_b up to half of u_b at overturning are up to 0.65 %
+        (3.4 %) too small, and overturning amplitudes 1.3 % (15 %) too large. The page on forces in the
+        joints, section "Round column ends", explains the results.
 
-        Tendons, dampers and inerters act between the ground and the beam; a plain 0 leaves the device out.
+        Tendons, dampers and inerters act between the ground and the beam. A device with only plain zeros is
+        omitted.
 
-        Warns ([`rockjax.PlausibilityWarning`][]) of sizes and masses that suggest mm or tonnes: a square
-        column of this width lighter than 300 kg/m³ or heavier than 8000 kg/m³. Raises `ValueError` for
-        invalid or inconsistent numbers.
+        Warns ([`rockjax.PlausibilityWarning`][]) if R exceeds 100 m, or if a square column of this width has
+        less than 300 kg/m³ or more than 8000 kg/m³. Raises `ValueError` for invalid or inconsistent values.
         """
         owner = "Podium.from_dimensions"
         heights = {"beam_depth": beam_depth, "top_height": top_height, "residual_height": residual_height}
@@ -202,12 +201,13 @@ class Podium(Module):
         columns_mass = columns * column_mass
         eta = as_numpy_unless_traced(top_mass) / columns_mass
         building = stories, story_masses, story_stiffnesses
-        has_stories = any(part is not None for part in building)
+        has_stories = any(argument is not None for argument in building)
         if not has_stories:
             _without_building(owner, modes=modes, story_heights=story_heights)
         if has_stories:
-            numbers = eta, period, damping, modes, story_heights
-            superstructure = _building(owner, columns_mass, *building, *numbers)
+            superstructure = _building(
+                owner, columns_mass, *building, eta, period, damping, modes, story_heights
+            )
         elif period is not None:
             superstructure = Elastic(eta=eta, T_s=period, zeta=damping)
         elif isinstance(top_mass, int | float) and top_mass == 0:
@@ -215,8 +215,8 @@ class Podium(Module):
         else:
             superstructure = Rigid(eta=eta)
         alpha, R = slenderness_and_size(width, height)
-        numbers = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
-        devices = restrainers_of(owner, column_mass, R, as_numpy_unless_traced(g), *numbers)
+        strengths = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
+        devices = restrainers_of(owner, column_mass, R, as_numpy_unless_traced(g), *strengths)
         end_radius = as_numpy_unless_traced(end_radius, f"{owner}: end_radius")
         if not is_plain_zero(end_radius):
             R, elevation = _with_round_ends(owner, end_radius, height, R, devices, elevation)
@@ -254,18 +254,18 @@ class Podium(Module):
 
     @property
     def vibrates(self) -> bool:
-        """True if the superstructure is elastic, known before tracing."""
+        """True if the superstructure vibrates (static)."""
         return self.superstructure is not None and self.superstructure.elastic
 
     @property
     def mass_ratios(self) -> tuple[Number, Number]:
-        """Mass ratios that move with the beam, and that vibrate [–]."""
+        """Ratios of the mass that moves with the beam, and of the vibrating mass [–]."""
         top = self.superstructure
-        found = None if top is None else top.oscillators
-        if top is None or found is None:
+        oscillators = None if top is None else top.oscillators
+        if top is None or oscillators is None:
             return (self.gamma if top is None else self.gamma + self.eta), jnp.zeros_like(self.eta)
         carried = top.carried
-        return (self.gamma if carried is None else self.gamma + carried), found.vibrating_mass
+        return (self.gamma if carried is None else self.gamma + carried), oscillators.vibrating_mass
 
     @property
     def apart(self) -> tuple[Number, Number]:
@@ -275,18 +275,17 @@ class Podium(Module):
 
     @property
     def uplift_ground_acceleration(self) -> Number:
-        """The ground acceleration that lifts the columns of a podium at rest, g tan α, Eq. (5) [m/s²].
+        """Ground acceleration that lifts the columns of a podium at rest, g tan α, Eq. (5) [m/s²]; with
+        tendons g tan α (1 + τ/w), w = γ+η+½.
 
-        Tendons press the columns down: g tan α (1 + τ/w), w = γ+η+½.
-
-        With a rigid superstructure or none, columns lift as soon as |ü_g| exceeds it. With an elastic one
-        they lift when it is exceeded slowly: the spring then carries the inertia of the top mass. For faster
-        motions the threshold depends on the motion. If the top mass swings, columns lift at less than g tan
-        α. If the ground acceleration jumps, the spring has not responded yet, and columns lift at once only
+        With a rigid superstructure or none, columns lift as soon as |ü_g| exceeds this value. With an elastic
+        superstructure this holds for slow motions, in which the spring transmits the inertia of the top mass.
+        Faster motions have other thresholds. If the top mass vibrates, columns lift at less than g tan α. If
+        the ground acceleration jumps, the spring has not responded yet, and columns lift immediately only
         above `uplift_demand`.
         """
         threshold = g_tan_alpha(self.alpha, self.g)
-        if any(each.stores for each in self.restrainers):
+        if any(restrainer.stores for restrainer in self.restrainers):
             threshold = threshold * (
                 1 + prestress(self.restrainers, self.gamma) / (self.gamma + self.eta + 0.5)
             )
@@ -294,12 +293,12 @@ class Podium(Module):
 
     @property
     def uplift_demand(self) -> Number:
-        """The demand |q| at which the columns uplift [m/s²], Eq. (9). It is not a ground acceleration, since
-        q includes the spring force.
+        """The demand |q| at which the columns lift [m/s²], Eq. (9).
 
-        q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ). The threshold is g tan α (1+2γ+2η)/(1+2γ) with an elastic
-        superstructure, g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10), where
-        γ includes a rigid superstructure. For the ground acceleration see `uplift_ground_acceleration`.
+        q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ) includes the spring force; for the ground acceleration see
+        `uplift_ground_acceleration`. The threshold is g tan α (1+2γ+2η)/(1+2γ) with an elastic
+        superstructure, and g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10),
+        where γ includes a rigid superstructure.
         """
         threshold = self.uplift_ground_acceleration
         if self.vibrates:
@@ -315,10 +314,10 @@ class Podium(Module):
 
     @property
     def restitution_factor(self) -> Number:
-        """Velocity factor of an impact e = θ̇⁺/θ̇⁻ in magnitude [–]; if it is ≤ 0, rocking ends at the
-        impact.
+        """Velocity factor e = |θ̇⁺/θ̇⁻| of an impact [–], by the law `restitution`; rocking ends at an impact
+        if the law gives e ≤ 0.
 
-        The laws are those of [`rockjax.Podium`][]; a rigid superstructure is part of the beam in all of them.
+        A rigid superstructure is part of the beam in every law.
         """
         gamma, eta = self.mass_ratios
         return self.restitution.factor(
@@ -327,16 +326,16 @@ class Podium(Module):
 
     @property
     def inertances(self) -> tuple[Number, Number]:
-        """μ_b and μ_t of the inerters that press on the bottom and the top joint, over m_c [–]. A device over
-        one joint sits in the bottom joint, with twice the force of its equivalent over both, (F2)."""
+        """μ_b and μ_t of the inerters that act on the bottom and the top joint [–]. A device over one joint
+        is in the bottom joint and has twice the force of its equivalent over both joints, (F2)."""
         over_both, over_one = map(apparent_mass, devices_by_joints(self.restrainers))
         top = jnp.zeros_like(self.gamma) + (0.0 if over_both is None else over_both)
         return (top if over_one is None else top + 2 * over_one), top
 
     @property
     def dead_load(self) -> Number:
-        """Axial force N of the mean column at rest, at the bottom and the top joint along a last axis [m_c
-        g], (F3)."""
+        """Axial force N/(m_c g) of the mean column at rest, at the bottom and the top joint along the last
+        axis [–], (F3)."""
         over_both, over_one = devices_by_joints(self.restrainers)
         carried = self.gamma + self.eta
         top = carried + prestress(over_both, carried)
@@ -344,11 +343,11 @@ class Podium(Module):
 
     @property
     def impact_eccentricity(self) -> Number:
-        """ξ_J of (F13): where the impulses of an impact act, over half the width of a column [–].
+        """ξ_J, the position of the impulses of an impact divided by half the width of a column [–], (F13).
 
-        1 if all of them act at the new edges, as angular momentum about these requires (`"compatible"`, and
-        every rigid superstructure with `"paper"`). Less if the old edges are pressed as well. Above 1 they
-        would have to pull: no impact between rigid faces leaves so little speed.
+        It is 1 if all impulses act at the new edges, as with `"compatible"`, and with `"paper"` without an
+        elastic superstructure. It is less if impulses also act at the old edges. Above 1 these would be
+        tensile: no impact between rigid faces leaves so little speed.
         """
         gamma, eta = self.mass_ratios
         sin2, (bottom, top) = jnp.sin(self.alpha) ** 2, self.inertances
@@ -356,46 +355,42 @@ class Podium(Module):
 
     @property
     def impact_friction(self) -> Number:
-        """Friction demand |J_T|/J_N of an impact at the bottom and the top joint of the mean column, along a
-        last axis [–], (F12). 0 at the top if nothing lies there."""
+        """Friction demand |J_T|/J_N of an impact at the bottom and the top joint of the mean column, along
+        the last axis [–], (F12). It is 0 at the top joint of a solitary block."""
         gamma, eta = self.mass_ratios
         sizes = 2 * self.R, jnp.sin(self.alpha), jnp.cos(self.alpha)
-        found = impulses(*sizes, gamma, eta, self.inertances, self._e)
+        of_mean = impulses(*sizes, gamma, eta, self.inertances, self._e)
         ratios = (
-            jnp.where(axial > 0, across / jnp.where(axial > 0, axial, 1.0), 0.0)
-            for across, axial in zip(found.horizontal, found.axial, strict=True)
+            jnp.where(axial > 0, horizontal / jnp.where(axial > 0, axial, 1.0), 0.0)
+            for horizontal, axial in zip(of_mean.horizontal, of_mean.axial, strict=True)
         )
         return jnp.stack(jnp.broadcast_arrays(*ratios), axis=-1)
 
     @property
     def core_distance(self) -> Number:
-        """Core distance ℓ_p of the group of columns [m]: a resultant within ±ℓ_p of their mean presses on
-        every column. Raises `ValueError` without an elevation."""
+        """Core distance ℓ_p of the columns [m]: a resultant within ±ℓ_p of their mean position compresses all
+        of them. Raises `ValueError` without an elevation."""
         if not isinstance(self.elevation, Elevation):
             raise ValueError("Podium.core_distance needs an elevation: Podium(..., elevation=Elevation(...))")
         return self.elevation.core_distance
 
     @property
     def _e(self) -> Number:
-        """Velocity factor of an impact, 0 where rocking ends at it."""
+        """Velocity factor of an impact, 0 if rocking ends at it [–]."""
         return jnp.maximum(self.restitution_factor, 0.0)
 
     @property
     def stability_angle(self) -> Number:
         """θ_s: the smallest rotation in (0, π/2] from which a column at rest does not return [rad], (C7).
 
-        It is α under gravity alone, larger with tendons, and inf if tendons restore the column at every
-        rotation.
+        It is α without tendons, larger with tendons, and inf if tendons restore the column at every rotation.
         """
         return stability_angle(self.alpha, self.gamma + self.eta + 0.5, self.restrainers)
 
     @property
     def critical_stiffness(self) -> Number:
-        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: the tendon stiffness from which on the rocking stiffness is
-        positive [–], (C6).
-
-        The stiffness of small rotations is negative below it and positive above. It depends neither on the
-        podium's own tendons nor on their prestress.
+        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: the tendon stiffness above which small rotations have a
+        positive stiffness [–], (C6). It does not depend on the tendons of the podium or their prestress.
         """
         return (self.gamma + self.eta + 0.5) * jnp.cos(self.alpha) / (2 * jnp.sin(self.alpha) ** 2)
 
@@ -417,10 +412,11 @@ class Podium(Module):
 
     @property
     def uplifted_frequencies(self) -> Number:
-        """All n+1 circular frequencies on lifted columns, ascending along a last axis [rad/s], (C15): of
+        """All n+1 circular frequencies on lifted columns, ascending along the last axis [rad/s], (C15): of
         rocking against the stiffness of tendons (0 without tendons), and of the n modes.
 
-        They are linear, without gravity and prestress. Raises `ValueError` without an elastic superstructure.
+        The equations are linearised without gravity and prestress. Raises `ValueError` without an elastic
+        superstructure.
         """
         modes = self._require_oscillators("uplifted_frequencies")
         squares = uplifted_squares(modes, *self._uplifted_constants())
@@ -438,8 +434,8 @@ class Podium(Module):
         return inertia, stiffness_term, jnp.cos(self.alpha)
 
     def fastest_frequency(self) -> Number:
-        """Return `uplifted_frequency` of one podium, for step lengths; with several modes it has no
-        derivatives."""
+        """Return `uplifted_frequency`, for step lengths; with several modes it is constant under
+        differentiation."""
         top = self._require_oscillators("uplifted_frequency")
         if isinstance(top, Elastic):
             return self.uplifted_frequency
@@ -448,13 +444,13 @@ class Podium(Module):
 
     def _require_oscillators(self, name: str) -> Elastic | Oscillators:
         top = self.superstructure
-        found = None if top is None else top.oscillators
-        if found is None:
+        oscillators = None if top is None else top.oscillators
+        if oscillators is None:
             raise ValueError(f"Podium.{name} needs an elastic superstructure, such as Elastic(...)")
-        return found
+        return oscillators
 
     def _restrained_frequency(self, mass_term: Number, top: Elastic) -> Number:
-        """Return the larger root of (C15), with heavy = 1+λ+4γ."""
+        """Return the larger root of (C15); `mass_term` is 1+λ+4γ."""
         sin2, omega2 = jnp.sin(self.alpha) ** 2, top.omega_s**2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
         inertia = 0.75 * mass_term + 3 * (self.eta + (0.0 if mu is None else mu)) * sin2
@@ -463,11 +459,11 @@ class Podium(Module):
         return jnp.sqrt((middle + jnp.sqrt(middle**2 - inertia * stiffness_term * omega2)) / inertia)
 
     def equivalent_block(self) -> Podium:
-        """Return the solitary block (λ = 1/3) that rocks exactly as this frame under every excitation.
+        """Return the solitary block (λ = 1/3) that rocks exactly like this frame under every excitation.
 
-        Same α and e, and p̂² = p² (1+2γ)/(1+3γ) if λ = 1/3; in general p̂² = p² (2γ+1)/(3γ+¾(1+λ)).
-        Restrainers become those of the block: τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ), μ/(3γ+¾(1+λ)). Raises
-        `ValueError` for an elastic superstructure, which has no equivalent block.
+        It has the same α and e, and p̂² = p² (2γ+1)/(3γ+¾(1+λ)), where γ includes a rigid superstructure. Its
+        restrainers have τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ) and μ/(3γ+¾(1+λ)). Raises `ValueError` for an
+        elastic superstructure, which has no equivalent block.
         """
         if self.vibrates:
             raise ValueError(
@@ -477,7 +473,9 @@ class Podium(Module):
         gamma = self.gamma + self.eta
         weight, inertia = 2 * gamma + 1, 3 * gamma + 0.75 * (1 + self.lam)
         ratio = weight / inertia
-        devices = tuple(each.of_block(weight, inertia, jnp.sqrt(ratio)) for each in self.restrainers)
+        devices = tuple(
+            restrainer.of_block(weight, inertia, jnp.sqrt(ratio)) for restrainer in self.restrainers
+        )
         return Podium(
             alpha=self.alpha,
             R=self.R / ratio,
@@ -487,20 +485,19 @@ class Podium(Module):
         )
 
     def split(self) -> Podium:
-        """Return the podium with arrays over columns, modes or stories split into tuples, so that each leaf
-        has a number for every podium of a batch."""
+        """Return the podium with rows over columns, modes or stories split into tuples, so that each leaf has
+        one value per podium of a batch."""
         top, elevation = self.superstructure, self.elevation
         if isinstance(elevation, Elevation):
             elevation = elevation.split(top)
         return self._with_parts(None if top is None else top.split(), elevation)
 
     def without_idle_restrainers(self) -> Podium:
-        """Return the podium without restrainers of zero strength, which then costs no more than a podium
-        without any."""
-        working = tuple(each for each in self.restrainers if not each.idle)
-        if len(working) == len(self.restrainers):
+        """Return the podium without restrainers of zero strength, which would only cost time."""
+        active = tuple(restrainer for restrainer in self.restrainers if not restrainer.idle)
+        if len(active) == len(self.restrainers):
             return self
-        return eqx.tree_at(lambda podium: podium.restrainers, self, working)
+        return eqx.tree_at(lambda podium: podium.restrainers, self, active)
 
     def without_elevation(self) -> Podium:
         """Return the podium without its elevation, which does not affect the motion."""
@@ -520,7 +517,7 @@ class Podium(Module):
         return with_fields(self, {"superstructure": top, "elevation": elevation})
 
     def replace(self, **changes) -> Podium:
-        """Return a variant with some fields changed, as `dataclasses.replace`."""
+        """Return a variant with some fields changed, like `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
 
     def __repr__(self):
@@ -541,8 +538,14 @@ class Podium(Module):
 def _elevation(
     owner: str, columns: int | None, positions, heights: Mapping[str, Any]
 ) -> tuple[int, Elevation | None]:
-    """Return the number of columns and the elevation of `Podium.from_dimensions`. Raises `ValueError`, in the
-    name of `owner`, for heights without positions, and for another number of columns than positions."""
+    """Return the number of columns and the elevation of `Podium.from_dimensions`.
+
+    - `owner`: name for error messages
+    - `columns`, `positions`: number and positions of the columns, or None
+    - `heights`: fields of `Elevation` and their values [m]
+
+    Raises `ValueError` for heights without positions, and if `columns` is not the number of positions.
+    """
     if positions is None:
         for name, value in heights.items():
             if not is_plain_zero(as_float(value, f"{owner}: {name}")):
@@ -551,8 +554,8 @@ def _elevation(
                     f"{format_value(value)} alone"
                 )
         return (2 if columns is None else columns), None
-    given = {name: as_float(value, f"{owner}: {name}") for name, value in heights.items()}
-    elevation = Elevation(as_float(positions, f"{owner}: positions"), **given)
+    fields = {name: as_float(value, f"{owner}: {name}") for name, value in heights.items()}
+    elevation = Elevation(as_float(positions, f"{owner}: positions"), **fields)
     if columns is not None and columns != elevation.count:
         raise ValueError(
             f"{owner}: columns must be the number of positions, {elevation.count}, or be left out; got "
@@ -569,23 +572,24 @@ def _with_round_ends(
     devices: tuple[AbstractRestrainer, ...],
     elevation: Elevation | None,
 ) -> tuple[Number, Elevation | None]:
-    """Return the half diagonal and the elevation of the podium with flat ends that rocks as one with round
-    ends, (R5). All masses stay as high above the middle of the columns, as forces by (R4) require.
+    """Return R and the elevation of the podium with flat ends that rocks like one with round ends, (R5).
+
+    All masses keep their height above the middle of the columns, as forces by (R4) require.
 
     - `owner`: name for error messages
     - `radius`: radius of the round ends [m]
     - `height`, `R`: full height and half diagonal of a column between its flat faces [m]
     - `devices`, `elevation`: restrainers and elevation of the podium
 
-    Raises `ValueError` for a radius out of range, and for restrainers: they stretch more than on flat ends.
+    Raises `ValueError` for a radius out of range, and for restrainers, which round ends would stretch more.
     """
     ratio = enlargement(owner, radius, height)
     if devices:
-        kinds = ", ".join(type(each).__name__ for each in devices)
+        names = ", ".join(type(device).__name__ for device in devices)
         shown = float(radius) if isinstance(radius, np.ndarray) and not radius.ndim else format_value(radius)
         raise ValueError(
-            f"{owner}: end_radius excludes tendons, dampers and inerters, which round ends stretch more than "
-            f"the flat ends of the model do; got end_radius = {shown} and {kinds}"
+            f"{owner}: end_radius excludes tendons, dampers and inerters, because round ends stretch them "
+            f"more than the flat ends of the model; got end_radius = {shown} and {names}"
         )
     if elevation is not None:
         elevation = dataclasses.replace(elevation, _raised=0.5 * height * (ratio - 1))
@@ -593,21 +597,25 @@ def _with_round_ends(
 
 
 def _without_building(owner: str, **given: object) -> None:
-    """Raise `ValueError` for given arguments that only a building has."""
+    """Raise `ValueError` for arguments other than None that apply only to a building."""
     for name, value in given.items():
         if value is not None:
             raise ValueError(
-                f"{owner}: {name} is for buildings only; give stories, or story_masses and "
-                "story_stiffnesses, as "
-                f"well, got {name} = {format_value(value)} alone"
+                f"{owner}: {name} applies only to buildings; give stories, or story_masses and "
+                f"story_stiffnesses, as well; got {name} = {format_value(value)} alone"
             )
 
 
 def _building(
     owner: str, columns_mass, stories, masses, stiffnesses, eta, period, damping, modes, heights
 ) -> ShearBuilding:
-    """Return the building of `Podium.from_dimensions`. Raises `ValueError`, in the name of `owner`, for
-    missing or redundant arguments."""
+    """Return the building of `Podium.from_dimensions`.
+
+    - `owner`: name for error messages; `columns_mass`: N m_c [kg]; `eta`: m_t/(N m_c) [–]
+    - other arguments: of `from_dimensions`
+
+    Raises `ValueError` for missing or redundant arguments.
+    """
     if stories is not None:
         if masses is not None or stiffnesses is not None or period is None:
             raise ValueError(
@@ -618,7 +626,7 @@ def _building(
         raise ValueError(f"{owner}: story_masses and story_stiffnesses must be given together")
     if period is not None or np.any(concrete(eta)):
         raise ValueError(
-            f"{owner}: story_masses and story_stiffnesses exclude top_mass and period; give one pair"
+            f"{owner}: story_masses and story_stiffnesses exclude top_mass and period; give only one pair"
         )
     masses, stiffnesses = (
         as_float(y, f"{owner}: {name}") / columns_mass[..., None]

@@ -1,4 +1,4 @@
-"""Laws of restitution: the fraction of the rate of rotation that an impact leaves."""
+"""Laws of restitution: the velocity factor e of an impact, the ratio of |θ̇| after and before it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class PaperRestitution(Module):
         """Return the velocity factor e [–], Eq. (27), (C12).
 
         - `sin2`: sin²α
-        - `gamma`, `eta`: mass ratios that move with the beam, and that vibrate
-        - `lam`: inertia factor of a column λ
-        - `mu`: inertance over m_c, None without inerters
+        - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
+        - `lam`: inertia factor λ of a column [–]
+        - `mu`: inertance divided by m_c [–]; None without inerters
         """
         if mu is None:
             return 1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
@@ -34,10 +34,10 @@ class PaperRestitution(Module):
 
 
 class CompatibleRestitution(Module):
-    """Conservation of angular momentum about the new pivots with Eq. (26), the top mass keeping its
+    """Conservation of angular momentum about the new pivots with Eq. (26); the superstructure keeps its
     horizontal velocity:
 
-    e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), μ of inerters (C13).
+    e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), with μ of inerters (C13).
     """
 
     def factor(
@@ -46,9 +46,9 @@ class CompatibleRestitution(Module):
         """Return the velocity factor e [–], (C13).
 
         - `sin2`: sin²α
-        - `gamma`, `eta`: mass ratios that move with the beam, and that vibrate
-        - `lam`: inertia factor of a column λ
-        - `mu`: inertance over m_c, None without inerters
+        - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
+        - `lam`: inertia factor λ of a column [–]
+        - `mu`: inertance divided by m_c [–]; None without inerters
         """
         if mu is None:
             return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)
@@ -59,7 +59,7 @@ class CompatibleRestitution(Module):
 
 
 class GivenRestitution(Module):
-    """A given velocity factor e = θ̇⁺/θ̇⁻ in magnitude, 0 ≤ e ≤ 1 [–]."""
+    """A given velocity factor e = |θ̇⁺/θ̇⁻|, 0 ≤ e ≤ 1 [–]."""
 
     e: Number = eqx.field(converter=as_number("Podium: restitution"))
 

@@ -1,4 +1,4 @@
-"""Superstructures on the podium: the base class, and the two simplest kinds.
+"""Superstructures on the podium: the base class, `Rigid`, `Elastic`, and the form of the engine.
 
 To the engine a superstructure is a set of oscillators in parallel on the beam, and a mass that moves with the
 beam.
@@ -23,20 +23,19 @@ from rockjax._types import Array, Number
 
 
 class AbstractSuperstructure(Module):
-    """A superstructure. A new kind defines its oscillators and the mass that moves with the beam."""
+    """A superstructure. Subclasses define its oscillators and the mass that moves with the beam."""
 
-    rows: ClassVar[tuple[str, ...]] = ()  # fields with a number for each mode or story along the last axis
+    rows: ClassVar[tuple[str, ...]] = ()  # fields with one value for each mode or story along the last axis
 
     @property
     @abc.abstractmethod
     def oscillators(self) -> Elastic | Oscillators | None:
-        """The oscillators; None if nothing vibrates. Their number is known before tracing."""
+        """The oscillators; None if nothing vibrates. Their number is static."""
 
     @property
     @abc.abstractmethod
     def carried(self) -> Number | None:
-        """Mass ratio of the mass that moves with the beam [–]; None if there is none, known before
-        tracing."""
+        """Mass ratio of the part that moves with the beam [–]; None (static) without such a part."""
 
     @property
     @abc.abstractmethod
@@ -45,18 +44,18 @@ class AbstractSuperstructure(Module):
 
     @property
     def elastic(self) -> bool:
-        """True if the superstructure vibrates, known before tracing."""
+        """True if the superstructure vibrates (static)."""
         return True
 
     @property
     def count(self) -> int:
         """The number of oscillators."""
-        found = self.oscillators
-        return 0 if found is None else found.count
+        oscillators = self.oscillators
+        return 0 if oscillators is None else oscillators.count
 
     @property
     def has_mode_axis(self) -> bool:
-        """True if displacements and deformations have an axis of modes, known before tracing."""
+        """True if displacements and deformations have an axis of modes (static)."""
         return False
 
     @property
@@ -69,7 +68,7 @@ class AbstractSuperstructure(Module):
 
     @property
     def floors(self) -> Array | None:
-        """Γ_i φ_ji of the floors j and, along the last axis, the modes i, (C11); None without floors."""
+        """Γ_i φ_ji of the floors j and the modes i, (floors, modes) [–], (C11); None without floors."""
         return None
 
     @property
@@ -80,12 +79,12 @@ class AbstractSuperstructure(Module):
 
     @property
     def height_count(self) -> int | None:
-        """Number of heights that an elevation gives it: one for each mode or floor; None for a single one."""
+        """Number of heights in `Elevation.top_height`: that of modes or floors; None for a scalar."""
         return None
 
     @property
     def own_heights(self) -> Array | None:
-        """Heights above the beam that it has itself [m]; None if an elevation gives them."""
+        """Heights of the floors above the beam [m]; None if `Elevation.top_height` gives the heights."""
         return None
 
     def check_heights(self, owner: str, heights: Number) -> None:
@@ -96,17 +95,17 @@ class AbstractSuperstructure(Module):
         """Return η_i h_i of the oscillators, None if nothing vibrates, and η_r h_r of the mass that moves
         with the beam, None if there is none, (F7) [m].
 
-        - `heights`: heights above the tops of the columns, as many as `height_count` says [m]
-        - `residual_height`: that of mass in no mode [m]
+        - `heights`: heights above the tops of the columns [m], a scalar or `height_count` along the last axis
+        - `residual_height`: height of the mass that is in no mode above the tops of the columns [m]
         """
-        found, carried = self.oscillators, self.carried
-        if found is None:
+        oscillators, carried = self.oscillators, self.carried
+        if oscillators is None:
             return None, None if carried is None else carried * heights
-        return found.eta * heights, None if carried is None else carried * residual_height
+        return oscillators.eta * heights, None if carried is None else carried * residual_height
 
     def split(self) -> Self:
-        """Return the superstructure with arrays over modes or stories split into tuples, so that each leaf
-        has a number for every podium of a batch."""
+        """Return the superstructure with rows over modes or stories split into tuples, so that each leaf has
+        one value per podium of a batch."""
         return self
 
     def resolved(self) -> AbstractSuperstructure:
@@ -123,7 +122,7 @@ class AbstractSuperstructure(Module):
 class Elastic(AbstractSuperstructure):
     """An elastic single-degree-of-freedom superstructure, Eqs. (4), (22).
 
-    - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–]. With η = 0 it is driven but does not act back.
+    - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–]. With η = 0 it responds to the beam but does not act on it.
     - `T_s`: fixed-base period, > 0 [s]. The paper's "T_s = 0" is [`rockjax.Rigid`][], not a small period.
     - `zeta`: fixed-base damping ratio ζ ≥ 0 [–].
     """
@@ -212,12 +211,12 @@ class Rigid(AbstractSuperstructure):
 
 
 class Oscillators(AbstractSuperstructure):
-    """Several oscillators in the form of the engine: rows over the modes along a last axis; see
+    """Oscillators in the form of the engine: arrays with the modes along the last axis; see
     [`rockjax.Modes`][]."""
 
     eta: Array
     T_s: Array
-    zeta: Array  # one number for all of them, or a row
+    zeta: Array  # one value for all modes, or one for each
     residual: Number | None = None
     shapes: Array | None = None
 
@@ -257,8 +256,8 @@ class Oscillators(AbstractSuperstructure):
 
 
 def eigh(matrix: Array) -> tuple[Array, Array]:
-    """Return eigenvalues, ascending along the last axis, and eigenvectors in columns; concrete matrices use
-    NumPy."""
+    """Return eigenvalues, ascending along the last axis, and eigenvectors in columns of symmetric matrices.
+    Concrete matrices use NumPy."""
     constant = concrete(matrix)
     return jnp.linalg.eigh(matrix) if constant is None else np.linalg.eigh(constant)  # pyright: ignore[reportReturnType]
 
@@ -273,9 +272,9 @@ def uplifted_squares(
     - `inertia`, `stiffness`: Λ [–] and k [1/s²] of (C15)
     - `cos_alpha`: cos α
 
-    They solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of a symmetric
-    matrix for the rotation and the oscillators, scaled by the roots of their masses: a diagonal matrix
-    bordered by one row.
+    They solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of the symmetric
+    matrix of rotation and oscillators, scaled by the square roots of their masses: a diagonal matrix bordered
+    by one row and column.
     """
     squares, masses = oscillators.omega_s**2, 3 * oscillators.eta
     if isinstance(oscillators, Elastic):
@@ -303,25 +302,25 @@ def _squares_of(squares: Array, masses: Array, inertia: Array, stiffness: Array,
 @_squares_of.defjvp
 def _squares_of_jvp(primals, tangents):
     """Differentiate the eigenvalues as Rayleigh quotients, which are stationary with respect to the mode
-    shapes. This needs neither derivatives of mode shapes, which do not exist for equal periods, nor those
-    of roots of masses, which do not exist at zero."""
+    shapes. This needs neither derivatives of mode shapes, which do not exist for equal periods, nor
+    derivatives of square roots of masses, which do not exist at zero."""
     squares, masses, inertia, _, cos_alpha = primals
     values, vectors = eigh(_bordered(*primals))
-    turn, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]
+    rotation, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]
     has_mass = masses[..., :, None] > 0
     detuning = squares[..., :, None] - values[..., None, :]
-    # A massless oscillator follows the beam, or vibrates alone.
-    follows = (
-        (cos_alpha * turn)[..., None, :] * squares[..., :, None] / jnp.where(detuning == 0, 1.0, detuning)
+    # A massless oscillator is driven by the beam, or vibrates alone at its own frequency.
+    driven = (
+        (cos_alpha * rotation)[..., None, :] * squares[..., :, None] / jnp.where(detuning == 0, 1.0, detuning)
     )
     motions = shapes / jnp.sqrt(jnp.where(has_mass, masses[..., :, None], 1.0))
-    motions = jnp.where(has_mass, motions, jnp.where(detuning == 0, 0.0, follows))
+    motions = jnp.where(has_mass, motions, jnp.where(detuning == 0, 0.0, driven))
     own_motion = jnp.where(has_mass, 0.0, shapes**2)
 
     def quotient(squares, masses, inertia, stiffness, cos_alpha):
         squares, masses = squares[..., :, None], masses[..., :, None]
-        stretch = masses * (motions - (cos_alpha * turn)[..., None, :]) ** 2 + own_motion
-        potential_energy = stiffness * turn**2 + jnp.sum(squares * stretch, axis=-2)
-        return potential_energy / (inertia * turn**2 + jnp.sum(masses * motions**2 + own_motion, axis=-2))
+        stretch = masses * (motions - (cos_alpha * rotation)[..., None, :]) ** 2 + own_motion
+        potential_energy = stiffness * rotation**2 + jnp.sum(squares * stretch, axis=-2)
+        return potential_energy / (inertia * rotation**2 + jnp.sum(masses * motions**2 + own_motion, axis=-2))
 
     return jnp.asarray(values), jax.jvp(quotient, primals, tangents)[1]

@@ -1117,7 +1117,7 @@ def test_bad_elevations(arguments, message):
         (S_R, [0.0, 0.44, 6.0], 9.0, r"columns.*0\.44 m"),  # 2B = 0.448 m
         (FRAME.replace(superstructure=TWO_MODES), [0.0, 6.0], [9.0], "top_height.*2"),
         (FRAME.replace(superstructure=TWO_MODES), [0.0, 6.0], [9.0, 1.0, 2.0], "top_height.*2"),
-        (FRAME.replace(superstructure=BUILDING), [0.0, 6.0], [3.0, 6.0, 9.0], "heights of its own"),
+        (FRAME.replace(superstructure=BUILDING), [0.0, 6.0], [3.0, 6.0, 9.0], "its own heights"),
         (
             FRAME.replace(superstructure=rj.ShearBuilding([1.0, 1.0], [9.0, 9.0])),
             [0.0, 6.0], [3.0, 6.0, 9.0], "top_height.*2",
