@@ -1,10 +1,10 @@
-"""Plots. Functions that take an `Axes` (or make one) return it, the others a `Figure`; nothing is shown or
-saved here.
+"""Plots. Functions with an argument `ax` return an `Axes`, most others a `Figure`.
 
-Figures made here have the style `STYLE`; settings and axes of the user are unchanged.
+New figures have the style `STYLE`; the user's settings and axes are unchanged. Only `save_animation` writes a
+file.
 """
 
 import lazy_loader as _lazy_loader
 
-# __init__.pyi is the single list of public names; they are imported on first access.
+# __init__.pyi lists the public names, which are imported on first access.
 __getattr__, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Animation of the moving podium, to scale."""
+"""Animation of the rocking podium."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class _Animation(FuncAnimation):
-    """An animation that Jupyter displays with buttons to play and stop."""
+    """An animation that Jupyter displays with playback controls."""
 
     def __init__(self, figure: Figure, *arguments: Any, **options: Any):
         self.figure = figure
@@ -48,21 +48,21 @@ def animation(
     end: float | None = None,
     moving_ground: bool = False,
 ) -> _Animation:
-    """Animate the rocking podium over its rotation history; in real time by default. Jupyter displays the
-    result.
+    """Animate the rocking podium above its rotation history, by default in real time and to scale.
 
     - `response`: a [`rockjax.Response`][] or its dataset
-    - `columns`: number of columns to draw, ≥ 1; the response is the same for any number
+    - `columns`: number of columns to draw, ≥ 1; it does not affect the response
     - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–]; the picture states it
     - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the
       animation, > 0
-    - `start`, `end`: part of the scene to show [s]; all of it by default
-    - `moving_ground`: draw the displacement of the ground, ü_g integrated twice from rest at the start of the
-      history
+    - `start`, `end`: part of the scene to show [s]; by default all
+    - `moving_ground`: whether to draw the displacement of the ground: ü_g integrated twice, from rest at the
+      start of the history
 
-    Columns of width 2B and height 2H tilt about their edges, the beam moves by u_b and v_b, Eq. (13), the
-    elastic superstructure sways by u_t − u_b. Beam and superstructure have no dimensions in the model; those
-    drawn are arbitrary. Raises `ValueError` for numbers out of range.
+    Columns of width 2B and height 2H rotate about their edges, the beam moves by u_b and v_b, Eq. (13), and
+    an elastic superstructure by u_t − u_b relative to it. The drawn sizes of beam and superstructure are
+    arbitrary, except for heights of stories. Returns an animation that Jupyter displays. Raises `ValueError`
+    for arguments out of range.
     """
     owner = "plots.animation"
     if not isinstance(columns, int) or columns < 1:
@@ -71,13 +71,13 @@ def animation(
         require(owner, name, value, lambda v: v > 0, "finite and > 0")
     data = as_history(response)
     t = data["time"].values
-    first, last = (t[0] if start is None else start), (t[-1] if end is None else end)
-    if not t[0] <= first < last <= t[-1]:
+    begin, stop = (t[0] if start is None else start), (t[-1] if end is None else end)
+    if not t[0] <= begin < stop <= t[-1]:
         raise ValueError(
             f"{owner}: start < end must be within the history, "
-            f"{t[0]:g} … {t[-1]:g} s, got {first:g}, {last:g}"
+            f"{t[0]:g} … {t[-1]:g} s, got {begin:g}, {stop:g}"
         )
-    times = np.arange(first, last + 1e-9, speed / fps)
+    times = np.arange(begin, stop + 1e-9, speed / fps)
     with in_style():
         stage = _Stage(data, times, columns, exaggerate, speed, moving_ground)
         return _Animation(stage.figure, stage.show, frames=times.size, interval=1000 / fps, blit=False)
@@ -86,44 +86,43 @@ def animation(
 def save_animation(
     path: str | Path, response: Response | xarray.Dataset, *, dpi: float = 100, **options
 ) -> Path:
-    """Write the animation of [`rockjax.plots.animation`][], atomically: `.gif`, or `.mp4` if ffmpeg is
-    available.
+    """Write the animation of [`rockjax.plots.animation`][] to a file, atomically. Returns the path.
 
-    - `path`: file to write; `response`: a [`rockjax.Response`][] or its dataset; `dpi`: resolution
+    - `path`: file to write, `.gif` or `.mp4`; `.mp4` needs ffmpeg, of the system or of the package
+      `imageio-ffmpeg`
+    - `response`: a [`rockjax.Response`][] or its dataset; `dpi`: resolution
     - `options`: as for [`rockjax.plots.animation`][]
 
-    ffmpeg is the program of the system, or that of the package `imageio-ffmpeg`. Returns the path. Raises
-    `ValueError` for other suffixes and `RuntimeError` if ffmpeg is needed and missing.
+    Raises `ValueError` for other suffixes and `RuntimeError` if ffmpeg is needed and missing.
     """
     path, fps = Path(path), options.get("fps", 25.0)
     if path.suffix not in (".gif", ".mp4"):
         raise ValueError(f"plots.save_animation: the name must end in .gif or .mp4, got {path.name!r}")
     program = _ffmpeg() if path.suffix == ".mp4" else ""
-    animated = animation(response, **options)
+    film = animation(response, **options)
     try:
         with plt.rc_context({"animation.ffmpeg_path": program} if program else {}):
             writer = FFMpegWriter(fps=fps) if program else PillowWriter(fps=fps)
-            return write_atomically(path, lambda name: animated.save(name, writer=writer, dpi=dpi))
+            return write_atomically(path, lambda name: film.save(name, writer=writer, dpi=dpi))
     finally:
-        plt.close(animated.figure)
+        plt.close(film.figure)
 
 
 def _ffmpeg() -> str:
-    """Return the path of ffmpeg: the program of the system, else that of imageio-ffmpeg."""
+    """Return the path of ffmpeg: of the system if there is one, otherwise of `imageio-ffmpeg`."""
     if FFMpegWriter.isAvailable():
         return FFMpegWriter.bin_path()
     try:
         return importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
     except (ImportError, RuntimeError):
         raise RuntimeError(
-            "plots.save_animation: .mp4 needs ffmpeg, which was not found; `pip install imageio-ffmpeg` "
-            "brings one, "
+            "plots.save_animation: .mp4 needs ffmpeg, which was not found; run `pip install imageio-ffmpeg`, "
             "or write a .gif"
         ) from None
 
 
 def _displacement(data: xarray.Dataset) -> np.ndarray:
-    """Return the ground displacement over the times of a history, from rest [m]."""
+    """Return the ground displacement at the times of a history [m], from rest at the start."""
     from scipy.integrate import cumulative_trapezoid
 
     t = data["time"].values
@@ -132,21 +131,23 @@ def _displacement(data: xarray.Dataset) -> np.ndarray:
 
 
 class _Stage:
-    """The figure and its artists, updated for each time."""
+    """The figure and its artists, which `show` moves to a time."""
 
     def __init__(
         self, data: xarray.Dataset, times, columns: int, exaggerate: float, speed: float, moving_ground: bool
     ):
-        a, t = data.attrs, data["time"].values
-        self.times, self.alpha, self.R = times, a["alpha_rad"], a["R_m"]
+        attributes, t = data.attrs, data["time"].values
+        self.times, self.alpha, self.R = times, attributes["alpha_rad"], attributes["R_m"]
         self.width, self.height = 2 * self.R * np.sin(self.alpha), 2 * self.R * np.cos(self.alpha)
-        at = lambda values: exaggerate * np.interp(times, t, values)
+        drawn = lambda values: exaggerate * np.interp(times, t, values)
         theta = data["theta"].values
-        self.theta, self.floors = at(theta), _floors(data, self.height)
+        self.theta, self.floors = drawn(theta), _floors(data, self.height)
         self.sway = (
-            np.stack([at(floor.sway) for floor in self.floors]) if self.floors else np.zeros((0, times.size))
+            np.stack([drawn(floor.sway) for floor in self.floors])
+            if self.floors
+            else np.zeros((0, times.size))
         )
-        self.ground = at(_displacement(data)) if moving_ground else np.zeros_like(times)
+        self.ground = drawn(_displacement(data)) if moving_ground else np.zeros_like(times)
         self.ratio = np.interp(times, t, theta) / self.alpha
         spacing = max(0.9 * self.height, 2.5 * self.width)
         self.foot_positions = spacing * (np.arange(columns) - 0.5 * (columns - 1))
@@ -154,19 +155,19 @@ class _Stage:
         self.depth = 0.09 * self.height
 
         self.figure = plt.figure(figsize=(5.2, 5.6), layout="constrained")
-        scene, below = self.figure.subplots(2, 1, height_ratios=(4, 1))
-        self._build(scene, a)
+        scene, history = self.figure.subplots(2, 1, height_ratios=(4, 1))
+        self._build(scene, attributes)
         notes = ["to scale" if exaggerate == 1 else f"motion × {exaggerate:g}"]
         notes += [] if speed == 1 else [f"{speed:g} × real time"]
         scene.text(
             0.98, 0.98, "\n".join(notes), transform=scene.transAxes, ha="right", va="top", color="0.35"
         )
         self.clock = scene.text(0.02, 0.98, "", transform=scene.transAxes, va="top")
-        below.axhline(0, color="0.7", lw=0.6)
-        below.plot(t, theta / self.alpha, color=COLOURS[2], ls="-", lw=1.0)
-        (self.cursor,) = below.plot([], [], "o", color=COLOURS[1], ms=5)
-        below.set(xlabel=TIME, ylabel=ROTATION, xlim=(times[0], times[-1]))
-        # The layout is solved once, not for every frame.
+        history.axhline(0, color="0.7", lw=0.6)
+        history.plot(t, theta / self.alpha, color=COLOURS[2], ls="-", lw=1.0)
+        (self.cursor,) = history.plot([], [], "o", color=COLOURS[1], ms=5)
+        history.set(xlabel=TIME, ylabel=ROTATION, xlim=(times[0], times[-1]))
+        # Solve the layout once instead of for every frame.
         self.show(0)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")
@@ -192,26 +193,27 @@ class _Stage:
         max_shift = float(
             np.max(np.abs(beam_shift + self.ground + np.vstack([0 * self.ground[None], self.sway])))
         )
-        storey = 0.45 * self.height if self.box is not None else 0.0
+        top_height = 0.45 * self.height if self.box is not None else 0.0
         if self.floors:
-            storey = self.floors[-1].level + self.floors[-1].depth
-        top = self.height + self.depth + storey + float(np.max(lift))
+            top_height = self.floors[-1].level + self.floors[-1].depth
+        top = self.height + self.depth + top_height + float(np.max(lift))
         soil = self.width * 0.6
         x = max(self.half + max_shift + 0.1 * self.height, 0.55 * (top + soil))
-        # Wider than the picture, so that it can move; the hatching makes the motion visible.
+        # The soil is wider than the picture, so that it can move; hatching makes the motion visible.
         soil_end = x + float(np.max(np.abs(self.ground)))
         self.corners = np.array([(-soil_end, 0), (soil_end, 0), (soil_end, -soil), (-soil_end, -soil)])
         self.soil = add_polygon("0.93", edgecolor="0.4", hatch="///")
         ax.set(xlim=(-x, x), ylim=(-soil, 1.12 * top), aspect="equal", xlabel="[m]", ylabel="[m]")
 
     def _beam_displacement(self, k):
-        """Return the displacements of the beam relative to the ground (u_b, v_b), Eq. (13)."""
+        """Return the displacement (u_b, v_b) of the beam relative to the ground at frames k [m], Eq. (13)."""
         theta = self.theta[k]
         psi = np.where(theta < 0, -1, 1) * self.alpha - theta
         lift = 2 * self.R * (np.cos(psi) - np.cos(self.alpha))
         return 2 * self.R * (np.where(theta < 0, -1, 1) * np.sin(self.alpha) - np.sin(psi)), lift
 
     def show(self, k: int) -> list:
+        """Draw frame k and return the artists that moved."""
         theta, ground = self.theta[k], self.ground[k]
         u, v = (float(y) for y in self._beam_displacement(k))
         half, side = 0.5 * self.width, -1 if theta < 0 else 1
@@ -223,47 +225,52 @@ class _Stage:
         rotation_matrix = np.array([(np.cos(theta), -np.sin(theta)), (np.sin(theta), np.cos(theta))])
         for foot, patch in zip(self.foot_positions, self.columns, strict=True):
             patch.set_xy(upright @ rotation_matrix + (foot + side * half + ground, 0))
-        base, at = self.height + v, u + ground
-        self.beam.set_xy(_box(at, base, self.half, self.depth))
+        base, beam_x = self.height + v, u + ground
+        self.beam.set_xy(_box(beam_x, base, self.half, self.depth))
         base += self.depth
         if self.box is not None:
-            self.box.set_xy(_box(at, base, 0.8 * self.half, 0.45 * self.height))
-        self._show_floors(k, at, base)
+            self.box.set_xy(_box(beam_x, base, 0.8 * self.half, 0.45 * self.height))
+        self._show_floors(k, beam_x, base)
         self.soil.set_xy(self.corners + np.array([ground, 0]))
         self.clock.set_text(f"t = {self.times[k]:6.2f} s")
         self.cursor.set_data([self.times[k]], [self.ratio[k]])
         return [*self.columns, self.beam, self.soil, self.clock, self.cursor]
 
-    def _show_floors(self, k: int, offset: float, base: float) -> None:
-        z, below, foot = np.linspace(0, 1, 21), 0.0, 0.0
+    def _show_floors(self, k: int, beam_x: float, base: float) -> None:
+        z, lower_sway, foot = np.linspace(0, 1, 21), 0.0, 0.0
         for floor, sway, slab, column_lines in zip(
             self.floors, self.sway[:, k], self.slabs, self.column_lines, strict=True
         ):
-            deflection = below + (sway - below) * (3 - 2 * z) * z**2
-            for line, place in zip(column_lines, (-0.75, 0.75), strict=True):
+            deflection = lower_sway + (sway - lower_sway) * (3 - 2 * z) * z**2
+            for line, side in zip(column_lines, (-0.75, 0.75), strict=True):
                 line.set_data(
-                    offset + place * floor.width * self.half + deflection,
+                    beam_x + side * floor.width * self.half + deflection,
                     base + foot + (floor.level - foot) * z,
                 )
-            slab.set_xy(_box(offset + sway, base + floor.level, floor.width * self.half, floor.depth))
-            below, foot = sway, floor.level + floor.depth
+            slab.set_xy(_box(beam_x + sway, base + floor.level, floor.width * self.half, floor.depth))
+            lower_sway, foot = sway, floor.level + floor.depth
 
 
-def _box(x: float, y: float, half: float, height: float) -> np.ndarray:
-    return np.array([(x - half, y), (x + half, y), (x + half, y + height), (x - half, y + height)])
+def _box(x: float, y: float, half_width: float, height: float) -> np.ndarray:
+    """Return the corners of a rectangle from the middle of its lower edge."""
+    left, right = x - half_width, x + half_width
+    return np.array([(left, y), (right, y), (right, y + height), (left, y + height)])
 
 
 class _Floor(NamedTuple):
-    """A mass that moves relative to the beam, on two columns that bend."""
+    """A mass that moves relative to the beam, on two flexible columns."""
 
-    sway: np.ndarray  # from the beam, at all times [m]
-    level: float  # of its lower edge, above the beam [m]
-    depth: float  # [m]
-    width: float  # over that of the beam [–]
+    sway: np.ndarray  # displacement relative to the beam at all times [m]
+    level: float  # height of the lower edge above the beam [m]
+    depth: float  # height of the drawn box [m]
+    width: float  # width divided by that of the beam [–]
 
 
 def _floors(data: xarray.Dataset, height: float) -> list[_Floor]:
-    """Return the swaying masses on the beam: the floors of a building, one mass, or the first mode."""
+    """Return the masses that vibrate on the beam: floors of a building, a single mass, or the first mode.
+
+    `height`: full height of a column [m]
+    """
     if "drift" in data:
         sways = data["drift"].values.cumsum(axis=1).T
         heights = getattr(podium_of(data.attrs).superstructure, "heights", None)

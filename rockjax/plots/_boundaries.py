@@ -1,4 +1,4 @@
-"""Plots of overturning boundaries: the least acceleration, windows of survival above it, sensitivities."""
+"""Plots of overturning boundaries: least accelerations, windows of survival above them, sensitivities."""
 
 from __future__ import annotations
 
@@ -20,9 +20,12 @@ if TYPE_CHECKING:
 
 @on_axes
 def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
-    """Plot the minimum overturning acceleration over frequency of a rocking spectrum.
+    """Plot the minimum overturning acceleration of a rocking spectrum against frequency.
 
-    If the spectrum contains refined boundaries they are drawn; otherwise the steps of its grid.
+    Refined boundaries are drawn if the spectrum contains them, otherwise steps of its grid.
+
+    - `dataset`: dataset of [`rockjax.rocking_spectrum`][]
+    - `ax`: axes to draw into; `line`: arguments of `Axes.plot` or `Axes.step`
     """
     assert ax is not None
     if "boundaries" in dataset:
@@ -39,7 +42,10 @@ def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -
 @styled
 def overturning_curves(panels: xarray.Dataset) -> Figure:
     """Plot minimum overturning accelerations in the layout of the paper's Fig. 7: one panel per η/γ, one
-    curve per T_s."""
+    curve per T_s.
+
+    `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
+    """
     note = "" if "boundaries" in panels else ", read off the grid"
     return _curves(panels, overturning_curve, f"Minimum overturning acceleration{note}")
 
@@ -75,17 +81,19 @@ def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
 
 
 def _search_end(dataset: xarray.Dataset) -> float:
-    """Return the end of the search for boundaries."""
+    """Return the largest a_p/(g tan α) of the search for boundaries."""
     return float(dataset.attrs.get("max_acceleration_ratio") or dataset["acceleration_ratio"].values[-1])
 
 
 @on_axes
 def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
-    """Plot the least overturning acceleration over frequency; windows of survival above it are shaded in the
-    same colour.
+    """Plot the least overturning acceleration against frequency, with windows of survival above it shaded.
 
-    Jumps of the minimum to another branch are bridged by a dotted line; a triangle marks an end of the curve,
-    where nothing up to the end of the search overturns. `ax.legend()` names the lines and marks.
+    A dotted line bridges jumps of the minimum to another branch. A triangle marks an end of the curve, beyond
+    which no searched acceleration overturns. `ax.legend()` names lines and marks.
+
+    - `dataset`: dataset of [`rockjax.overturning_spectrum`][]
+    - `ax`: axes to draw into; `line`: arguments of `Axes.plot`
     """
     assert ax is not None
     x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
@@ -106,15 +114,15 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
 def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tuple[float, float]]]:
     """Return polygons of survival above the minimum.
 
-    At each x a window extends from every second boundary to the next one. It is joined to the windows of the
-    next x that overlap it; without one, it ends half-way.
+    At each x a window extends from every second boundary to the next. It is connected to the overlapping
+    windows of the next x; without any, it ends half-way.
     """
     windows: list[list[tuple[float, float]]] = []
     for row in boundaries:
-        begins, ends = row[1::2], row[2::2]
-        ends = np.append(ends, np.full(begins.size - ends.size, np.nan))
+        starts, ends = row[1::2], row[2::2]
+        ends = np.append(ends, np.full(starts.size - ends.size, np.nan))
         windows.append(
-            [(a, top if np.isnan(b) else b) for a, b in zip(begins, ends, strict=True) if np.isfinite(a)]
+            [(a, top if np.isnan(b) else b) for a, b in zip(starts, ends, strict=True) if np.isfinite(a)]
         )
     polygons = []
     for k in range(x.size - 1):
@@ -123,19 +131,19 @@ def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tup
         polygons += [[(x[k], w[0]), (x[k], w[1]), (x[k + 1], v[1]), (x[k + 1], v[0])] for w, v in matched]
         unmatched = [(x[k], w) for w in left_windows if w not in [w for w, _ in matched]]
         unmatched += [(x[k + 1], v) for v in right_windows if v not in [v for _, v in matched]]
-        polygons += [[(at, w[0]), (at, w[1]), (middle, w[1]), (middle, w[0])] for at, w in unmatched]
+        polygons += [[(xk, w[0]), (xk, w[1]), (middle, w[1]), (middle, w[0])] for xk, w in unmatched]
     return polygons
 
 
 def _jumps(curve: np.ndarray) -> np.ndarray:
-    """Return the indices before jumps of a curve."""
+    """Return the indices of the points before jumps of a curve."""
     step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
     neighbours = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
     return np.flatnonzero((step > 0.05) & (step > 2.5 * neighbours))
 
 
 def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, **line) -> Any:
-    """Draw a line with gaps at its jumps, bridged by dots."""
+    """Draw a line with dotted segments at its jumps; return the line."""
     (curve,) = ax.plot(np.insert(x, jumps + 1, np.nan), np.insert(y, jumps + 1, np.nan), **line)
     bridge = {"ls": (0, (1, 2)), "lw": 0.8}
     for k in jumps:
@@ -148,7 +156,7 @@ def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, 
 
 
 def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour: Any) -> None:
-    """Draw triangles at the ends of a curve, beyond which nothing overturns."""
+    """Draw triangles at ends of a curve beyond which no acceleration up to `top` overturns."""
     is_finite = np.isfinite(minimum)
     ends = is_finite & (np.r_[True, is_finite[:-1]] != np.r_[is_finite[1:], True])
     if ends.any():
@@ -162,15 +170,15 @@ def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour:
 
 
 def _add_legend_entry(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:
-    """Add an entry to the legend that belongs to no single curve, once for each picture."""
+    """Add a legend entry that all curves share, once for each picture."""
     if label not in ax.get_legend_handles_labels()[1]:
         draw(label)
 
 
 @styled
 def sensitivities(panels: xarray.Dataset) -> Figure:
-    """Plot d a_ov/d ln y along the minimum overturning curves: parameters y down, η/γ across, one curve per
-    T_s.
+    """Plot ∂a_ov/∂ln y along the minimum overturning curves: one row per parameter y, one column per η/γ, one
+    curve per T_s.
 
     `panels` is an overturning spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
     """
@@ -204,7 +212,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
 
 
 def _set_limits(ax: Axes, values: np.ndarray) -> None:
-    """Set limits that exclude the unbounded values at the ends of branches."""
+    """Set limits that exclude unbounded values at the ends of branches."""
     finite = values[np.isfinite(values)]
     if finite.size:
         lo, hi = np.percentile(finite, [2, 96])

@@ -1,4 +1,4 @@
-"""Plots of ensembles: curves of incremental dynamic analysis, and fragility curves."""
+"""Plots of suites of records: incremental dynamic analysis, and fragility curves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ._style import COLOURS, on_axes
 if TYPE_CHECKING:
     import xarray
 
-# Legends are placed above the axes, where they cover nothing.
+# Legends are placed above the axes, where they hide nothing.
 ABOVE: dict[str, Any] = {
     "loc": "lower left",
     "bbox_to_anchor": (0.0, 1.01),
@@ -26,16 +26,17 @@ ABOVE: dict[str, Any] = {
 BAND = 0.2  # opacity of confidence bands
 
 
-def _label(name: str, unit: str) -> str:
+def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{displayed(unit)}]"
 
 
 @on_axes
 def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot intensity over peak rotation, one curve for each record, with points at levels that survive.
+    """Plot intensity against peak rotation, one curve for each record, with points at levels that it
+    survives.
 
-    At the limit state, crosses mark the least overturning intensities, and dashes the boundaries of survival
-    windows above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
+    At the limit state crosses mark the least overturning intensities, and dashes the boundaries of windows of
+    survival above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
     ratio = dataset.attrs["overturn_ratio"]
@@ -75,7 +76,7 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
     ax.legend(handles=marks, **ABOVE)
     ax.set(
         xlabel=r"peak rotation $\max|\theta|\,/\,\alpha$",
-        ylabel=_label(dataset.attrs["measure"], dataset["intensity"].attrs["units"]),
+        ylabel=_with_unit(dataset.attrs["measure"], dataset["intensity"].attrs["units"]),
         xlim=(0, ratio),
         ylim=(0, levels[-1]),
     )
@@ -87,13 +88,14 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
 def fragility(
     dataset: xarray.Dataset, ax: Axes | None = None, label: str | None = None, colour: str = COLOURS[2]
 ) -> Axes:
-    """Plot the probability of overturning over intensity, with its confidence band and the observed shares.
+    """Plot the probability of overturning against intensity, with its confidence band and observed fractions.
 
     - `dataset`: dataset of [`rockjax.fragility`][]
     - `ax`: axes to draw into; several curves may share them
     - `label`: name of the curve in the legend; `colour`: colour of the curve
 
-    Crosses mark the least overturning intensities of the records, circles the shares at the levels.
+    Crosses mark the least overturning intensities of the records, circles the overturned fractions at the
+    levels.
     """
     assert ax is not None
     x = dataset["at"].values
@@ -109,8 +111,8 @@ def fragility(
     values = dataset["capacity"].values
     capacity = np.sort(values[np.isfinite(values)])
     # Mid-points of the steps of the empirical distribution.
-    share = (np.arange(capacity.size) + 0.5) / values.size
-    ax.plot(capacity, share, "x", ms=5, color=colour, label="first overturning of the records")
+    fraction = (np.arange(capacity.size) + 0.5) / values.size
+    ax.plot(capacity, fraction, "x", ms=5, color=colour, label="first overturning of the records")
     observed, levels = dataset["observed"].values, dataset["intensity"].values
     ax.plot(
         levels,
@@ -119,10 +121,10 @@ def fragility(
         ms=4,
         mfc="none",
         color=colour,
-        label=_describe_shares(capacity, values.size, levels, observed),
+        label=_describe_fractions(capacity, values.size, levels, observed),
     )
     ax.set(
-        xlabel=_label(dataset.attrs["measure"], dataset["at"].attrs["units"]),
+        xlabel=_with_unit(dataset.attrs["measure"], dataset["at"].attrs["units"]),
         ylabel="probability of overturning",
         xlim=(0, x[-1]),
         ylim=(-0.02, 1.02),
@@ -132,10 +134,14 @@ def fragility(
     return ax
 
 
-def _describe_shares(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
-    """Describe the observed shares, and why they may be less than those of the first overturning."""
-    first = np.searchsorted(capacity, levels, side="right") / records
-    if np.all(observed >= first - 1e-9):
+def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
+    """Describe the observed fractions, and why they may be less than those of the first overturning.
+
+    - `capacity`: least overturning intensities, ascending; `records`: number of records
+    - `levels`, `observed`: intensities, and the fractions of records that overturn at them
+    """
+    fractions = np.searchsorted(capacity, levels, side="right") / records
+    if np.all(observed >= fractions - 1e-9):
         return "share overturned at a level"
     return (
         "share overturned at a level: less, as records survive again\nin windows above their first "
@@ -149,7 +155,9 @@ def _legend(ax: Axes) -> None:
     marks: dict[Any, str] = {}
     for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
         if isinstance(handle, Line2D) and (shape := handle.get_marker()) != "None":
-            marks[shape] = max(marks.get(shape, ""), text, key=len)  # the longest explanation stands for all
+            marks[shape] = max(
+                marks.get(shape, ""), text, key=len
+            )  # one entry per shape, with the longest text
         elif isinstance(handle, Line2D) and text.endswith("band"):
             entries.append(((Patch(facecolor=handle.get_color(), alpha=BAND), handle), text))
         else:

@@ -1,4 +1,4 @@
-"""Pictures of files that rockjax wrote: those that `rockjax plot` can draw, for each kind of dataset."""
+"""Pictures of files that rockjax wrote, by kind of dataset, as `rockjax plot` draws them."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
 
 
 def load(path: str | Path) -> xarray.Dataset:
-    """Return a dataset that rockjax wrote. Raises `ValueError` with the cause for any other file."""
+    """Return a dataset that rockjax wrote. Raises `ValueError` with the cause for other files."""
     import xarray
 
     if not Path(path).is_file():
@@ -115,6 +115,7 @@ def load(path: str | Path) -> xarray.Dataset:
 
 
 def _groups(path: str | Path) -> dict[str, xarray.Dataset]:
+    """Return the groups of a netCDF file by name."""
     import netCDF4
     import xarray
 
@@ -129,12 +130,12 @@ def redraw(
     """Write the pictures of a file to PREFIX-NAME.png (animations to PREFIX-NAME.gif).
 
     - `path`: file that rockjax wrote
-    - `prefix`: start of the names of the pictures, by default the path without its suffix
-    - `names`: pictures to draw, by default those that the command that made the file draws
-    - `suffix`: format of the pictures
+    - `prefix`: PREFIX, by default the path without its suffix
+    - `names`: names of the pictures, by default all with `Picture.default`
+    - `suffix`: suffix of the pictures, such as ".png"
 
-    Returns the paths written. Raises `ValueError` for files that rockjax did not write and for pictures that
-    they do not have.
+    Returns the written paths. Raises `ValueError` for files that rockjax did not write, and for names of
+    pictures that the file does not have.
     """
     data = load(path)
     groups = _groups(path)

@@ -1,6 +1,6 @@
-"""Plots of one scene: over time, in the phase plane, moment over rotation, and the balance of energy.
+"""Plots of one scene: histories, phase portrait, moment against rotation, and the balance of energy.
 
-Each function takes a [`rockjax.Response`][], or its dataset, such as `rockjax response` writes.
+Each function takes a [`rockjax.Response`][], or its dataset, which `rockjax response` writes.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     import xarray
 
 TIME = "time [s]"
-MAX_COLOURS = 6  # greatest number of curves with distinct colours; more use a colour scale
-MAX_LEGEND_ROWS = 10  # greatest number of rows of a legend
-# σ: name, colour; light to dark, so that they differ in grey as well.
+MAX_COLOURS = 6  # largest number of curves with distinct colours; more curves use a colour scale
+MAX_LEGEND_ROWS = 10
+# σ: name and colour, from light to dark, so that they also differ in grey.
 _PHASES = {0: ("full contact", "#E4E4E4"), -1: ("rocking left", "#F2B872"), 1: ("rocking right", "#3B7FB0")}
 
 
 def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
-    """Return the dataset to draw. Raises `ValueError` for data that are not a response history."""
+    """Return the dataset of a response. Raises `ValueError` for other data."""
     if isinstance(response, Response):
         return response.dataset()
     if getattr(response, "attrs", {}).get("kind") != "response":
@@ -47,27 +47,25 @@ def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
 
 
 def time_limits(data: xarray.Dataset) -> tuple[float, float]:
-    """Return the limits of the time axis [s]: from the start to 1.2 times the time until the last impact.
-
-    Later peaks and overturning are included, and without impacts the full history is.
-    """
+    """Return the limits of the time axis [s]: from the start to 1.2 times the time until the last impact, to
+    a later peak, uplift or overturning, or to the end of a history without impacts."""
     t, impacts = data["time"].values, data["impact_times"].values
     if not impacts.size:
         return t[0], t[-1]
     events = [float(data[name]) for name in map(str, data.data_vars) if name.endswith("_time")]
-    last = max(time for time in events if np.isfinite(time))
-    return t[0], min(t[-1], max(last, t[0] + 1.2 * (impacts.max() - t[0])))
+    last_event = max(time for time in events if np.isfinite(time))
+    return t[0], min(t[-1], max(last_event, t[0] + 1.2 * (impacts.max() - t[0])))
 
 
 def vibrates(attributes: Mapping[str, Any]) -> bool:
-    """Return whether the superstructure is elastic, from the attributes of a file."""
+    """Return whether the attributes of a file describe an elastic superstructure."""
     return attributes["superstructure"] != "none" and attributes.get("T_s_s", 0.0) > 0
 
 
 @on_axes
 def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot θ/α over time with impacts, first uplift and peak; the strip below shows full contact and rocking
-    left and right."""
+    """Plot θ/α over time with impacts, first uplift and peak. A strip along the time axis shows full contact
+    and rocking to either side."""
     assert ax is not None
     data = as_history(response)
     t, ratio = data["time"].values, data["theta"].values / data.attrs["alpha_rad"]
@@ -77,8 +75,10 @@ def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None
     if impacts.size:
         ax.plot(impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=8, label=_count_impacts(impacts))
     if bool(data["uplifted"]):
-        at = float(data["uplift_time"])
-        ax.plot(at, np.interp(at, t, ratio), "^", color=COLOURS[3], ms=6, label=f"first uplift, {at:.3g} s")
+        time = float(data["uplift_time"])
+        ax.plot(
+            time, np.interp(time, t, ratio), "^", color=COLOURS[3], ms=6, label=f"first uplift, {time:.3g} s"
+        )
     _mark_peak(data, ax)
     _draw_phases(t, data["mode"].values, ax)
     ax.set(xlabel=TIME, ylabel=ROTATION, xlim=time_limits(data))
@@ -95,21 +95,21 @@ def _count_impacts(impacts: np.ndarray) -> str:
 
 
 def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
-    peak, at = (
+    peak, time = (
         float(data[name]) if name in data else 0.0 for name in ("peak_rotation", "peak_rotation_time")
     )
     if not peak > 0:
         return
-    # Between two samples use the sign of the larger one.
-    nearby = data["theta"].values[
-        np.clip(np.searchsorted(data["time"].values, at) + np.array([-1, 0]), 0, data.sizes["time"] - 1)
+    # The sign of the peak is that of the larger one of its two neighbouring samples.
+    neighbours = data["theta"].values[
+        np.clip(np.searchsorted(data["time"].values, time) + np.array([-1, 0]), 0, data.sizes["time"] - 1)
     ]
-    side = np.sign(nearby[np.argmax(np.abs(nearby))])
-    ax.plot(at, side * peak, "o", mfc="none", color=COLOURS[0], label=rf"peak {peak:.3g} $\alpha$")
+    side = np.sign(neighbours[np.argmax(np.abs(neighbours))])
+    ax.plot(time, side * peak, "o", mfc="none", color=COLOURS[0], label=rf"peak {peak:.3g} $\alpha$")
 
 
 def _draw_phases(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
-    """Draw the phases along the lower edge, with their names in the legend."""
+    """Draw a strip of full contact and rocking along the lower edge, with names in the legend."""
     starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     stops = np.append(starts[1:], t.size - 1)
     for sigma, (name, colour) in _PHASES.items():
@@ -122,8 +122,8 @@ def _draw_phases(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
 
 @on_axes
 def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the deformation of the superstructure u_t − u_b over time [mm]; for a building the drifts of its
-    stories; 0 without an elastic one."""
+    """Plot the deformation of the superstructure u_t − u_b over time [mm], 0 without an elastic
+    superstructure. Several modes have one line each. For a building plot the drifts of its stories."""
     assert ax is not None
     data = as_history(response)
     name = "drift" if "drift" in data else "deformation"
@@ -131,12 +131,14 @@ def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = N
         noun = "story" if name == "drift" else "mode"
         _draw_rows(data, data[name].values * MM_PER_M, noun, f"{name} [mm]", ax)
         return ax
-    return _line(data, data["deformation"].values * MM_PER_M, "deformation\n$u_t - u_b$ [mm]", COLOURS[3], ax)
+    return _draw_line(
+        data, data["deformation"].values * MM_PER_M, "deformation\n$u_t - u_b$ [mm]", COLOURS[3], ax
+    )
 
 
 @on_axes
 def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the ground acceleration over time [g], including the vertical one if there is one."""
+    """Plot the horizontal and, if there is one, the vertical ground acceleration over time [g]."""
     assert ax is not None
     data, label = as_history(response), r"$\ddot u_g$ [g]"
     g = data.attrs["g_m_s2"]
@@ -146,12 +148,17 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
         ax.plot(data["time"].values, vertical, color=COLOURS[1], lw=0.9, label=r"vertical $\ddot v_g$")
         ax.plot([], [], color=COLOURS[0], ls="-", lw=1.2, label=r"horizontal $\ddot u_g$")
         ax.legend(loc="upper right", fontsize="small")
-    return _line(data, data["ground_acceleration"].values / g, label, COLOURS[0], ax)
+    return _draw_line(data, data["ground_acceleration"].values / g, label, COLOURS[0], ax)
 
 
 def _draw_rows(data: xarray.Dataset, values: np.ndarray, noun: str, label: str, ax: Axes) -> None:
-    """Draw one line for each mode or story; for more than six the colours go from dark at the lowest to
-    light."""
+    """Draw one line for each mode or story.
+
+    - `data`, `values`: history, and values to draw, (times, modes or stories)
+    - `noun`, `label`: title of the legend, and label of the vertical axis
+
+    More than six lines have colours from dark at the lowest to light.
+    """
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     count = values.shape[1]
     for k, row in enumerate(values.T):
@@ -172,7 +179,7 @@ def _draw_rows(data: xarray.Dataset, values: np.ndarray, noun: str, label: str, 
     )
 
 
-def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax: Axes) -> Axes:
+def _draw_line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax: Axes) -> Axes:
     t = data["time"].values
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     ax.plot(t, values, color=colour, ls="-", lw=1.2)
@@ -182,12 +189,11 @@ def _line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax:
 
 @on_axes
 def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot θ̇/(pα) over θ/α: the motion with its jumps at impacts, the saddles at θ = ±α and their
-    separatrices.
+    """Plot θ̇/(pα) against θ/α: the motion with its jumps at impacts, saddle points and separatrices.
 
-    At θ = ±α the weights are above the edges and θ̈ of Eq. (24) vanishes: a saddle. With tendons it is at
-    ±θ_s, if there is one. The separatrices are those of the frame with its superstructure rigid, without
-    ground motion, impacts and dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
+    At the saddle points θ = ±α, with tendons θ = ±θ_s, columns are in unstable equilibrium, Eq. (24). The
+    separatrices through them belong to the frame with a rigid superstructure, without ground motion, impacts
+    and dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
     """
     assert ax is not None
     data = as_history(response)
@@ -195,7 +201,7 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
     times, before, after = (
         data[name].values for name in ("impact_times", "theta_dot_before", "theta_dot_after")
     )
-    # At an impact the curve ends at the rate before it and restarts at the rate after it.
+    # The curve ends at the rate before an impact and restarts at the rate after it.
     gap = np.full_like(times, np.nan)
     zero = np.zeros_like(times)
     t = np.concatenate([data["time"].values, times, times, times])
@@ -203,8 +209,8 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
     x = np.concatenate([data["theta"].values / alpha, zero, gap, zero])[order]
     y = np.concatenate([data["theta_dot"].values, before, gap, after])[order] / unit
 
-    top = float(podium_of(data.attrs).stability_angle) / alpha
-    limit = 1.15 * max(min(top, 3.0), float(np.nanmax(np.abs(x))))
+    saddle = float(podium_of(data.attrs).stability_angle) / alpha
+    limit = 1.15 * max(min(saddle, 3.0), float(np.nanmax(np.abs(x))))
     ratio = np.linspace(-limit, limit, 801)
     rate = separatrix(data, ratio * alpha) / unit
     for sign in (1, -1):
@@ -216,9 +222,11 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
             lw=1.0,
             label="separatrix, rigid and undamped" if sign > 0 else None,
         )
-    if top < limit:
-        at = r"\alpha" if top == 1 else r"\theta_s"
-        ax.plot([-top, top], [0, 0], "X", color=COLOURS[0], ms=7, label=rf"saddle, $\theta = \pm{at}$")
+    if saddle < limit:
+        symbol = r"\alpha" if saddle == 1 else r"\theta_s"
+        ax.plot(
+            [-saddle, saddle], [0, 0], "X", color=COLOURS[0], ms=7, label=rf"saddle, $\theta = \pm{symbol}$"
+        )
     ax.plot(x, y, color=COLOURS[2], ls="-", lw=1.1, label="response")
     if times.size:
         jumps = np.stack([before, after, gap]).T.ravel() / unit
@@ -232,7 +240,8 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
 
 def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
-    """Return |θ̇| on the separatrices of the rigid, undamped frame [rad/s]."""
+    """Return |θ̇| on the separatrices of the frame, rigid and undamped, at rotations θ [rad/s]; 0 beyond
+    them."""
     podium = podium_of(data.attrs)
     if podium.vibrates:
         podium = podium.replace(superstructure=Rigid(podium.eta))
@@ -244,19 +253,18 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
 
 
 def saddle_rotation(podium: Podium) -> float:
-    """Return |θ| at the top of the potential well [rad]: α without tendons, π/2 if they hold the columns at
-    every rotation."""
+    """Return |θ| at the top of the potential well [rad]: α without tendons, and π/2 if tendons restore the
+    columns at every rotation."""
     return min(float(podium.stability_angle), 0.5 * np.pi)
 
 
 @on_axes
 def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the restoring moment over its value at uplift, over θ/α: `Response.restoring_moment`.
+    """Plot the restoring moment, `Response.restoring_moment`, divided by its value at uplift against θ/α.
 
-    In full contact (θ = 0) it is the demand on the frame, −q/q_up of Eq. (9), between −1 and 1. While rocking
-    it is the moment of the vertical forces about the edges: of the weights, sin ψ/sin α, which falls from 1
-    to 0 at θ = α, of the vertical inertia of beam, columns and superstructure, Eq. (15), and of restrainers.
-    The thick line is the static moment of weights and tendons.
+    In full contact (θ = 0) it is −q/q_up ∈ [−1, 1] of Eq. (9). While rocking it is the moment about the edges
+    of the weights, sin ψ/sin α (1 at θ = 0, 0 at θ = α), of the vertical inertia, Eq. (15), and of
+    restrainers. The thick line is the static moment of weights and tendons.
     """
     assert ax is not None
     data = as_history(response)
@@ -288,27 +296,29 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
 
 @on_axes
 def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot energy over time, divided by P(α), the energy to overturn from rest: `Response.energies`.
+    """Plot the energies of `Response.energies` over time, divided by P(α), the energy to overturn from rest.
 
-    The work of the ground is the mechanical energy of the frame plus the energy dissipated by impacts and
-    dampers. The residual measures the error of the history.
+    The work of the ground equals the change of the mechanical energy plus the energy lost at impacts and in
+    dampers, plus a residual that measures the error of the history.
     """
     assert ax is not None
     data = as_history(response)
-    a = data.attrs
-    masses = a.get("eta", 0.0) + a["gamma"] + 0.5
-    unit = 2 * a["R_m"] * a["g_m_s2"] * masses * (1 - np.cos(a["alpha_rad"]))
+    attributes = data.attrs
+    weight = (attributes.get("eta", 0.0) + attributes["gamma"] + 0.5) * attributes["g_m_s2"]
+    unit = 2 * attributes["R_m"] * weight * (1 - np.cos(attributes["alpha_rad"]))
     names = ("input_energy", "mechanical_energy", "impact_energy", "damping_energy")
-    work, mechanical, at_impacts, damped = (data[name].values / unit for name in names)
+    work, mechanical, by_impacts, by_structure = (data[name].values / unit for name in names)
     by_dampers = data["damper_energy"].values / unit if "damper_energy" in data else np.zeros_like(work)
-    residual = float(data["initial_energy"]) / unit + work - mechanical - at_impacts - damped - by_dampers
+    residual = (
+        float(data["initial_energy"]) / unit + work - mechanical - by_impacts - by_structure - by_dampers
+    )
     t = data["time"].values
     curves = [
         ("work of the ground", work),
         ("mechanical energy", mechanical),
-        ("lost at impacts", at_impacts),
+        ("lost at impacts", by_impacts),
     ]
-    curves += [("lost in the superstructure's damper", damped)] if vibrates(a) else []
+    curves += [("lost in the superstructure's damper", by_structure)] if vibrates(attributes) else []
     curves += [("lost in the columns' dampers", by_dampers)] if by_dampers.any() else []
     for k, (label, values) in enumerate(curves):
         ax.plot(t, values, label=label, lw=1.6 if k == 0 else 1.2, **curve_style(k))

@@ -1,6 +1,6 @@
-"""Plots of the forces in the joints: over a history, and over the pulses of a spectrum.
+"""Plots of the forces in the joints, for one scene over time, and for the pulses of a spectrum.
 
-They show whether the assumptions of the model hold: joints that neither open nor slide.
+They show whether joints stay closed and do not slide, as the model assumes.
 """
 
 from __future__ import annotations
@@ -23,23 +23,21 @@ from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, OVERTURNED, on
 if TYPE_CHECKING:
     import xarray
 
-OPEN = "#F7D9CC"  # colour of times at which a joint is open
-LEVELS = (-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # of N over the dead load
+OPEN = "#F7D9CC"  # background of times at which a joint would be open, N < 0
+LEVELS = (-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # N divided by the dead load
 _LINES = {"bottom": "-", "top": "--"}
-_SHOWN = 4.0  # if a joint opens: largest friction shown, over the larger one of tan α and μ
+_MAX_SHOWN = 4.0  # if a joint opens, upper end of the axis of friction, divided by max(tan α, μ)
 
 
 def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
-    """Return the dataset to draw, with the forces in the joints. Raises `ValueError` for one without them.
-
-    A joint without dead load is left out: the top joint of a solitary block.
-    """
+    """Return the dataset of a response with forces in the joints that carry dead load. The top joint of a
+    solitary block is omitted. Raises `ValueError` for a dataset without forces in the joints."""
     data = as_history(response)
     if "joint_axial_force" not in data:
         if not isinstance(response, Response):
             raise ValueError(
                 "plots: the dataset has no forces in the joints; simulate with an output such as "
-                "Options(outputs=('axial_force',)), or give the rockjax.Response itself"
+                "Options(outputs=('axial_force',)), or pass the rockjax.Response"
             )
         data = with_joints(data, response)
     data.coords["dead_load"] = "joint", np.asarray(podium_of(data.attrs).dead_load)
@@ -51,7 +49,7 @@ def joint_forces(response: Response | xarray.Dataset, ax: Axes | None = None) ->
     """Plot the axial forces N/(m_c g) of both end columns over time, with the dead load of the mean column.
 
     The forces of the other columns lie between them. Without an elevation the mean column is drawn. Times at
-    which a joint is open, N < 0, are shaded; from the first of them on the model does not hold.
+    which a joint would be open, N < 0, are shaded; after the first of them the model does not hold.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
     - `ax`: axes to draw into
@@ -82,7 +80,7 @@ def joint_forces(response: Response | xarray.Dataset, ax: Axes | None = None) ->
 
 
 def _end_columns(data: xarray.Dataset) -> dict[str, int]:
-    """Return the outermost columns: name → index."""
+    """Return the indices of the outermost columns by name."""
     elevation = podium_of(data.attrs).elevation
     if elevation is None:
         return {"mean column": 0}
@@ -91,17 +89,18 @@ def _end_columns(data: xarray.Dataset) -> dict[str, int]:
 
 
 def _mark_least(data: xarray.Dataset, ax: Axes) -> None:
-    """Mark the least force over its dead load. Its value is the exact peak, if that was requested."""
+    """Mark the least ratio of force to dead load. Its label gives the exact peak if that was requested, else
+    the least sample."""
     forces, loads = data["joint_axial_force"].values, data["dead_load"].values
-    shares = np.where(np.isnan(forces), np.inf, forces) / loads
-    k, column, joint = np.unravel_index(np.argmin(shares), shares.shape)
+    ratios = np.where(np.isnan(forces), np.inf, forces) / loads
+    k, column, joint = np.unravel_index(np.argmin(ratios), ratios.shape)
     exact = data["least_axial_force"].values if "least_axial_force" in data else forces[k, column]
     label = f"least, {np.min(exact / loads):.2f} of the dead load".replace("-", "−")
     ax.plot(data["time"].values[k], forces[k, column, joint], "o", mfc="none", color=COLOURS[0], label=label)
 
 
 def _shade_open_joints(data: xarray.Dataset, ax: Axes) -> None:
-    """Shade the times at which a joint is open."""
+    """Shade the times at which a joint would be open."""
     t = data["time"].values
     is_open = np.any(data["joint_axial_force"].values < 0, axis=(1, 2))
     if not is_open.any():
@@ -109,22 +108,24 @@ def _shade_open_joints(data: xarray.Dataset, ax: Axes) -> None:
     ends = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])  # half-way between samples
     changes = np.flatnonzero(np.diff(is_open, prepend=False, append=False)).reshape(-1, 2)
     spans = [(float(ends[i]), float(ends[j] - ends[i])) for i, j in changes]
-    place = ax.get_xaxis_transform()
-    ax.broken_barh(spans, (0, 1), transform=place, facecolor=OPEN, lw=0, zorder=0, label="a joint is open")
+    transform = ax.get_xaxis_transform()
+    ax.broken_barh(
+        spans, (0, 1), transform=transform, facecolor=OPEN, lw=0, zorder=0, label="a joint is open"
+    )
 
 
 @on_axes
 def friction_demand(
     response: Response | xarray.Dataset, ax: Axes | None = None, friction: float | None = None
 ) -> Axes:
-    """Plot the friction demand |T|/N of the worst column over time, at both joints, and of the impacts.
+    """Plot the friction demand |T|/N of the worst column over time at both joints, and at impacts.
 
-    Heavy frames hardly exceed tan α, the dotted line. Times at which a joint is open, where no friction
-    suffices, are shaded; close to them the demand grows without bound and leaves the axes.
+    A dotted line marks tan α, which heavy frames hardly exceed. Times at which a joint would be open are
+    shaded; close to them the demand grows without bound and leaves the axes.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
     - `ax`: axes to draw into
-    - `friction`: friction coefficient μ of the joints to draw as a line [–]
+    - `friction`: friction coefficient μ of the joints [–], drawn as a line
 
     Raises `ValueError` for a dataset without forces in the joints.
     """
@@ -141,34 +142,41 @@ def friction_demand(
         limits.append(friction)
         ax.axhline(friction, color=COLOURS[3], ls="-.", lw=1.2, label=rf"$\mu = {friction:g}$")
     impacts = data["impact_friction"].max(["column", "joint"]).values
-    held = np.isfinite(impacts)
+    is_closed = np.isfinite(impacts)
     times = data["impact_times"].values
-    if held.any():
-        ax.plot(times[held], impacts[held], ".", color=COLOURS[0], ms=4, label=r"impacts, $|J_T|\,/\,J_N$")
-    if not held.all():
-        place = {"transform": ax.get_xaxis_transform(), "clip_on": False}
-        line = np.ones(np.sum(~held))
-        ax.plot(times[~held], line, "v", color=COLOURS[0], ms=5, label="impact that opens a joint", **place)
+    if is_closed.any():
+        ax.plot(
+            times[is_closed],
+            impacts[is_closed],
+            ".",
+            color=COLOURS[0],
+            ms=4,
+            label=r"impacts, $|J_T|\,/\,J_N$",
+        )
+    if not is_closed.all():
+        at_top = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+        opening, ones = times[~is_closed], np.ones(np.sum(~is_closed))
+        ax.plot(opening, ones, "v", color=COLOURS[0], ms=5, label="impact that opens a joint", **at_top)
     _shade_open_joints(data, ax)
     highest = max(ax.dataLim.y1, *limits, 0.0)
     if not np.all(demand.values < np.inf):
-        highest = min(highest, _SHOWN * max(limits))
+        highest = min(highest, _MAX_SHOWN * max(limits))
     ax.set(xlabel=TIME, ylabel=r"friction demand $|T|\,/\,N$", xlim=time_limits(data))
-    ax.set_ylim(0, 1.45 * highest)  # with room for the legend
+    ax.set_ylim(0, 1.45 * highest)  # room for the legend
     ax.legend(loc="upper right", ncols=3, fontsize="small", framealpha=1.0)
     return ax
 
 
 @on_axes
 def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LEVELS) -> Axes:
-    """Plot the least axial force over the dead load, over ω_p/p and a_p/(g tan α).
+    """Plot the least axial force of both joints divided by the dead load, against ω_p/p and a_p/(g tan α).
 
-    Of both joints the worse one counts. The black line is 0: beyond it the beam lifts off a column, or a
-    column off the ground, and the model does not hold. Overturned cells are grey.
+    Beyond the black line, at 0, the beam would lift off a column, or a column off the ground, and the model
+    does not hold. Overturned cells are grey.
 
     - `dataset`: rocking spectrum of one podium with the output `"axial_force"`
     - `ax`: axes to draw into
-    - `levels`: of the colours
+    - `levels`: limits of the colours
 
     Raises `ValueError` for a spectrum without axial forces.
     """
@@ -179,8 +187,8 @@ def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LE
             "rockjax.rocking_spectrum(…, options=Options(outputs=('peak_rotation', 'axial_force')))"
         )
     loads = dataset["dead_load"].where(dataset["dead_load"] > 0)
-    shares = (dataset["least_axial_force"] / loads).min("joint").where(~dataset["overturned"])
-    drawn = shares.transpose("acceleration_ratio", "frequency_ratio").values
+    ratios = (dataset["least_axial_force"] / loads).min("joint").where(~dataset["overturned"])
+    drawn = ratios.transpose("acceleration_ratio", "frequency_ratio").values
     x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
     ax.set_facecolor(OVERTURNED)
     ax.contourf(x, y, drawn, levels=levels, cmap="RdBu", norm=CenteredNorm(halfrange=1.0), extend="both")
@@ -192,12 +200,12 @@ def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LE
 
 @styled
 def lift_off_spectra(panels: xarray.Dataset) -> Figure:
-    """Plot least axial forces in the layout of the paper's Fig. 6: η/γ down, T_s across.
+    """Plot least axial forces in the layout of the paper's Fig. 6: one row per η/γ, one column per T_s.
 
     `panels` is a rocking spectrum with the output `"axial_force"` and the further dims `eta_over_gamma` and
     `T_s`.
     """
     positions = [value for name, value in panels.attrs.items() if name.startswith("position_")]
     title = f"{len(positions)} columns over {np.ptp(positions):g} m" if positions else ""
-    bar = {"label": r"least axial force $N$ over the dead load", "ticks": LEVELS}
+    bar = {"label": r"least axial force $N$ / dead load", "ticks": LEVELS}
     return draw_panels(panels, lift_off_spectrum, title, **bar)

@@ -1,4 +1,4 @@
-"""Plots of the effect of records on structures of every size."""
+"""Plots of the response of structures of all sizes to records."""
 
 from __future__ import annotations
 
@@ -12,27 +12,30 @@ from ._style import COLOURS, plt, styled
 if TYPE_CHECKING:
     import xarray
 
-MAX_COLOURS = 6  # with more records, all are grey and the median is drawn
+MAX_COLOURS = 6  # with more records, all curves are grey and the median is drawn
 
 
 @styled
 def record_spectrum(dataset: xarray.Dataset) -> Figure:
-    """Plot the ratio of PGA to least overturning PGA, and the displacement of the top, over p.
+    """Plot PGA divided by the least overturning PGA, and the largest displacement of the top, against p.
 
     `dataset` is from [`rockjax.record_spectrum`][].
     """
     p, names = dataset["p"].values, dataset["record"].values
     figure = plt.figure(figsize=(5.6, 5.6), layout="constrained")
     demand, displacement = figure.subplots(2, 1, sharex=True)
-    few = len(names) <= MAX_COLOURS
+    is_coloured = len(names) <= MAX_COLOURS
     for k, name in enumerate(names):
-        style = {"color": COLOURS[k % len(COLOURS)] if few else "0.7", "lw": 1.3 if few else 0.8}
-        demand.plot(p, dataset["demand"][k], label=str(name) if few else None, **style)
+        style = {
+            "color": COLOURS[k % len(COLOURS)] if is_coloured else "0.7",
+            "lw": 1.3 if is_coloured else 0.8,
+        }
+        demand.plot(p, dataset["demand"][k], label=str(name) if is_coloured else None, **style)
         displacement.plot(p, dataset["top_displacement"][k], **style)
-    if not few:
+    if not is_coloured:
         # The demand is NaN below the range of the search; the displacement is NaN after overturning.
-        middle = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)
-        demand.plot(p, np.where(middle > 0, middle, np.nan), color=COLOURS[0], label="median")
+        median = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)
+        demand.plot(p, np.where(median > 0, median, np.nan), color=COLOURS[0], label="median")
         median_survives = np.sum(~dataset["overturned"].values, axis=0) > len(names) / 2
         values = np.where(dataset["overturned"], np.inf, dataset["top_displacement"])
         displacement.plot(p, np.where(median_survives, np.median(values, axis=0), np.nan), color=COLOURS[0])

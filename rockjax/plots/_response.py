@@ -1,4 +1,4 @@
-"""Figure of one response over time."""
+"""Plot of one response over time."""
 
 from __future__ import annotations
 
@@ -20,8 +20,13 @@ if TYPE_CHECKING:
 
 @styled
 def response(response: Response | xarray.Dataset, figure: Figure | None = None, points: int = 4000) -> Figure:
-    """Plot a time history: rotation with its impacts, deformation of an elastic superstructure, forces and
-    friction demand of the joints if outputs of the joints were requested, ground acceleration."""
+    """Plot a history: rotation, deformation of an elastic superstructure, forces and friction demand of the
+    joints (if an output of the joints was requested), and ground acceleration.
+
+    - `response`: a [`rockjax.Response`][] or its dataset
+    - `figure`: figure to draw into, by default a new one
+    - `points`: number of times to draw, for a `Response`
+    """
     if isinstance(response, Response):
         response = response.dataset(np.linspace(*response.span, points))
     data = as_history(response)

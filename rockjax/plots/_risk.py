@@ -1,4 +1,4 @@
-"""Plots of risk: hazard, fragility and the contribution of each intensity; the motion of a design point."""
+"""Plots of risk: hazard, fragility, contributions of intensities, and the motion of a design point."""
 
 from __future__ import annotations
 
@@ -22,23 +22,22 @@ if TYPE_CHECKING:
 
 @styled
 def risk(dataset: xarray.Dataset) -> Figure:
-    """Plot hazard curve, fragility curve and the density of their product over one axis of intensity.
+    """Plot hazard curve, fragility curve and contributions of intensities to the failure rate.
 
     `dataset` is from [`rockjax.disaggregation`][].
     """
     x, density = dataset["intensity"].values, dataset["density"].values
-    # Range of intensities that matter: a thousandth of the frequency comes from below it, and a thousandth
-    # from above.
-    mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
-    low, high = np.interp([1e-3, 1 - 1e-3], mass / mass[-1], x)
+    # Intensities below `low` and above `high` contribute a thousandth of the rate each.
+    rate = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
+    low, high = np.interp([1e-3, 1 - 1e-3], rate / rate[-1], x)
     figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
     axes[0].loglog(x, dataset["hazard"], color=COLOURS[0])
     axes[0].plot(dataset["point"], dataset["given"], "o", ms=4, color=COLOURS[0], label="given points")
     axes[0].legend(loc="upper right")
     axes[0].set(ylabel="annual rate of\nexceedance λ [1/year]")
-    inside = (x > 0.5 * low) & (x < 2 * high)
-    rates = dataset["hazard"].values[inside]
+    is_shown = (x > 0.5 * low) & (x < 2 * high)
+    rates = dataset["hazard"].values[is_shown]
     axes[0].set_ylim(0.5 * rates.min(), 2 * rates.max())
     axes[1].semilogx(x, dataset["fragility"], color=COLOURS[2])
     axes[1].set(ylabel="probability of\noverturning F [–]", ylim=(-0.02, 1.02))
@@ -60,12 +59,12 @@ def risk(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def design_point(point: DesignPoint, podium: Podium) -> Figure:
-    """Plot the motion of a design point, which just makes a structure fail, and the response to it.
+    """Plot the response of a podium to the motion of a design point, which lies on the limit state.
 
-    `point` is one of [`rockjax.design_points`][] of the podium.
+    - `point`: one of [`rockjax.design_points`][] of the podium; `podium`: the podium
     """
     figure = response(simulate(podium, point.record))
     impacts = "1 impact" if point.mode == 1 else f"{point.mode} impacts"
-    edge = "" if point.smooth else ", at an edge of the limit state"
-    figure.suptitle(rf"Design point: $\beta$ = {point.beta:.2f}, {impacts}{edge}")
+    suffix = "" if point.smooth else ", at an edge of the limit state"
+    figure.suptitle(rf"Design point: $\beta$ = {point.beta:.2f}, {impacts}{suffix}")
     return figure

@@ -1,4 +1,4 @@
-"""Plots of sensitivity spectra: the derivatives of peak rotations over the axes of a rocking spectrum."""
+"""Plots of sensitivity spectra: derivatives of peak rotations in the plane of a rocking spectrum."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED, on_axes, st
 if TYPE_CHECKING:
     import xarray
 
-# Towards the boundary of overturning derivatives grow without bound, so the levels are nearly
-# logarithmic on both sides of zero.
+# Derivatives grow without bound towards the overturning boundary, so the levels are nearly logarithmic on
+# both sides of zero.
 STEPS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 LEVELS = (*(-step for step in reversed(STEPS)), *STEPS)
 COLOURS_OF_SIGNS = "RdBu_r"
@@ -28,12 +28,12 @@ COLOURS_OF_SIGNS = "RdBu_r"
 def sensitivity_spectrum(
     dataset: xarray.Dataset, ax: Axes | None = None, parameter: str | None = None, levels=LEVELS
 ) -> Axes:
-    """Plot ∂(max|θ|/α)/∂ ln y over ω_p/p and a_p/(g tan α): red where a larger y increases the rotation.
+    """Plot ∂(max|θ|/α)/∂ ln y against ω_p/p and a_p/(g tan α); red where a larger y increases the rotation.
 
     - `dataset`: rocking spectrum with sensitivities
     - `ax`: axes to draw into
     - `parameter`: name of y, by default the first of the spectrum
-    - `levels`: of the colours
+    - `levels`: limits of the colours
 
     Overturned cells are grey. Raises `ValueError` for a spectrum without the parameter.
     """
@@ -48,6 +48,7 @@ def sensitivity_spectrum(
 
 
 def _slope(dataset: xarray.Dataset, parameter: str | None) -> xarray.DataArray:
+    """Return the sensitivities to a parameter, by default the first."""
     available = list(map(str, dataset["parameter"].values)) if "peak_rotation_sensitivity" in dataset else []
     if not available or (parameter is not None and parameter not in available):
         requested = "any parameter" if parameter is None else repr(parameter)
@@ -63,8 +64,8 @@ def _slope(dataset: xarray.Dataset, parameter: str | None) -> xarray.DataArray:
 
 @styled
 def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
-    """Plot sensitivities of peak rotations in the layout of the paper's Fig. 6: T_s across, η/γ down, one
-    block of rows per parameter.
+    """Plot sensitivities of peak rotations in the layout of the paper's Fig. 6: one column per T_s, one row
+    per η/γ, and one block of rows per parameter.
 
     `panels` is a rocking spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
     """
@@ -77,9 +78,9 @@ def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
         sensitivity_spectrum(panel, ax, parameter)
         dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
         ratio = float(panel.eta_over_gamma)
-        names = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
-        names_text = ", ".join(dict.fromkeys(names))
-        ax.set_title(rf"$\ln {symbol_for(parameter)}$: {names_text}", fontsize=10)
+        labels = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
+        description = ", ".join(dict.fromkeys(labels))
+        ax.set_title(rf"$\ln {symbol_for(parameter)}$: {description}", fontsize=10)
         ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
         ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
         if bool(panel["overturned"].any()):
@@ -89,10 +90,10 @@ def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
 
 
 def _bar(figure: Figure, right_end: float) -> None:
-    """Draw the colour bar of all panels, to the right of them."""
+    """Draw one colour bar to the right of all panels."""
     width, height = figure.get_figwidth(), figure.get_figheight()
-    height_share = min(0.8, 3.5 / height)
-    place = (right_end + 0.75 / width, 0.5 - height_share / 2, 0.16 / width, height_share)
+    bar_height = min(0.8, 3.5 / height)
+    bounds = (right_end + 0.75 / width, 0.5 - bar_height / 2, 0.16 / width, bar_height)
     colours = ScalarMappable(BoundaryNorm(LEVELS, 256, extend="both"), COLOURS_OF_SIGNS)
-    bar = figure.colorbar(colours, cax=figure.add_axes(place), ticks=LEVELS, spacing="uniform", format="%g")
+    bar = figure.colorbar(colours, cax=figure.add_axes(bounds), ticks=LEVELS, spacing="uniform", format="%g")
     bar.set_label(r"$\partial(\max|\theta|\,/\,\alpha)\,/\,\partial\ln y$")

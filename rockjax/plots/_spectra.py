@@ -21,7 +21,12 @@ if TYPE_CHECKING:
 
 @on_axes
 def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=None) -> Axes:
-    """Plot contours of peak rotation over ω_p/p and a_p/(g tan α); overturned cells are left blank."""
+    """Plot contours of peak rotation against ω_p/p and a_p/(g tan α). Overturned cells are blank.
+
+    - `dataset`: dataset of [`rockjax.rocking_spectrum`][]
+    - `ax`: axes to draw into
+    - `levels`: limits of the colours of max|θ|/α, by default 0, 0.1, …, 1
+    """
     assert ax is not None
     levels = np.arange(0, 1.01, 0.1) if levels is None else levels
     rotation = dataset["peak_rotation"].where(~dataset["overturned"])
@@ -32,51 +37,56 @@ def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=Non
 
 
 def rotation_bar(axes: Axes | np.ndarray, cax: Axes | None = None, **bar) -> Colorbar:
-    """Draw the colour bar of one rocking spectrum or of several in a figure, beside `axes` or in `cax`.
+    """Draw the colour bar of one or several rocking spectra.
 
-    `bar` are arguments of `Figure.colorbar`. Raises `ValueError` for axes without a spectrum.
+    - `axes`: axes of the spectra, beside which the bar is drawn
+    - `cax`: axes to draw the bar into instead; `bar`: arguments of `Figure.colorbar`
+
+    Raises `ValueError` if the first axes have no spectrum.
     """
     first: Axes = np.ravel(np.asarray(axes, object))[0]
-    contours = next((drawn for drawn in first.collections if isinstance(drawn, ContourSet)), None)
+    contours = next((artist for artist in first.collections if isinstance(artist, ContourSet)), None)
     if contours is None:
         raise ValueError(
             "rotation_bar: the axes hold no rocking spectrum; draw one with plots.rocking_spectrum first"
         )
-    place: dict[str, Any] = {"ax": axes} if cax is None else {"cax": cax}
+    position: dict[str, Any] = {"ax": axes} if cax is None else {"cax": cax}
     figure: Any = first.figure
-    return figure.colorbar(contours, **place, **{"label": r"peak rotation $\max|\theta|\,/\,\alpha$", **bar})
+    return figure.colorbar(
+        contours, **position, **{"label": r"peak rotation $\max|\theta|\,/\,\alpha$", **bar}
+    )
 
 
 def dimensional_axes(
     dataset: xarray.Dataset, ax: Axes, period: bool = True, acceleration: bool = True
 ) -> Axes:
-    """Add secondary axes: pulse period T_p on top, peak ground acceleration on the right.
+    """Add secondary axes: pulse period T_p at the top, pulse amplitude a_p [g] at the right.
 
     - `dataset`: spectrum with the attributes of its podium
     - `ax`: axes of the spectrum, with their limits set
-    - `period`, `acceleration`: whether to add each
+    - `period`, `acceleration`: whether to add the axis at the top, at the right
     """
     p = dataset.attrs["p_rad_s"]
-    unit = math.tan(dataset.attrs["alpha_rad"])
+    tan_alpha = math.tan(dataset.attrs["alpha_rad"])
     if period:
         top = ax.secondary_xaxis("top", functions=(lambda r: _period(r, p), lambda T: _period(T, p)))
         top.set_xlabel(r"$T_p$ [s]")
-        top.set_xticks([T for T in (3, 2, 1, 0.8, 0.6, 0.5, 0.4) if _inside(_period(T, p), ax.get_xlim())])
+        top.set_xticks([T for T in (3, 2, 1, 0.8, 0.6, 0.5, 0.4) if _is_within(_period(T, p), ax.get_xlim())])
         top.xaxis.set_major_formatter("{x:g}")
     if acceleration:
 
         def to_g(ratio):
-            return ratio * unit
+            return ratio * tan_alpha
 
         def from_g(a):
-            return a / unit
+            return a / tan_alpha
 
         right = ax.secondary_yaxis("right", functions=(to_g, from_g))
         right.set_ylabel(r"$a_p$ [g]")
     return ax
 
 
-def _inside(value, limits) -> bool:
+def _is_within(value, limits) -> bool:
     return limits[0] <= value <= limits[1]
 
 
@@ -88,7 +98,7 @@ def _period(ratio, p):
 
 @styled
 def spectra(panels: xarray.Dataset) -> Figure:
-    """Plot rocking spectra in the layout of the paper's Fig. 6: η/γ down, T_s across.
+    """Plot rocking spectra in the layout of the paper's Fig. 6: one row per η/γ, one column per T_s.
 
     `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
@@ -96,7 +106,7 @@ def spectra(panels: xarray.Dataset) -> Figure:
 
 
 def draw_panels(panels: xarray.Dataset, draw: Callable[..., Axes], title: str = "", **bar) -> Figure:
-    """Draw spectra with their dimensional axes and a colour bar: η/γ down, T_s across.
+    """Draw spectra with dimensional axes and one colour bar: one row per η/γ, one column per T_s.
 
     - `panels`: spectrum with the further dims `eta_over_gamma` and `T_s`
     - `draw`: function (spectrum, axes) that draws one panel with Matplotlib's `contourf`
@@ -111,15 +121,15 @@ def draw_panels(panels: xarray.Dataset, draw: Callable[..., Axes], title: str = 
             draw(panel, ax)
             dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
             ratio = float(panel.eta_over_gamma)
-            names = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
-            # Matplotlib's search for room above the axes is slow, and needed only below a top axis.
-            ax.set_title(", ".join(dict.fromkeys(names)), fontsize=10, y=None if i == 0 else 1.0)
+            labels = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
+            # Automatic positions of titles are slow, and needed only above a secondary axis.
+            ax.set_title(", ".join(dict.fromkeys(labels)), fontsize=10, y=None if i == 0 else 1.0)
             ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
             ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
             if bool(panel["overturned"].any()):
                 ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
-    place = figure.add_axes(
+    bar_axes = figure.add_axes(
         (right_end + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5)
     )
-    rotation_bar(axes, cax=place, **bar)
+    rotation_bar(axes, cax=bar_axes, **bar)
     return figure

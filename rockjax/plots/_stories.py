@@ -1,4 +1,4 @@
-"""Plots of responses of a building along its height."""
+"""Plots of the response of a building along its height."""
 
 from __future__ import annotations
 
@@ -32,29 +32,33 @@ def stories(
 ) -> Figure:
     """Plot the largest story drifts and floor accelerations of a building along its height.
 
-    - `response`: a [`rockjax.Response`][] or its dataset; drifts are divided by the heights of the stories if
-      the building has them
+    - `response`: a [`rockjax.Response`][] or its dataset
     - `figure`: figure to draw into, by default a new one
-    - `label`: name of the response in the legend; `beside`: label → other response of the same building.
-      Labels of responses that overturned end with "until overturning"
+    - `label`: name of the response in the legend
+    - `beside`: further responses of the same building, by label
 
-    Raises `ValueError` for a response without stories.
+    Drifts are divided by the heights of the stories if the building has heights. Labels of responses that
+    overturned end with "until overturning". Raises `ValueError` for a response without stories.
     """
     figure = figure or plt.figure(figsize=(8, 4), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    drift_axes, acceleration_axes = axes = figure.subplots(1, 2, sharey=True)
     responses = [(label, response), *(beside or {}).items()]
     for k, (name, item) in enumerate(responses):
-        _draw_over_height(as_history(item), name, curve_style(k), left, right)
-    if left.get_legend_handles_labels()[0]:
-        left.legend(loc="best", fontsize="small")
-    for ax in (left, right):
+        _draw_over_height(as_history(item), name, curve_style(k), drift_axes, acceleration_axes)
+    if drift_axes.get_legend_handles_labels()[0]:
+        drift_axes.legend(loc="best", fontsize="small")
+    for ax in axes:
         ax.set_xlim(0, 1.06 * ax.dataLim.x1)
         ax.grid(True, alpha=0.3)
     return figure
 
 
 def _draw_over_height(
-    data: xarray.Dataset, label: str | None, style: dict[str, Any], left: Axes, right: Axes
+    data: xarray.Dataset,
+    label: str | None,
+    style: dict[str, Any],
+    drift_axes: Axes,
+    acceleration_axes: Axes,
 ) -> None:
     if bool(data["overturned"]):
         label = f"{label}, {UNTIL_OVERTURNING}" if label else UNTIL_OVERTURNING
@@ -66,12 +70,12 @@ def _draw_over_height(
     heights = np.asarray(building.heights) if has_heights else np.ones(drifts.size)
     levels = np.append(0.0, np.cumsum(heights))
     values = drifts / heights * 100 if has_heights else drifts * MM_PER_M
-    left.stairs(values, levels, orientation="horizontal", baseline=None, label=label, lw=1.5, **style)
+    drift_axes.stairs(values, levels, orientation="horizontal", baseline=None, label=label, lw=1.5, **style)
     g = data.attrs["g_m_s2"]
-    right.plot(data["peak_floor_acceleration"].values / g, levels[1:], marker="o", ms=4, **style)
-    left.set(
+    acceleration_axes.plot(data["peak_floor_acceleration"].values / g, levels[1:], marker="o", ms=4, **style)
+    drift_axes.set(
         xlabel="largest drift / story height [%]" if has_heights else "largest drift [mm]",
         ylabel="height above the beam [m]" if has_heights else "story",
         ylim=(0, levels[-1] * 1.05),
     )
-    right.set(xlabel="largest floor acceleration [g]")
+    acceleration_axes.set(xlabel="largest floor acceleration [g]")

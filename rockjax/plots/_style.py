@@ -22,7 +22,7 @@ T = TypeVar("T")
 ACCELERATION_RATIO = r"$a_p\,/\,(g\,\tan\alpha)$"
 FREQUENCY_RATIO = r"$\omega_p\,/\,p$"
 ROTATION = r"$\theta\,/\,\alpha$"
-# Okabe & Ito: distinct for the colour-blind, and by line style in grey.
+# Colours of Okabe & Ito, distinct for colour-blind readers; line styles distinguish curves in grey.
 COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 STYLES = ("-", "--", "-.", ":")
 
@@ -30,7 +30,7 @@ OVERTURNED = "0.85"  # colour of cells that overturned
 
 
 def symbol_for(parameter: str) -> str:
-    """Return the symbol of a parameter for formulas of plots, which accept Greek letters directly."""
+    """Return the symbol of a parameter for formulas in plots."""
     entry = find_entry(parameter)
     if entry is None:
         return parameter.rpartition(".")[2]
@@ -38,7 +38,7 @@ def symbol_for(parameter: str) -> str:
     return symbol.replace("tan ", r"\tan ")
 
 
-# For `with plt.style.context(plots.STYLE): …`, or `plt.style.use(plots.STYLE)`.
+# Settings for `plt.style.context(plots.STYLE)` or `plt.style.use(plots.STYLE)`.
 STYLE: dict[str, Any] = {
     "axes.prop_cycle": cycler(color=COLOURS[:4]) + cycler(linestyle=STYLES),
     "axes.axisbelow": True,
@@ -59,17 +59,17 @@ STYLE: dict[str, Any] = {
 
 
 def in_style():
-    """Return the context of the style.
+    """Return a context manager that applies `STYLE`.
 
-    The backend is loaded before: if it were loaded inside, its interactive mode would be reset at the end,
-    and a notebook would not show the figures of later cells.
+    The backend is loaded first. Otherwise the end of the context would reset its interactive mode, and a
+    notebook would not show the figures of later cells.
     """
     plt.draw_if_interactive()
     return plt.style.context(STYLE)
 
 
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a function that makes a figure: the figure has this style, and the user's settings are
+    """Decorate a function that makes a figure, so that it draws in `STYLE`; the user's settings are
     unchanged."""
 
     @functools.wraps(draw)
@@ -81,8 +81,7 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
 
 
 def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
-    """Decorate a function (data, ax=None, …): without axes it makes a figure in this style; given axes keep
-    theirs."""
+    """Decorate a function (data, ax=None, …), so that it makes axes in `STYLE` if `ax` is None."""
 
     @functools.wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Axes:
@@ -101,10 +100,9 @@ def curve_style(k: int) -> dict[str, Any]:
 
 
 def label_log_x(ax: Axes) -> None:
-    """Label a logarithmic x axis with plain numbers, 1, 2, 5, 10, …, that do not overlap; with decades only
-    if it spans many.
+    """Label a logarithmic x axis with plain numbers 1, 2, 5, 10, …; more than 2.5 decades keep the default.
 
-    Call it after the limits are set.
+    Call it after setting the limits.
     """
     low, high = ax.get_xlim()
     decades = math.log10(high / low)
