@@ -146,7 +146,7 @@ def test_what_is_no_parameter_is_refused():
     for names, words in (
         (["weight"], "must be some of"),
         (["T_s"], "must be some of"),
-        (["alpha", "alpha"], "twice"),
+        (["alpha", "alpha"], "each parameter once"),
         (["alpha", "width"], "at the same time"),
         ("alpha", "a list of strings"),
     ):
