@@ -1,4 +1,4 @@
-"""Targets on peaks of the response: rotation, superstructure, floors and joints."""
+"""Targets on peaks of the rotation, the superstructure, the floors and the joints."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class PeakRotation(AbstractResponseTarget):
 
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them; `name`: in reports
 
-    The margin is (limit − s)/limit. s is max|θ|/α; where the columns overturn it increases beyond 1 with the
-    negative overturning margin. Raises `ValueError` for other limits; for overturning use
+    The margin is (limit − s)/limit, where s is max|θ|/α, or overturn_ratio − M where the columns overturn,
+    with the negative overturning margin M. Raises `ValueError` for other limits; for a limit of 1 use
     [`optimise.NoOverturning`][].
     """
 
@@ -49,13 +49,14 @@ class PeakRotation(AbstractResponseTarget):
 class PeakLimit(AbstractResponseTarget):
     """An output of a scene stays at most `limit` under every motion.
 
-    - `output`: name of one of `rockjax.Options.outputs` with a single answer, such as `"peak_shear"`, or an
-      output of your own
+    - `output`: name of an output of `rockjax.Options.outputs` that is a peak, such as `"peak_shear"`, or an
+      instance of [`rockjax.AbstractOutput`][]
     - `limit`: > 0, in the unit of the output; `excitations`: a motion or a list of them; `name`: in reports
 
     Every mode, story, floor or joint has its own margin, (limit − peak)/limit. Where the columns overturn,
-    the peak until then is no measure: the margin is then at most the overturning margin, which is negative.
-    Raises `ValueError` for other limits and outputs; and, when evaluated, for a podium without the output.
+    the peak covers only the time until then, and the margin is at most the overturning margin, which is
+    negative. Raises `ValueError` for other limits and outputs, and during evaluation for a podium without the
+    output.
     """
 
     output: AbstractOutput = eqx.field(static=True)
@@ -84,50 +85,61 @@ class PeakLimit(AbstractResponseTarget):
 
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
-    """Return an output by its name. Raises `ValueError` for one that is no peak."""
-    found = output if isinstance(output, AbstractOutput) else REGISTRY.get(output)
-    if found is None or not any(y.name == found.name and y.until_overturning for y in found.variables):
-        peaks = [name for name, y in REGISTRY.items() if any(z.until_overturning for z in y.variables)]
-        raise ValueError(f"{owner}: output must be one of {peaks}, or an output of your own; got {output!r}")
-    return found
+    """Return an output, given itself or by its name. Raises `ValueError` for an output that is not a peak."""
+    instance = output if isinstance(output, AbstractOutput) else REGISTRY.get(output)
+    if instance is None or not _is_peak(instance):
+        peaks = [name for name, registered in REGISTRY.items() if _is_peak(registered)]
+        raise ValueError(
+            f"{owner}: output must be one of {peaks}, or a rockjax.AbstractOutput; got {output!r}"
+        )
+    return instance
+
+
+def _is_peak(output: AbstractOutput) -> bool:
+    """Return whether an output has an answer of its own name that is a peak."""
+    return any(answer.name == output.name and answer.until_overturning for answer in output.variables)
 
 
 def requested(output: AbstractOutput) -> tuple[str | AbstractOutput, ...]:
-    """Return the requested outputs with the overturning margin, as in `rockjax.Options`."""
+    """Return the output and the overturning margin, for `rockjax.Options.outputs`."""
     return name_if_registered(output), "margin"
 
 
 def words_of(output: AbstractOutput) -> str:
-    """Return an output in words, for reports."""
+    """Return a description of an output for reports."""
     return output.name.replace("_", " ")
 
 
-def of_output(wanted: AbstractResponses, output: AbstractOutput, peaks: rj.Peak) -> Float[Array, " k"]:
-    """Return an output of all motions and all modes, stories or floors, (k,)."""
+def of_output(reader: AbstractResponses, output: AbstractOutput, peaks: rj.Peak) -> Float[Array, " k"]:
+    """Return the answers of an output for all motions and modes, stories, floors or joints, (k,).
+
+    `reader`: target or objective, for the message. Raises `ValueError` for a podium without the output.
+    """
     values = getattr(peaks, output.name)
     if values is None:
         raise ValueError(
-            f"{type(wanted).__name__}: this podium has no {output.name}; a rockjax.ShearBuilding as its "
-            "superstructure has those of stories and floors"
+            f"{type(reader).__name__}: this podium has no {output.name}; outputs of stories and floors "
+            "need a rockjax.ShearBuilding as the superstructure"
         )
     return values.ravel()
 
 
 def limited_by_overturning(margins: Margins, peaks: rj.Peak) -> Margins:
-    """Return margins (k,) of peaks, at most the overturning margin where the columns overturn."""
+    """Return margins (k,), limited to the overturning margin where the columns overturn."""
     overturned, depth = overturning_depths(peaks, len(margins))
     return jnp.where(overturned, jnp.minimum(margins, -depth), margins)
 
 
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Return whether the scene of each of `count` values overturned, and its −margin [–]."""
+    """Return whether the scene of each of `count` values overturned, and −M > 0 of its overturning margin M
+    (1 where it did not overturn) [–], both (count,)."""
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
-    each = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
-    return each(peaks.overturned), each(depth)
+    repeat = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
+    return repeat(peaks.overturned), repeat(depth)
 
 
 class PeakShear(PeakLimit):
-    """The shear of the superstructure over its weight stays at most `limit`: max|V_s|/(m_t g) ≤ limit.
+    """The shear of the superstructure divided by its weight is at most `limit`: max|V_s|/(m_t g) ≤ limit.
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: in reports
     """
@@ -140,7 +152,7 @@ class PeakShear(PeakLimit):
 
 
 class PeakDeformation(PeakLimit):
-    """The deformation of the superstructure, of all its modes, stays at most `limit`: max|u_t − u_b| ≤ limit.
+    """The deformation of each mode of the superstructure is at most `limit`: max|u_t − u_b| ≤ limit.
 
     - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
     """
@@ -150,11 +162,11 @@ class PeakDeformation(PeakLimit):
 
 
 class PeakDrift(PeakLimit):
-    """The drifts of all stories of a building stay at most `limit`.
+    """The drifts of all stories of a building are at most `limit`.
 
     - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
 
-    Raises `ValueError` for a podium without stories, when evaluated.
+    Raises `ValueError` during evaluation for a podium without stories.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -162,11 +174,11 @@ class PeakDrift(PeakLimit):
 
 
 class PeakFloorAcceleration(PeakLimit):
-    """The absolute horizontal accelerations of all floors of a building stay at most `limit`.
+    """The absolute horizontal accelerations of all floors of a building are at most `limit`.
 
     - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them; `name`: in reports
 
-    Raises `ValueError` for a podium without stories, when evaluated.
+    Raises `ValueError` during evaluation for a podium without stories.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -176,12 +188,12 @@ class PeakFloorAcceleration(PeakLimit):
 class PeakFriction(PeakLimit):
     """The joints of all columns need at most the friction coefficient `limit`: max|T|/N ≤ limit, (F9).
 
-    - `limit`: > 0 [–], such as μ over a safety factor; `excitations`: a motion or a list of them; `name`: in
-      reports
+    - `limit`: > 0 [–], such as μ divided by a safety factor
+    - `excitations`: a motion or a list of them; `name`: in reports
 
-    The margins of the bottom and the top joint are the least (limit·N − |T|)/(limit·N_0) with the dead load
-    N_0 of the mean column. They are smooth where a joint pulls, so that a design finds its way back from
-    there. Columns stand as the elevation of the podium says; without one the mean column counts.
+    The margins of the bottom and the top joint are the least (limit·N − |T|)/(limit·N_0), with the dead load
+    N_0 of the mean column. They are smooth where a joint pulls, so that a design can start there. Positions
+    of columns are in the elevation of the podium; without an elevation the target applies to the mean column.
     """
 
     friction: float = eqx.field(static=True)
@@ -195,7 +207,7 @@ class PeakFriction(PeakLimit):
 
 
 class PeakFoundationShear(PeakLimit):
-    """The shear on the foundation over the total weight stays at most `limit`: max|V|/W_0 ≤ limit, (F5).
+    """The shear on the foundation divided by the total weight is at most `limit`: max|V|/W_0 ≤ limit, (F5).
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: in reports
     """
@@ -208,14 +220,15 @@ class PeakFoundationShear(PeakLimit):
 
 
 class LeastAxialForce(AbstractResponseTarget):
-    """Every joint of every column keeps the share `at_least` of its dead load: N ≥ at_least·N_0, (F8).
+    """The axial force in all joints is at least a fraction of the dead load: N ≥ at_least·N_0, (F8).
 
     - `at_least`: 0 ≤ at_least < 1 [–]; 0 keeps the joints closed
     - `excitations`: a motion or a list of them; `name`: in reports
 
     The margins of the bottom and the top joint are min N/N_0 − at_least, with the dead load N_0 of the mean
-    column. Where the columns overturn they are at most the overturning margin. Columns stand as the elevation
-    of the podium says; without one the mean column counts. Raises `ValueError` for other shares.
+    column. Where the columns overturn they are at most the overturning margin. Positions of columns are in
+    the elevation of the podium; without an elevation the target applies to the mean column. Raises
+    `ValueError` for other fractions.
     """
 
     at_least: Any
@@ -225,15 +238,15 @@ class LeastAxialForce(AbstractResponseTarget):
     until_overturning: ClassVar[bool] = True
 
     def __init__(self, at_least, excitations, name: Name = None):
-        share = concrete(at_least)
-        if share is None or not np.all(np.isfinite(share) & (share >= 0) & (share < 1)):
+        fraction = concrete(at_least)
+        if fraction is None or not np.all(np.isfinite(fraction) & (fraction >= 0) & (fraction < 1)):
             raise ValueError(f"LeastAxialForce: at_least must be in [0, 1), got at_least = {at_least!r}")
         self.at_least, self.name = float(at_least), name
         self.suite = Suite.of(excitations, "LeastAxialForce")
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        lost = of_output(self, Unloading(), peaks)
-        return limited_by_overturning(1 - self.at_least - lost, peaks)
+        unloading = of_output(self, Unloading(), peaks)
+        return limited_by_overturning(1 - self.at_least - unloading, peaks)
 
     def describe(self) -> str:
         return f"axial force ≥ {self.at_least:g} of the dead load"

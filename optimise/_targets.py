@@ -21,13 +21,13 @@ from rockjax.internal import DEFAULT_WIDTH, Module, concrete, fit_capacities
 from ._suite import Margins, Suite
 
 Name = str | None
-Searched = TypeVar("Searched", bound="AbstractTarget")
+SearchedTarget = TypeVar("SearchedTarget", bound="AbstractTarget")
 
-WIDTH_WHILE_SEARCHING = 1e-3  # of the range of scales: ten times faster, and designs are verified
+WIDTH_WHILE_SEARCHING = 1e-3  # coarser than the default, since designs are verified with their own width
 
 
 class AbstractTarget(Module):
-    """Base class of targets. Subclasses implement the abstract methods."""
+    """Base class of targets."""
 
     name: eqx.AbstractVar[Name]
 
@@ -37,32 +37,34 @@ class AbstractTarget(Module):
 
     @abc.abstractmethod
     def describe(self) -> str:
-        """Return the target in words; also its default name."""
+        """Return a description of the target, which is also its default name."""
 
     def while_searching(self) -> Self:
-        """Return a cheaper target for the search, of the same pytree structure."""
+        """Return a target with the same pytree structure that is cheaper to evaluate during a search."""
         return self
 
     @property
     def scenes(self) -> int:
-        """Scenes simulated for one evaluation; the search of an overturning acceleration counts as one."""
+        """Number of scenes of one evaluation; the search for one overturning amplitude counts as one."""
         return 0
 
 
 class AbstractResponses(Module):
-    """Base class of items that read peak responses; items with one suite share the simulations."""
+    """Base class of targets and objectives computed from peak responses. Those with equal suites share the
+    simulations."""
 
     suite: eqx.AbstractVar[Suite]
-    outputs: ClassVar[Any]  # tuple of outputs as in `rockjax.Options`
-    until_overturning: ClassVar[bool] = False  # whether it reads peaks that end at overturning
+    outputs: ClassVar[Any]  # required outputs, a tuple as in `rockjax.Options`
+    until_overturning: ClassVar[bool] = False  # whether it uses peaks that end at overturning
 
     @abc.abstractmethod
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        """Return the values or margins (k,), from the responses with these `outputs`."""
+        """Return the margins of a target, or the values of an objective, (k,), from responses with
+        `outputs`."""
 
 
 class AbstractResponseTarget(AbstractTarget, AbstractResponses):
-    """A target on the peak responses to a suite."""
+    """A target on peak responses to a suite."""
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
         return self.read(self.suite.responses(podium, options, self.outputs), options)
@@ -73,24 +75,25 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
 
 
 def severity(peaks: rj.Peak, options: rj.Options) -> Margins:
-    """Return the peak rotation over α; beyond overturning it increases with the negative margin [–]."""
+    """Return max|θ|/α; where the columns overturn, overturn_ratio − M, which increases with the speed of the
+    fall [–]."""
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
 def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
-    """Raise `ValueError` unless all numbers are finite, > 0 and < `below`.
+    """Raise `ValueError` unless all values are concrete, finite, > 0 and < `below`.
 
     - `owner`, `name`: class and argument, for the error
     - `value`: number or array; `below`: exclusive upper limit
     """
-    number = concrete(value)
-    if number is None or not np.all(np.isfinite(number) & (number > 0) & (number < below)):
+    values = concrete(value)
+    if values is None or not np.all(np.isfinite(values) & (values > 0) & (values < below)):
         accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
         raise ValueError(f"{owner}: {name} must be finite and {accepted}, got {name} = {value!r}")
 
 
 class NoOverturning(AbstractResponseTarget):
-    """No motion overturns the columns. The margin is the overturning margin M itself.
+    """No motion overturns the columns. The margin is the overturning margin M.
 
     - `excitations`: a motion or a list of them; `name`: in reports
     """
@@ -110,16 +113,16 @@ class NoOverturning(AbstractResponseTarget):
 
 
 class OverturningAcceleration(AbstractTarget):
-    """Pulses need at least the amplitude `at_least` to overturn the columns.
+    """Pulses need at least the amplitude `at_least` to overturn the columns: a_ov ≥ at_least.
 
-    - `at_least`: in m/s², or with `ratio=True` in multiples of g tan α, > 0
-    - `pulse`: class of the pulse, e.g. `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
-    - `max_acceleration_ratio`: largest amplitude searched, over g tan α [–]; if no amplitude up to there
-      overturns, the margin is that of the largest, with zero derivative
-    - `width`: a verified design misses no overturning window below a_ov wider than this share of the range
-      [–]
+    - `at_least`: > 0 [m/s²], or [g tan α] with `ratio=True`
+    - `pulse`: class of the pulse, such as `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
+    - `max_acceleration_ratio`: largest searched amplitude [g tan α], above `at_least`; if no searched
+      amplitude overturns, a_ov is this amplitude, with zero derivative
+    - `width`: a verified design misses no overturning window below a_ov that is wider than this fraction of
+      the searched range [–]
 
-    The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for limits outside the range.
+    The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for arguments out of range.
     """
 
     at_least: Any
@@ -152,16 +155,16 @@ class OverturningAcceleration(AbstractTarget):
         if ratio and not at_least < max_acceleration_ratio:
             raise ValueError(
                 f"OverturningAcceleration: at_least = {at_least} must be below max_acceleration_ratio = "
-                f"{max_acceleration_ratio}; raise the latter"
+                f"{max_acceleration_ratio}; raise max_acceleration_ratio"
             )
         self.at_least, self.pulse, self.ratio, self.name = float(at_least), pulse, ratio, name
         self.T_p = jnp.atleast_1d(jnp.asarray(T_p, float)).ravel()
         self.max_acceleration_ratio, self.width = float(max_acceleration_ratio), float(width)
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        unit = podium.g * jnp.tan(podium.alpha)
+        g_tan_alpha = podium.g * jnp.tan(podium.alpha)
 
-        def least(T_p):
+        def least_amplitude(T_p):
             return rj.overturning_acceleration(
                 podium,
                 self.pulse,
@@ -171,37 +174,40 @@ class OverturningAcceleration(AbstractTarget):
                 width=self.width,
             )
 
-        found = jax.vmap(least)(self.T_p)
-        end = jax.lax.stop_gradient(self.max_acceleration_ratio * unit)
-        found = jnp.where(found < jnp.inf, found, end)
-        level = self.at_least * (
-            jnp.where(found < end, unit, jax.lax.stop_gradient(unit)) if self.ratio else 1.0
+        amplitudes = jax.vmap(least_amplitude)(self.T_p)
+        largest = jax.lax.stop_gradient(self.max_acceleration_ratio * g_tan_alpha)
+        amplitudes = jnp.where(amplitudes < jnp.inf, amplitudes, largest)
+        limit = self.at_least * (
+            jnp.where(amplitudes < largest, g_tan_alpha, jax.lax.stop_gradient(g_tan_alpha))
+            if self.ratio
+            else 1.0
         )
-        return found / level - 1
+        return amplitudes / limit - 1
 
     def describe(self) -> str:
         unit = "g tan α" if self.ratio else "m/s²"
         return f"overturning a_p ≥ {self.at_least:g} {unit}"
 
     def while_searching(self) -> Self:
-        return _coarser(self)
+        return _with_coarse_width(self)
 
     @property
     def scenes(self) -> int:
         return len(self.T_p)
 
 
-def _coarser(target: Searched) -> Searched:
-    """Return the target with coarser resolution of overturning windows."""
+def _with_coarse_width(target: SearchedTarget) -> SearchedTarget:
+    """Return the target with a width of at least `WIDTH_WHILE_SEARCHING`."""
     return eqx.tree_at(
         lambda t: t.width, target, replace_fn=lambda width: jnp.maximum(width, WIDTH_WHILE_SEARCHING)
     )
 
 
 class AbstractScaleTarget(AbstractTarget):
-    """Base class of targets on the least factors at which the motions of a suite overturn the columns.
+    """Base class of targets on overturning scales, the least factors with which motions overturn the columns.
 
-    `accepts_fresh_samples`: whether it refers to a distribution of the factors and so accepts `FreshSamples`.
+    `accepts_fresh_samples`: whether it depends on the distribution of the scales, so that the suite may be
+    `FreshSamples`.
     """
 
     max_scale: eqx.AbstractVar[Any]
@@ -211,23 +217,23 @@ class AbstractScaleTarget(AbstractTarget):
 
     @abc.abstractmethod
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
-        """Return the margins from the least factors (k,), inf where no factor up to `max_scale` overturns."""
+        """Return the margins from overturning scales (k,), which are inf where they exceed `max_scale`."""
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
         return self.margins_of_scales(self.least_scales(podium, options))
 
     def while_searching(self) -> Self:
-        return _coarser(self)
+        return _with_coarse_width(self)
 
     def least_scales(self, podium: rj.Podium, options: rj.Options) -> Float[Array, " k"]:
-        """Return the least overturning factor of every motion (k,), inf where none up to `max_scale` does."""
+        """Return the overturning scale of every motion (k,), inf where it exceeds `max_scale`."""
 
-        def least(motion):
+        def least_scale(motion):
             return rj.overturning_scale(
                 podium, motion, max_scale=self.max_scale, options=options, width=self.width
             )
 
-        return self.suite.map_motions(least)
+        return self.suite.map_motions(least_scale)
 
     @property
     def scenes(self) -> int:
@@ -235,13 +241,16 @@ class AbstractScaleTarget(AbstractTarget):
 
 
 def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float]:
-    """Return `at_least`, and `max_scale` or its default."""
+    """Return `at_least` and `max_scale`, by default 3 times `at_least`. Raises `ValueError` for values out of
+    range."""
     check_limit(owner, "width", width, below=0.1)
     check_limit(owner, "at_least", at_least)
     max_scale = 3.0 * at_least if max_scale is None else max_scale
     check_limit(owner, "max_scale", max_scale)
     if not at_least < max_scale:
-        raise ValueError(f"{owner}: max_scale = {max_scale} must exceed at_least = {at_least}; raise it")
+        raise ValueError(
+            f"{owner}: max_scale = {max_scale} must exceed at_least = {at_least}; raise max_scale"
+        )
     return float(at_least), float(max_scale)
 
 
@@ -249,11 +258,11 @@ class OverturningScale(AbstractScaleTarget):
     """Every motion must be scaled by at least `at_least` to overturn the columns.
 
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of them (records, pulses, wavelets)
-    - `max_scale`: largest factor searched, by default 3 times `at_least` [–]; if no factor up to there
-      overturns, the margin is that of the largest, with zero derivative
-    - `width`: a verified design misses no overturning window wider than this share of `max_scale` [–]
+    - `max_scale`: largest searched factor, by default 3 times `at_least` [–]; if no searched factor
+      overturns, the scale is `max_scale`, with zero derivative
+    - `width`: a verified design misses no overturning window wider than this fraction of `max_scale` [–]
 
-    The margin is scale/at_least − 1 for every motion. Raises `ValueError` for limits outside the range.
+    The margin is scale/at_least − 1 for every motion. Raises `ValueError` for arguments out of range.
     """
 
     at_least: Any
@@ -277,16 +286,16 @@ class OverturningScale(AbstractScaleTarget):
 
 
 class MedianCapacity(AbstractScaleTarget):
-    """The median of the scales that overturn the columns, over a suite, is at least `at_least`.
+    """The median scale with which the motions of a suite overturn the columns is at least `at_least`.
 
     - `at_least`: > 0 [–]; `suite`: two motions or more, or `FreshSamples`
-    - `max_scale`: largest factor searched, by default 3 times `at_least` [–]; motions that do not overturn
-      the columns up to there count as censored
-    - `width`: a verified design misses no overturning window wider than this share of `max_scale` [–]
+    - `max_scale`: largest searched factor, by default 3 times `at_least` [–]; motions that do not overturn
+      the columns up to `max_scale` are censored
+    - `width`: a verified design misses no overturning window wider than this fraction of `max_scale` [–]
 
-    The median is that of the lognormal distribution fitted by maximum likelihood, as in
-    [`rockjax.fragility`][]. The margin is median/at_least − 1; where fewer than two motions overturn it is
-    that of `max_scale`, with zero derivative. Raises `ValueError` for limits outside the range.
+    The median belongs to a lognormal distribution fitted by maximum likelihood, as in
+    [`rockjax.fragility`][]. If fewer than two motions overturn the columns, it is `max_scale`, with zero
+    derivative. The margin is median/at_least − 1. Raises `ValueError` for arguments out of range.
     """
 
     at_least: Any
@@ -312,15 +321,15 @@ class MedianCapacity(AbstractScaleTarget):
 
 
 class OverturningProbability(AbstractResponseTarget):
-    """At a given intensity at most the share `at_most` of a suite overturns the columns.
+    """At a given intensity at most the fraction `at_most` of a suite overturns the columns.
 
-    - `at_most`: 0 < at_most < 1 [–]; `suite`: the motions; `intensity`: factor on all of them [–]
-    - `smoothing`: bandwidth h of the smoothed probability P = mean Φ(−M/h) over the overturning margins M [–]
+    - `at_most`: 0 < at_most < 1 [–]; `suite`: the motions; `intensity`: factor on all motions, > 0 [–]
+    - `smoothing`: bandwidth h > 0 of the smoothed probability P = mean Φ(−M/h) over overturning margins M [–]
 
-    The share of n motions changes in jumps of 1/n and has no useful derivative; P is smooth. The margin is
-    the `at_most`-quantile m of the smoothed margins, mean Φ((m − M)/h) = at_most. It has the sign of
-    at_most − P and varies also where P is flat at 0 or 1. Motions within h of overturning bias P; `exact`
-    counts.
+    The fraction of n motions changes in jumps of 1/n and has no useful derivative; P is smooth. The margin is
+    the quantile m of the smoothed margins with mean Φ((m − M)/h) = at_most. It has the sign of at_most − P,
+    and changes even where P is almost 0 or 1. Motions with |M| < h bias P; `exact` counts motions. Raises
+    `ValueError` for arguments out of range.
     """
 
     at_most: Any
@@ -344,7 +353,7 @@ class OverturningProbability(AbstractResponseTarget):
         return float(jnp.mean(norm.cdf(-self.suite.margins(podium, options) / self.smoothing)))
 
     def exact(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """Return the share of the suite that overturns a podium (host) [–]."""
+        """Return the fraction of the suite that overturns a podium (host) [–]."""
         return float(np.mean(self.suite.margins(podium, options) < 0))
 
     def describe(self) -> str:
