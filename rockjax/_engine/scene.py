@@ -23,7 +23,7 @@ from rockjax._outputs.rotation import PeakRotation
 from rockjax._outputs.views import Moment, Start
 from rockjax._results import State
 from rockjax._structures import Podium
-from rockjax._structures.modes import as_many, joined
+from rockjax._structures.modes import repeat_scalar, stack_row
 from rockjax._structures.superstructures import Oscillators
 from rockjax._types import Value, Values, Vector
 
@@ -191,7 +191,7 @@ def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
     def of_modes(value: Any) -> Values:
         if modes.modal is None:
             return value[0] if isinstance(value, tuple) else value
-        return joined(as_many(value, modes.omega2.size))
+        return stack_row(repeat_scalar(value, modes.omega2.size))
 
     return (initial.theta, of_modes(initial.u_t)), (initial.theta_dot, of_modes(initial.u_t_dot))
 

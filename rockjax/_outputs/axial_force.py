@@ -10,16 +10,16 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import every
 from rockjax._engine.coefficients import present
-from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Maximum
+from rockjax._outputs.maxima import END_ZONE_CUBIC, Maximum
 from rockjax._types import Flag, Values
 
 from .base import Variable
-from .joints import JOINTS, AbstractOfJoints, JointBounds, end_forces, halves
+from .joints import JOINTS, AbstractJointOutput, JointBounds, end_forces, halves
 from .views import Ended, Start, Step
 
 
 @dataclasses.dataclass(frozen=True)
-class AxialForce(AbstractOfJoints):
+class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint of the worst column,
     (F8). Below 0 a joint would open, and the model no longer holds.
 
@@ -40,15 +40,15 @@ class AxialForce(AbstractOfJoints):
 
     def over_step(self, step: Step, record: Values) -> Maximum:
         axial = jax.tree.map(lambda forces: halves(forces)[1] / step.c.g, step.course(end_forces))
-        return step.largest(axial, record, WELL_INSIDE_CUBIC, sizes="both")
+        return step.largest(axial, record, END_ZONE_CUBIC, sizes="both")
 
-    def stands(self, bounds: JointBounds, record: Values) -> Flag:
+    def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
         tension, compression = map(self.worst, halves(jax.lax.stop_gradient(record)))
         g = bounds.c.g
         return every((bounds.least_axial >= -tension * g) & (bounds.most_axial <= compression * g))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        tension, compression = (self.answered(ended, self.worst(y)) for y in halves(record))
+        tension, compression = (self.nan_if_weightless(ended, self.worst(y)) for y in halves(record))
         return {"least_axial_force": 0.0 - tension, "peak_axial_force": compression}
 
 

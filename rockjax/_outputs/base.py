@@ -27,7 +27,7 @@ class Variable(NamedTuple):
     - `axis`: None for a scalar, or `MODES`, `STORIES`, `JOINTS`
     - `sensitive`: whether batches can compute its sensitivities
     - `estimated`: whether `"errors"` estimates its error
-    - `until_overturning`: whether the answer of an overturned scene is a peak up to overturning
+    - `until_overturning`: whether the answer of a scene that overturned covers only the time until then
     """
 
     name: str
@@ -59,9 +59,10 @@ class AbstractOutput:
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
     value of the quantity over the scene, with its derivatives. Override `over_step`, `at_impact`, `update` or
-    `answer` for an output of another form. The remaining methods make it faster: rests, samples of a record
+    `answer` for an output of another form. The other methods make it faster: rests, samples of a record
     and bounces are skipped only if every requested output overrides `over_rest`, `over_sample` or
-    `over_bounces`, and a scene continues to overturning or `t_end` unless `is_final` returns True.
+    `over_bounces` respectively, and a scene continues to overturning or `t_end` unless `is_final` returns
+    True.
 
     - `name`: name in `Options.outputs`, and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: of the answer,
@@ -128,7 +129,7 @@ class AbstractOutput:
         return None
 
     def update(self, end: StepEnd, record: Any, note: Any, largest: Values | None) -> tuple[Any, Any]:
-        """Return the record and the note after an accepted step. `largest` is the value from `over_step`."""
+        """Return the record and the note after an accepted step; `largest` is the value of `over_step`."""
         if largest is not None:
             record = larger(largest, record)
         value = self.at_impact(end.impact)
@@ -185,8 +186,8 @@ class AbstractEventOutput(AbstractOutput):
         return True
 
 
-class AbstractWithoutAnswer(AbstractEventOutput):
-    """An output for internal use, without public answers. It does not depend on the inside of steps."""
+class AbstractInternalOutput(AbstractEventOutput):
+    """An output for internal use without public answers, which does not depend on the inside of steps."""
 
     @property
     def variables(self) -> tuple[Variable, ...]:

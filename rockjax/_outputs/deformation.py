@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
-from rockjax._outputs.maxima import WELL_INSIDE_QUINTIC, Maximum
+from rockjax._outputs.maxima import END_ZONE_QUINTIC, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 
@@ -45,8 +45,8 @@ class PeakDeformation(AbstractOutput):
         return jnp.zeros(() if modes is None else modes.omega2.shape, start.t.dtype), None
 
     def over_step(self, step: Step, record: Values) -> Maximum:
-        # A maximum need not be landed on if the polynomial is as accurate as the step.
-        return step.largest(step.deformations, record, WELL_INSIDE_QUINTIC, lands=step.refines)
+        # A step need not end on a maximum if the polynomial is as accurate as the step.
+        return step.largest(step.deformations, record, END_ZONE_QUINTIC, lands=step.refines)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         return every(bounds.deformations() < record)

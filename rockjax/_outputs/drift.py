@@ -11,16 +11,16 @@ import jax.numpy as jnp
 from rockjax._engine.bounds import Bounds, every
 from rockjax._engine.coefficients import Coefficients, present
 from rockjax._engine.model import drift_weights
-from rockjax._outputs.maxima import WELL_INSIDE_QUINTIC, Maximum
+from rockjax._outputs.maxima import END_ZONE_QUINTIC, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 
-from .stories import AbstractOfStories
+from .stories import AbstractStoryOutput
 from .views import Ended, Moment, Start, Step
 
 
 @dataclasses.dataclass(frozen=True)
-class PeakDrift(AbstractOfStories):
+class PeakDrift(AbstractStoryOutput):
     """The peak drift of each story of a building [m]."""
 
     name = "peak_drift"
@@ -40,7 +40,7 @@ class PeakDrift(AbstractOfStories):
 
     def over_step(self, step: Step, record: Values) -> Maximum:
         drifts = jax.vmap(step.deformations.summed)(_weights(step.c))
-        return step.largest(drifts, record, WELL_INSIDE_QUINTIC, lands=step.refines)
+        return step.largest(drifts, record, END_ZONE_QUINTIC, lands=step.refines)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         frequencies = jnp.sqrt(present(bounds.c.vibration).omega2)

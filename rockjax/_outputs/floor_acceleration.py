@@ -15,12 +15,12 @@ from rockjax._outputs.maxima import Maximum
 from rockjax._types import Flag, Values
 
 from .shear import PeakShear
-from .stories import AbstractOfStories
+from .stories import AbstractStoryOutput
 from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 
 
 @dataclasses.dataclass(frozen=True)
-class PeakFloorAcceleration(AbstractOfStories):
+class PeakFloorAcceleration(AbstractStoryOutput):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
     building have the acceleration of the beam, which `PeakShear` follows."""
 
@@ -42,7 +42,7 @@ class PeakFloorAcceleration(AbstractOfStories):
             return _BEAM.over_step(step, record)
         carried = step.carrier()
         floors = jax.vmap(carried)(present(present(step.c.modal).floors))
-        return step.largest(floors, record, step.inside_of_forces)
+        return step.largest(floors, record, step.end_zone_of_forces)
 
     def over_rest(self, rest: Rest, record: Values) -> Values:
         return _BEAM.over_rest(rest, record)

@@ -8,12 +8,12 @@ from typing import Any
 from rockjax._outputs.joint_forces import mean_forces, total_weight
 from rockjax._types import Flag, Value
 
-from .joints import AbstractOfForces, JointBounds
+from .joints import AbstractForceOutput, JointBounds
 from .views import Ended, Moment
 
 
 @dataclasses.dataclass(frozen=True)
-class PeakFoundationShear(AbstractOfForces):
+class PeakFoundationShear(AbstractForceOutput):
     """The peak shear on the foundation divided by the total weight, max|V|/W_0, (F5)."""
 
     name = "peak_foundation_shear"
@@ -25,8 +25,8 @@ class PeakFoundationShear(AbstractOfForces):
         c, sigma, _, ground, x, v, a = moment
         return mean_forces(c, sigma, ground, x, v, a).foundation[0] / total_weight(c)
 
-    def stands(self, bounds: JointBounds, record: Value) -> Flag:
+    def is_unchanged(self, bounds: JointBounds, record: Value) -> Flag:
         return bounds.foundation_shear <= record * total_weight(bounds.c)
 
     def answer(self, ended: Ended, record: Value, note: Any) -> dict[str, Any]:
-        return {self.name: self.answered(ended, record)}
+        return {self.name: self.nan_if_weightless(ended, record)}

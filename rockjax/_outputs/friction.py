@@ -11,11 +11,11 @@ import jax.numpy as jnp
 from rockjax._engine.bounds import every
 from rockjax._engine.coefficients import present
 from rockjax._engine.hermite import turning_point_of_slope
-from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, Cubic, Maximum
+from rockjax._outputs.maxima import END_ZONE_CUBIC, Cubic, Maximum
 from rockjax._types import Flag, Flags, Values
 
 from .base import AbstractOutput
-from .joints import AbstractOfJoints, JointBounds, end_forces, friction_of, halves, quarter_tangent
+from .joints import AbstractJointOutput, JointBounds, end_forces, friction_of, halves, quarter_tangent
 from .views import Course, Ended, Start, Step
 
 
@@ -52,7 +52,7 @@ class AnglePath(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class PeakFriction(AbstractOfJoints):
+class PeakFriction(AbstractJointOutput):
     """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
 
     The record is the angle φ of the force from the vertical, as tan(φ/4), which is smooth at N = 0.
@@ -75,18 +75,18 @@ class PeakFriction(AbstractOfJoints):
         start, end = (jax.jvp(angle, jet[:1], jet[1:]) for jet in (forces.start, forces.end))
         tangential, axial = zip(*map(halves, forces.path), strict=True)
         angles = Course(AnglePath(Cubic(*tangential), Cubic(*axial)), start, end)
-        maximum = step.largest(angles, record, WELL_INSIDE_CUBIC)
+        maximum = step.largest(angles, record, END_ZONE_CUBIC)
         return maximum._replace(value=jnp.minimum(maximum.value, 1.0))
 
-    def stands(self, bounds: JointBounds, record: Values) -> Flag:
+    def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
         return every(bounds.friction <= friction_of(jax.lax.stop_gradient(self.worst(record))))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        return {self.name: self.answered(ended, friction_of(self.worst(record)))}
+        return {self.name: self.nan_if_weightless(ended, friction_of(self.worst(record)))}
 
 
 @dataclasses.dataclass(frozen=True)
-class FrictionUse(AbstractOfJoints):
+class FrictionUse(AbstractJointOutput):
     """The largest use of friction 1 − (μN − |T|)/(μN_0) at a joint [–], with the dead load N_0 of the mean
     column. Above 1 the joint would slide. The answer is 0 where there is no dead load. Targets use it because
     it is smooth where a joint would open, unlike |T|/N.
@@ -112,7 +112,7 @@ class FrictionUse(AbstractOfJoints):
 
         return step.largest(jax.tree.map(excess, step.course(end_forces)), record, sizes="signed")
 
-    def stands(self, bounds: JointBounds, record: Values) -> Flag:
+    def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
         ratio_excess = bounds.friction - self.limit
         excess = ratio_excess * jnp.where(ratio_excess < 0, bounds.least_axial, bounds.most_axial)
         return every(excess <= self._worst_excess(jax.lax.stop_gradient(record)))
@@ -123,4 +123,4 @@ class FrictionUse(AbstractOfJoints):
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         capacity = self.limit * ended.scene.c.g * present(ended.scene.c.joints).dead_load
         use = 1 + self._worst_excess(record) / jnp.where(capacity > 0, capacity, 1.0)
-        return {self.name: self.answered(ended, jnp.where(capacity > 0, use, 0.0))}
+        return {self.name: self.nan_if_weightless(ended, jnp.where(capacity > 0, use, 0.0))}

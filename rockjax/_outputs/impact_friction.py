@@ -14,7 +14,7 @@ from rockjax._outputs.joint_forces import impulses_of_columns, sway_of_modes
 from rockjax._types import Flag, Value, Values
 
 from .base import AbstractEventOutput, Variable
-from .joints import JOINTS, AbstractOfJoints, end_offsets, friction_of, halves, quarter_tangent
+from .joints import JOINTS, AbstractJointOutput, end_offsets, friction_of, halves, quarter_tangent
 from .views import Bounces, Ended, Impact, Start, Step
 
 
@@ -28,7 +28,7 @@ def _angles_and_ratios(c: Coefficients, sigma: Value, sway: Value | float, offse
 
 
 @dataclasses.dataclass(frozen=True)
-class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
+class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean of all
     columns, at the bottom and the top joint of the worst column, (F12), (F14).
 
@@ -94,5 +94,5 @@ class ImpactFriction(AbstractOfJoints, AbstractEventOutput):
         return bounds.rests | jnp.all(worst <= records)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        angles, negative_ratios = (self.answered(ended, self.worst(y)) for y in halves(record))
+        angles, negative_ratios = (self.nan_if_weightless(ended, self.worst(y)) for y in halves(record))
         return {"peak_impact_friction": friction_of(angles), "least_impulse_share": -negative_ratios}

@@ -12,12 +12,12 @@ from rockjax import _results as results
 from rockjax._engine.bounds import Bounds
 from rockjax._types import Flag, Value
 
-from .base import AbstractWithoutAnswer
+from .base import AbstractInternalOutput
 from .views import Ended, Start, StepEnd
 
 
 @dataclasses.dataclass(frozen=True)
-class Impacts(AbstractWithoutAnswer):
+class Impacts(AbstractInternalOutput):
     """All impacts until rest. A scene counts the impacts that it follows; with this output it follows all."""
 
     name = "impacts"
@@ -37,7 +37,7 @@ class Energetic(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class EnergeticImpacts(AbstractWithoutAnswer):
+class EnergeticImpacts(AbstractInternalOutput):
     """The sum over energetic impacts. Two solutions of a chaotic scene differ in it. It is requested
     as "errors"."""
 

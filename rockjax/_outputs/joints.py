@@ -83,23 +83,23 @@ def halves(row: Values) -> tuple[Values, Values]:
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractOfForces(AbstractOutput):
+class AbstractForceOutput(AbstractOutput):
     """An output that needs forces in the joints. It has an answer only if it is requested."""
 
     needs_flat = True
     of_joints = True
 
-    def stands(self, bounds: JointBounds, record: Values) -> Flag:
+    def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
         """Return whether no forces within the bounds can change the record."""
         raise NotImplementedError
 
     def over_bounces(self, bounces: Bounces, record: Values) -> Flag | bool:
-        return self.stands(JointBounds.over(bounces), record)
+        return self.is_unchanged(JointBounds.over(bounces), record)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag | bool:
-        return self.stands(JointBounds.of(bounds), record)
+        return self.is_unchanged(JointBounds.of(bounds), record)
 
-    def answered(self, ended: Ended, values: Values) -> Values:
+    def nan_if_weightless(self, ended: Ended, values: Values) -> Values:
         """Return the values; NaN for a scene that ended because vertical motion would open all joints."""
         return jnp.where(ended.code == results.WEIGHTLESS, jnp.nan, values)
 
@@ -109,7 +109,7 @@ class AbstractOfForces(AbstractOutput):
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractOfJoints(AbstractOfForces):
+class AbstractJointOutput(AbstractForceOutput):
     """An output with an answer for each joint, (2,). Its record is a row: the end columns at the bottom
     joint, then at the top joint."""
 
@@ -182,21 +182,22 @@ class JointBounds:
         self.ground, self.vertical, self.eccentricity = ground, vertical, eccentricity
         self.angle, self.speed_squared = angle, speed_squared
         self.deceleration, self.modes = deceleration, modes
-        steepest = jnp.maximum(c.alpha, angle - c.alpha)  # |ψ|
-        plain = c.restraint is None  # ψ ≤ α
-        at_steepest = (c.sin_alpha, c.cos_alpha) if plain else (jnp.sin(steepest), jnp.cos(steepest))
+        # Sine and cosine of the largest |ψ|, which exceeds α only with restrainers.
+        is_free = c.restraint is None
+        steepest = jnp.maximum(c.alpha, angle - c.alpha)
+        at_steepest = (c.sin_alpha, c.cos_alpha) if is_free else (jnp.sin(steepest), jnp.cos(steepest))
         self.sin, self.cos = at_steepest
         # Upper bound of −s, then lower and upper bounds of the beam's accelerations σü_b and v̈_b, Eqs. (14),
         # (15).
         self._acceleration = jnp.maximum(deceleration.offset - deceleration.slope * least_sin, 0.0)
         steep, slowing, speeding = self.sin, deceleration.largest, self._acceleration
-        centripetal = 0.0 if plain else speed_squared * steep  # ψ < 0 is possible only with restrainers
+        centripetal = 0.0 if is_free else speed_squared * steep  # ψ < 0 is possible only with restrainers
         self._sway = -c.two_R * (slowing + centripetal), c.two_R * (speeding + speed_squared * steep)
         self._rise = -c.two_R * (slowing * steep + speed_squared), c.two_R * (speeding * steep + centripetal)
 
     @classmethod
     def of(cls, bounds: Bounds) -> Self:
-        """Return the bounds of forces from a state on. They are computed once for all outputs."""
+        """Return the bounds of forces after a state, computed once for all outputs."""
         return bounds.shared(cls._of)
 
     @classmethod
@@ -307,7 +308,7 @@ class JointBounds:
 
     @functools.cached_property
     def foundation_shear(self) -> Value:
-        """Bound of |V| [m/s²]: the less of a bound of the terms of (F5) and one of the terms of (F9)."""
+        """Bound of |V| [m/s²]: the smaller of a bound of the terms of (F5) and one of the terms of (F9)."""
         c = self.c
         gamma, sway = self.joints.gamma, jnp.maximum(*map(jnp.abs, self._sway))
         springs = 0.0 if self.modes is None else self.modes.springs
@@ -345,17 +346,19 @@ class JointBounds:
             along = opposite
         else:
             # The largest demand is at ψ = α if N is at least half the weight of the column.
-            heavy = least > 0.5 * (c.g + self.vertical)
+            is_heavy = least > 0.5 * (c.g + self.vertical)
             least_deceleration = self.deceleration.slope * c.sin_alpha - self.deceleration.offset  # at ψ = α
-            bottom = inertia[0] * fastest - jnp.where(heavy[0], (c.g - self.vertical) * steepest[0], 0.0)
-            top = weight[1] + inertia[1] * jnp.where(heavy[1], -least_deceleration, self.deceleration.offset)
+            bottom = inertia[0] * fastest - jnp.where(is_heavy[0], (c.g - self.vertical) * steepest[0], 0.0)
+            top = weight[1] + inertia[1] * jnp.where(
+                is_heavy[1], -least_deceleration, self.deceleration.offset
+            )
             along = others + jnp.stack([bottom, top])
-        closed = least > 0
-        least, most = (jnp.where(closed, y, 1.0) for y in (least, most))
+        is_closed = least > 0
+        least, most = (jnp.where(is_closed, y, 1.0) for y in (least, most))
         demand = steepest + 0.5 * along / jnp.where(along > 0, least, most)
         demand = jnp.maximum(demand, 0.5 * opposite / least)
         carries_nothing = (most == 0) & (self.least_axial == 0)
-        return jnp.where(closed, demand, jnp.where(carries_nothing, 0.0, jnp.inf))
+        return jnp.where(is_closed, demand, jnp.where(carries_nothing, 0.0, jnp.inf))
 
 
 def _deceleration(

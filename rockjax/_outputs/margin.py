@@ -12,7 +12,7 @@ from rockjax._engine.energy import potential
 from rockjax._outputs.maxima import NEAR_RECORD, Maximum
 from rockjax._types import Flag, Value
 
-from .base import AbstractEventOutput, AbstractWithoutAnswer
+from .base import AbstractEventOutput, AbstractInternalOutput
 from .turning_points import margin_at_fall, margin_at_rest
 from .views import Bounces, Start, Step, StepEnd, Turn
 
@@ -59,7 +59,7 @@ class Margin(AbstractEventOutput):
 
 
 @dataclasses.dataclass(frozen=True)
-class TurningPoints(AbstractWithoutAnswer):
+class TurningPoints(AbstractInternalOutput):
     """The turning point of the last trial; batches estimate the distance to the overturning boundary from
     it."""
 

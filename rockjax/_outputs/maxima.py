@@ -17,11 +17,11 @@ from rockjax._types import Flag, Flags, Value, Values
 # A step is shortened to end on an extremum that may raise the record and lies well inside the step. Near the
 # ends of a step the polynomial is as accurate as the step itself.
 NEAR_RECORD = 1e-2  # relative distance below the record from which an extremum may raise it
-WELL_INSIDE = 0.02  # fraction of the step at both ends where a turning point of θ needs no shorter step
+END_ZONE = 0.02  # fraction of the step at both ends where a turning point of θ needs no shorter step
 # The same fraction for quantities given by quintics and cubics. It is smaller for a vibrating superstructure,
 # because derivatives of its motion grow with every oscillation.
-WELL_INSIDE_QUINTIC = 2e-3
-WELL_INSIDE_CUBIC = 1e-4
+END_ZONE_QUINTIC = 2e-3
+END_ZONE_CUBIC = 1e-4
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
 
 
@@ -89,14 +89,14 @@ class End(NamedTuple):
     past: Value  # time from there to an event or breakpoint, with its derivative [s]
 
 
-@functools.partial(jax.jit, static_argnames=("inside", "lands", "sizes"))
+@functools.partial(jax.jit, static_argnames=("end_zone", "lands", "sizes"))
 def largest(
     path: Path,
     h: Value,
     long: Flag,
     record: Values,
     ends: tuple[End, End],
-    inside: float = WELL_INSIDE_QUINTIC,
+    end_zone: float = END_ZONE_QUINTIC,
     lands: bool = True,
     sizes: Sizes = "absolute",
 ) -> Maximum:
@@ -107,7 +107,7 @@ def largest(
     - `long`: whether curvatures of the path are more than rounding (`hermite.is_long`)
     - `record`: largest |f| so far
     - `ends`: f at both ends
-    - `inside`: fraction of the step at both ends where an extremum needs no shorter step
+    - `end_zone`: fraction of the step at both ends where an extremum needs no shorter step
     - `lands`: whether steps are shortened at all
     - `sizes`: "absolute" for max|f|; "signed" for max f; "both" for a row of max(−f) and max f, also in
       `record`
@@ -142,7 +142,7 @@ def largest(
     raises |= repeat(long & dips) & (
         jnp.maximum(largest_end, size_at_z + repeat(jnp.abs(path.slope(z)))) > near
     )
-    raises &= repeat((z > inside) & (z < 1 - inside))
+    raises &= repeat((z > end_zone) & (z < 1 - end_zone))
     return Maximum(value, jnp.where(raises, repeat(z), jnp.inf))
 
 

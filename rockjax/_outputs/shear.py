@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, ModalConstants
 from rockjax._engine.model import shear
-from rockjax._outputs.maxima import WELL_INSIDE_CUBIC, WELL_INSIDE_QUINTIC, Maximum
+from rockjax._outputs.maxima import END_ZONE_CUBIC, END_ZONE_QUINTIC, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Value
 
@@ -45,14 +45,14 @@ class PeakShear(AbstractOutput):
 
     def over_step(self, step: Step, record: Value) -> Maximum:
         if step.c.vibration is None:
-            return step.largest(step.course(self.quantity), record, WELL_INSIDE_CUBIC)
+            return step.largest(step.course(self.quantity), record, END_ZONE_CUBIC)
         # Forces use a derivative of the polynomial, so steps of any method end on their maxima.
         modal: ModalConstants | None = step.c.modal
         if modal is None:
-            course, inside = step.spring_forces, WELL_INSIDE_QUINTIC
+            course, end_zone = step.spring_forces, END_ZONE_QUINTIC
         else:
-            course, inside = step.carrier()(modal.shares), step.inside_of_forces
-        force = step.largest(course, record * step.c.g, inside)
+            course, end_zone = step.carrier()(modal.shares), step.end_zone_of_forces
+        force = step.largest(course, record * step.c.g, end_zone)
         return force._replace(value=force.value / step.c.g)
 
     def over_rest(self, rest: Rest, record: Value) -> Value:

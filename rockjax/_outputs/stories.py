@@ -14,7 +14,7 @@ from .views import Ended
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractOfStories(AbstractOutput):
+class AbstractStoryOutput(AbstractOutput):
     """An output of a building with an answer for each story or floor, (stories,)."""
 
     axis = STORIES

@@ -24,9 +24,9 @@ from rockjax._engine.ratio import safe_ratio
 from rockjax._engine.state import LoopState, Scene
 from rockjax._excitations.base import Shaking
 from rockjax._outputs.maxima import (
-    WELL_INSIDE,
-    WELL_INSIDE_CUBIC,
-    WELL_INSIDE_QUINTIC,
+    END_ZONE,
+    END_ZONE_CUBIC,
+    END_ZONE_QUINTIC,
     End,
     Maximum,
     Sizes,
@@ -225,9 +225,9 @@ class Step:
         return of_beam._replace(path=Quintic(path.c0, path.c1, path.c2, path.c3, zero, zero))
 
     @property
-    def inside_of_forces(self) -> float:
+    def end_zone_of_forces(self) -> float:
         """Fraction of the step at both ends where a maximum of carried forces needs no shorter step."""
-        return WELL_INSIDE_QUINTIC if self._base is None else WELL_INSIDE_CUBIC
+        return END_ZONE_QUINTIC if self._base is None else END_ZONE_CUBIC
 
     def carrier(self) -> Callable[[Values], Course]:
         """Return a function that maps weights w_i of the modes to Σ w_i F_i + (Σ w_i − 1) a_b over the step
@@ -251,13 +251,13 @@ class Step:
         It is also inf if the turning point is so close to an end that the polynomial is accurate enough.
         """
         turn = self.guard.turn
-        return jnp.where(lands & (turn > WELL_INSIDE) & (turn < 1 - WELL_INSIDE), turn, jnp.inf)
+        return jnp.where(lands & (turn > END_ZONE) & (turn < 1 - END_ZONE), turn, jnp.inf)
 
     def largest(
         self,
         course: Course,
         record: Values,
-        inside: float = WELL_INSIDE_CUBIC,
+        end_zone: float = END_ZONE_CUBIC,
         lands: bool = True,
         sizes: Sizes = "absolute",
     ) -> Maximum:
@@ -266,12 +266,12 @@ class Step:
 
         - `course`: the quantity over the step
         - `record`: largest absolute value so far
-        - `inside`: fraction of the step at both ends where a maximum needs no shorter step
+        - `end_zone`: fraction of the step at both ends where a maximum needs no shorter step
         - `lands`: whether the step is shortened at all
         - `sizes`: "absolute" for |f|, "signed" for f, "both" for a row of −f and f, in `record` too
         """
         ends = End(*course.start, self.span.before), End(*course.end, self.span.after)
-        return largest(course.path, self.span.h, self.span.long, record, ends, inside, lands, sizes)
+        return largest(course.path, self.span.h, self.span.long, record, ends, end_zone, lands, sizes)
 
     def time_to_turn(self, z: Value) -> Value:
         """Return the time from the start of the step to its turning point of θ near `z` [s], with its

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from rockjax._checks import require
 from rockjax._structures import Podium, g_tan_alpha, slenderness_and_size
-from rockjax._structures.modes import joined, members, parts, with_fields
+from rockjax._structures.modes import split_row, split_unless_scalar, stack_row, with_fields
 
 from .table import (
     MOTION,
@@ -65,7 +65,7 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
     if field not in getattr(holder, "rows", ()) or (entry.place == _HEIGHTS and not _has_rows(podium)):
         return ()
     values = getattr(holder, field)
-    row = () if values is None else members(values)
+    row = () if values is None else split_unless_scalar(values)
     return row if isinstance(row, tuple) else ()
 
 
@@ -170,7 +170,7 @@ def _stored_value(holder: Any, place: str) -> Any:
         else:
             rows = [] if place == _HEIGHTS else getattr(holder, "rows", ())
             holder = getattr(holder, step)
-            if step in rows and place.endswith(step) and members(holder) is not holder:
+            if step in rows and place.endswith(step) and split_unless_scalar(holder) is not holder:
                 raise AttributeError(f"{step} is a row of numbers")
             if holder is None:
                 raise AttributeError(f"{step} is not there")
@@ -179,9 +179,9 @@ def _stored_value(holder: Any, place: str) -> Any:
 
 def _row_member(values: Any, number: int) -> Any:
     """Return the member of a row with a number from 1. Raises `AttributeError` if it does not exist."""
-    if members(values) is values and not isinstance(values, tuple):
+    if split_unless_scalar(values) is values and not isinstance(values, tuple):
         raise AttributeError("one number stands for all")
-    row = parts(values)
+    row = split_row(values)
     if not 1 <= number <= len(row):
         raise AttributeError(f"there are {len(row)}, not {number}")
     return row[number - 1]
@@ -221,5 +221,5 @@ def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
 
 def _with_members(values: Any, changes: Mapping[int, Any]) -> Any:
     """Return a row with some members replaced; `changes`: number from 1 → new member."""
-    row = tuple(changes.get(k, y) for k, y in enumerate(parts(values), start=1))
-    return row if isinstance(values, tuple) else joined(row)
+    row = tuple(changes.get(k, y) for k, y in enumerate(split_row(values), start=1))
+    return row if isinstance(values, tuple) else stack_row(row)

@@ -14,7 +14,7 @@ from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
 from rockjax._results import REST, State
 from rockjax._structures import STANDARD_GRAVITY, Podium
-from rockjax._structures.modes import as_many, parts, with_fields
+from rockjax._structures.modes import repeat_scalar, split_row, with_fields
 from rockjax._unit_warnings import warn_about_units
 
 
@@ -68,7 +68,7 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     if top is None or not top.has_mode_axis:
         return initial
     count = top.count
-    rows = {name: parts(as_many(getattr(initial, name), count)) for name in ("u_t", "u_t_dot")}
+    rows = {name: split_row(repeat_scalar(getattr(initial, name), count)) for name in ("u_t", "u_t_dot")}
     for name, values in rows.items():
         if len(values) != count:
             raise ValueError(

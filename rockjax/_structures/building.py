@@ -19,7 +19,7 @@ from rockjax._checks import (
 )
 from rockjax._types import Array, Number
 
-from .modes import Modes, Row, as_many, joined, members, parts, row, with_fields
+from .modes import Modes, Row, as_row, repeat_scalar, split_row, split_unless_scalar, stack_row, with_fields
 from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid, eigh
 
 
@@ -88,10 +88,10 @@ class ShearBuilding(AbstractSuperstructure):
         retained: int | None = None,
     ):
         owner = "ShearBuilding"
-        self.masses = row(owner, "masses", masses, "story")
-        self.stiffnesses = row(owner, "stiffnesses", stiffnesses, "story")
+        self.masses = as_row(owner, "masses", masses, "story")
+        self.stiffnesses = as_row(owner, "stiffnesses", stiffnesses, "story")
         self.damping = as_float(damping, f"{owner}: damping")
-        self.heights = None if heights is None else row(owner, "heights", heights, "story")
+        self.heights = None if heights is None else as_row(owner, "heights", heights, "story")
         count = self.masses.shape[-1]
         requested = modes if modes is not None else count if retained is None else retained
         self.retained = require_whole(owner, "modes", requested, 0)
@@ -102,15 +102,15 @@ class ShearBuilding(AbstractSuperstructure):
         owner, count = "ShearBuilding", self.stories
         rows = {"stiffnesses": self.stiffnesses} | ({} if self.heights is None else {"heights": self.heights})
         for name, values in rows.items():
-            if len(parts(values)) != count:
+            if len(split_row(values)) != count:
                 raise ValueError(
                     f"{owner}: {name} must be as long as masses, which has {count} stories, got "
-                    f"{len(parts(values))}"
+                    f"{len(split_row(values))}"
                 )
-        if as_many(self.damping, 1) is self.damping and len(parts(self.damping)) != self.retained:
+        if repeat_scalar(self.damping, 1) is self.damping and len(split_row(self.damping)) != self.retained:
             raise ValueError(
                 f"{owner}: damping must be one number or one for each of the {self.retained} retained "
-                f"modes, got {len(parts(self.damping))}"
+                f"modes, got {len(split_row(self.damping))}"
             )
         require_positive(owner, masses=self.masses, **rows)
         require_not_negative(owner, damping=self.damping)
@@ -138,7 +138,7 @@ class ShearBuilding(AbstractSuperstructure):
     @property
     def stories(self) -> int:
         """The number of stories."""
-        return len(parts(self.masses))
+        return len(split_row(self.masses))
 
     @property
     def modes(self) -> Modes:
@@ -161,7 +161,7 @@ class ShearBuilding(AbstractSuperstructure):
         return self._analysis().shapes[..., : self.retained]
 
     def _analysis(self) -> ModalAnalysis:
-        return modal_analysis(joined(self.masses), joined(self.stiffnesses))
+        return modal_analysis(stack_row(self.masses), stack_row(self.stiffnesses))
 
     @property
     def count(self) -> int:
@@ -177,7 +177,7 @@ class ShearBuilding(AbstractSuperstructure):
 
     @property
     def mass_ratio(self) -> Number:
-        return joined(self.masses).sum(axis=-1)
+        return stack_row(self.masses).sum(axis=-1)
 
     @property
     def elastic(self) -> bool:
@@ -203,7 +203,7 @@ class ShearBuilding(AbstractSuperstructure):
 
     @property
     def own_heights(self) -> Array | None:
-        return None if self.heights is None else joined(self.heights).cumsum(axis=-1)
+        return None if self.heights is None else stack_row(self.heights).cumsum(axis=-1)
 
     def check_heights(self, owner: str, heights: Number) -> None:
         ascending = lambda v: np.diff(v, axis=-1, prepend=-np.inf) > 0
@@ -211,7 +211,7 @@ class ShearBuilding(AbstractSuperstructure):
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
         del residual_height
-        of_floors = joined(self.masses) * heights
+        of_floors = stack_row(self.masses) * heights
         total = of_floors.sum(axis=-1)
         if not self.retained:
             return None, total
@@ -219,8 +219,8 @@ class ShearBuilding(AbstractSuperstructure):
         return of_modes, None if self.retained == self.stories else total - of_modes.sum(axis=-1)
 
     def split(self) -> Self:
-        values: dict[str, Any] = {name: parts(getattr(self, name)) for name in ("masses", "stiffnesses")}
-        values["damping"] = members(self.damping)
+        values: dict[str, Any] = {name: split_row(getattr(self, name)) for name in ("masses", "stiffnesses")}
+        values["damping"] = split_unless_scalar(self.damping)
         values["heights"] = None  # the motion does not depend on them
         return with_fields(self, values)
 
@@ -232,7 +232,7 @@ class ShearBuilding(AbstractSuperstructure):
         return Oscillators(
             analysis.eta[..., :retained],
             2 * math.pi / analysis.omega[..., :retained],
-            joined(self.damping),
+            stack_row(self.damping),
             residual,
             analysis.shapes[..., :retained],
         )

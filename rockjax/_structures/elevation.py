@@ -12,7 +12,16 @@ from rockjax._text.cards import card, format_call
 from rockjax._tree import Module
 from rockjax._types import Array, Number
 
-from .modes import Row, as_many, is_plain_zero, joined, members, parts, row, with_fields
+from .modes import (
+    Row,
+    as_row,
+    is_plain_zero,
+    repeat_scalar,
+    split_row,
+    split_unless_scalar,
+    stack_row,
+    with_fields,
+)
 from .superstructures import AbstractSuperstructure
 
 SAME_LINE = 1e-9  # gap between positions of one line of columns, at most, as a fraction of the span of all
@@ -50,7 +59,7 @@ class Elevation(Module):
         residual_height: Any = 0.0,
         _raised: Any = None,
     ):
-        self.columns = row("Elevation", "columns", columns, "column")
+        self.columns = as_row("Elevation", "columns", columns, "column")
         self.beam_depth = as_float(beam_depth, "Elevation: beam_depth")
         self.top_height = as_float(top_height, "Elevation: top_height")
         self.residual_height = as_float(residual_height, "Elevation: residual_height")
@@ -58,7 +67,7 @@ class Elevation(Module):
 
     def __check_init__(self):
         owner = "Elevation"
-        if len(parts(self.columns)) < 2:
+        if len(split_row(self.columns)) < 2:
             raise ValueError(f"{owner}: columns must hold the positions of 2 columns or more, got one")
         require_finite(owner, columns=self.columns, residual_height=self.residual_height)
         require_finite(owner, top_height=self.top_height)
@@ -73,12 +82,12 @@ class Elevation(Module):
     @property
     def count(self) -> int:
         """The number N of columns."""
-        return len(parts(self.columns))
+        return len(split_row(self.columns))
 
     @property
     def offsets(self) -> Array:
         """Positions of the columns from their mean [m]."""
-        positions = joined(self.columns)
+        positions = stack_row(self.columns)
         return positions - positions.mean(axis=-1, keepdims=True)
 
     @property
@@ -104,7 +113,7 @@ class Elevation(Module):
                     f"Podium: the {kind} has its own heights; give either these or elevation.top_height"
                 )
             return
-        given = len(parts(as_many(height, 1)))
+        given = len(split_row(repeat_scalar(height, 1)))
         if given != count:
             raise ValueError(
                 f"Podium: elevation.top_height must hold {count} heights, one for each mode or floor of the "
@@ -121,8 +130,8 @@ class Elevation(Module):
         if top is not None and top.own_heights is not None:
             height = top.own_heights
         if top is not None and top.height_count is not None:
-            height = members(height)
-        return with_fields(self, {"columns": parts(self.columns), "top_height": height})
+            height = split_unless_scalar(height)
+        return with_fields(self, {"columns": split_row(self.columns), "top_height": height})
 
     def resolved(self, gamma: Number, top: AbstractSuperstructure | None) -> Arms:
         """Return the elevation in the form of the engine.
@@ -139,7 +148,7 @@ class Elevation(Module):
             return Arms(offsets, beam, None)
         height = self.top_height if top.own_heights is None else top.own_heights
         if top.height_count is not None:
-            height, depth = joined(as_many(height, top.height_count)), depth[..., None]
+            height, depth = stack_row(repeat_scalar(height, top.height_count)), depth[..., None]
         of_modes, carried = top.first_moments(height + depth, carried_height)
         return Arms(offsets, beam if carried is None else beam + carried, of_modes)
 

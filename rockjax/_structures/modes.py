@@ -18,7 +18,7 @@ ROUNDING = 1e-9  # fraction of the total mass by which the sum of modal masses m
 Row = Array
 
 
-def row(owner: str, name: str, values, what: str) -> Array:
+def as_row(owner: str, name: str, values, what: str) -> Array:
     """Return a row as an array of floats.
 
     - `owner`, `name`: class and argument, for error messages
@@ -36,15 +36,15 @@ def row(owner: str, name: str, values, what: str) -> Array:
     return array
 
 
-def parts(values: Row | tuple[Number, ...]) -> tuple[Number, ...]:
+def split_row(values: Row | tuple[Number, ...]) -> tuple[Number, ...]:
     """Return the elements of a row. Each is a scalar, or an array over a batch of podiums."""
     if isinstance(values, tuple):
         return values
-    values = joined(values)
+    values = stack_row(values)
     return tuple(values[..., k] for k in range(values.shape[-1]))
 
 
-def joined(values: Row | tuple[Number, ...]) -> Array:
+def stack_row(values: Row | tuple[Number, ...]) -> Array:
     """Return a row as an array with its elements along the last axis. Concrete values use NumPy: outside jit,
     every jnp call compiles separately."""
     if isinstance(values, tuple):
@@ -54,14 +54,14 @@ def joined(values: Row | tuple[Number, ...]) -> Array:
     return values if host_values is None else cast(Array, host_values.astype(values.dtype))
 
 
-def as_many(values: Any, count: int) -> Any:
+def repeat_scalar(values: Any, count: int) -> Any:
     """Return a row unchanged, or a scalar repeated `count` times."""
     return (values,) * count if not isinstance(values, tuple) and jnp.ndim(values) == 0 else values
 
 
-def members(values: Any) -> Any:
+def split_unless_scalar(values: Any) -> Any:
     """Return the elements of a row, or a scalar unchanged."""
-    return values if not isinstance(values, tuple) and jnp.ndim(values) == 0 else parts(values)
+    return values if not isinstance(values, tuple) and jnp.ndim(values) == 0 else split_row(values)
 
 
 def is_plain_zero(value) -> bool:
@@ -93,13 +93,13 @@ class Modes(AbstractSuperstructure):
     residual: Number  # None in split modes without a residual
 
     def __init__(self, eta: Any, T: Any, zeta: Any = 0.05, residual: Any = 0.0):
-        self.eta = row("Modes", "eta", eta, "mode")
-        self.T = row("Modes", "T", T, "mode")
+        self.eta = as_row("Modes", "eta", eta, "mode")
+        self.T = as_row("Modes", "T", T, "mode")
         self.zeta = as_float(zeta, "Modes: zeta")
         self.residual = as_float(residual, "Modes: residual")
 
     def __check_init__(self):
-        count = len(parts(self.eta))
+        count = len(split_row(self.eta))
         for name in ("T", "zeta"):
             values = getattr(self, name)
             if jnp.ndim(values) and values.shape[-1] != count:
@@ -120,7 +120,7 @@ class Modes(AbstractSuperstructure):
         Raises `ValueError` if the modes have more mass than the total.
         """
         eta, total = (
-            row("Modes.of_total", "eta", eta, "mode"),
+            as_row("Modes.of_total", "eta", eta, "mode"),
             as_float(mass_ratio, "Modes.of_total: mass_ratio"),
         )
         remainder = total - jnp.sum(eta, axis=-1)
@@ -144,11 +144,11 @@ class Modes(AbstractSuperstructure):
     @property
     def count(self) -> int:
         """The number n of modes."""
-        return len(parts(self.eta))
+        return len(split_row(self.eta))
 
     @property
     def oscillators(self) -> Oscillators:
-        return Oscillators(joined(self.eta), joined(self.T), joined(self.zeta))
+        return Oscillators(stack_row(self.eta), stack_row(self.T), stack_row(self.zeta))
 
     @property
     def carried(self) -> Number | None:
@@ -175,14 +175,14 @@ class Modes(AbstractSuperstructure):
         return of_modes, carried
 
     def split(self) -> Self:
-        values = {"eta": parts(self.eta), "T": parts(self.T), "zeta": members(self.zeta)}
+        values = {"eta": split_row(self.eta), "T": split_row(self.T), "zeta": split_unless_scalar(self.zeta)}
         values["residual"] = self.carried
         return with_fields(self, values)
 
     def resolved(self) -> AbstractSuperstructure:
         if self.count == 1 and self.carried is None:
-            zeta = parts(as_many(self.zeta, 1))
-            return Elastic(*(y[0] for y in (parts(self.eta), parts(self.T), zeta)))
+            zeta = split_row(repeat_scalar(self.zeta, 1))
+            return Elastic(*(y[0] for y in (split_row(self.eta), split_row(self.T), zeta)))
         modes = self.oscillators
         return Oscillators(modes.eta, modes.T_s, modes.zeta, self.carried)
 
