@@ -70,6 +70,9 @@ from ._structures import Podium as Podium
 from ._structures import Rigid as Rigid
 from ._structures import ShearBuilding as ShearBuilding
 from ._studies.curve import fragility as fragility
+from ._studies.floor_spectra import broadened as broadened
+from ._studies.floor_spectra import envelope as envelope
+from ._studies.floor_spectra import floor_spectrum as floor_spectrum
 from ._studies.fragility import Measure as Measure
 from ._studies.fragility import incremental_dynamic_analysis as incremental_dynamic_analysis
 from ._studies.fragility import overturning_distribution as overturning_distribution

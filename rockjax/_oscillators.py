@@ -268,13 +268,15 @@ def _search(load: Load, oscillators: _Oscillators, answer: np.ndarray, states: _
     size = np.abs(_answer(answer, states.starts))
     before = np.abs(_answer(answer, states.before))
     best = np.maximum(size.max(axis=0), before.max(axis=0, initial=0.0))
-    # A piece can exceed its ends by h²/8 max|q̈| at most, and q̈ + 2ζωq̇ + ω²q is a load known in advance.
+    # A piece with a turn can exceed its ends by h²/8 max|q̈| at most. There |q̇| ≤ h max|q̈|, and
+    # q̈ + 2ζωq̇ + ω²q is a load known in advance.
     h, omega, sizes = load.length, oscillators.omega, np.abs(load.terms)
     largest_load = (sizes.sum(axis=1) * h**2).max() * np.abs(np.real(answer * oscillators.pole))
     steepest = ((sizes @ np.arange(sizes.shape[1])) * h).max() * np.abs(np.real(answer))
-    grown = 1 + (omega * h.max()) ** 2 / 8 * (1 + 4 * oscillators.zeta)
-    least = (best - (largest_load + steepest) / 8) / grown
-    points, lanes = np.nonzero(size >= least)
+    room = 8 * np.maximum(1 - 2 * oscillators.zeta * omega * h.max(), 0.2)
+    least = (best - (largest_load + steepest) / room) / (1 + (omega * h.max()) ** 2 / room)
+    size[0, :] = np.inf  # the first piece is always looked at
+    points, lanes = np.nonzero((size >= least) & ((best > 0) | np.isinf(size)))
     kick, of_kick = np.nonzero(before >= least)
     ends = states.kicks[kick] - 1
     piece, lane = np.concatenate([points, points - 1, ends]), np.concatenate([lanes, lanes, of_kick])

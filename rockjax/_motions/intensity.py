@@ -16,6 +16,7 @@ import numpy as np
 
 from rockjax._checks import as_float, require_instance, require_number
 from rockjax._files import CONVENTIONS
+from rockjax._oscillators import ground_load, largest
 from rockjax._structures import Podium, g_tan_alpha
 from rockjax._units import STANDARD_GRAVITY
 
@@ -69,15 +70,22 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
     includes times between samples and the free vibration after the motion, in which the peak of a slow
     oscillator may lie.
     """
-    if not (math.isfinite(period) and period >= 0):
+    return float(_spectrum(motion, np.array([period]), damping)[0])
+
+
+def _spectrum(motion: Accelerogram, periods: np.ndarray, damping: float) -> np.ndarray:
+    """Return Sa at several periods, shape (n,) [m/s²]."""
+    if not np.all(np.isfinite(periods) & (periods >= 0)):
+        period = float(periods[~(np.isfinite(periods) & (periods >= 0))][0])
         raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")
     if not 0 <= damping < 1:
         raise ValueError(f"spectral_acceleration: damping must be >= 0 and < 1, got damping = {damping!r}")
-    if period == 0:
-        return motion.pga
-    from .oscillator import largest_displacement  # SciPy is slow to import
-
-    return (2 * math.pi / period) ** 2 * largest_displacement(motion.acceleration, motion.dt, period, damping)
+    found, moves = np.full(periods.shape, motion.pga), periods > 0
+    if moves.any():
+        T = periods[moves]
+        peaks = largest(ground_load(motion.acceleration, motion.dt), T, np.full(T.shape, damping), True)
+        found[moves] = (2 * math.pi / T) ** 2 * peaks.displacement
+    return found
 
 
 def measure_motion(
@@ -193,7 +201,7 @@ def intensity_measures(
         },
         attrs={"title": "Intensity measures", "Conventions": CONVENTIONS, **attrs},
     )
-    spectra = [[spectral_acceleration(m, float(period), damping) for period in T] for m in motions]
+    spectra = [_spectrum(m, T, damping) for m in motions]
     shape = (len(motions), len(T)) if is_sequence else (len(T),)
     words = {"units": "m s-2", "long_name": "pseudo-spectral acceleration"}
     data["Sa"] = ((*dims, "period"), np.reshape(spectra, shape), words)

@@ -168,6 +168,18 @@ class Pieces(NamedTuple):
         t = self.start[:, None] + self.length[:, None] * POINTS
         return t.ravel(), np.repeat(self.node, POINTS.size)
 
+    @property
+    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times, whether just before them, and nodes (−1 for the one before): of the points, and of both
+        sides of all starts."""
+        (t, node), size = self.points, self.start.size
+        left = np.arange(t.size + 2 * size) - t.size
+        return (
+            np.concatenate([t, self.start, self.start]),
+            (left >= 0) & (left < size),
+            np.concatenate([node, np.full(2 * size, -1)]),
+        )
+
     def chosen(self, which: np.ndarray) -> Pieces:
         return Pieces(*(y[which] for y in self))
 
@@ -187,25 +199,15 @@ class Motions(NamedTuple):
     jump: np.ndarray
 
 
-def motions(evaluate: Callable, pieces: Pieces) -> Motions:
-    """Return the motion of modes and beam in pieces.
-
-    - `evaluate`: function of (times, whether just before, nodes) that returns [`Bodies`], with further axes
-      of parameters before the last for derivatives
-    """
-    t, node = pieces.points
+def motions(found: Bodies, pieces: Pieces) -> Motions:
+    """Return the motion of modes and beam in pieces, from `found`, that at `pieces.places`."""
     size = pieces.start.size
-    none = np.full(2 * size, -1)
-    left = np.concatenate([np.zeros(t.size, bool), np.arange(2 * size) < size])
-    times = np.concatenate([t, pieces.start, pieces.start])
-    found = evaluated(evaluate, times, left, np.concatenate([node, none]))
-    inner, cuts = jax.tree.map(lambda y: y[: t.size], found), jax.tree.map(lambda y: y[t.size :], found)
-    values = np.concatenate([inner.acceleration, inner.rise[..., None]], axis=-1)
-    values = values.reshape(size, POINTS.size, *values.shape[1:])
-    terms = np.einsum("np...,pk->nk...", values, TO_TERMS)
-    velocity = np.concatenate([cuts.velocity, cuts.climb[..., None]], axis=-1)
-    jump = cuts.ground[size:] - np.nan_to_num(cuts.ground[:size])
-    return Motions(terms, velocity[:size], velocity[size:], jump)
+    count = size * POINTS.size
+    values = np.concatenate([found.acceleration, found.rise[:, None]], axis=1)[:count]
+    terms = np.einsum("npb,pk->nkb", values.reshape(size, POINTS.size, -1), TO_TERMS)
+    velocity = np.concatenate([found.velocity, found.climb[:, None]], axis=1)[count:]
+    ground = found.ground[count:]
+    return Motions(terms, velocity[:size], velocity[size:], ground[size:] - ground[:size])
 
 
 def pieces_of(scene: history.Solved, end: float) -> Pieces:
@@ -338,19 +340,22 @@ class FloorMotion(Module):
         """Largest |Δv| of the impacts (host) [m/s]; 0 without any."""
         return float(np.abs(np.asarray(self.velocity_jumps)).max(initial=0.0))
 
+    def last(self, end: float | None = None) -> float:
+        """Return the end of the scene [s]; of a rigid podium that rests for good before, `end`, or by default
+        the end of the ground motion if that is later (host)."""
+        own = float(self.end_time)
+        if np.isfinite(self._limit):
+            return own
+        return max(own, float(np.asarray(landmarks(self.excitation)[1][1]) if end is None else end))
+
     def load(self, direction: str = "horizontal", end: float | None = None) -> Load:
         """Return acceleration and velocity jumps as polynomials in pieces, (L7) (host).
 
         - `direction`: "horizontal" or "vertical"
-        - `end`: end of the last piece [s]; by default that of the scene, or of the ground motion if a rigid
-          podium comes to rest before
+        - `end`: end for a rigid podium that rests for good before, as for `last`
         """
-        if end is None:
-            end = float(self.end_time)
-            if not np.isfinite(self._limit):
-                end = max(end, float(np.asarray(landmarks(self.excitation)[1][1])))
-        pieces = pieces_of(self.scene, end)
-        found = motions(functools.partial(along, self.scene), pieces)
+        pieces = pieces_of(self.scene, self.last(end))
+        found = motions(evaluated(functools.partial(along, self.scene), *pieces.places), pieces)
         return load_of(pieces, found, in_direction(with_beam(np.asarray(self.weights)), direction))
 
     def to_record(self, dt: float, direction: str = "horizontal") -> Record:

@@ -1,0 +1,367 @@
+"""Floor response spectra: largest answers of oscillators on the deck and on floors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from rockjax._checks import as_float, format_value, require, require_number
+from rockjax._engine.scene import as_compiled, default_end
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._machine.threads import TABLES, import_in_background
+from rockjax._motions.convert import AnyMotions, single_motions
+from rockjax._motions.motion import Motion, Motions
+from rockjax._motions.records import Records
+from rockjax._options import Options
+from rockjax._oscillators import largest
+from rockjax._programs.program import KeptProgram
+from rockjax._progress import bar
+from rockjax._responses.arguments import as_start, check_single, check_types
+from rockjax._responses.datasets import describe_excitation, describe_options, describe_podium
+from rockjax._responses.floor import (
+    DECK,
+    along,
+    check_direction,
+    evaluated,
+    floor_weights,
+    in_direction,
+    largest_acceleration,
+    load_of,
+    motions,
+    pieces_of,
+    with_beam,
+)
+from rockjax._responses.floor_end import Ending, ending, remaining
+from rockjax._responses.floor_slopes import capacity_for, motions_with_slopes, slope_of_load, solved
+from rockjax._responses.response import Response
+from rockjax._responses.sensitivities import of_scenes, slope_name
+from rockjax._responses.simulate import simulate
+from rockjax._results import REST, State
+from rockjax._structures import Podium
+
+if TYPE_CHECKING:
+    import xarray
+
+MORE_PERIODS = 5  # of the longest oscillator, after the end of the ground motion
+
+# name: (unit, description), over levels, dampings and periods, and over levels
+SPECTRA = {
+    "pseudo_acceleration": ("m s-2", "pseudo-acceleration ω² max|x|"),
+    "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),
+    "relative_displacement": ("m", "largest displacement relative to the floor max|x|"),
+}
+OTHERS = {
+    "peak_time": ("s", "time at which the displacement is largest"),
+    "remaining_ratio": ("1", "bound of later displacements over the largest, final up to 1"),
+}
+OF_LEVELS = {
+    "peak_acceleration": ("m s-2", "largest acceleration of the floor without velocity jumps"),
+    "peak_velocity_jump": ("m s-1", "largest velocity jump of the floor"),
+}
+OF_SCENES = {
+    "overturned": ("1", "the podium overturned: values are largest until then, lower bounds"),
+    "overturn_time": ("s", "time of overturning"),
+}
+
+
+@KeptProgram
+def _ends(podium: Podium, excitation: AbstractExcitation):
+    return default_end(podium, excitation), excitation.support[1]
+
+
+def floor_spectrum(
+    podium: Podium,
+    excitation: AnyMotions,
+    periods: Float[ArrayLike, " n"],
+    *,
+    damping: float | Sequence[float] = 0.05,
+    level: str | int | Sequence[str | int] = DECK,
+    weights: Float[ArrayLike, " modes"] | None = None,
+    direction: str = "horizontal",
+    initial: State = REST,
+    t_end: float | None = None,
+    options: Options = Options(),
+    sensitivities: Sequence[str] = (),
+    progress: Any = False,
+) -> xarray.Dataset:
+    """Compute floor response spectra under one ground motion or a suite (host), (L5) to (L10).
+
+    Oscillators start at rest relative to their floor and do not act back. Impulses of impacts count exactly.
+
+    - `podium`: podium of single numbers
+    - `excitation`: one motion; or `Motions`, `Records` or a list, for a dim `motion`
+    - `periods`: T_e of the oscillators, shape (n,), > 0 [s]
+    - `damping`: ζ of the oscillators, one or several, in [0, 1) [–]
+    - `level`: `"deck"`, a story from 1, the lowest, or several of them in a list
+    - `weights`: instead of levels, weights of the modes, (L2), shape (modes,) [–]
+    - `direction`: `"horizontal"` or `"vertical"`
+    - `initial`, `options`: of the scenes
+    - `t_end`: end of the scenes [s]; by default as for histories, or 5 max T_e after the motion if that is
+      later
+    - `sensitivities`: parameters y for which y ∂/∂y of the spectra is computed as well, (L8), as in
+      [`rockjax.peak_responses`][]
+    - `progress`: `True` for a progress bar over the motions, or anything with `update(number)`
+
+    Returns a Dataset with dims (motion, level, damping, period): `pseudo_acceleration` ω² max|x| and
+    `absolute_acceleration` [m/s²], `relative_displacement` max|x| [m], its `peak_time` [s], and
+    `remaining_ratio`: what can still follow over max|x|, final up to 1, inf without a bound.
+    `peak_acceleration` without velocity jumps [m/s²] and `peak_velocity_jump` [m/s] are of the floors,
+    `overturned` and `overturn_time` of the scenes. Values of a scene that overturned cover the time until
+    then. Sensitivities are `pseudo_acceleration_sensitivity` … (further dim `parameter`).
+
+    Raises `ValueError` for invalid inputs, and `RuntimeError` for a scene that does not finish.
+    """
+    owner = "floor_spectrum"
+    check_types(owner, podium, options)
+    check_single(owner, podium)
+    members, names = single_motions(owner, excitation, "excitation")
+    is_suite = isinstance(excitation, Motions | Records) or not isinstance(
+        excitation, AbstractExcitation | Motion
+    )
+    T, zeta = _axis(owner, "periods", periods), _axis(owner, "damping", damping)
+    require(owner, "periods", T, lambda v: v > 0, "finite and > 0 s")
+    require(owner, "damping", zeta, lambda v: (v >= 0) & (v < 1), "in [0, 1)")
+    levels = list(level) if isinstance(level, list | tuple | np.ndarray) else [level]
+    rows = {str(y): np.asarray(floor_weights(owner, podium, y)) for y in levels}
+    if weights is not None:
+        levels, rows = [], {"weights": np.asarray(floor_weights(owner, podium, DECK, weights))}
+    check_direction(owner, direction)
+    end = None if t_end is None else require_number(owner, "t_end", t_end, np.isfinite, "finite")
+    start = as_start(owner, initial, podium)
+    for member in members:
+        sensitivities = of_scenes(owner, podium, member, sensitivities)
+    import_in_background(*TABLES)
+    stories = {str(y): y for y in levels if y != DECK} if sensitivities else {}
+    request = _Request(rows, stories, T, zeta, direction, tuple(sensitivities))
+    found = []
+    with bar(len(members), "motions", progress) as counter:
+        for member in members:
+            own_end = _default_end(podium, member, T.max()) if end is None else end
+            response = simulate(podium, member, initial=initial, t_end=own_end, options=options)
+            found.append(_spectrum(response, start, own_end, request))
+            counter.update(1)
+    labels = None if not is_suite else list(range(1, len(members) + 1)) if names is None else names
+    data = _dataset(request, labels, found)
+    about = describe_excitation(members[0]) if not is_suite else {}
+    data.attrs = {
+        "title": "Floor response spectra",
+        "kind": "floor-spectrum",
+        "direction": direction,
+        **about,
+    }
+    data.attrs |= describe_podium(podium) | describe_options(options)
+    return data
+
+
+class _Request(NamedTuple):
+    """The request to every scene: `weights` of the modes by level, and the `stories` among the levels whose
+    weights have derivatives; periods and dampings; direction; parameters."""
+
+    weights: dict[str, np.ndarray]
+    stories: dict[str, Any]
+    periods: np.ndarray
+    damping: np.ndarray
+    direction: str
+    names: tuple[str, ...]
+
+
+class _Spectrum(NamedTuple):
+    """Spectra of one scene by name: arrays over levels, dampings, periods and, for sensitivities, parameters;
+    over levels; and of the scene."""
+
+    values: dict[str, np.ndarray]
+    of_levels: dict[str, np.ndarray]
+    of_scene: dict[str, Any]
+
+
+def _axis(owner: str, name: str, values: Any) -> np.ndarray:
+    """Return periods or dampings as an array of one dimension."""
+    found = np.atleast_1d(np.asarray(as_float(values, f"{owner}: {name}")))
+    if found.ndim != 1 or found.size == 0:
+        raise ValueError(
+            f"{owner}: {name} must be a number or a 1-D array with values, got shape {found.shape}"
+        )
+    return found
+
+
+def _default_end(podium: Podium, excitation: AbstractExcitation, longest: float) -> float:
+    end, of_motion = _ends(podium.split(), excitation.common_form())
+    return max(float(end), float(of_motion) + MORE_PERIODS * longest)
+
+
+def _spectrum(response: Response, start: State, t_end: float, request: _Request) -> _Spectrum:
+    """Return the spectra of one scene."""
+    deck = response.floor()
+    scene, is_vertical = deck.scene, request.direction == "vertical"
+    solution = None
+    if request.names:
+        solution = solved(
+            response.podium.split(),
+            response.excitation.common_form(),
+            start,
+            as_float(t_end),
+            as_compiled(response.podium, response.options),
+            names=request.names,
+            levels=tuple(request.stories.values()),
+            history=capacity_for(int(response.nodes.used)),
+        )
+        scene = response.podium.split(), scene[1], jax.tree.map(np.asarray, solution.nodes), *scene[3:]
+    end = deck.last(t_end)
+    pieces = pieces_of(scene, end)
+    if solution is None:
+        motion, slopes = motions(evaluated(partial(along, scene), *pieces.places), pieces), []
+    else:
+        motion, slopes = motions_with_slopes(scene, solution, pieces, request.names, list(request.stories))
+    ended = Ending(*(np.asarray(y) for y in ending(scene, as_float(end))))
+    period, damping = (y.ravel() for y in np.meshgrid(request.periods, request.damping))
+    omega, shape = 2 * np.pi / period, (request.damping.size, request.periods.size)
+    values: dict[str, list[np.ndarray]] = {name: [] for name in (*SPECTRA, *OTHERS)}
+    sensitivities: dict[str, list[np.ndarray]] = {slope_name(name): [] for name in SPECTRA}
+    of_levels: dict[str, list[float]] = {name: [] for name in OF_LEVELS}
+    for level, weights in request.weights.items():
+        load = load_of(pieces, motion, in_direction(with_beam(weights), request.direction))
+        left = np.inf if bool(response.overturned) else remaining(ended, weights, damping, is_vertical)
+        of_load = [
+            slope_of_load(
+                load, pieces, motion, each, weights, each.weights.get(level, 0 * weights), request.direction
+            )
+            for each in slopes
+        ]
+        stays = bool(ended.rests) and not bool(np.any(left)) and not bool(response.overturned)
+        peaks = largest(load, period, damping, stays, tuple(of_load))
+        size = peaks.displacement
+        later = np.minimum(peaks.later, size) if stays else peaks.envelope + left / omega
+        ratio = np.where(size > 0, later / np.where(size > 0, size, 1.0), np.where(later > 0, np.inf, 0.0))
+        found = omega**2 * size, peaks.acceleration, size, peaks.time, ratio
+        changes = omega**2 * peaks.slopes[0], peaks.slopes[1], peaks.slopes[0]
+        for name, value in zip(values, found, strict=True):
+            values[name].append(value.reshape(shape))
+        for name, value in zip(sensitivities, changes, strict=True):
+            sensitivities[name].append(np.moveaxis(value, 0, -1).reshape(*shape, -1))
+        of_levels["peak_acceleration"].append(largest_acceleration(load))
+        of_levels["peak_velocity_jump"].append(float(np.abs(load.kick).max()))
+    return _Spectrum(
+        {name: np.stack(y) for name, y in (values | (sensitivities if slopes else {})).items()},
+        {name: np.array(y) for name, y in of_levels.items()},
+        {name: np.asarray(getattr(response, name)) for name in OF_SCENES},
+    )
+
+
+def _dataset(request: _Request, labels: list | None, found: list[_Spectrum]) -> xarray.Dataset:
+    """Return the spectra of all scenes, with a dim `motion` if there are `labels`."""
+    import xarray
+
+    def joined(values: list) -> np.ndarray:
+        return values[0] if labels is None else np.stack(values)
+
+    of_motions = () if labels is None else ("motion",)
+    dims = (*of_motions, "level", "damping", "period")
+    slopes = {slope_name(name): (unit, f"y ∂/∂y of the {words}") for name, (unit, words) in SPECTRA.items()}
+    data = {}
+    for name, (unit, words) in (SPECTRA | OTHERS | slopes).items():
+        if name in found[0].values:
+            more = ("parameter",) if name in slopes else ()
+            data[name] = (*dims, *more), joined([y.values[name] for y in found]), _about(unit, words)
+    for name, (unit, words) in OF_LEVELS.items():
+        data[name] = dims[:-2], joined([y.of_levels[name] for y in found]), _about(unit, words)
+    for name, (unit, words) in OF_SCENES.items():
+        data[name] = of_motions, joined([y.of_scene[name] for y in found]), _about(unit, words)
+    coords: dict[str, Any] = {
+        "level": list(request.weights),
+        "damping": ("damping", request.damping, _about("1", "damping ratio of the oscillator ζ")),
+        "period": ("period", request.periods, _about("s", "period of the oscillator T_e")),
+    }
+    coords |= {} if labels is None else {"motion": labels}
+    coords |= {"parameter": list(request.names)} if request.names else {}
+    return xarray.Dataset(data, coords=coords)
+
+
+def _about(unit: str, words: str) -> dict[str, str]:
+    return {"units": unit, "long_name": words}
+
+
+def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
+    """Return a floor spectrum with broader peaks: the largest value between T/(1+β) and T/(1−β), (L11).
+
+    - `spectrum`: from [`rockjax.floor_spectrum`][] with ascending periods, or an envelope of one
+    - `ratio`: β, in [0, 1) [–]; practice for nuclear facilities uses 0.15
+
+    The spectrum counts as piecewise linear over log T, and ends at its first and last period. The result has
+    only the spectra themselves. Raises `ValueError` for periods that do not ascend, and for other ratios.
+    """
+    owner = "broadened"
+    ratio = require_number(owner, "ratio", ratio, lambda v: 0 <= v < 1, "in [0, 1)")
+    names = _spectra_of(owner, spectrum)
+    T = spectrum["period"].values
+    if np.any(np.diff(T) <= 0):
+        raise ValueError(f"{owner}: the periods of the spectrum must ascend, got {T}")
+    log = np.log(T)
+    low, high = (np.clip(log + y, log[0], log[-1]) for y in (-np.log1p(ratio), -np.log1p(-ratio)))
+    inside = (log >= low[:, None]) & (log <= high[:, None])
+
+    def widest(values: np.ndarray) -> np.ndarray:
+        at_ends = np.maximum(np.interp(low, log, values), np.interp(high, log, values))
+        return np.maximum(at_ends, np.where(inside, values, -np.inf).max(axis=1))
+
+    data = spectrum[names].copy(deep=True)
+    for name in names:
+        axis = data[name].dims.index("period")
+        data[name].values[...] = np.apply_along_axis(widest, axis, spectrum[name].values)
+    data.attrs["broadened"] = ratio
+    return data
+
+
+def envelope(
+    spectra: xarray.Dataset,
+    over: str = "motion",
+    *,
+    quantile: float | None = None,
+    overturned: Literal["raise", "drop"] = "raise",
+) -> xarray.Dataset:
+    """Return the envelope or a quantile of floor spectra over a dim, at each period.
+
+    - `spectra`: from [`rockjax.floor_spectrum`][]
+    - `over`: dim, `"motion"` or `"level"`
+    - `quantile`: in [0, 1], such as 0.84 [–]; None for the largest
+    - `overturned`: `"raise"`, or `"drop"` to leave out scenes that overturned, whose spectra are lower bounds
+
+    The result has only the spectra themselves. Raises `ValueError` for scenes that overturned unless they are
+    dropped, if all did, and for other invalid inputs.
+    """
+    owner = "envelope"
+    names = _spectra_of(owner, spectra)
+    if over not in ("motion", "level") or over not in spectra.dims:
+        raise ValueError(f"{owner}: over must be a dim of the spectra, 'motion' or 'level', got {over!r}")
+    if overturned not in ("raise", "drop"):
+        raise ValueError(f"{owner}: overturned must be 'raise' or 'drop', got {overturned!r}")
+    if quantile is not None:
+        require_number(owner, "quantile", quantile, lambda v: 0 <= v <= 1, "in [0, 1]")
+    data, fallen = spectra[names], np.atleast_1d(spectra["overturned"].values)
+    if fallen.any():
+        if overturned == "raise" or over != "motion" or fallen.all():
+            raise ValueError(
+                f"{owner}: {int(fallen.sum())} of {fallen.size} scenes overturned, so that their spectra are "
+                "lower bounds; leave them out with overturned='drop' over motions, or scale the motions down"
+            )
+        data = data.isel(motion=np.flatnonzero(~fallen))
+    found = (
+        data.max(over, keep_attrs=True)
+        if quantile is None
+        else data.quantile(quantile, over, keep_attrs=True)
+    )
+    found.attrs["envelope"] = over if quantile is None else f"{quantile:g} quantile over {over}"
+    found.attrs["scenes"] = int((~fallen).sum())
+    return found
+
+
+def _spectra_of(owner: str, spectra: Any) -> list[str]:
+    """Return the names of the spectra in a dataset. Raises `ValueError` if there are none."""
+    names = [name for name in SPECTRA if name in getattr(spectra, "data_vars", ())]
+    if not names:
+        raise ValueError(f"{owner}: needs the result of rockjax.floor_spectrum, got {format_value(spectra)}")
+    return names

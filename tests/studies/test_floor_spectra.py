@@ -1,0 +1,314 @@
+"""Floor response spectra: facts in closed form, an independent reference, derivatives, suites, bad input."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._oscillators import Load, ground_load, largest
+from tests.reference_floors import largest_displacements
+from tests.scenes import shaking
+
+FINE = rj.Options(rtol=1e-12, atol=1e-14)
+FRAME = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, lam=1 / 3)
+TOP = FRAME.replace(superstructure=rj.Elastic(30.0, 0.5, 0.05))
+
+
+def spectrum(podium, excitation, periods, **more: Any):
+    return rj.floor_spectrum(podium, excitation, np.asarray(periods), **{"options": FINE, **more})
+
+
+def load(terms, kick=0.0, length=40.0):
+    """A floor with constant accelerations, each for so long, and a kick at the start."""
+    count = len(terms)
+    none = np.zeros(count)
+    kicks = np.where(np.arange(count) == 0, kick, 0.0)
+    start = length * np.arange(count)
+    return Load(start, np.full(count, length), np.array(terms)[:, None], kicks, none, none)
+
+
+@pytest.mark.parametrize(
+    ("zeta", "kick", "kick_acceleration", "step", "step_acceleration"),
+    [
+        (0.05, 0.9266920209946192, 0.9313448608105514, 0.8544678930067565, 0.8587581017750918),
+        (0.02, 0.9694541431464898, 0.9702302238177588, 0.9390895628611485, 0.9398413356638947),
+    ],
+)
+def test_a_kick_and_a_step_have_their_closed_forms(zeta, kick, kick_acceleration, step, step_acceleration):
+    T, damping = np.array([0.3, 1.0]), np.full(2, zeta)
+    omega = 2 * math.pi / T
+    found = largest(load([0.0], kick=-0.7), T, damping, True)
+    np.testing.assert_allclose(found.displacement, kick * 0.7 / omega, rtol=1e-12)
+    np.testing.assert_allclose(found.acceleration, kick_acceleration * 0.7 * omega, rtol=1e-12)
+    before, after = -0.4, 0.9
+    found = largest(load([before, after], length=300.0), T, damping, True)
+    np.testing.assert_allclose(found.displacement * omega**2, after + (after - before) * step, rtol=1e-9)
+    np.testing.assert_allclose(found.acceleration, after + (after - before) * step_acceleration, rtol=1e-9)
+
+
+def test_a_strongly_damped_oscillator_feels_a_kick_at_once():
+    found = largest(load([0.0], kick=0.5), np.array([1.0]), np.array([0.7]), False)
+    np.testing.assert_allclose(found.acceleration, 2 * 0.7 * 2 * math.pi * 0.5, rtol=1e-12)
+
+
+def test_full_contact_passes_the_ground_motion_on():
+    found = spectrum(FRAME, rj.OneSine(1.0, 0.8), [0.5, 1.5], damping=[0.0, 0.02, 0.05])
+    S_d, S_a = found["relative_displacement"][0], found["absolute_acceleration"][0]
+    np.testing.assert_allclose(S_d[[2, 0], 0], [0.01459471099265536, 0.01676373968931122], rtol=1e-11)
+    np.testing.assert_allclose(S_d[1, 1], 0.07941081624380533, rtol=1e-11)
+    np.testing.assert_allclose(S_a[[2, 0], 0], [2.311311812234842, 2.647223664261477], rtol=1e-11)
+    np.testing.assert_allclose(S_a[1, 1], 1.394454688752405, rtol=1e-11)
+    assert (found["remaining_ratio"] <= 1).all()
+    record = rj.Motion(np.asarray(shaking(peak=0.7).acceleration), 0.02)
+    of_record = spectrum(FRAME, record, [0.1, 1.0])["pseudo_acceleration"][0, 0]
+    exact = rj.intensity_measures(record, periods=(0.1, 1.0))["Sa"]
+    np.testing.assert_allclose(of_record, exact, rtol=1e-9)
+
+
+def test_an_elastic_top_in_full_contact_has_its_closed_form():
+    factor = 1.0123  # an amplitude that nobody would type in g
+    found = spectrum(TOP, rj.OneSine(0.5 * factor, 0.8), [0.2, 0.5], damping=[0.02, 0.05], level=["deck", 1])
+    S_d = found["relative_displacement"].sel(level="1")
+    np.testing.assert_allclose(
+        found["peak_acceleration"].sel(level="1"), factor * 1.155655906117421, rtol=1e-9
+    )
+    np.testing.assert_allclose(S_d[0, 1], factor * 0.03408399214250126, rtol=1e-9)
+    np.testing.assert_allclose(S_d[1, 0], factor * 0.001286129870811430, rtol=1e-9)
+    assert found["peak_velocity_jump"].sel(level="1") == 0
+    assert (found["remaining_ratio"].sel(level="deck") <= 1).all()
+    assert np.isfinite(found["remaining_ratio"].sel(level="1")).all()
+
+
+def test_spectra_of_a_pulse_agree_with_the_reference():
+    found = spectrum(FRAME, rj.Ricker(3.2, 1.0), [0.05, 0.5, 2.0], t_end=8.0)
+    exact = [5.42355969, 5.68864346, 8.75070007]
+    np.testing.assert_allclose(found["pseudo_acceleration"].values.ravel(), exact, rtol=2e-9)
+    np.testing.assert_allclose(found["peak_acceleration"], 1.486677823722, rtol=1e-9)
+    np.testing.assert_allclose(found["peak_velocity_jump"], 0.0282409011033, rtol=1e-9)
+    vertical = spectrum(FRAME, rj.Ricker(3.2, 1.0), [0.05, 0.5, 2.0], t_end=8.0, direction="vertical")
+    np.testing.assert_allclose(
+        vertical["pseudo_acceleration"].values.ravel()[:2], [21.63090363, 2.85445778], rtol=2e-9
+    )
+    np.testing.assert_allclose(vertical["peak_velocity_jump"], 0.188412381969, rtol=1e-9)
+
+
+def test_stiff_oscillators_follow_the_largest_velocity_jump():
+    found = spectrum(FRAME, rj.Rest(), [0.001, 0.01], t_end=6.0, initial=rj.State(theta=0.1))
+    over_omega = found["pseudo_acceleration"][0, 0] * found["period"] / (2 * math.pi)
+    np.testing.assert_allclose(over_omega, [0.031546576601, 0.0335110042553], rtol=1e-9)
+    limit = 0.9266920209946192 * float(found["peak_velocity_jump"][0])
+    assert limit == pytest.approx(0.03135633805208661, rel=1e-9)
+
+
+def test_slow_oscillators_follow_the_displacement_of_the_ground():
+    found = spectrum(FRAME, rj.Ricker(1.0, 1.0), [1e4], damping=0.0, t_end=20.0)
+    np.testing.assert_allclose(found["relative_displacement"], 0.05066059182116889, rtol=1e-6)
+
+
+def test_slender_columns_have_the_linearised_spectrum():
+    alpha = 1e-3
+    block = rj.Podium(alpha=alpha, R=3 * 9.80665 / 16, lam=1 / 3, restitution=0.9)
+    start = rj.State(theta=alpha / 2)
+    found = spectrum(block, rj.Rest(), [0.5], initial=start, t_end=6.0)
+    size = float(found["relative_displacement"].item()) / (2 * float(block.R) * alpha)
+    assert size == pytest.approx(0.09561023890232810, rel=2e-6)
+    assert float(found["peak_time"].item()) == pytest.approx(3.543932538, rel=1e-5)
+
+
+def test_oscillators_on_the_deck_are_modes_without_mass():
+    periods = np.array([0.3, 1.0])
+    light = FRAME.replace(superstructure=rj.Modes(np.zeros(2), periods, 0.05))
+    peak = rj.peak_response(light, rj.Ricker(3.2, 1.0), t_end=6.0, options=FINE)
+    found = spectrum(FRAME, rj.Ricker(3.2, 1.0), periods, t_end=6.0)
+    np.testing.assert_allclose(found["relative_displacement"][0, 0], peak.peak_deformation, rtol=1e-9)
+    # The same oscillators on the light podium, by a spectrum on its deck, and on a mode of its own.
+    same = spectrum(light, rj.Ricker(3.2, 1.0), periods, t_end=6.0)
+    np.testing.assert_allclose(same["relative_displacement"], found["relative_displacement"], rtol=1e-9)
+    mode = rj.simulate(light, rj.Ricker(3.2, 1.0), t_end=6.0, options=FINE).floor(
+        weights=np.array([1.0, 0.0])
+    )
+    of_mode = spectrum(light, rj.Ricker(3.2, 1.0), periods, t_end=6.0, weights=np.array([1.0, 0.0]))
+    assert of_mode["peak_acceleration"].item() == pytest.approx(mode.peak_acceleration, rel=1e-12)
+    assert of_mode["level"].values.tolist() == ["weights"]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_scenes_agree_with_an_independent_integrator(seed):
+    rng = np.random.default_rng(seed)
+    elastic, on_top = seed % 2 == 1, seed % 4 == 1
+    alpha, R, gamma = rng.uniform(0.1, 0.25), rng.uniform(1.0, 3.0), rng.uniform(2.0, 15.0)
+    eta = rng.uniform(1.0, 20.0) if elastic else 0.0
+    T_s, T_p = rng.uniform(0.2, 0.8), rng.uniform(0.6, 1.5)
+    a_p, zeta = 9.80665 * math.tan(alpha) * rng.uniform(1.4, 2.2), rng.uniform(0.0, 0.2)
+    periods = np.sort(np.exp(rng.uniform(np.log(0.05), np.log(4.0), 5)))
+    top = rj.Elastic(eta, T_s, 0.05) if elastic else None
+    podium = rj.Podium(alpha=alpha, R=R, gamma=gamma, lam=1 / 3, superstructure=top)
+    end = 1.5 * T_p
+    found = rj.floor_spectrum(
+        podium,
+        rj.Ricker(a_p, T_p),
+        periods,
+        damping=zeta,
+        level=1 if on_top else "deck",
+        t_end=end,
+        options=rj.Options(),
+    )
+    e = float(podium.restitution_factor)
+    exact = largest_displacements(alpha, R, gamma, eta, T_s, 0.05, e, a_p, T_p, end, periods, zeta, on_top)
+    np.testing.assert_allclose(found["relative_displacement"][0, 0], exact, rtol=1e-6)
+
+
+def test_sizes_and_mirrors_change_nothing_else():
+    pulse, periods = rj.Ricker(3.2, 1.0), np.array([0.2, 1.0])
+    found = spectrum(FRAME, pulse, periods, t_end=4.0)
+    larger = rj.Ricker(3.2, math.sqrt(2))
+    size = spectrum(FRAME.replace(R=3.0), larger, math.sqrt(2) * periods, t_end=4 * math.sqrt(2))
+    mirror = spectrum(FRAME, rj.Ricker(-3.2, 1.0), periods, t_end=4.0)
+    for name, factor in (("pseudo_acceleration", 1.0), ("relative_displacement", 2.0)):
+        np.testing.assert_allclose(size[name].values, factor * found[name].values, rtol=1e-8)
+        np.testing.assert_allclose(mirror[name].values, found[name].values, rtol=1e-12)
+    np.testing.assert_allclose(
+        size["peak_velocity_jump"], math.sqrt(2) * found["peak_velocity_jump"], rtol=1e-8
+    )
+
+
+def check_derivatives(podium_of, excitation_of, values, **more):
+    """Compare sensitivities with central differences of settled solutions."""
+    names, periods = list(values), np.array([0.05, 0.3, 1.0, 3.0])
+    base = np.array(list(values.values()))
+
+    def at(numbers, **extra):
+        named = dict(zip(names, numbers, strict=True))
+        return spectrum(
+            podium_of(**named), excitation_of(**named), periods, damping=[0.05, 0.0], **more, **extra
+        )
+
+    found = at(base, sensitivities=names)
+    assert found["parameter"].values.tolist() == names
+    for k, name in enumerate(names):
+        ends = [at(base * np.where(np.arange(base.size) == k, 1 + h, 1.0)) for h in (1e-6, -1e-6)]
+        for quantity in ("pseudo_acceleration", "absolute_acceleration", "relative_displacement"):
+            change = (ends[0][quantity] - ends[1][quantity]) / 2e-6
+            slope = found[f"{quantity}_sensitivity"].sel(parameter=name)
+            np.testing.assert_allclose(slope, change, rtol=1e-5, atol=1e-5 * float(found[quantity].max()))
+
+
+@pytest.mark.parametrize("direction", ["horizontal", "vertical"])
+def test_derivatives_agree_with_differences(direction):
+    check_derivatives(
+        lambda alpha, gamma, **_: FRAME.replace(alpha=alpha, gamma=gamma),
+        lambda a_p, T_p, **_: rj.Ricker(a_p, T_p),
+        {"alpha": 0.15, "gamma": 10.0, "a_p": 3.2, "T_p": 1.0},
+        t_end=4.0,
+        direction=direction,
+    )
+
+
+@pytest.mark.slow
+def test_derivatives_of_stories_under_a_jumping_ground_agree_with_differences():
+    masses, stiffnesses = np.array([12.0, 10.0, 8.0]), np.array([4000.0, 3500.0, 2500.0])
+
+    def podium(alpha, story_stiffness_2, **_):
+        k = np.where(np.arange(3) == 1, story_stiffness_2, stiffnesses)
+        return FRAME.replace(alpha=alpha, superstructure=rj.ShearBuilding(masses, k, modes=2))
+
+    check_derivatives(
+        podium,
+        lambda a_p, T_p, **_: rj.OneCosine(a_p, T_p),
+        {"alpha": 0.15, "story_stiffness_2": 3500.0, "a_p": 4.0, "T_p": 0.8},
+        t_end=3.0,
+        level=["deck", 1, 3],
+    )
+
+
+@pytest.fixture(scope="module")
+def suite():
+    """Three motions, of which the last overturns the podium."""
+    motions = [rj.Ricker(a, 1.0) for a in (1.0, 3.2, 30.0)]
+    return rj.floor_spectrum(FRAME, motions, np.geomspace(0.1, 2.0, 8), options=FINE, t_end=4.0)
+
+
+def test_suites_have_a_dim_of_motions_and_an_envelope(suite):
+    assert suite["pseudo_acceleration"].dims == ("motion", "level", "damping", "period")
+    assert suite["overturned"].values.tolist() == [False, False, True]
+    assert np.isinf(suite["remaining_ratio"][2]).all()
+    alone = spectrum(FRAME, rj.Ricker(3.2, 1.0), suite["period"].values, t_end=4.0)
+    np.testing.assert_allclose(suite["pseudo_acceleration"][1], alone["pseudo_acceleration"], rtol=1e-12)
+    with pytest.raises(ValueError, match="1 of 3 scenes overturned"):
+        rj.envelope(suite)
+    largest = rj.envelope(suite, overturned="drop")["pseudo_acceleration"]
+    np.testing.assert_array_equal(largest, suite["pseudo_acceleration"][:2].max("motion"))
+    median = rj.envelope(suite, quantile=0.5, overturned="drop")["pseudo_acceleration"]
+    np.testing.assert_allclose(median, suite["pseudo_acceleration"][:2].mean("motion"))
+
+
+def test_broadening_is_the_running_maximum_over_log_periods(suite):
+    one = suite.isel(motion=1)
+    broad = rj.broadened(one, 0.15)
+    T, S = one["period"].values, one["pseudo_acceleration"].values.ravel()
+    fine = np.exp(np.linspace(np.log(T[0]), np.log(T[-1]), 200001))
+    values = np.interp(np.log(fine), np.log(T), S)
+    for k, period in enumerate(T):
+        inside = (fine >= period / 1.15) & (fine <= period / 0.85)
+        assert float(broad["pseudo_acceleration"][0, 0, k]) == pytest.approx(values[inside].max(), rel=1e-4)
+    np.testing.assert_allclose(rj.broadened(one, 0.0)["pseudo_acceleration"], one["pseudo_acceleration"])
+    with pytest.raises(ValueError, match=r"broadened: ratio must be in \[0, 1\), got ratio = 1"):
+        rj.broadened(one, 1.0)
+
+
+def test_progress_counts_motions():
+    class Counter:
+        total = 0
+
+        def update(self, count):
+            self.total += count
+
+    counter = Counter()
+    motions = [rj.Ricker(1.0, 1.0), rj.Ricker(1.1, 1.0)]
+    spectrum(FRAME, motions, [0.5], t_end=4.0, progress=counter)
+    assert counter.total == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"periods": [0.0, 1.0]}, "periods must be finite and > 0 s, got periods = 0.0"),
+        ({"periods": [math.inf]}, "periods must be finite and > 0 s, got periods = inf"),
+        ({"periods": []}, "periods must be a number or a 1-D array with values"),
+        ({"damping": 1.0}, r"damping must be in \[0, 1\), got damping = 1.0"),
+        ({"damping": [-0.1]}, r"damping must be in \[0, 1\), got damping = -0.1"),
+        ({"level": "roof"}, "level must be 'deck' or a story from 1 to 1, got level = 'roof'"),
+        ({"level": ["deck", 2]}, "got level = 2"),
+        ({"weights": np.ones(2)}, "weights must hold one number for each of the 1 modes"),
+        ({"direction": "up"}, "direction must be one of"),
+        ({"t_end": math.nan}, "t_end must be finite"),
+        ({"sensitivities": ["beta"]}, "sensitivities must be some of"),
+        ({"excitation": []}, "excitation must hold at least one motion"),
+    ],
+)
+def test_bad_input_is_refused(changes, message):
+    arguments = {"podium": TOP, "excitation": rj.Ricker(1.0, 1.0), "periods": [0.5]} | changes
+    with pytest.raises(
+        ValueError, match=f"floor_spectrum: {message}" if "got level" not in message else message
+    ):
+        rj.floor_spectrum(**arguments)
+
+
+def test_envelopes_refuse_other_datasets_and_dims(suite):
+    with pytest.raises(ValueError, match="over must be a dim of the spectra"):
+        rj.envelope(suite, over="period")
+    with pytest.raises(ValueError, match=r"needs the result of rockjax.floor_spectrum"):
+        rj.envelope(None)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ValueError, match="must ascend"):
+        rj.broadened(suite.isel(period=slice(None, None, -1)))
+
+
+def test_ground_loads_divide_without_change():
+    a = np.random.default_rng(1).normal(size=30)
+    load = ground_load(a, 0.1)
+    parts = load.divided(0.03)
+    assert parts.start.size == 4 * 29
+    np.testing.assert_allclose(parts.terms[:, 0], np.interp(parts.start, 0.1 * np.arange(30), a), atol=1e-14)
+    assert parts.end == pytest.approx(load.end)
