@@ -50,7 +50,7 @@ class Margin(AbstractEventOutput):
         return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        # Gravity alone turns the columns back.
+        # A lower bound: gravity alone turns the columns back.
         return record <= margin_at_rest(bounces.c, bounces.overturn_angle, bounces.height)
 
     def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:

@@ -93,13 +93,13 @@ class Response(AbstractPeak):
 
     def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
         """Return the state at times t [s]; with `left=True` before an impact."""
-        theta, theta_dot, *of_modes = self._at(t, "theta", "theta_dot", "u_t", "u_t_dot", left=left)
+        theta, theta_dot, *of_modes = self._values_at(t, "theta", "theta_dot", "u_t", "u_t_dot", left=left)
         return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
     def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the deformation of the superstructure u_t − u_b at times t [s], in m; 0 without an elastic
         superstructure; u_i − u_b along a last axis for several modes."""
-        return self._over_modes(*self._at(t, "deformation"))
+        return self._over_modes(*self._values_at(t, "deformation"))
 
     def drift(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
         """Return the drift of each story of a building at times t [s], in m, the lowest first, (C11).
@@ -107,7 +107,7 @@ class Response(AbstractPeak):
         Raises `ValueError` without stories.
         """
         self._check_stories("drift")
-        return self._at(t, "drift")[0]
+        return self._values_at(t, "drift")[0]
 
     def floor_acceleration(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
         """Return the absolute horizontal acceleration of each floor at times t [s], in m/s², lowest first.
@@ -115,12 +115,12 @@ class Response(AbstractPeak):
         Raises `ValueError` without stories.
         """
         self._check_stories("floor_acceleration")
-        return self._at(t, "floor_acceleration")[0]
+        return self._values_at(t, "floor_acceleration")[0]
 
     def base_shear(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the shear at the base of the superstructure divided by its weight [–], at times t [s], Eq.
         (7)."""
-        return self._at(t, "base_shear")[0]
+        return self._values_at(t, "base_shear")[0]
 
     def _check_stories(self, name: str) -> None:
         top = self.podium.superstructure
@@ -135,11 +135,11 @@ class Response(AbstractPeak):
 
     def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""
-        return self._at(t, "mechanical_energy")[0]
+        return self._values_at(t, "mechanical_energy")[0]
 
     def mode(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the mode σ at times t [s]: 0 in full contact, ±1 while rocking, with the sign of θ [–]."""
-        return self._at(t, "mode")[0]
+        return self._values_at(t, "mode")[0]
 
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the restoring moment divided by its value at uplift [–], at times t [s].
@@ -148,7 +148,7 @@ class Response(AbstractPeak):
         forces of the ground, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15), and of the
         restrainers, (C22). Without restrainers and vertical inertia it is about σ − θ/α.
         """
-        return self._at(t, "restoring_moment")[0]
+        return self._values_at(t, "restoring_moment")[0]
 
     def damper_energy(self, t: Float[ArrayLike, "*times"] | None = None) -> Float[Array, "*times"]:
         """Return the energy that the dampers of the columns, [`rockjax.Damper`][], have dissipated up to
@@ -188,8 +188,8 @@ class Response(AbstractPeak):
         Without an elevation there is one column, the mean column. Forces follow from the motion and do not
         affect it. They no longer hold after the first time at which a joint pulls or would slide.
         """
-        of = self._joint_series(t, left)
-        return JointForces(of["joint_shear"], of["joint_axial_force"])
+        series = self._joint_series(t, left)
+        return JointForces(series["joint_shear"], series["joint_axial_force"])
 
     def friction(
         self, t: Float[ArrayLike, "*times"], left: bool = False
@@ -230,7 +230,7 @@ class Response(AbstractPeak):
         padded_times, _ = history.filled(times, np.zeros(times.size, bool))
         impulses = joint_forces.at_impacts(self._scene(with_elevation=True), padded_times)
         with nans_allowed():
-            return _first(impulses, times.size)
+            return _truncate(impulses, times.size)
 
     def _joint_series(self, t: Float[ArrayLike, "*times"], left: bool) -> dict[str, Array]:
         """Return the quantities of `joint_forces.SERIES` at times t, by name."""
@@ -238,7 +238,7 @@ class Response(AbstractPeak):
         times, flags = history.filled(t.ravel(), np.full(t.size, left))
         series = joint_forces.along(self._scene(with_elevation=True), times, flags)
         with nans_allowed():
-            return {name: _first(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in series.items()}
+            return {name: _truncate(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in series.items()}
 
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
         """Return the balance of energy at times t [s], integrated over every step of the history."""
@@ -274,14 +274,14 @@ class Response(AbstractPeak):
         impacts = {"impact_times": impact_times, "theta_dot_before": before, "theta_dot_after": after}
         return _dataset(self, t, samples, energies, impacts)
 
-    def _at(self, t: Float[ArrayLike, "*times"], *names: str, left: bool = False) -> list[Array]:
+    def _values_at(self, t: Float[ArrayLike, "*times"], *names: str, left: bool = False) -> list[Array]:
         """Return the named quantities at times t. Axes of modes or stories follow those of t."""
         t = as_float(t)
         times, flags = history.filled(t.ravel(), np.full(t.size, left))
         quantities = history.quantities_at(self._scene(), times, flags)
         with nans_allowed():
             values = [quantities[name] for name in names]
-            return [_first(y, t.size).reshape(*t.shape, *y.shape[1:]) for y in values]
+            return [_truncate(y, t.size).reshape(*t.shape, *y.shape[1:]) for y in values]
 
     def _history(self, t, left) -> tuple[dict, Energies]:
         """Return all samples and energies at times t (n,), or just before them where `left` (n,)."""
@@ -291,7 +291,7 @@ class Response(AbstractPeak):
         with nans_allowed():
             if not self.podium.restrainers:
                 terms.append(0.0 * terms[-1])  # no dampers; NaN outside the scene
-            samples, terms = jax.tree.map(lambda y: _first(y, size), (samples, terms))
+            samples, terms = jax.tree.map(lambda y: _truncate(y, size), (samples, terms))
             samples |= {name: self._over_modes(samples[name]) for name in ("u_t", "u_t_dot", "deformation")}
         return samples, Energies(*terms, initial=initial)
 
@@ -306,14 +306,14 @@ class Response(AbstractPeak):
         return podium, self.excitation.common_form(), history.padded(self.nodes), end, explicit, rtol
 
 
-def _first(values: Array, count: int) -> Array:
+def _truncate(values: Array, count: int) -> Array:
     """Return the first `count` entries of an array. Concrete arrays use NumPy, because JAX would compile a
     program for every count."""
     host_values = concrete(values)
     return values[:count] if host_values is None else as_array(host_values[:count])
 
 
-def _motion(excitation: AbstractExcitation, t: np.ndarray) -> np.ndarray:
+def _ground_acceleration(excitation: AbstractExcitation, t: np.ndarray) -> np.ndarray:
     """Return the ground acceleration at times t (n,) [m/s²]."""
     times, _ = history.filled(t, np.zeros(t.size, bool))
     return np.asarray(history.ground_acceleration(excitation.common_form(), times))[: t.size]
@@ -330,7 +330,7 @@ def _dataset(
     import xarray
 
     values = dict(samples) | {
-        "ground_acceleration": _motion(response.excitation, t),
+        "ground_acceleration": _ground_acceleration(response.excitation, t),
         "mechanical_energy": energies.mechanical,
         "input_energy": energies.input,
         "impact_energy": energies.impacts,
@@ -340,7 +340,7 @@ def _dataset(
     if not response.podium.restrainers:
         del values["damper_energy"]
     if isinstance(response.excitation, GroundMotion):
-        values["vertical_acceleration"] = _motion(response.excitation.vertical, t)
+        values["vertical_acceleration"] = _ground_acceleration(response.excitation.vertical, t)
     data = xarray.Dataset(
         {
             name: (
