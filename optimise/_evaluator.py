@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 import rockjax as rj
 from rockjax._outputs.base import AbstractOutput
 from rockjax._programs.key import TracedFunction
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax.internal import Module, as_float
 
 from ._answer import Effort
@@ -143,7 +143,7 @@ def _trace_functions(variables: Variables, objective: AbstractObjective | None) 
     return jax.tree.map(trace, objective, is_leaf=lambda leaf: isinstance(leaf, OfPodium))
 
 
-@functools.partial(KeptProgram, arrays_only=True, words="the design with its derivatives")
+@functools.partial(StoredProgram, arrays_only=True, words="the design with its derivatives")
 def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
     """Return the Jacobians of (values, margins of every target), and the outputs of the problem."""
 
@@ -157,12 +157,12 @@ def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[
     return jax.vmap(evaluate_point)(points)
 
 
-@functools.partial(KeptProgram, arrays_only=True)
+@functools.partial(StoredProgram, arrays_only=True)
 def _least_scales(target: AbstractScaleTarget, options: rj.Options, podium: rj.Podium):
     return target.least_scales(podium, options)
 
 
-@functools.partial(KeptProgram, arrays_only=True)
+@functools.partial(StoredProgram, arrays_only=True)
 def _margins_of_samples(target: AbstractScaleTarget, scales: Float[Array, "samples k"]):
     return jax.vmap(target.margins_of_scales)(scales)
 

@@ -15,7 +15,7 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from rockjax._options import Options
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 
 from .chunk import LaneLayout
 from .exchange import Done, Lanes
@@ -112,7 +112,7 @@ class DeviceExecutor(AbstractExecutor):
         return jax.device_put(idle, dealt), advance_lanes
 
 
-_on_one = KeptProgram(
+_on_one = StoredProgram(
     advance,
     donate=[0],
     compiler_options=_COMPILER["cpu"],

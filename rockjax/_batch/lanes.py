@@ -22,7 +22,7 @@ from rockjax._engine.flat import closed, is_running
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, differentiated_fields
 from rockjax._options import Options
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._responses.sensitivities import slope_name
 from rockjax._types import Flag
 
@@ -189,7 +189,7 @@ def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> 
     return jax.tree.map(np.asarray, _no_scenes(shapes=shapes, **static))
 
 
-@KeptProgram
+@StoredProgram
 def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
     """Return lanes without scenes. This is a stored program, because their shapes are only known from
     tracing."""

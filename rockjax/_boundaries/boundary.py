@@ -37,7 +37,7 @@ from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._parameters.variants import pulse_acceleration
 from rockjax._programs.derivatives import directional_derivative, is_concrete, scalar_positions, value_of
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._results import REST
 from rockjax._structures import Podium
@@ -91,7 +91,7 @@ class Boundary(Module):
         return f"Boundary: overturns from {float(self.scale):.10g} {after}; {below}"
 
 
-_amplitude = KeptProgram(pulse_acceleration)
+_amplitude = StoredProgram(pulse_acceleration)
 
 
 def overturning_acceleration(

@@ -22,7 +22,7 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
 from rockjax._parameters.sensitivities import with_factors
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._results import REST
 from rockjax._structures import Podium
 
@@ -74,7 +74,7 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
     return jnp.where(is_found, _root_change(slope, change, 0.0), 0.0)
 
 
-@KeptProgram
+@StoredProgram
 def boundary_gradient(arguments, scale, *, numbers: tuple[int, ...], margin: bool):
     """Return the derivatives of the boundary with respect to parameters of podium and motion, shape
     (numbers,).
@@ -127,7 +127,7 @@ def log_sensitivities(
     return result
 
 
-@KeptProgram
+@StoredProgram
 def _log_slopes(
     podium: Podium, records, rows, a, options: Options, *, pulse, names: tuple[str, ...], margin: bool
 ):

@@ -22,7 +22,7 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
 from rockjax._outputs.views import Ended
 from rockjax._programs.derivatives import differentiable, is_concrete, pushed
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
@@ -130,8 +130,8 @@ def _functions(structure: Any, plan: Plan, options: Options, history: int | None
     return function, recorded
 
 
-PROGRAM = KeptProgram(_solve)
-SLOPES = KeptProgram(_solve_with_slopes)
+PROGRAM = StoredProgram(_solve)
+SLOPES = StoredProgram(_solve_with_slopes)
 
 
 def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array], dict[str, Array]]:

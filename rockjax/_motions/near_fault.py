@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, as_strings, concrete, require_instance, require_number
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._text.reading import read_text
 from rockjax._units import DEGREE, UNITS
 
@@ -171,7 +171,7 @@ def _refit_leaves(acceleration, dt, starts: PulseFit, *, quantity: str) -> list[
     return jax.tree.leaves(fits)  # a stored program cannot return a tree of modules
 
 
-_refit_stacked = KeptProgram(_refit_leaves)
+_refit_stacked = StoredProgram(_refit_leaves)
 
 
 def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:

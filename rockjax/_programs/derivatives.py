@@ -17,7 +17,7 @@ from jax.core import Tracer
 from jax.custom_derivatives import SymbolicZero
 
 from rockjax._programs.barrier import barrier
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 
 
 def pushed(
@@ -95,7 +95,7 @@ def value_of(leaf: Any) -> Any:
 
 
 @functools.cache
-def differentiable(program: KeptProgram, slopes_of: KeptProgram, structure: Any, history: int | None):
+def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: Any, history: int | None):
     """Return the function from the leaves of a scene to its answers, with the derivative rule of this module.
 
     - `program`: computes the answers
@@ -152,7 +152,7 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
     return functools.reduce(jax.lax.add, terms)
 
 
-def _traced(program: KeptProgram, structure: Any, history: int | None, primals, tangents, varied):
+def _traced(program: StoredProgram, structure: Any, history: int | None, primals, tangents, varied):
     """Differentiate the traced program with respect to the leaves `varied`: samples or initial states, or
     inside another transformation."""
 

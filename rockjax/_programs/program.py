@@ -49,7 +49,7 @@ class _StaticInputs(NamedTuple):
     keywords: tuple[tuple[str, Any], ...]  # keyword arguments, sorted by name
 
 
-class KeptProgram:
+class StoredProgram:
     """A compiled function of pytrees of arrays and numbers; other leaves and keyword arguments are static.
 
     - `function`: the function
@@ -184,7 +184,7 @@ class KeptProgram:
         return compiled
 
 
-_PROGRAMS: list[KeptProgram] = []
+_PROGRAMS: list[StoredProgram] = []
 _PENDING_WRITES: list[Future] = []  # programs that are being written to the store
 
 

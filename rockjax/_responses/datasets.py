@@ -20,7 +20,7 @@ from rockjax._motions.record import Record
 from rockjax._options import Options
 from rockjax._parameters import variants
 from rockjax._parameters.table import attribute_name, motion_parameter
-from rockjax._programs.program import ARRAYS, KeptProgram
+from rockjax._programs.program import ARRAYS, StoredProgram
 from rockjax._restrainers import KINDS
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._structures import (
@@ -36,7 +36,7 @@ from rockjax._structures import (
 )
 
 
-@KeptProgram
+@StoredProgram
 def _derive(podium: Podium) -> dict[str, Any]:
     return {
         "restitution_factor": podium.restitution_factor,

@@ -22,7 +22,7 @@ from rockjax._engine.model import acceleration, beam, beam_absolute, beam_climb,
 from rockjax._excitations.base import AbstractExcitation, Shaking
 from rockjax._motions.record import Record
 from rockjax._oscillators import Load
-from rockjax._programs.program import KeptProgram, nans_allowed
+from rockjax._programs.program import StoredProgram, nans_allowed
 from rockjax._structures import Podium
 from rockjax._tree import Module
 from rockjax._types import Value
@@ -94,10 +94,10 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
     return jax.vmap(at)(t, left, node)
 
 
-along = KeptProgram(bodies)
+along = StoredProgram(bodies)
 
 
-@KeptProgram
+@StoredProgram
 def landmarks(excitation: AbstractExcitation) -> tuple[Array, tuple[Any, Any]]:
     """Return the breakpoints of a ground motion, and its start and end [s]."""
     return excitation.breakpoints, excitation.support

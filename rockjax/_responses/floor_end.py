@@ -11,7 +11,7 @@ import numpy as np
 from rockjax._engine.coefficients import weighted
 from rockjax._engine.energy import potential
 from rockjax._engine.model import beam
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 
 from . import history
 
@@ -33,7 +33,7 @@ class Ending(NamedTuple):
     restitution: Any
 
 
-@KeptProgram
+@StoredProgram
 def ending(scene: history.Solved, t) -> Ending:
     """Return what bounds the floors after the end t of a scene [s]."""
     podium, excitation, nodes, _, method, rtol = scene

@@ -17,7 +17,7 @@ from rockjax._excitations.sampled import common_size
 from rockjax._options import Options
 from rockjax._oscillators import Load
 from rockjax._programs.derivatives import pushed
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
@@ -40,7 +40,7 @@ class Solution(NamedTuple):
     slopes: Any
 
 
-@KeptProgram
+@StoredProgram
 def solved(
     podium: Podium,
     excitation: AbstractExcitation,
@@ -73,7 +73,7 @@ def solved(
     return Solution(nodes, breakpoints, start, weights, slopes)
 
 
-@KeptProgram
+@StoredProgram
 def along_with_slopes(
     scene: history.Solved, node_slopes: Nodes, t, left, node, names: tuple[str, ...] = ()
 ) -> tuple[Bodies, Bodies]:

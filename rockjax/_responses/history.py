@@ -20,7 +20,7 @@ from rockjax._engine.tableaus import tableau_for
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.sampled import common_size
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._responses.work import damper_power, power, restoring_moment
 from rockjax._structures import Podium
 from rockjax._tree import Module
@@ -161,13 +161,13 @@ def constants(
     return coefficients(podium, SLIP if rtol is None else rtol, vertical, joints)
 
 
-@KeptProgram
+@StoredProgram
 def ground_acceleration(excitation: AbstractExcitation, t):
     """Return the ground acceleration at times t [m/s²]."""
     return excitation(t)
 
 
-@KeptProgram
+@StoredProgram
 def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
     """Return all quantities at times t (n,), or just before them where `left` (n,), by name."""
     podium, excitation, nodes, end, method, rtol = scene
@@ -182,7 +182,7 @@ def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
     return jax.vmap(at_time)(t, left)
 
 
-@KeptProgram
+@StoredProgram
 def balance(scene: Solved, t, left):
     """Return all quantities at times t (n,), or just before them where `left` (n,), and the energies at t.
 

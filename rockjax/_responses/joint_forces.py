@@ -21,7 +21,7 @@ from rockjax._outputs.joint_forces import (
     total_weight,
 )
 from rockjax._outputs.joints import friction_of, quarter_tangent
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._tree import Module
 
 from . import history
@@ -57,7 +57,7 @@ class JointForces(Module):
         return friction_of(jnp.abs(quarter_tangent(self.horizontal, self.axial)))
 
 
-@KeptProgram
+@StoredProgram
 def along(scene: history.Solved, t, left) -> dict[str, Array]:
     """Return the quantities of `SERIES` at times t (n,), or just before them where `left` (n,), by name."""
     podium, excitation, nodes, end, method, rtol = scene
@@ -90,7 +90,7 @@ def along(scene: history.Solved, t, left) -> dict[str, Array]:
     return jax.vmap(at_time)(t, left)
 
 
-@KeptProgram
+@StoredProgram
 def at_impacts(scene: history.Solved, times) -> Array:
     """Return the impulses at the times of impacts divided by m_c [m/s], with axes of impacts, columns, joints
     and (J_T, J_N); NaN for times of NaN."""

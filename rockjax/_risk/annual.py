@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, concrete, require
 from rockjax._lognormal import Lognormal
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 
 from . import integral
 from .hazard import Hazard
@@ -169,7 +169,7 @@ def _integrate_with_slopes(curve: Lognormal, hazard: Hazard, limits: integral.Li
     return frequency, share, {"median": slopes[0] / safe, "dispersion": slopes[1] / safe}
 
 
-_frequency_and_slopes = KeptProgram(_integrate_with_slopes)
+_frequency_and_slopes = StoredProgram(_integrate_with_slopes)
 
 
 def _frequency_of_lognormal(

@@ -29,7 +29,7 @@ from rockjax._lognormal import Lognormal
 from rockjax._motions.measures import intensity_measures
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._tree import Module
 
 from .filters import Filter, in_series
@@ -287,4 +287,4 @@ def _filtered(motion: GaussianMotion, u: Float[Array, "*batch d"]) -> Float[Arra
     return jnp.vectorize(motion._single, signature="(d)->(n)")(u)
 
 
-_acceleration = KeptProgram(_filtered)
+_acceleration = StoredProgram(_filtered)

@@ -19,7 +19,7 @@ from rockjax._options import Options
 from rockjax._outputs.axial_force import Unloading
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.registry import REGISTRY, name_if_registered
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._responses.simulate import REST
 from rockjax._structures import Podium, ShearBuilding
 
@@ -209,7 +209,7 @@ def _value_and_slopes(
     return value, slope, jax.tree.leaves(of_numbers)  # a tree of modules cannot be returned
 
 
-_slopes = KeptProgram(_value_and_slopes)
+_slopes = StoredProgram(_value_and_slopes)
 
 
 def _by_location(*slopes: Any) -> dict[str, np.ndarray]:

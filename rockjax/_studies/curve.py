@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from rockjax._checks import require
 from rockjax._lognormal import Lognormal, fit_capacities, fit_counts
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 
 from .intervals import Capacities, jackknife_intervals, profile_intervals
 
@@ -274,12 +274,12 @@ def _intervals_of_stripes(
     return np.exp(bounds[:, :2]).T, bounds[:, 2:]
 
 
-_fit_capacities = KeptProgram(fit_capacities)
-_fit_counts = KeptProgram(fit_counts)
-_fit_each_counts = KeptProgram(jax.vmap(fit_counts, (None, 0, None)), name="counts resampled")
+_fit_capacities = StoredProgram(fit_capacities)
+_fit_counts = StoredProgram(fit_counts)
+_fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, None)), name="counts resampled")
 
 
-@KeptProgram
+@StoredProgram
 def _slopes(capacity, limit):
     """Return d ln(median)/d capacity and d dispersion/d capacity, zero for censored capacities."""
     has_capacity = jnp.isfinite(capacity)

@@ -19,7 +19,7 @@ from rockjax._motions.motion import Motion, Motions
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._oscillators import largest
-from rockjax._programs.program import KeptProgram
+from rockjax._programs.program import StoredProgram
 from rockjax._progress import bar
 from rockjax._responses.arguments import as_start, check_single, check_types
 from rockjax._responses.datasets import describe_excitation, describe_options, describe_podium
@@ -69,7 +69,7 @@ OF_SCENES = {
 }
 
 
-@KeptProgram
+@StoredProgram
 def _ends(podium: Podium, excitation: AbstractExcitation):
     return default_end(podium, excitation), excitation.support[1]
 

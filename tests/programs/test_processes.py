@@ -61,8 +61,8 @@ def test_programs_from_the_cache_of_jax_are_not_stored(tmp_path):
 def test_a_program_that_needs_lapack_finds_it_in_a_later_process(tmp_path):
     script = """
         import numpy as np, jax, rockjax
-        from rockjax._programs.program import COUNTS, KeptProgram
-        solve = KeptProgram(lambda a, b: jax.numpy.linalg.solve(a, b), name="rockjax.solve")
+        from rockjax._programs.program import COUNTS, StoredProgram
+        solve = StoredProgram(lambda a, b: jax.numpy.linalg.solve(a, b), name="rockjax.solve")
         print(*solve(np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([3.0, 4.0])), COUNTS["loaded"])
     """
     for loaded in ("0", "1"):

@@ -13,7 +13,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._programs import key, program, store
-from rockjax._programs.program import COUNTS, KeptProgram, finish_writing, forget
+from rockjax._programs.program import COUNTS, StoredProgram, finish_writing, forget
 from tests.compiling import compiled_by
 from tests.scenes import PODIUMS
 
@@ -38,7 +38,7 @@ class Stored:
 
     def __init__(self, root):
         self.root, self.folder = root, root / "programs"
-        self.program = KeptProgram(waves)
+        self.program = StoredProgram(waves)
 
     def call(self, x=ARGUMENTS[0], y=ARGUMENTS[1], **named) -> bool:
         """Whether the call traces the function; its answer is the right one."""
@@ -232,7 +232,7 @@ def test_the_users_own_functions_are_known_by_what_they_compute(stored):
     assert made(2.0) == made(2.0) != made(3.0)
     held = lambda podium: 2 * jnp.tan(jax.lax.stop_gradient(podium.alpha))  # of other derivatives
     assert key.TracedFunction(held, PODIUMS["block"]) != made(2.0)
-    applied = KeptProgram(lambda law, x: law(x))
+    applied = StoredProgram(lambda law, x: law(x))
     for loaded, factor in ((0, 2), (0, 3), (1, 2)):
         before = COUNTS["loaded"]
         law = lambda x, factor=factor: factor * x
@@ -250,7 +250,7 @@ def _steeper(podium, factor):
 
 def test_an_answer_of_modules_is_not_stored(stored):
     """Such a program would be loaded, and fail when it is called."""
-    made = KeptProgram(_steeper, name="tests.steeper")
+    made = StoredProgram(_steeper, name="tests.steeper")
     for _ in range(2):
         assert float(made(PODIUMS["rigid"], 2.0).alpha) == 2 * float(PODIUMS["rigid"].alpha)
         finish_writing()
@@ -262,7 +262,7 @@ def test_an_answer_of_modules_is_not_stored(stored):
 @pytest.mark.parametrize("extra", [(), {}], ids=["tuple", "dictionary"])
 def test_answers_of_another_form_are_another_program(stored, extra):
     """Functions of the user are identified by their trace, which does not show empty branches of answers."""
-    made = KeptProgram(lambda law, x: law(x), name="tests.forms")
+    made = StoredProgram(lambda law, x: law(x), name="tests.forms")
     assert made(lambda x: (2 * x,), 3.0) == (6.0,)
     finish_writing()
     made.forget()
