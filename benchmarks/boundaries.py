@@ -38,7 +38,7 @@ WIDTH = 1e-4  # of the range
 SCALE_STEP = 0.25 * WIDTH  # from one scale that is tried to the next
 OVERTURNING_RUN = 64  # scales in a row that overturn: what is above them is no window any more
 BLOCK = 4096  # scales that are tried at once
-INSIDE = 200  # scales in a step at whose ends the verdict changes
+INSIDE = 200  # scales in a step at whose ends the outcome changes
 RANGE = 10.0  # scales up to so many g tan α over PGA
 COARSE = 256  # scales that tell from where on the columns lift
 LOOKING = rj.Options(rtol=1e-7, atol=1e-9, method="tsit5", outputs=("margin",))

@@ -359,7 +359,7 @@ def building_rows() -> list[dict]:
 
 DT = 0.02  # of all motions [s]
 PART = (0.01, 0.97)  # of the Arias intensity of the horizontal component, that is kept
-RATIOS = (1.5, 2.0, 3.0)  # PGA over g tan α
+RATIOS = (1.5, 2.0, 3.0)  # PGA divided by g tan α
 SIZES = (0.5, 1.0, 2.0)  # of the columns, over those of the other studies
 DESIGN = 2.0  # of the ratios, for the design
 UNMOVED = 1e-3  # of α: smaller rotations say nothing

@@ -39,7 +39,7 @@ from .measure import (
 )
 
 RECORDS, SAMPLES, DT = 20, 2000, 0.01
-LEVELS = np.linspace(0.5, 12.0, 50)  # PGA over g tan α
+LEVELS = np.linspace(0.5, 12.0, 50)  # PGA divided by g tan α
 PEAKS = ("peak_rotation", "peak_deformation", "peak_shear")
 TOLERANCES = [10.0**-k for k in range(3, 13)]
 METHODS = ("dopri8", "tsit5")

@@ -80,7 +80,7 @@ def joint_peaks(problem: Problem, design: Design) -> Any:
     an elevation or motions."""
     from types import SimpleNamespace
 
-    from rockjax._cli._joints import ANSWERS, OUTPUTS
+    from rockjax._cli._joints import OUTPUTS, VARIABLES
 
     from ._suite import Suite
 
@@ -88,7 +88,7 @@ def joint_peaks(problem: Problem, design: Design) -> Any:
     if design.podium.elevation is None or not motions:
         return None
     return SimpleNamespace(
-        **Suite.of(motions).peaks(design.podium, problem.options, OUTPUTS, ("overturned", *ANSWERS))
+        **Suite.of(motions).peaks(design.podium, problem.options, OUTPUTS, ("overturned", *VARIABLES))
     )
 
 

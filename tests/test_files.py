@@ -187,13 +187,13 @@ class Counts:
 
 
 def test_partial_files_of_other_runs_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="nothing to resume"):
+    with pytest.raises(ValueError, match="--resume needs .*none.partial.nc, which does not exist"):
         _checkpoint.load(tmp_path / "none.partial.nc", 2)
     (tmp_path / "bad.nc").write_bytes(b"not netCDF")
     with pytest.raises(ValueError, match="is not the file of an interrupted run"):
         _checkpoint.load(tmp_path / "bad.nc", 2)
     path = _checkpoint.save(tmp_path / "two.nc", [None, xarray.Dataset({"a": 1.0})])
-    with pytest.raises(ValueError, match="over 2 podiums, this one has 3"):
+    with pytest.raises(ValueError, match="results of 2 podiums, but this run has 3"):
         _checkpoint.load(path, 3)
     assert _checkpoint.load(path, 2)[0] is None
 

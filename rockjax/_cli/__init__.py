@@ -1,4 +1,4 @@
-"""The command line. Slow imports wait until a command needs them, so that help is immediate."""
+"""The command line. Commands import slow packages when they run, so that help appears at once."""
 
 from ._app import app, main
 from ._cache import cache

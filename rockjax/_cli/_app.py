@@ -1,4 +1,4 @@
-"""The command-line application. Exit status: 0 success, 1 no answer, 2 wrong input, 130 interrupted."""
+"""The command-line application, and its exit status on errors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ._terminal import terminal
 
 
 class _Commands(typer.core.TyperGroup):
-    """Group of all commands, which stores the command line for the attributes of output files."""
+    """Group of all commands. It stores the command line for the attributes of output files."""
 
     def parse_args(self, ctx, args):
         COMMAND.set(shlex.join(["rockjax", *args]))

@@ -14,14 +14,12 @@ from ._run import Report, command
 @command(jax=False)
 def cache(
     report: Report,
-    clear: Annotated[
-        bool, option("--clear", panel=OUTPUT, help="Take away all programs that are kept.")
-    ] = False,
+    clear: Annotated[bool, option("--clear", panel=OUTPUT, help="Remove all stored programs.")] = False,
 ) -> None:
-    """List or remove the compiled programs that are kept between processes: folder, number and size.
+    """Show or clear the cache of compiled programs: folder, number of programs and size.
 
-    A program serves all scenes of its kind, whatever their numbers. ROCKJAX_CACHE_DIR names another folder,
-    ROCKJAX_CACHE_SIZE its largest size in MiB, and ROCKJAX_CACHE=off keeps none.
+    Later processes load these programs instead of compiling them. The environment variable ROCKJAX_CACHE_DIR
+    sets the folder, ROCKJAX_CACHE_SIZE its largest size in MiB; ROCKJAX_CACHE=off switches the cache off.
 
     \b
     Examples:
@@ -30,23 +28,23 @@ def cache(
     """
     from rockjax._programs import store
 
-    place = store.folder()
+    folder = store.folder()
     if clear:
         removed = store.clear()
-        report.say(f"removed {removed} programs from {place}")
+        report.say(f"removed {removed} programs from {folder}")
         report.facts |= {"removed": removed}
     entries = store.entries()
     size, limit = sum(entry.size for entry in entries) / 2**20, store.limit() / 2**20
-    why = store.reason_unused()
-    report.say(f"{len(entries)} programs, {size:.1f} of at most {limit:.0f} MiB, in {place}")
+    reason_unused = store.reason_unused()
+    report.say(f"{len(entries)} programs, {size:.1f} of at most {limit:.0f} MiB, in {folder}")
     if entries and not clear:
         days = (time.time() - entries[0].used) / 86400
-        report.say(f"the one unused for longest was last used {days:.1f} days ago")
-    if why:
-        report.say(f"not in use: {why}")
+        report.say(f"the least recently used program was used {days:.1f} days ago")
+    if reason_unused:
+        report.say(f"the cache is not in use: {reason_unused}")
     report.facts |= {
-        "folder": str(place),
+        "folder": str(folder),
         "programs": len(entries),
         "MiB": round(size, 1),
-        "in_use": why is None,
+        "in_use": reason_unused is None,
     }

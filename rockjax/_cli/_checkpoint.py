@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 def path_of(output: str | Path) -> Path:
-    """Return the path of the partial results of the run that writes OUTPUT.nc."""
+    """Return the path of the partial results of a run whose output is OUTPUT.nc."""
     return Path(f"{output}.partial.nc")
 
 
 def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
-    """Save datasets, some of them None, atomically, and return the path."""
+    """Save datasets atomically and return the path; None stands for a podium without results."""
     import xarray
 
     def write(name: str) -> None:
@@ -35,23 +35,25 @@ def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
 
 
 def load(path: Path, count: int) -> list[xarray.Dataset | None]:
-    """Load the saved datasets, None for those that were not finished.
+    """Load the saved datasets, some of which may be incomplete; None for podiums without results.
 
-    Raises `ValueError` if there is no such file, or it belongs to another run.
+    Raises `ValueError` if the file does not exist, cannot be read or has another number of podiums than
+    `count`.
     """
     import netCDF4
     import xarray
 
     if not path.exists():
-        raise ValueError(f"there is nothing to resume: {path} does not exist")
+        raise ValueError(f"--resume needs {path}, which does not exist; leave out --resume")
     try:
         with netCDF4.Dataset(path) as file:
-            groups, expected = set(file.groups), int(file.getncattr("datasets"))
+            groups, saved_count = set(file.groups), int(file.getncattr("datasets"))
     except (OSError, AttributeError, RuntimeError) as error:
-        raise ValueError(f"{path}: is not the file of an interrupted run: {error}") from None
-    if expected != count:
+        raise ValueError(f"{path} is not the file of an interrupted run: {error}") from None
+    if saved_count != count:
         raise ValueError(
-            f"{path}: belongs to a run over {expected} podiums, this one has {count}; use the same flags"
+            f"{path} has results of {saved_count} podiums, but this run has {count}; resume with the options "
+            "of the interrupted run"
         )
     names = [f"dataset-{k}" for k in range(count)]
     return [
@@ -61,7 +63,7 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
 
 
 def _restore_attrs(data: xarray.Dataset) -> xarray.Dataset:
-    """Convert attributes back from the NumPy scalars of netCDF to Python numbers."""
+    """Return the dataset, with attributes converted from the NumPy scalars of netCDF to Python numbers."""
     data.attrs = {
         name: value.item() if isinstance(value, np.generic) else value for name, value in data.attrs.items()
     }

@@ -13,12 +13,12 @@ from ._run import INTERRUPTED, Report, command
 
 @command(structure_options(), options_of(models.Problem, "starts", "seed", "friction"), accuracy(rtol=None))
 def design(request: Request, report: Report, output: Output = "rockjax-design") -> None:
-    """Size a podium: variables within bounds, targets on overturning, rotation, shear, an objective to
-    minimise.
+    """Design a podium: minimise an objective over bounded variables, subject to targets.
 
-    Prints variables, targets with their margins and shadow prices; writes OUTPUT.json, OUTPUT-convergence.png
-    and, before and after, OUTPUT-response.png. Options of the structure override the file. The exit
-    status is 1 if no design satisfies the targets. Ctrl-C keeps the best design so far.
+    Prints the variables, and the targets with their margins and shadow prices. Writes OUTPUT.json,
+    OUTPUT-convergence.png and OUTPUT-response.png, the response before and after. Options of the structure
+    override the file. The exit status is 1 if no design satisfies the targets. Ctrl-C keeps the best design
+    so far.
 
     \b
     Examples:
@@ -30,22 +30,18 @@ def design(request: Request, report: Report, output: Output = "rockjax-design") 
     optimise = extension("design")
 
     if request.path is None:
-        raise ValueError("design: needs a problem file (TOML), or --example column")
+        raise ValueError("rockjax design needs a problem file (TOML), or --example column")
     files = parse_outputs(output, "rockjax-design").check(("convergence", "response"), ".json")
     problem = optimise.problem_of(request.merged, request.path, request.reader.set_by_options)
-    found, written, stopped = optimise.design_command(problem, files.prefix, report.quiet, files.format)
-    report.say(str(found))
-    peaks = optimise.joint_peaks(problem, found)
-    for line in joint_warnings(found.podium, peaks, request.problem.friction):
+    best, written, interrupt = optimise.design_command(problem, files.prefix, report.quiet, files.format)
+    report.say(str(best))
+    peaks = optimise.joint_peaks(problem, best)
+    for line in joint_warnings(best.podium, peaks, request.problem.friction):
         report.say(line)
     for path in written:
         report.add_file(path)
-    report.facts |= {
-        name: value for name, value in optimise.design_record(found).items() if name != "history"
-    }
-    if stopped is not None:
-        report.error(f"{stopped}; the best design so far is kept", INTERRUPTED)
-    elif not found.satisfied:
-        report.error(
-            "no design that satisfies the targets was found; widen [vary], relax the targets or raise starts"
-        )
+    report.facts |= {name: value for name, value in optimise.design_record(best).items() if name != "history"}
+    if interrupt is not None:
+        report.error(f"{interrupt}; the best design so far is saved", INTERRUPTED)
+    elif not best.satisfied:
+        report.error("no design satisfies the targets; widen [vary], relax the targets or raise starts")

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     import rockjax as rj
     from rockjax._motions.motion import Motions
 
-HIGHEST = 6.0  # default of the highest level: median PGA over g tan α
-FILES = ("units", "dt", "component", "pattern", "paired")
+HIGHEST = 6.0  # default of the highest level: median PGA divided by g tan α
+FILE_KEYS = ("units", "dt", "component", "pattern", "paired")  # options for reading files of records
 
 
 @command(
     structure_options(**SINGLE_DEFAULTS),
-    options_of(models.Suite, *FILES),
+    options_of(models.Suite, *FILE_KEYS),
     options_of(models.Fragility),
     accuracy(rtol=1e-9, overturn_ratio=1.0),
 )
@@ -36,7 +36,7 @@ def fragility(
     inputs: Annotated[
         list[Path] | None,
         argument(
-            "Records: files, folders, tables (suite.csv). And, or, a problem file (.toml).",
+            "Records: files, folders, tables (suite.csv); a problem file (.toml), alone or with records.",
             show_default=False,
         ),
     ] = None,
@@ -46,13 +46,12 @@ def fragility(
     ] = None,
     output: Output = "rockjax-fragility",
 ) -> None:
-    """Compute a fragility curve: the probability that a suite of records overturns the structure, over their
-    intensity.
+    """Compute a fragility curve: the probability of overturning over the intensity of records.
 
-    Every record is scaled to all levels, and the least intensity that overturns is found for each
-    (incremental dynamic analysis); a lognormal curve is fitted, with confidence intervals. Prints median,
-    dispersion and sensitivities of the median; writes OUTPUT.nc (the curve, and the analysis as its group),
-    OUTPUT-fragility.png and OUTPUT-ida.png. Ctrl-C keeps nothing. The first run also compiles.
+    Every record is scaled to all levels, and its least overturning intensity is found (incremental dynamic
+    analysis). A lognormal curve is fitted, with confidence intervals. Prints median, dispersion and
+    sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
+    OUTPUT-fragility.png and OUTPUT-ida.png. Ctrl-C saves nothing.
 
     \b
     Examples:
@@ -72,29 +71,28 @@ def fragility(
     files = parse_outputs(output, "rockjax-fragility").check(("fragility", "ida"))
     podium, settings = request.podium(), request.settings
     options = request_joints(podium, request.options())
-    found = _suite(request, synthetic, inputs or [])
-    measure = _measure(settings, found)
+    suite = _suite(request, synthetic, inputs or [])
+    measure = _measure(settings, suite)
     if settings.intensity is None:
         highest = (
             HIGHEST
             * float(g_tan_alpha(podium.alpha, podium.g))
-            * float(np.median(measure.values / np.array([m.pga for m in found])))
+            * float(np.median(measure.values / np.array([motion.pga for motion in suite])))
         )
         low, high = highest / settings.levels, highest
     else:
         low, high = settings.intensity
     x = np.linspace(low, high, settings.levels)
     report.note(
-        f"{len(found)} records of up to "
-        f"{max(map(len, found))} samples × {x.size} levels, and their boundaries"
+        f"{len(suite)} records of up to {max(map(len, suite))} samples × {x.size} levels, with boundaries"
     )
     with report.progress(None, "scenes") as bar:  # the total is not known in advance
         analysis = rj.incremental_dynamic_analysis(
             podium,
-            found,
+            suite,
             x,
             measure=measure,
-            names=make_unique(found.names),
+            names=make_unique(suite.names),
             sensitivities=settings.sensitivities,
             options=options,
             progress=bar,
@@ -128,7 +126,7 @@ def _finish(report: Report, files: Outputs, analysis: xarray.Dataset, settings: 
     }
     curve = _curve(report, analysis, settings)
     if curve is None:
-        # Keep the analysis: it is expensive and shows what to change.
+        # Save the analysis: it is expensive and shows which levels would be better.
         report.write(files.data(), analysis)
         report.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
         return
@@ -139,12 +137,13 @@ def _finish(report: Report, files: Outputs, analysis: xarray.Dataset, settings: 
     median_note = dispersion_note = ""
     report.facts |= {"units": unit or "1", "median": median, "dispersion": dispersion}
     if "interval" in curve:
-        (a, b), (c, d) = np.asarray(curve["interval"].transpose("quantity", "bound"))
-        share = f", {settings.confidence:.0%} interval"
-        median_note, dispersion_note = f"{share} {a:.4g} to {b:.4g}", f"{share} {c:.3f} to {d:.3f}"
+        of_median, of_dispersion = np.asarray(curve["interval"].transpose("quantity", "bound"))
+        interval = f", {settings.confidence:.0%} interval"
+        median_note = f"{interval} {of_median[0]:.4g} to {of_median[1]:.4g}"
+        dispersion_note = f"{interval} {of_dispersion[0]:.3f} to {of_dispersion[1]:.3f}"
         report.facts |= {
-            "median_interval": [a, b],
-            "dispersion_interval": [c, d],
+            "median_interval": list(of_median),
+            "dispersion_interval": list(of_dispersion),
             "confidence": settings.confidence,
         }
     report.say(f"median overturning {name}: {median:.4g}{unit_suffix}{median_note}")
@@ -179,29 +178,32 @@ def _curve(report: Report, analysis: xarray.Dataset, settings: models.Fragility)
 
 
 def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motions:
-    """Return the chosen records: files, synthetic ones, or a set of the problem file."""
+    """Return the records: from files, synthetic, or from a set of the problem file."""
     from rockjax._motions.synthetic import synthetic_motions
 
     if paths and synthetic is not None:
-        raise ValueError("--synthetic: give files or synthetic motions, not both")
+        raise ValueError("--synthetic and files of records are alternatives; give one")
     if synthetic is not None:
         return synthetic_motions(synthetic, seed=request.settings.seed)
-    chosen = request.chosen(FILES)
+    chosen = request.chosen(FILE_KEYS)
     if paths:
         paired = chosen.pop("paired", False)
-        found = read_records(request.reader, paths, chosen)
-        return found.paired() if paired else found
+        motions = read_records(request.reader, paths, chosen)
+        return motions.paired() if paired else motions
     sets = request.problem.motions
     if not sets:
         raise ValueError(
-            "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"
+            "rockjax fragility needs records: files, folders or tables, --synthetic N, or a problem file "
+            "with [motions]"
         )
     for name in chosen:
-        raise ValueError(f"--{name}: is for files that are named here, not in the problem file")
+        raise ValueError(
+            f"--{name} applies only to files on the command line; set {name} in the problem file instead"
+        )
     return request.reader.records(sets, request.set_name(request.settings.motions, "motions"))
 
 
-def _measure(settings: models.Fragility, found: Motions) -> rj.Measure:
+def _measure(settings: models.Fragility, suite: Motions) -> rj.Measure:
     import numpy as np
 
     import rockjax as rj
@@ -210,12 +212,12 @@ def _measure(settings: models.Fragility, found: Motions) -> rj.Measure:
     name = settings.measure
     if name != "Sa" and settings.measure_period is not None:
         raise ValueError(
-            f"--measure-period: is for Sa only; leave it out, or use --measure Sa instead of {name}"
+            f"--measure-period applies only to Sa; leave it out, or use --measure Sa instead of {name}"
         )
     if name == "Sa" and settings.measure_period is None:
-        raise ValueError("--measure Sa: needs --measure-period, such as --measure-period 1")
+        raise ValueError("--measure Sa needs --measure-period, such as --measure-period 1")
     if name == "scale":
-        return rj.Measure(name, np.ones(len(found)), "1")
+        return rj.Measure(name, np.ones(len(suite)), "1")
     label = f"Sa({settings.measure_period:g} s)" if name == "Sa" else name
-    values = np.array([measure_by_label(motion, label) for motion in found])
+    values = np.array([measure_by_label(motion, label) for motion in suite])
     return rj.Measure(label, values, "m s-1" if name == "PGV" else "m s-2")

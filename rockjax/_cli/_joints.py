@@ -1,4 +1,4 @@
-"""Warnings about the joints: whether the model's own assumptions hold."""
+"""Warnings about the joints: whether the assumptions of the model hold there."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ if TYPE_CHECKING:
 
     import rockjax as rj
 
-# What is read, besides whether scenes overturn.
-ANSWERS = "least_axial_force", "least_impulse_share", "peak_friction", "peak_impact_friction"
-OUTPUTS = ("peak_friction", "axial_force", "impact_friction")
-ROUNDING = 1e-9  # of ξ_J above 1
+VARIABLES = ("least_axial_force", "least_impulse_share", "peak_friction", "peak_impact_friction")
+OUTPUTS = ("peak_friction", "axial_force", "impact_friction")  # outputs with these variables
+ROUNDING = 1e-9  # an impact eccentricity ξ_J that exceeds 1 by less is rounding
 
 
 def request_joints(podium: rj.Podium, options: rj.Options) -> rj.Options:
@@ -24,56 +23,59 @@ def request_joints(podium: rj.Podium, options: rj.Options) -> rj.Options:
 
 
 def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Iterator[str]:
-    """Yield lines on joints that open, need more friction than there is, or were not checked.
+    """Yield a line for each assumption about the joints that does not hold or cannot be checked.
 
     - `podium`: the structure
-    - `peaks`: anything with `ANSWERS` as attributes, of one scene or of many; scenes that overturn do not
-      count among many. None without scenes
-    - `friction`: friction coefficient μ of the joints; None if unknown
+    - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of one scene or of many. In a
+      batch, scenes that overturn are ignored. None without scenes
+    - `friction`: friction coefficient μ of the joints [–]; None if unknown
     """
     import numpy as np
 
-    place = float(podium.impact_eccentricity)
-    if place > 1 + ROUNDING:
+    eccentricity = float(podium.impact_eccentricity)
+    if eccentricity > 1 + ROUNDING:
         yield (
-            f"warning: e = {float(podium.restitution_factor):.4g} is less than rigid faces leave at an "
-            f"impact: the old edges would have to pull (impact_eccentricity = {place:.3g} > 1)"
+            f"warning: e = {float(podium.restitution_factor):.4g} is too small for rigid faces: at an impact "
+            f"the old edges would have to pull (impact_eccentricity = {eccentricity:.3g} > 1)"
         )
     if podium.elevation is None:
-        yield "not checked: friction in the joints, and whether the beam stays on all columns (no elevation)"
+        yield (
+            "not checked, because the structure has no elevation: friction in the joints, and whether the "
+            "beam stays on all columns"
+        )
         return
     if peaks is None:
         return
     overturned = np.asarray(peaks.overturned)
-    stands = ~overturned if overturned.ndim else np.ones((), bool)
+    is_used = ~overturned if overturned.ndim else np.ones((), bool)
 
-    def worst(name: str, side: int) -> np.ndarray:
-        """Return the largest (`side` 1) or least (−1) value of both joints in each scene that counts."""
+    def extreme(name: str, sign: int) -> np.ndarray:
+        """Return the largest (sign 1) or smallest (−1) value of both joints in each scene."""
         values = getattr(peaks, name)
-        joint = values.dims.index("joint") if hasattr(values, "dims") else -1
-        return side * np.max(side * np.asarray(values), axis=joint)[stands]
+        joint_axis = values.dims.index("joint") if hasattr(values, "dims") else -1
+        return sign * np.max(sign * np.asarray(values), axis=joint_axis)[is_used]
 
-    least, share = worst("least_axial_force", -1), worst("least_impulse_share", -1)
-    if least.size == 0:
+    axial_force, impulse_share = extreme("least_axial_force", -1), extreme("least_impulse_share", -1)
+    if axial_force.size == 0:
         return
-    opens = (least < 0) | (share < 0)
+    opens = (axial_force < 0) | (impulse_share < 0)
     if opens.any():
         yield (
-            f"warning: a joint opens{_among(opens)} (least N = {least.min():.4g} m_c g, least share of an "
-            f"impulse {share.min():.3g}); such a scene is outside the model from then on"
+            f"warning: a joint opens{_count_scenes(opens)} (least N = {axial_force.min():.4g} m_c g, least "
+            f"share of an impulse {impulse_share.min():.3g}); from then on the model does not apply"
         )
     if friction is None:
         return
-    for what, name in (("the motion", "peak_friction"), ("an impact", "peak_impact_friction")):
-        demand = worst(name, 1)
+    for cause, name in (("the motion", "peak_friction"), ("an impact", "peak_impact_friction")):
+        demand = extreme(name, 1)
         slides = demand > friction
         if slides.any():
             yield (
-                f"warning: {what} needs friction {demand.max():.3g} in a joint, more than μ = "
-                f"{friction:g}{_among(slides)}"
+                f"warning: {cause} needs friction {demand.max():.3g} in a joint, more than μ = "
+                f"{friction:g}{_count_scenes(slides)}"
             )
 
 
-def _among(flags: np.ndarray) -> str:
-    """Return how many scenes of several are meant."""
-    return f" in {int(flags.sum())} of {flags.size} scenes that survive" if flags.size > 1 else ""
+def _count_scenes(flags: np.ndarray) -> str:
+    """Return a phrase with the number of flagged scenes; empty for a single scene."""
+    return f" in {int(flags.sum())} of {flags.size} surviving scenes" if flags.size > 1 else ""

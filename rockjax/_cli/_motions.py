@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from rockjax._excitations.base import AbstractExcitation
     from rockjax._motions.motion import Motion
 
-FILES = ("units", "dt", "component", "pattern")
+FILE_KEYS = ("units", "dt", "component", "pattern")  # options for reading files of records
 
 
 @command(
-    options_of(models.Suite, *FILES),
+    options_of(models.Suite, *FILE_KEYS),
     options_of(models.Measures),
     options_of(models.ByRatios, "tan_alpha", "R"),
     jax=False,
@@ -49,9 +49,9 @@ def motions(
 ) -> None:
     """Intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
 
-    With --tan-alpha and --R also PGA/(g tan α) and p PGV/(g tan α). Writes OUTPUT.nc if OUTPUT is given.
-    For a problem file it lists all sets of motions: the number of each motion, its name, source, sampling
-    interval, duration and PGA.
+    With --tan-alpha and --R also PGA/(g tan α) and p PGV/(g tan α). Writes OUTPUT.nc if --output is given.
+    For a problem file, lists the motions of all sets: number, name, source, sampling interval, duration and
+    PGA.
 
     \b
     Examples:
@@ -67,13 +67,13 @@ def motions(
     from rockjax._motions.intensity import intensity_measures
     from rockjax._units import STANDARD_GRAVITY
 
-    column = reader.chosen(("tan_alpha", "R"))
-    if len(column) == 1:
-        raise typer.BadParameter("give both --tan-alpha and --R, or neither")
-    podium = reader.structure(reader.check(models.ByRatios, column)) if column else None
+    block = reader.chosen(("tan_alpha", "R"))
+    if len(block) == 1:
+        raise typer.BadParameter("--tan-alpha and --R belong together; give both or neither")
+    podium = reader.structure(reader.check(models.ByRatios, block)) if block else None
     settings = reader.check(models.Measures, reader.chosen(("periods", "damping")))
-    found = read_records(reader, paths, reader.chosen(FILES))
-    data = intensity_measures(found, periods=settings.periods, damping=settings.damping, podium=podium)
+    suite = read_records(reader, paths, reader.chosen(FILE_KEYS))
+    data = intensity_measures(suite, periods=settings.periods, damping=settings.damping, podium=podium)
     spectral = {f"Sa({T:g} s) [g]": data["Sa"].isel(period=k) for k, T in enumerate(settings.periods)}
     columns = {
         "dt [s]": data["dt"],
@@ -92,8 +92,8 @@ def motions(
     _show(
         report,
         [
-            {"name": name} | {of: float(y.values[k]) for of, y in columns.items()}
-            for k, name in enumerate(found.names)
+            {"name": name} | {heading: float(y.values[k]) for heading, y in columns.items()}
+            for k, name in enumerate(suite.names)
         ],
         numbers=True,
     )
@@ -102,25 +102,32 @@ def motions(
 
 
 def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], report: Report) -> None:
-    """List the motions of a problem file, with the numbers that `--number` chooses them by."""
+    """List the motions of a problem file, with the numbers by which `--number` selects them.
+
+    - `paths`: one problem file
+    - `options`: options on the command line: name → (flag, value)
+    - `report`: receives the table
+
+    Raises `ValueError` for more paths, for options that apply to files of records, and for a file without
+    motions.
+    """
     if len(paths) > 1:
         raise ValueError(
-            f"rockjax motions: a problem file is listed by itself, got {len(paths)} paths: "
+            f"rockjax motions lists one problem file without other paths, got {len(paths)} paths: "
             f"{', '.join(map(str, paths))}"
         )
     (path,) = paths
     for name, (flag, _) in options.items():
         if name not in ("paths", "quiet", "verbose", "json"):
             raise ValueError(
-                f"{flag}: is for motion files; leave it out, {path} is a problem file that contains such "
-                "settings"
+                f"{flag} applies to files of records, but {path} is a problem file; leave out {flag}"
             )
     from rockjax._problem.reading import Reader, load_table
 
     reader = Reader(path)
     problem = reader.check(models.Problem, load_table(path))
     if not problem.motions:
-        reader.fail("motions", "holds no set of motions; add one, such as [motions.design]")
+        reader.fail("motions", "the file has no set of motions; add one, such as [motions.design]")
     podium = None if problem.structure is None else reader.structure(problem.structure)
     facts = [
         {"set": name, "number": number} | _motion_row(member, reader.folder)
@@ -142,7 +149,7 @@ def _show(report: Report, facts: list[dict[str, Any]], numbers: bool = False) ->
 
 
 def _motion_row(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
-    """Return the row of a motion: name, source, sampling interval, duration and PGA."""
+    """Return the row of a motion: name, source, sampling interval, duration, PGA and vertical PGA."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._motions.motion import Motion
     from rockjax._units import STANDARD_GRAVITY
@@ -172,7 +179,7 @@ def _motion_row(member: Motion | AbstractExcitation, folder: Path) -> dict[str, 
 
 def _pulse_pga(pulse: AbstractExcitation) -> float:
     """Return the PGA of a pulse [m/s²]."""
-    strength = pulse.strength()
+    strength = pulse.strength()  # the largest absolute acceleration
     assert strength is not None
     return float(strength)
 
@@ -201,7 +208,7 @@ def synthetic(
 ) -> None:
     """Synthetic ground motions: filtered noise under an envelope, optionally with a velocity pulse.
 
-    Writes OUTPUT/synthetic-0001.AT2 … and OUTPUT/suite.csv, the table of them with all parameters.
+    Writes OUTPUT/synthetic-0001.AT2 … and OUTPUT/suite.csv, a table of these files and their parameters.
 
     \b
     Examples:
@@ -227,7 +234,7 @@ def synthetic(
     for motion in suite:
         motion.save(output / f"{motion.name}.AT2")
         writer.writerow([f"{motion.name}.AT2", motion.name, *(motion.metadata[key] for key in parameters)])
-    # Last, so that a folder with a table is complete.
+    # The table is written last, so a folder that has one is complete.
     report.add_file(
         write_atomically(
             output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")

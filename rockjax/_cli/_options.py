@@ -1,4 +1,4 @@
-"""Options of the command line: those made from the models of problem files, and a few without a key."""
+"""Options of the command line: most from the models of problem files, a few without a key there."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import OUTPUT, Flag
 
+# Default values of options, by key.
 SINGLE_DEFAULTS = {
     "tan_alpha": 0.15,
     "R": 1.5,
@@ -26,137 +27,133 @@ PULSE = {"acceleration_ratio": 2.5, "T_p": 1.0}
 
 
 def option(*names: str, panel: str, help: str, **option_arguments: Any) -> Any:
-    """Return an option. Brackets in its help are escaped, because they enclose units and are not markup."""
+    """Return a Typer option. Brackets in its help enclose units, so they are escaped as markup."""
     return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **option_arguments)
 
 
 def argument(help: str, **option_arguments: Any) -> Any:
-    """Return an argument. Brackets in its help are escaped, because they enclose units and are not markup."""
+    """Return a Typer argument. Brackets in its help enclose units, so they are escaped as markup."""
     return typer.Argument(help=help.replace("[", r"\["), **option_arguments)
 
 
 Output = Annotated[
-    str,  # text, because a trailing slash matters
+    str,  # not Path, which drops a trailing slash
     option(
         "--output",
         "-o",
         metavar="PATH",
         panel=OUTPUT,
-        help="Prefix of the files to write, a folder for them, or a file name whose extension is the format "
-        "of the pictures, such as x.pdf.",
+        help="Prefix of the files to write, or a folder for them. The extension of a file name, such as "
+        "x.pdf, sets the format of the pictures.",
     ),
 ]
 Resume = Annotated[
-    bool, option("--resume", panel=OUTPUT, help="Continue where Ctrl-C stopped the same command.")
+    bool, option("--resume", panel=OUTPUT, help="Continue a run that Ctrl-C stopped, with the same options.")
 ]
 Example = Annotated[
     Literal["annual-frequency", "column", "fragility", "response", "risk", "spectrum", "sweep"] | None,
-    option(
-        "--example", panel=OUTPUT, help="Use a problem file that comes with rockjax, instead of your own."
-    ),
+    option("--example", panel=OUTPUT, help="Use a problem file of the rockjax package."),
 ]
 ProblemFile = Annotated[
     Path | None,
     argument(
-        "Problem file (TOML) with structure, motions and options; options given here override it.",
+        "Problem file (TOML) with structure, motions and options; options of the command line override it.",
         show_default=False,
     ),
 ]
-Quiet = Annotated[bool, option("--quiet", "-q", panel=OUTPUT, help="No progress bar, no summary.")]
+Quiet = Annotated[bool, option("--quiet", "-q", panel=OUTPUT, help="Show no progress bar and no summary.")]
 Verbose = Annotated[
     bool,
     option(
         "--verbose",
         "-v",
         panel=OUTPUT,
-        help="Report what is solved and compiled, and where programs are kept.",
+        help="Report numbers of scenes and of compiled programs, and the folder of the cache.",
     ),
 ]
-Json = Annotated[
-    bool, option("--json", panel=OUTPUT, help="Print the summary as one JSON object, and nothing else.")
-]
+Json = Annotated[bool, option("--json", panel=OUTPUT, help="Print only one JSON object with the summary.")]
 
 
 class Option(NamedTuple):
-    """An option of the command line.
+    """An option of the command line."""
 
-    - `annotation`: its type for Typer; `default`: its default value; `flag`: its name
-    - `value`: conversion (flag, typed string) → value
-    """
-
-    annotation: Any
+    annotation: Any  # type for Typer
     default: Any
-    flag: str
-    value: Callable[[str, Any], Any]
+    flag: str  # name, such as "--points"
+    convert: Callable[[str, Any], Any]  # (flag, value from Typer) ↦ value of the key
 
 
 def options_of(model: type[models.Keys], *names: str, **defaults: Any) -> dict[str, Option]:
-    """Return the options of a model: key → option.
+    """Return the options of a model, by key.
 
-    - `model`: model of a table; `names`: keys for which options are made, by default all that have a panel
-    - `defaults`: key → default that replaces the default of the model
+    - `model`: model of a table of problem files
+    - `names`: keys for which options are made; by default all that have a panel
+    - `defaults`: default values that replace those of the model, by key
     """
     options = {}
     for name, field in model.model_fields.items():
         schema = field.json_schema_extra
         if not isinstance(schema, Flag) or (names and name not in names):
             continue
-        kind, value, option_arguments = _option_type(field.annotation)
+        option_type, convert, option_arguments = _option_type(field.annotation)
         default = defaults.get(name, None if field.is_required() else field.default)
         if isinstance(default, list):
             default = ",".join(y if isinstance(y, str) else f"{y:g}" for y in default)
         flag = schema.name or f"--{name.replace('_', '-')}"
         option_annotation = option(flag, panel=schema.panel, help=field.description or "", **option_arguments)
         options[name] = Option(
-            Annotated[kind if default is not None else kind | None, option_annotation], default, flag, value
+            Annotated[option_type if default is not None else option_type | None, option_annotation],
+            default,
+            flag,
+            convert,
         )
     return options
 
 
 def structure_options(**defaults: Any) -> dict[str, Option]:
-    """Return an option for every parameter of a structure, by ratios or by dimensions."""
-    kinds = (models.ByRatios, models.Superstructure, models.ByDimensions)
-    return {name: entry for model in kinds for name, entry in options_of(model, **defaults).items()}
+    """Return the options of structures by ratios and by dimensions, with these default values."""
+    structures = (models.ByRatios, models.Superstructure, models.ByDimensions)
+    return {name: entry for model in structures for name, entry in options_of(model, **defaults).items()}
 
 
 def accuracy(**defaults: Any) -> dict[str, Option]:
-    """Return the accuracy options that `defaults` names, with these defaults."""
+    """Return the accuracy options named in `defaults`, with these default values."""
     return options_of(models.Options, *defaults, **defaults)
 
 
 def _option_type(annotation: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
-    """Return the command-line type of a key, the conversion of its string, and arguments of its option."""
+    """Return the Typer type for a key, the conversion to its value, and arguments for its option."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _option_type(arguments[0])
     if origin is list:
-        return str, _numbers if _option_type(arguments[0])[0] is float else _names, {}
+        return str, _parse_numbers if _option_type(arguments[0])[0] is float else _split_names, {}
     if origin in (Union, types.UnionType):
         members = [_option_type(member) for member in arguments if member is not types.NoneType]
-        words = [
-            word for member in members if get_origin(member[0]) is Literal for word in get_args(member[0])
+        choices = [
+            choice for member in members if get_origin(member[0]) is Literal for choice in get_args(member[0])
         ]
-        if len(members) > 1 and (words or str in arguments):
-            return str, _number_or_text, {"autocompletion": lambda: words} if words else {}
+        if len(members) > 1 and (choices or str in arguments):
+            return str, _parse_number_or_text, {"autocompletion": lambda: choices} if choices else {}
         return members[0]
     return annotation, lambda _, value: value, {}
 
 
-def _numbers(flag: str, text: str) -> list[float]:
+def _parse_numbers(flag: str, text: str) -> list[float]:
     try:
-        return [float(part) for part in text.split(",")]
+        return [float(number) for number in text.split(",")]
     except ValueError:
-        raise typer.BadParameter(f"{flag}: expected numbers separated by commas, got {text!r}") from None
+        raise typer.BadParameter(f"{flag} needs numbers separated by commas, got {text!r}") from None
 
 
-def _names(_: str, text: str) -> list[str]:
+def _split_names(_: str, text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _number_or_text(_: str, text: str) -> int | float | str:
-    for kind in (int, float):
+def _parse_number_or_text(_: str, text: str) -> int | float | str:
+    for number_type in (int, float):
         try:
-            return kind(text)
+            return number_type(text)
         except ValueError:
             pass
     return text

@@ -1,4 +1,4 @@
-"""Output files: `--output` is a prefix, a folder or a name with a format, checked before computing."""
+"""Output files. `--output` is a prefix, a folder or a file name; it is checked before the computation."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 PICTURES = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
-DATA = (".nc", ".json")  # formats of data that commands write; these suffixes are removed from the prefix
-# Formats that are not written: a name with such a suffix is an error rather than a prefix.
+DATA = (".nc", ".json")  # formats of data files
+# Formats that commands do not write. A name with such a suffix is an error, not a prefix.
 UNSUPPORTED = (
     ".csv",
     ".txt",
@@ -28,7 +28,7 @@ UNSUPPORTED = (
 
 
 class Outputs(NamedTuple):
-    """The files of one run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png, with the pictures in their format."""
+    """The files of one run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png, with `format` instead of .png."""
 
     prefix: Path
     format: str = ".png"
@@ -40,17 +40,20 @@ class Outputs(NamedTuple):
         return Path(f"{self.prefix}{'-' if name else ''}{name}{self.format}")
 
     def check(self, pictures: Iterable[str] = (), suffix: str = ".nc") -> Outputs:
-        """Return these outputs. Raises `OSError` with the cause if a file cannot be written."""
+        """Return this object; raise `OSError` if its data file or one of the pictures cannot be written."""
         for path in (self.data(suffix), *map(self.picture, pictures)):
             require_writable(path)
         return self
 
 
 def parse_outputs(text: str, name: str) -> Outputs:
-    """Return the outputs of `--output`; in a folder their prefix is `name`.
+    """Return the output files for `--output`.
 
-    A folder exists or ends in a slash. The suffix of a picture is the format of all pictures. Raises
-    `ValueError` for unsupported suffixes.
+    - `text`: value of `--output`: a folder (it exists or ends in a slash), a prefix, or a file name. The
+      suffix of a picture sets the format of all pictures
+    - `name`: prefix of the files in a folder
+
+    Raises `ValueError` for unsupported suffixes.
     """
     output = Path(os.path.expanduser(text))
     if output.is_dir() or text.endswith(("/", os.sep)):
@@ -58,9 +61,8 @@ def parse_outputs(text: str, name: str) -> Outputs:
     suffix = output.suffix.lower()
     if suffix in UNSUPPORTED:
         raise ValueError(
-            f"--output {output}: {suffix} is not written here; data go to .nc, pictures to "
-            f"{', '.join(PICTURES)}: "
-            "give one of these, a prefix or a folder"
+            f"--output {output}: {suffix} files are not supported; give a prefix, a folder, or a name that "
+            f"ends in .nc (data) or {', '.join(PICTURES)} (pictures)"
         )
     if suffix in PICTURES:
         return Outputs(output.with_suffix(""), suffix)
@@ -68,12 +70,15 @@ def parse_outputs(text: str, name: str) -> Outputs:
 
 
 def store_path(output: Path) -> Path:
-    """Return the zarr store of `--output`. Raises `ValueError` or `OSError` if it cannot be one."""
+    """Return the path of the zarr store for `--output`.
+
+    Raises `ValueError` for the suffix of another format, and `OSError` if the store cannot be written.
+    """
     output = Path(os.path.expanduser(output))
     suffix = output.suffix.lower()
     if suffix in (*PICTURES, *DATA, *UNSUPPORTED) and suffix != ".zarr":
         raise ValueError(
-            f"--output {output}: a sweep is written as a zarr store, a folder such as study.zarr"
+            f"--output {output}: a sweep is written to a zarr store; give a folder such as study.zarr"
         )
     if output.is_dir() and suffix != ".zarr" and not (output / "zarr.json").exists():
         output /= "rockjax-sweep.zarr"
@@ -82,7 +87,7 @@ def store_path(output: Path) -> Path:
 
 
 def require_writable(path: Path) -> None:
-    """Raise `OSError` if a file cannot be written, tested with a temporary file beside it."""
+    """Raise `OSError` if a file cannot be written. To find out, a temporary file is created in its folder."""
     if path.is_dir():
         raise OSError(f"{path} could not be written: it is a folder")
     folder = path.parent

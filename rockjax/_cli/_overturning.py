@@ -15,11 +15,11 @@ from ._run import Report, command, save_interrupted
 def overturning(
     request: Request, report: Report, output: Output = "rockjax-overturning", resume: Resume = False
 ) -> None:
-    """Exact overturning boundaries over pulse frequency, with the windows of survival above them.
+    """Overturning boundaries over pulse frequency, with the windows of survival above the first boundary.
 
-    With no options: the paper's Fig. 7, from boundaries instead of a grid. Writes OUTPUT.nc,
-    OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C keeps the finished
-    podiums in OUTPUT.partial.nc; --resume continues with the others.
+    Without options: Fig. 7 of the paper, from boundaries instead of a grid. Writes OUTPUT.nc,
+    OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C saves the finished podiums
+    in OUTPUT.partial.nc; --resume continues with the others.
 
     \b
     Examples:
@@ -37,46 +37,46 @@ def overturning(
 
     podiums, ratios, periods, zeta = request.panels()
     search = request.settings
-    parameters, end = search.sensitivities, search.max_acceleration_ratio
-    drawn = ("boundaries", "sensitivity") if parameters else ("boundaries",)
-    files = parse_outputs(output, "rockjax-overturning").check(drawn)
+    parameters, max_ratio = search.sensitivities, search.max_acceleration_ratio
+    pictures = ("boundaries", "sensitivity") if parameters else ("boundaries",)
+    files = parse_outputs(output, "rockjax-overturning").check(pictures)
     low, high = search.frequency_ratio
     x = np.linspace(low, high, search.points)
     pulse, options = make_pulse(search.pulse, search.vertical_ratio), request.options()
-    found: list = (
+    spectra: list = (
         _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else [None] * len(podiums)
     )
     report.note(f"{len(podiums)} podiums × {search.points} frequencies")
     with report.progress(len(podiums), "podiums") as bar:
         for k, podium in enumerate(podiums):
-            if found[k] is not None:
-                check_overturning_resumes(found[k], podium, pulse, x, end, parameters, options)
+            if spectra[k] is not None:
+                check_overturning_resumes(spectra[k], podium, pulse, x, max_ratio, parameters, options)
             else:
                 try:
-                    found[k] = rj.overturning_spectrum(
+                    spectra[k] = rj.overturning_spectrum(
                         podium,
                         pulse,
                         x,
-                        max_acceleration_ratio=end,
+                        max_acceleration_ratio=max_ratio,
                         sensitivities=parameters,
                         options=options,
                     )
                 except KeyboardInterrupt:
                     raise save_interrupted(
-                        files.prefix, found, f"stopped with {k} of {len(podiums)} podiums done"
+                        files.prefix, spectra, f"stopped with {k} of {len(podiums)} podiums solved"
                     ) from None
-                report.note(f"podium {k + 1}: {found[k].attrs['scenes']} scenes")
+                report.note(f"podium {k + 1}: {spectra[k].attrs['scenes']} scenes")
             bar.update()
     try:
-        panels = combine_panels(found, ratios, periods, zeta)
+        panels = combine_panels(spectra, ratios, periods, zeta)
         report.write(files.data(), panels)
     except KeyboardInterrupt:
-        raise save_interrupted(files.prefix, found) from None
-    for suffix, draw in zip(drawn, ("overturning_boundaries", "sensitivities"), strict=False):
+        raise save_interrupted(files.prefix, spectra) from None
+    for suffix, draw in zip(pictures, ("overturning_boundaries", "sensitivities"), strict=False):
         report.draw(files.picture(suffix), draw, panels)
     _checkpoint.path_of(files.prefix).unlink(missing_ok=True)
-    report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
-    windows = int((panels["boundaries"].count("boundary") > 1).sum())
-    scenes = int(sum(data.attrs["scenes"] for data in found))
-    report.say(f"{scenes} scenes; windows of survival at {windows} frequencies")
-    report.facts |= {"scenes": scenes, "frequencies_with_windows_of_survival": windows}
+    report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods)
+    frequencies = int((panels["boundaries"].count("boundary") > 1).sum())
+    scenes = int(sum(data.attrs["scenes"] for data in spectra))
+    report.say(f"{scenes} scenes; windows of survival at {frequencies} frequencies")
+    report.facts |= {"scenes": scenes, "frequencies_with_windows_of_survival": frequencies}

@@ -1,4 +1,4 @@
-"""Panels of many podiums: combined datasets and their summary."""
+"""Panels: spectra of podiums that differ in mass ratio η/γ and period T_s, in one dataset."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ if TYPE_CHECKING:
 
 
 def make_pulse(name: str, vertical_ratio: float | None) -> Any:
-    """Return the function (a_p, T_p) → motion of a pulse by name."""
+    """Return the function (a_p, T_p) ↦ motion of a named pulse; a ratio adds a vertical component."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._excitations.pulses import PULSES
 
-    kind = PULSES[name]
-    return kind if vertical_ratio is None else GroundMotion.in_proportion(kind, vertical_ratio)
+    pulse = PULSES[name]
+    return pulse if vertical_ratio is None else GroundMotion.in_proportion(pulse, vertical_ratio)
 
 
 def combine_panels(datasets: list, ratios: list[float], periods: list[float], zeta: float) -> xarray.Dataset:
-    """Return the datasets of panels combined, with the dims `eta_over_gamma` and `T_s`.
+    """Return one dataset with the additional dims `eta_over_gamma` and `T_s`.
 
-    - `datasets`: of the panels, η/γ outermost
-    - `ratios`: mass ratios η/γ [–]; `periods`: T_s, 0 for rigid [s]; `zeta`: damping ratio [–]
+    - `datasets`: dataset of each panel: all periods of the first mass ratio, then of the second, …
+    - `ratios`: mass ratios η/γ [–]
+    - `periods`: periods T_s [s]; 0 for rigid
+    - `zeta`: damping ratio [–]
     """
     import numpy as np
     import xarray
@@ -50,7 +52,7 @@ def combine_panels(datasets: list, ratios: list[float], periods: list[float], ze
     panels.attrs["zeta"] = zeta
     panels["T_s"].attrs = {
         "units": "s",
-        "long_name": "superstructure period T_s, the longest of several, 0 is rigid",
+        "long_name": "longest period T_s of the superstructure, 0 is rigid",
     }
     panels["eta_over_gamma"].attrs = {"units": "1", "long_name": "mass ratio η/γ"}
     return panels
@@ -61,19 +63,18 @@ def report_minima(
     lowest: xarray.DataArray,
     ratios: list[float],
     periods: list[float],
-    where: str,
-    digits: str,
 ) -> None:
     """Report the least overturning acceleration of each panel.
 
-    - `report`: receives the lines; `lowest`: least a_p/(g tan α) over `eta_over_gamma` and `T_s`
-    - `ratios`: mass ratios η/γ [–]; `periods`: T_s [s]
-    - `where`: words after the name of the quantity; `digits`: format of the numbers
+    - `report`: receives the lines
+    - `lowest`: least a_p/(g tan α) over `eta_over_gamma` and `T_s`
+    - `ratios`: mass ratios η/γ [–]
+    - `periods`: periods T_s [s]
     """
     values = lowest.transpose("eta_over_gamma", "T_s").values
     for ratio, row in zip(ratios, values, strict=True):
-        line = ", ".join(f"T_s = {T:g} s: {value:{digits}}" for T, value in zip(periods, row, strict=True))
-        report.say(f"least overturning a_p/(g tan α){where}, η/γ = {ratio:g}: {line}")
+        line = ", ".join(f"T_s = {T:g} s: {value:.4f}" for T, value in zip(periods, row, strict=True))
+        report.say(f"least overturning a_p/(g tan α), η/γ = {ratio:g}: {line}")
     report.facts["least_overturning"] = [
         {"eta_over_gamma": ratio, "T_s": T, "acceleration_ratio": value}
         for ratio, row in zip(ratios, values.tolist(), strict=True)

@@ -14,7 +14,7 @@ from ._run import Report, command
 
 @command()
 def plot(
-    file: Annotated[Path, argument("A netCDF file that rockjax has written.")],
+    file: Annotated[Path, argument("A netCDF file that a rockjax command has written.")],
     report: Report,
     output: Annotated[
         str | None,
@@ -23,7 +23,7 @@ def plot(
             "-o",
             metavar="PATH",
             panel=OUTPUT,
-            help="Prefix of the pictures, or a folder for them; by default the file without its ending.",
+            help="Prefix of the pictures, or a folder for them; by default the file name without suffix.",
         ),
     ] = None,
     kind: Annotated[
@@ -31,7 +31,7 @@ def plot(
         option(
             "--kind",
             panel=OUTPUT,
-            help="Pictures, separated by commas; by default those that the command drew.",
+            help="Kinds of pictures, separated by commas; by default those of the command.",
         ),
     ] = "",
 ) -> None:
@@ -39,7 +39,7 @@ def plot(
 
     Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning, sensitivity, lift-off; of an
     overturning spectrum: boundaries, sensitivity; of a fragility: fragility, ida; of a response: response,
-    phase-portrait, moment-rotation, energy, joint-forces, friction-demand, and animation, a GIF.
+    phase-portrait, moment-rotation, energy, joint-forces, friction-demand, and animation (a GIF).
 
     \b
     Examples:

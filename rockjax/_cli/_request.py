@@ -1,4 +1,4 @@
-"""Problem files with options: options override the tables of the file; then the models check the result."""
+"""Problem files and options: options override the tables of the file, and the models check the result."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ _ALTERNATIVES = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items
 
 
 def problem_file(problem: Path | None, example: str | None) -> Path | None:
-    """Return the path of the user's problem file or of an example of rockjax, None if there is neither.
+    """Return the path of the problem file of the user or of an example; None if there is neither.
 
-    Raises `ValueError` if both are given.
+    Raises `ValueError` if there are both.
     """
     if example is None:
         return problem
     if problem is not None:
-        raise ValueError(f"--example replaces a problem file; leave out --example or {problem}")
+        raise ValueError(f"--example and a problem file are alternatives; leave out --example or {problem}")
     return Path(__file__).parent.parent / "examples" / f"{example}.toml"
 
 
 class Request:
-    """A problem file (or none) with options that override it.
+    """An optional problem file, with options that override it.
 
     - `command`: name of the command, whose table becomes `settings`
     - `path`: path of the problem file, or None
-    - `values`: key → value of all options, also by default
-    - `explicit`: key → (flag, value) of the options on the command line
+    - `values`: values of all options including defaults, by key
+    - `explicit`: (flag, value) of the options on the command line, by key
     """
 
     def __init__(
@@ -56,27 +56,27 @@ class Request:
 
         self.command, self.path = command, path
         self.values = {name: value for name, value in values.items() if value is not None}
-        for name in ("file", "vertical"):  # paths in a problem file are relative to it, these are not
+        for name in ("file", "vertical"):  # the reader takes relative paths as relative to the problem file
             if name in self.values:
                 self.values[name] = str(Path(values[name]).absolute())
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
         self.table = {} if path is None else reading.load_table(path)
         self.reader = reading.Reader(path, explicit)
-        self.keys = getattr(models, command.title(), models.Keys).model_fields  # of the table of the command
+        self.keys = getattr(models, command.title(), models.Keys).model_fields  # of the command's table
         self.merged = self._merged(values)
         self.problem = self.reader.check(models.Problem, self.merged)
         self.settings: Any = getattr(self.problem, command, None)
 
     def chosen(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return the options of these keys that the command line sets."""
+        """Return the values of these keys that are set on the command line."""
         return {name: self.values[name] for name in names if name in self.flags}
 
     def _merged(self, options: Iterable[str]) -> dict[str, Any]:
         """Return the tables of the file, overridden by the options."""
         merged = dict(self.table)
         if self.command in models.Problem.model_fields:
-            own = merged.get(self.command, {})
-            merged[self.command] = own | self.chosen(self.keys) if isinstance(own, dict) else own
+            table = merged.get(self.command, {})
+            merged[self.command] = table | self.chosen(self.keys) if isinstance(table, dict) else table
         else:
             merged |= self.chosen(("starts", "seed"))
         merged["options"] = self._options(merged.get("options", {}))
@@ -87,7 +87,7 @@ class Request:
         return {name: value for name, value in merged.items() if value is not None}
 
     def _options(self, values: Any) -> Any:
-        """Return each option from the command line, else from the file, else the default of the command."""
+        """Return the table of options: from the command line, else from the file, else by default."""
         names = [
             name for name in models.Options.model_fields if name in self.values and name not in self.keys
         ]
@@ -101,11 +101,11 @@ class Request:
 
     def _structure(self, table: Any) -> Any:
         """Return the table of the structure, overridden by the options."""
-        panels = self.command in ("spectrum", "overturning")  # these set the superstructure themselves
-        explicit = self.chosen(name for name in _STRUCTURE if not (panels and name in ("T_s", "zeta")))
+        has_panels = self.command in ("spectrum", "overturning")  # `panels` sets the superstructure
+        explicit = self.chosen(name for name in _STRUCTURE if not (has_panels and name in ("T_s", "zeta")))
         if table is None and not any(name in explicit for name in _COLUMN_DIMENSIONS):
-            left_out = ("T_s", "zeta", "stories") if panels else ()
-            names = [name for name in _STRUCTURE if name in self.values and name not in left_out]
+            excluded = ("T_s", "zeta", "stories") if has_panels else ()
+            names = [name for name in _STRUCTURE if name in self.values and name not in excluded]
             return self._by_ratios({}, {name: self.values[name] for name in names}) or None
         if not isinstance(table, dict | None):
             return table
@@ -117,7 +117,10 @@ class Request:
         return merged
 
     def _by_ratios(self, table: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the table of a structure by ratios, overridden by values."""
+        """Return the table of a structure by ratios, overridden by values.
+
+        A superstructure with T_s = 0 becomes a rigid one, and a superstructure without mass is removed.
+        """
         merged = self._override(table, {name: y for name, y in values.items() if name not in _TOP})
         top = merged.pop("superstructure", {})
         changes = {name: values[name] for name in _TOP if name in values}
@@ -125,7 +128,7 @@ class Request:
             top = top | changes
             if top.get("T_s") == 0:  # rigid
                 if "stories" in self.flags:
-                    raise ValueError("--stories needs the period of the building; give --T-s > 0")
+                    raise ValueError("--stories needs the period of the building; give --T-s > 0, not 0")
                 top = {"eta": top["eta"]} if "eta" in top else {}
             if "T_s" not in top and "zeta" not in self.flags:
                 top.pop("zeta", None)
@@ -138,31 +141,31 @@ class Request:
     def _override(self, entry: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return an entry, overridden by values.
 
-        Of two alternative keys, such as `a_p` and `acceleration_ratio`, the one on the command line stays.
+        If it has two alternative keys, such as `a_p` and `acceleration_ratio`, the one that is not on the
+        command line is removed.
         """
         merged = {**entry, **values}
         for pair in _ALTERNATIVES.items():
-            given = [name for name in pair if name in self.flags]
-            if len(given) == 2:
+            explicit = [name for name in pair if name in self.flags]
+            if len(explicit) == 2:
                 raise ValueError(
                     f"{self.flags[pair[0]]} and {self.flags[pair[1]]} are alternatives; give one"
                 )
-            if given and all(name in merged for name in pair):
-                merged.pop(pair[1] if given == [pair[0]] else pair[0])
+            if explicit and all(name in merged for name in pair):
+                merged.pop(pair[1] if explicit == [pair[0]] else pair[0])
         return merged
 
     def _motions(self, merged: Any) -> Any:
         """Return the sets of motions; options override the entries of the chosen set."""
-        explicit, sets, own = self.chosen(_MOTION), merged.get("motions", {}), merged[self.command]
+        explicit, sets, table = self.chosen(_MOTION), merged.get("motions", {}), merged[self.command]
         if "file" in explicit:
-            merged[self.command] = {**own, "motion": "record", "number": 1}
+            merged[self.command] = {**table, "motion": "record", "number": 1}
             return {"record": explicit}
         if not sets:
             pulse = {name: self.values[name] for name in _PULSE if name in self.values}
             return {"pulse": self._override({}, pulse | explicit)}
-        name = (
-            own.get("motion", next(iter(sets)) if len(sets) == 1 else None) if isinstance(own, dict) else None
-        )
+        only_set = next(iter(sets)) if len(sets) == 1 else None
+        name = table.get("motion", only_set) if isinstance(table, dict) else None
         if not explicit or not isinstance(sets, dict) or name not in sets:
             return sets
         entries = sets[name] if isinstance(sets[name], list) else [sets[name]]
@@ -172,50 +175,54 @@ class Request:
 
     @property
     def changes_motion(self) -> bool:
-        """True if options change a motion, or choose one of a set."""
+        """True if options of the command line change a motion or select one from a set."""
         return bool(self.chosen((*_MOTION, "number")))
 
     def options(self, **changes: Any) -> rj.Options:
-        """Return the options; `changes` are defaults for those that neither file nor command line gives."""
+        """Return the options; `changes` are defaults of options that the problem file does not set."""
         return self.reader.options(self.problem.options, **changes)
 
     def podium(self) -> rj.Podium:
-        """Return the structure."""
-        given, attributes = self.problem.structure, {}  # attributes for the files of the command
-        if isinstance(given, models.ByDimensions):
+        """Return the structure, and store its masses for the attributes of files."""
+        structure, attributes = self.problem.structure, {}
+        if isinstance(structure, models.ByDimensions):
             masses = ("column_mass", "beam_mass", "top_mass", "story_masses")
-            kilograms = {f"{name}_kg": y for name, y in given.as_arguments().items() if name in masses}
-            attributes = {"columns": given.columns or len(given.positions or (0, 1))} | kilograms
+            kilograms = {f"{name}_kg": y for name, y in structure.as_arguments().items() if name in masses}
+            attributes = {"columns": structure.columns or len(structure.positions or (0, 1))} | kilograms
         MASSES.set(attributes)
-        return self.reader.structure(given)
+        return self.reader.structure(structure)
 
     def panels(self) -> Panels:
-        """Return podiums for each mass ratio η/γ and each (longest) period T_s, 0 for a rigid top."""
+        """Return podiums for each mass ratio η/γ and each period T_s (0 for a rigid superstructure).
+
+        By default a structure of the problem file is the only panel. Raises `ValueError` for contradictory
+        options, and for options that cannot change the superstructure.
+        """
         from rockjax._structures import superstructure_of
 
         podium, settings = self.podium(), self.settings
-        given = {*self.flags, *settings.model_fields_set}
+        set_keys = {*self.flags, *settings.model_fields_set}
         gamma, eta, top = float(podium.gamma), float(podium.eta), podium.superstructure
         has_structure = "structure" in self.table or isinstance(self.problem.structure, models.ByDimensions)
         if {"eta", "eta_over_gamma"} <= self.flags.keys():
             raise ValueError("--eta and --eta-over-gamma are alternatives; give one")
-        if "eta" in self.flags or (has_structure and "eta_over_gamma" not in given):
+        if "eta" in self.flags or (has_structure and "eta_over_gamma" not in set_keys):
             ratios, etas = [eta / gamma if gamma else float("inf") if eta else 0.0], [eta]
         else:
             ratios = settings.eta_over_gamma
             etas = [ratio * gamma for ratio in ratios]
         stories = _equal_stories(self.problem.structure) or self.values.get("stories")
-        changed = [name for name in ("T_s", "zeta", "eta", "eta_over_gamma") if name in given]
+        changed = [name for name in ("T_s", "zeta", "eta", "eta_over_gamma") if name in set_keys]
         if has_structure and changed and not stories and top is not None and top.has_mode_axis:
             raise ValueError(
                 f"--{changed[0].replace('_', '-')} cannot change a superstructure with several modes or "
-                "stories; give equal stories, or change the file"
+                "stories that differ; give equal stories, or change the problem file"
             )
-        period, damping = _longest(top)
-        zeta = float(self.values.get("zeta", 0.05) if damping is None or "zeta" in given else damping)
+        period, damping = _longest_period(top)
+        zeta = float(self.values.get("zeta", 0.05) if damping is None or "zeta" in set_keys else damping)
         if has_structure and not changed:
             return Panels([podium], ratios, [period], zeta)
-        periods = settings.T_s if not has_structure or "T_s" in given else [period]
+        periods = settings.T_s if not has_structure or "T_s" in set_keys else [period]
         with self.reader.at("structure"):
             tops = [superstructure_of(eta, T or None, zeta, stories) for eta in etas for T in periods]
         return Panels([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
@@ -224,34 +231,42 @@ class Request:
         """Return the name of the chosen set of motions."""
         sets = self.problem.motions
         if name is None and len(sets) > 1:
-            which = f"{key} is missing: which of {', '.join(sets)}?"
-            self.reader.fail(self.command, f"{which} ([{self.command}] {key}, or --{key})")
+            self.reader.fail(
+                self.command,
+                f"the file has several sets of motions; choose one of {', '.join(sets)} by {key} in "
+                f"[{self.command}], or by --{key}",
+            )
         return self.reader.require_set(sets, name, f"{self.command}.{key}")
 
     def motion(self, podium: rj.Podium) -> Any:
-        """Return the chosen motion, a record with its name and source."""
+        """Return the chosen motion of the chosen set."""
         name, number = self.set_name(self.settings.motion), self.settings.number
-        found = self.reader.members(self.problem.motions, name, podium)
-        holds = f"holds {len(found)} motions"
-        if number is None and len(found) > 1:
-            selection = f"([{self.command}] number, or --number, 1 to {len(found)})"
-            self.reader.fail(f"motions.{name}", f"{holds}: which? {selection}")
-        if number is not None and number > len(found):
-            self.reader.fail(f"motions.{name}", f"{holds}, there is no number {number}")
-        return found[(number or 1) - 1]
+        members = self.reader.members(self.problem.motions, name, podium)
+        if (number is None and len(members) > 1) or (number is not None and number > len(members)):
+            self.reader.fail(
+                f"motions.{name}",
+                f"number must be from 1 to {len(members)}, got {'none' if number is None else number}; give "
+                f"--number, or number in [{self.command}]",
+            )
+        return members[(number or 1) - 1]
 
 
 class Panels(NamedTuple):
-    """Podiums of panels, η/γ outermost."""
+    """Podiums of panels: all periods of the first mass ratio, then of the second, …"""
 
     podiums: list[rj.Podium]
-    ratios: list[float]
-    periods: list[float]  # the longest ones
-    zeta: float  # of those
+    ratios: list[float]  # mass ratios η/γ [–]
+    periods: list[float]  # longest periods of the superstructures [s]; 0 for rigid
+    zeta: float  # damping ratio of the modes with these periods [–]
 
 
 def read_records(reader: Any, paths: list[Path], keys: Mapping[str, Any]) -> Motions:
-    """Return the motions of files, folders and tables; `keys` are further keys of their entries."""
+    """Return the motions of files, folders and tables.
+
+    - `reader`: reader of problem files
+    - `paths`: the files, folders and tables
+    - `keys`: keys of the entries of a problem file, such as `units` and `dt`, which apply to all paths
+    """
     from rockjax._motions.readers import is_table
 
     entries = []
@@ -263,19 +278,22 @@ def read_records(reader: Any, paths: list[Path], keys: Mapping[str, Any]) -> Mot
 
 
 def _equal_stories(structure: Any) -> int | None:
-    """Return the number of equal stories of a structure, None without."""
+    """Return the number of equal stories of a structure; None if it has none."""
     return getattr(structure, "stories", None) or getattr(
         getattr(structure, "superstructure", None), "stories", None
     )
 
 
-def _longest(top: AbstractSuperstructure | None) -> tuple[float, float | None]:
-    """Return the longest period of a superstructure [s], 0 if rigid, and the damping ratio of that mode."""
+def _longest_period(top: AbstractSuperstructure | None) -> tuple[float, float | None]:
+    """Return the longest period of a superstructure [s] and the damping ratio of that mode.
+
+    Without modes, they are 0 and None.
+    """
     import numpy as np
 
-    found = None if top is None else top.oscillators
-    if found is None:
+    oscillators = None if top is None else top.oscillators
+    if oscillators is None:
         return 0.0, None
-    periods, damping = np.atleast_1d(found.T_s), np.atleast_1d(found.zeta)
-    first = int(np.argmax(periods))
-    return float(periods[first]), float(damping[min(first, len(damping) - 1)])
+    periods, damping = np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.zeta)
+    mode = int(np.argmax(periods))
+    return float(periods[mode]), float(damping[min(mode, len(damping) - 1)])

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     import rockjax as rj
 
 
-def share_in_no_mode(podium: rj.Podium) -> float:
-    """Return the share of the superstructure's mass that is in no mode and moves with the beam [–]."""
+def residual_share(podium: rj.Podium) -> float:
+    """Return the residual mass (in no mode; it moves with the beam) divided by that of the superstructure."""
     top = podium.superstructure
     if top is None or not top.rows:
         return 0.0
@@ -37,8 +37,8 @@ def share_in_no_mode(podium: rj.Podium) -> float:
 def response(request: Request, report: Report, output: Output = "rockjax-response") -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
-    Writes OUTPUT.nc and OUTPUT.png, with forces and friction in the joints if the structure has an elevation;
-    `rockjax plot OUTPUT.nc` draws phase portraits, energies and an animation.
+    Writes OUTPUT.nc and OUTPUT.png, with forces and friction in the joints if the structure has an elevation.
+    `rockjax plot OUTPUT.nc --kind …` draws phase portraits, energies and an animation.
 
     \b
     Examples:
@@ -61,11 +61,11 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
         report.say(f"  {line}")
     for line in joint_warnings(podium, history, request.settings.friction):
         report.say(f"  {line}")
-    share = share_in_no_mode(podium)
+    share = residual_share(podium)
     if share > 0:
         report.say(
-            f"  {share:.0%} of the mass of the superstructure is in no mode: shear and floor accelerations "
-            "leave out its impulses at impacts"
+            f"  {share:.0%} of the mass of the superstructure is in no mode; shear and floor accelerations "
+            "do not include its impulses at impacts"
         )
     report.write(files.data(), data)
     report.draw(files.picture(), "response", data)
@@ -73,32 +73,29 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
     from rockjax._responses.peak import all_variables
 
     code = int(results.code_of(history.result))
-    wanted = {name: getattr(history, name) for name in all_variables() if name != "margin"}
-    report.facts |= {"result": results.NAMES[code], **wanted, "inputs": dict(data.attrs)}
+    peaks = {name: getattr(history, name) for name in all_variables() if name != "margin"}
+    report.facts |= {"result": results.NAMES[code], **peaks, "inputs": dict(data.attrs)}
     if code > results.OVERTURNED:
         report.error(f"the scene did not finish. {results.explain(code)}")
 
 
 def _inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
-    """Yield lines on the inputs: the record, the impact law and known masses."""
+    """Yield lines about the inputs: records, impact law, uplift acceleration, and masses if known."""
     g = attrs["g_m_s2"]
-    for part in ("", "vertical_"):
-        about = {
-            name.removeprefix(f"{part}record_"): y
-            for name, y in attrs.items()
-            if name.startswith(f"{part}record_")
-        }
-        if not about:
+    for component in ("", "vertical_"):
+        prefix = f"{component}record_"
+        facts = {name.removeprefix(prefix): y for name, y in attrs.items() if name.startswith(prefix)}
+        if not facts:
             continue
-        words = [str(about[name]) for name in ("name", "source") if name in about]
-        words += [f"dt = {about['dt_s']:g} s, PGA = {about['pga_m_s2'] / g:.4g} g"]
-        words += [f"{name} {about[name]:g}" for name in ("scale", "seed") if name in about]
-        yield f"{'vertical' if part else 'record':<16} {', '.join(words)}, SHA-256 {about['sha256']}"
+        words = [str(facts[name]) for name in ("name", "source") if name in facts]
+        words += [f"dt = {facts['dt_s']:g} s, PGA = {facts['pga_m_s2'] / g:.4g} g"]
+        words += [f"{name} {facts[name]:g}" for name in ("scale", "seed") if name in facts]
+        yield f"{'vertical' if component else 'record':<16} {', '.join(words)}, SHA-256 {facts['sha256']}"
     law = attrs["restitution"]
     law = law if isinstance(law, str) else "given"
     yield f"{'impact law':<16} {law}, e = {attrs['restitution_factor']:.6g}"
-    lifts, demand = attrs["uplift_ground_acceleration_m_s2"] / g, attrs["uplift_demand_m_s2"] / g
-    yield f"{'lifts at':<16} {lifts:.4g} g of slow ground motion (demand of Eq. (9): {demand:.4g} g)"
+    uplift, demand = attrs["uplift_ground_acceleration_m_s2"] / g, attrs["uplift_demand_m_s2"] / g
+    yield f"{'lifts at':<16} {uplift:.4g} g of slow ground motion (demand of Eq. (9): {demand:.4g} g)"
     if "columns" in attrs:
         masses = [
             f"{name.removesuffix('_kg').replace('_', ' ')} {_kilograms(attrs[name])}"

@@ -15,7 +15,7 @@ from ._run import Report, command
 
 @command(options_of(models.Risk))
 def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> None:
-    """Compute the mean annual frequency of overturning: a fragility curve over the hazard of a site.
+    """Compute the mean annual frequency of overturning from a fragility curve and the hazard of a site.
 
     Prints frequency, return period, probability in a given time, and sensitivities of the frequency if the
     fragility has them. Writes OUTPUT.nc (hazard, fragility and the contribution of each intensity) and
@@ -34,31 +34,30 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
     from rockjax._risk.annual import MIN_EXTRAPOLATED
 
     if settings.hazard is None:
-        raise ValueError("--hazard: is missing; give the file with the hazard curve of the site")
+        raise ValueError("rockjax risk needs a hazard curve; give its file by --hazard")
     hazard = rj.Hazard.from_file(_path(request, settings.hazard), site=settings.site)
     fragility = _fragility(request, settings)
-    found = rj.annual_frequency(fragility, hazard)
+    annual = rj.annual_frequency(fragility, hazard)
     contributions = rj.disaggregation(fragility, hazard)
     report.say(repr(hazard))
     median, dispersion = contributions.attrs["median"], contributions.attrs["dispersion"]
     report.say(f"fragility: median {median:.4g} {hazard.units}, dispersion {dispersion:.3g}")
-    frequency = float(found.frequency)
-    report.say(
-        f"mean annual frequency of overturning: "
-        f"{frequency:.4g}, once in {float(found.return_period):.4g} years"
-    )
-    within = float(found.probability(settings.years))
-    report.say(f"probability in {settings.years:g} years: {within:.4g}")
-    slopes = {name: float(y) for name, y in found.sensitivities.items()}
+    frequency, return_period = float(annual.frequency), float(annual.return_period)
+    report.say(f"mean annual frequency of overturning: {frequency:.4g}, once in {return_period:.4g} years")
+    probability = float(annual.probability(settings.years))
+    report.say(f"probability in {settings.years:g} years: {probability:.4g}")
+    slopes = {name: float(y) for name, y in annual.sensitivities.items()}
     for name, value in slopes.items():
         report.say(f"d ln λ_f/d{'β' if name == 'dispersion' else f' ln {name}'}: {value:.4g}")
-    share = float(found.extrapolated)
+    share = float(annual.extrapolated)
     if share > MIN_EXTRAPOLATED:
-        report.say(f"{share:.0%} of the frequency comes from beyond the given points of the hazard curve")
-    report.facts |= {"frequency_per_year": frequency, "return_period_years": float(found.return_period)}
+        report.say(
+            f"{share:.0%} of the frequency comes from intensities beyond the points of the hazard curve"
+        )
+    report.facts |= {"frequency_per_year": frequency, "return_period_years": return_period}
     report.facts |= {
         "years": settings.years,
-        "probability": within,
+        "probability": probability,
         "extrapolated": share,
         "sensitivities": slopes,
     }
@@ -67,39 +66,42 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
 
 
 def _path(request: Request, name: str) -> Path:
-    """Return the path of a file: as given, or else beside the problem file."""
+    """Return the path of a file in the present folder, or else in the folder of the problem file."""
     return Path(name) if request.path is None or Path(name).exists() else request.path.parent / name
 
 
-def _fragility(request: Request, curve: models.Risk) -> Any:
+def _fragility(request: Request, settings: models.Risk) -> Any:
+    """Return the fragility curve: a dataset, a lognormal distribution, or a curve of a fragility model."""
     import jax.numpy as jnp
 
     import rockjax as rj
 
-    by_numbers = [value for value in (curve.median, curve.dispersion) if value is not None]
-    if curve.fragility is None:
-        if len(by_numbers) != 2:
-            raise ValueError("needs a fragility curve: --fragility FILE, or --median and --dispersion")
-        return rj.Lognormal(jnp.asarray(by_numbers[0]), jnp.asarray(by_numbers[1]))
-    if by_numbers:
-        raise ValueError("--fragility: give a file, or --median and --dispersion, not both")
-    path = _path(request, curve.fragility)
+    parameters = [value for value in (settings.median, settings.dispersion) if value is not None]
+    if settings.fragility is None:
+        if len(parameters) != 2:
+            raise ValueError(
+                "rockjax risk needs a fragility curve; give --fragility FILE, or --median and --dispersion"
+            )
+        return rj.Lognormal(jnp.asarray(parameters[0]), jnp.asarray(parameters[1]))
+    if parameters:
+        raise ValueError("--fragility replaces --median and --dispersion; give the file or the values")
+    path = _path(request, settings.fragility)
     if path.suffix.lower() == ".xml":
-        return _of_model(path, rj.read_fragility_model(path), curve.structure)
+        return _curve_of_model(path, rj.read_fragility_model(path), settings.structure)
     from rockjax.plots._from_file import load
 
     data = load(path)
     if data.attrs["kind"] != "fragility":
         raise ValueError(
-            f"{path}: holds a {data.attrs['kind']}, not a fragility; `rockjax fragility` makes one"
+            f"{path} contains a {data.attrs['kind']}, not a fragility; `rockjax fragility` writes one"
         )
     return data
 
 
-def _of_model(path: Path, model: dict[str, Any], structure: str | None) -> Any:
+def _curve_of_model(path: Path, model: dict[str, Any], structure: str | None) -> Any:
     if structure is None and len(model) > 1:
-        raise ValueError(f"{path}: holds {', '.join(model)}; choose one with --structure")
+        raise ValueError(f"{path} has several structures; choose one of {', '.join(model)} by --structure")
     name = next(iter(model)) if structure is None else structure
     if name not in model:
-        raise ValueError(f"{path}: has no structure {name!r}; it has {', '.join(model)}")
+        raise ValueError(f"{path} has no structure {name!r}; choose one of {', '.join(model)}")
     return model[name]

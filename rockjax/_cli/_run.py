@@ -24,7 +24,12 @@ NO_ANSWER, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 
 
 class Report:
-    """Output of a command: a summary or one JSON object on stdout, progress and remarks on stderr."""
+    """Output of a command: a summary or a JSON object on stdout, progress and remarks on stderr.
+
+    - `facts`: contents of the JSON object
+    - `written`: files that the command has written
+    - `status`: exit status
+    """
 
     def __init__(self, quiet: bool = False, verbose: bool = False, json: bool = False):
         self.quiet, self.verbose, self.json = quiet, verbose, json
@@ -44,7 +49,7 @@ class Report:
             typer.echo(line, err=True)
 
     def error(self, line: str, status: int = NO_ANSWER) -> None:
-        """Report why the answer is missing or incomplete, and set the exit status."""
+        """Print why the answer is missing or incomplete, and set the exit status."""
         typer.echo(f"rockjax: {line}", err=True)
         self.status = status
 
@@ -57,7 +62,7 @@ class Report:
     def write(
         self, path: str | Path, data: xarray.Dataset, groups: dict[str, xarray.Dataset] | None = None
     ) -> None:
-        """Write a dataset, with `groups` as groups of its file, and with the command as attribute."""
+        """Write a dataset with the command as an attribute, and `groups` as groups of the file."""
         from rockjax._files import write_dataset
 
         data.attrs |= {"command": COMMAND.get()} | MASSES.get({})
@@ -65,7 +70,7 @@ class Report:
 
     def draw(self, path: str | Path, draw: str, data: Any) -> None:
         """Write the picture `rockjax.plots.<draw>(data)`."""
-        os.environ["MPLBACKEND"] = "Agg"  # needs no screen
+        os.environ["MPLBACKEND"] = "Agg"  # works without a screen
         from rockjax import plots
         from rockjax._files import write_figure
 
@@ -88,23 +93,26 @@ class Report:
             typer.echo(as_json(facts, ascii=True))  # valid in every encoding of stdout
         if self.verbose:
             self.note(_programs())
-            self.note(f"{seconds:.1f} s in all")
+            self.note(f"{seconds:.1f} s in total")
 
 
 def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[..., None]], Any]:
-    """Return a decorator that turns a function into a command with the options of the groups.
+    """Return a decorator that turns a function into a command.
 
-    The function takes `report`, its own options, and optionally `request` (problem file and options) or
-    `reader` (options alone). With `jax`, the caches of compiled programs and logging are configured first.
+    - `groups`: options that are made from models, by key
+    - `jax`: True to configure the cache of compiled programs and logging before the call
+
+    The function has the argument `report` and arguments for its other options. It may have the argument
+    `request`, for the problem file with the options of the groups, or `reader`, for these options alone.
     """
-    options = {name: one for group in groups for name, one in group.items()}
+    options = {name: entry for group in groups for name, entry in group.items()}
 
     def decorate(function: Callable[..., None]) -> Any:
         hints = get_type_hints(function, include_extras=True)
         accepted = inspect.signature(function).parameters
         takes_file = "request" in accepted
         options_by_name: dict[str, Any] = {"ctx": (typer.Context, inspect.Parameter.empty)}
-        options_by_name |= {name: (one.annotation, one.default) for name, one in options.items()}
+        options_by_name |= {name: (entry.annotation, entry.default) for name, entry in options.items()}
         if takes_file:
             options_by_name |= {} if "inputs" in accepted else {"problem": (ProblemFile, None)}
             options_by_name |= {"example": (Example, None)}
@@ -122,9 +130,10 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
             def call() -> None:
                 if jax:
                     prepare(report)
-                set_options = {name: one for name, one in options.items() if values[name] is not None}
                 chosen = values | {
-                    name: one.value(one.flag, values[name]) for name, one in set_options.items()
+                    name: entry.convert(entry.flag, values[name])
+                    for name, entry in options.items()
+                    if values[name] is not None
                 }
                 flags = {name: options[name].flag if name in options else f"--{name}" for name in values}
                 explicit = {name: (flags[name], chosen[name]) for name in values if _is_given(ctx, name)}
@@ -156,13 +165,13 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
 
 
 def _take_problem(values: dict[str, Any]) -> Path | None:
-    """Return the problem file; if it is among the inputs of a command, remove it from them."""
+    """Return the problem file. If the command has `inputs`, remove it from them."""
     if "inputs" not in values:
         return values["problem"]
     inputs = values["inputs"] or []
     problems = [path for path in inputs if path.suffix.lower() == ".toml"]
     if len(problems) > 1:
-        raise ValueError(f"expected at most one problem file, got {problems[0]} and {problems[1]}")
+        raise ValueError(f"give at most one problem file, got {problems[0]} and {problems[1]}")
     values["inputs"] = [path for path in inputs if path not in problems]
     return problems[0] if problems else None
 
@@ -177,10 +186,10 @@ def _finish(report: Report, call: Callable[[], None]) -> None:
         warnings.showwarning = _show_warning
         try:
             call()
-        except KeyboardInterrupt as stopped:
+        except KeyboardInterrupt as interrupt:
             paths = ", ".join(map(str, report.written))
-            kept = f"written so far: {paths}" if paths else "nothing is kept"
-            typer.echo(f"\nrockjax: {str(stopped) or 'stopped'}; {kept}", err=True)
+            saved = f"written so far: {paths}" if paths else "no results were saved"
+            typer.echo(f"\nrockjax: {str(interrupt) or 'stopped'}; {saved}", err=True)
             raise typer.Exit(INTERRUPTED) from None
     report.close()
     if report.status:
@@ -188,7 +197,7 @@ def _finish(report: Report, call: Callable[[], None]) -> None:
 
 
 def unwrap_docstring(function: Callable[..., None]) -> str:
-    """Return the docstring of a command without line breaks inside paragraphs, which help would keep."""
+    """Return the docstring of a command, with each paragraph in one line, because help keeps line breaks."""
     paragraphs = (inspect.getdoc(function) or "").split("\n\n")
     return "\n\n".join(text if text.startswith("\b") else text.replace("\n", " ") for text in paragraphs)
 
@@ -204,15 +213,15 @@ def _show_warning(message, category, filename, lineno, file=None, line=None) -> 
 
 
 def prepare(report: Report) -> None:
-    """Configure the caches of compiled programs, and logging."""
+    """Configure JAX's cache of compiled programs, and logging."""
     import jax
 
     from rockjax._programs import key, store
 
     if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        # JAX's own cache serves programs that are traced in every run. Setting it is safe, because the
-        # process runs only this command. Each version has its own folder, because programs that come from
-        # this cache cannot be kept in the store.
+        # JAX's cache serves programs that are traced in every run; the process runs only this command, so
+        # nothing else is affected. Programs from this cache cannot be stored again, so each version of
+        # rockjax has its own folder.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if report.quiet:
@@ -229,17 +238,21 @@ def _programs() -> str:
 
 
 def save_interrupted(
-    output: Path, datasets: list, message: str = "stopped before all was written"
+    output: Path, datasets: list, message: str = "stopped before all files were written"
 ) -> typer.Exit:
-    """Save the finished datasets, and report how to resume."""
+    """Save partial results, report how to resume, and return the exception that ends the command.
+
+    - `output`: prefix of the files of the command
+    - `datasets`: results of each podium, complete or not; None if there are none
+    - `message`: reason, for the report
+    """
     from rockjax._cli import _checkpoint
 
     if any(data is not None for data in datasets):
-        kept = _checkpoint.save(_checkpoint.path_of(output), datasets)
+        path = _checkpoint.save(_checkpoint.path_of(output), datasets)
         typer.echo(
-            f"\nrockjax: {message}; kept in {kept}: the same command with --resume goes on from there",
-            err=True,
+            f"\nrockjax: {message}; saved in {path}; repeat the command with --resume to continue", err=True
         )
     else:
-        typer.echo(f"\nrockjax: {message}; nothing to keep", err=True)
+        typer.echo(f"\nrockjax: {message}; no results were saved", err=True)
     return typer.Exit(INTERRUPTED)

@@ -19,13 +19,12 @@ from ._run import Report, command, save_interrupted
 def spectrum(
     request: Request, report: Report, output: Output = "rockjax-spectrum", resume: Resume = False
 ) -> None:
-    """Rocking spectra: peak rotation over pulse frequency and acceleration, and the boundaries of
-    overturning.
+    """Rocking spectra: peak rotation and overturning boundaries over pulse frequency and acceleration.
 
-    With no options: the 12 panels of the paper's Fig. 6 and its Fig. 7. Boundaries are refined between
-    points of the grid; `rockjax overturning` also finds those between two points with the same outcome.
+    Without options: the 12 panels of Fig. 6 of the paper, and Fig. 7. Boundaries are refined between grid
+    points of different outcome; `rockjax overturning` also finds those between points of the same outcome.
     Writes OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities,
-    OUTPUT-sensitivity.png. Ctrl-C keeps the solved scenes in OUTPUT.partial.nc; --resume solves the others.
+    OUTPUT-sensitivity.png. Ctrl-C saves the solved scenes in OUTPUT.partial.nc; --resume solves the others.
 
     \b
     Examples:
@@ -47,8 +46,8 @@ def spectrum(
     podiums, ratios, periods, zeta = request.panels()
     grid = request.settings
     parameters = grid.sensitivities
-    drawn = ("rotation", "overturning", *(("sensitivity",) if parameters else ()))
-    files = parse_outputs(output, "rockjax-spectrum").check(drawn)
+    pictures = ("rotation", "overturning", *(("sensitivity",) if parameters else ()))
+    files = parse_outputs(output, "rockjax-spectrum").check(pictures)
     pulse = make_pulse(grid.pulse, grid.vertical_ratio)
     options = request.options(outputs=("peak_rotation",))
     if "peak_rotation" not in options.outputs:
@@ -89,7 +88,7 @@ def spectrum(
 
     until = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
     report.say(f"{total} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
-    report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods, "", ".4f")
+    report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods)
     report.facts |= {"scenes": total, "overturned": overturned, "without_answer": failed}
     if failed:
         from rockjax._results import explain_failures

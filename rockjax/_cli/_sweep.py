@@ -39,8 +39,8 @@ def sweep(
             "--axis",
             panel=GRID,
             metavar="NAME=VALUES",
-            help="An axis of the grid, once for each: alpha=0.1,0.12,0.15 or alpha=0.1:0.2:11 for 11 values "
-            "from 0.1 to 0.2, or gamma=1:100:7:log for equal ratios.",
+            help="An axis of the grid: alpha=0.1,0.12,0.15, or alpha=0.1:0.2:11 for 11 values from 0.1 to "
+            "0.2, or gamma=1:100:7:log for equal ratios. Repeat the option for each axis.",
         ),
     ] = (),  # pyright: ignore[reportArgumentType]
     workers: Annotated[
@@ -57,14 +57,12 @@ def sweep(
         option(
             "--scheduler",
             panel=MACHINES,
-            help="A Dask scheduler that runs already: its address, or its file (.json).",
+            help="Address or file (.json) of a running Dask scheduler.",
         ),
     ] = None,
     dry_run: Annotated[
         bool,
-        option(
-            "--dry-run", panel=MACHINES, help="Only say how long it will take, and how much memory and disk."
-        ),
+        option("--dry-run", panel=MACHINES, help="Only estimate time, memory and disk space."),
     ] = False,
     store: Annotated[Path, option("--output", "-o", panel=OUTPUT, help="The zarr store to write.")] = Path(
         "rockjax-sweep.zarr"
@@ -72,8 +70,8 @@ def sweep(
 ) -> None:
     """Peak responses of a grid of any size, chunk by chunk, on this machine or a cluster.
 
-    The axes are numbers of the structure and of the motion; a set of several motions is a further axis.
-    Writes a zarr store that xarray opens. However a sweep was stopped, the same command continues it:
+    The axes are parameters of the structure and of the motion; a set of several motions is an additional
+    axis. Writes a zarr store, which xarray opens. The same command continues a sweep that was stopped:
     chunks in the store are verified and kept.
 
     \b
@@ -90,11 +88,11 @@ def sweep(
     require_zarr()
     store = store_path(store)
     if workers is not None and scheduler is not None:
-        raise ValueError("--workers and --scheduler: give one of them")
+        raise ValueError("--workers and --scheduler are alternatives; give one")
     podium, axes = request.podium(), _axes(request, axis)
     if not axes:
         raise ValueError(
-            "--axis: no axis is given; such as --axis alpha=0.1:0.2:11, or [sweep.axes] in a problem file"
+            "rockjax sweep needs an axis, such as --axis alpha=0.1:0.2:11, or [sweep.axes] in a problem file"
         )
     options = request.options(outputs=tuple(request.settings.outputs))
     with request.reader.at("sweep.axes"):
@@ -114,8 +112,8 @@ def sweep(
             return
         try:
             data: Any = rj.sweep(*scenes, **call, client=client)
-        except rj.Interrupted as stopped:
-            typer.echo(f"\nrockjax: {stopped}", err=True)
+        except rj.Interrupted as interrupt:
+            typer.echo(f"\nrockjax: {interrupt}", err=True)
             raise typer.Exit(INTERRUPTED) from None
     report.add_file(store)
     overturned = float(data["overturned"].mean())
@@ -132,16 +130,16 @@ def sweep(
 
 
 def _axes(request: Request, texts: list[str]) -> dict[str, Any]:
-    """Return the axes of the file, overridden by those of the command line."""
+    """Return the values along the axes of the file and of the command line, which has precedence."""
     import numpy as np
 
-    typed = {}
+    from_options = {}
     for text in texts:
         name, equals, values = text.partition("=")
         if not equals or not name:
-            raise ValueError(f"--axis: expected NAME=VALUES, got {text!r}")
-        typed[name] = _parsed(values)
-    axes = request.settings.axes | request.reader.check(models.Sweep, {"axes": typed}).axes
+            raise ValueError(f"--axis needs NAME=VALUES, got {text!r}")
+        from_options[name] = _parse_axis(values)
+    axes = request.settings.axes | request.reader.check(models.Sweep, {"axes": from_options}).axes
     return {
         name: np.asarray(axis)
         if isinstance(axis, list)
@@ -150,23 +148,25 @@ def _axes(request: Request, texts: list[str]) -> dict[str, Any]:
     }
 
 
-def _parsed(text: str) -> Any:
-    """Return an axis of the command line in the form of a problem file."""
-    form = f"expected numbers separated by commas, low:high:points or low:high:points:log, got {text!r}"
+def _parse_axis(text: str) -> Any:
+    """Return the values of `--axis` in the form of a problem file."""
+    message = (
+        f"--axis needs numbers separated by commas, low:high:points or low:high:points:log, got {text!r}"
+    )
     try:
         if ":" not in text:
-            return [float(part) for part in text.split(",")]
+            return [float(number) for number in text.split(",")]
         low, high, points, *log = text.split(":")
         span = {"from": float(low), "to": float(high), "points": int(points)}
     except ValueError:
-        raise ValueError(form) from None
+        raise ValueError(message) from None
     if log not in ([], ["log"]):
-        raise ValueError(form)
+        raise ValueError(message)
     return span | {"log": bool(log)}
 
 
 def _excitation(request: Request, podium: rj.Podium) -> Any:
-    """Return one motion, or a set of them if the file has one and no option chooses a motion."""
+    """Return all motions of the chosen set, or a single motion if options change or select one."""
     from rockjax._problem.reading import has_pulses, to_excitation
 
     sets, name = request.problem.motions, request.settings.motion
@@ -174,15 +174,15 @@ def _excitation(request: Request, podium: rj.Podium) -> Any:
         return to_excitation(request.motion(podium))
     name = request.set_name(name)
     if not has_pulses(sets[name]):
-        found: Any = request.reader.records(sets, name)
+        motions: Any = request.reader.records(sets, name)
     else:
-        found = [to_excitation(member) for member in request.reader.members(sets, name, podium)]
-    return to_excitation(found[0]) if len(found) == 1 else found
+        motions = [to_excitation(member) for member in request.reader.members(sets, name, podium)]
+    return to_excitation(motions[0]) if len(motions) == 1 else motions
 
 
 @contextlib.contextmanager
 def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
-    """Yield the client of the requested cluster, None for this process."""
+    """Yield the client of the requested cluster; None without a cluster."""
     if workers is None and scheduler is None:
         yield None
         return

@@ -10,10 +10,10 @@ from typing import Any
 
 
 class _Stream:
-    """A standard stream whose failures never end a command: text after a failure is dropped.
+    """A standard stream that raises no `OSError`: after a failure, text is dropped.
 
-    `failure` is the `OSError` of the first write that failed, such as a full disk; a pipe closed at its
-    other end, as by `| head -1`, is no failure.
+    `failure` is the error of the first failed write, such as a full disk. A pipe that the reader has closed,
+    as by `| head -1`, does not count as a failure.
     """
 
     def __init__(self, stream: Any):
@@ -39,7 +39,7 @@ class _Stream:
             self._closed = True
             if not isinstance(error, BrokenPipeError):
                 self.failure = error
-            # Python flushes the stream once more at the end.
+            # Python flushes the stream at exit, which must not fail again.
             with contextlib.suppress(OSError, ValueError):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
@@ -49,9 +49,10 @@ class _Stream:
 
 @contextlib.contextmanager
 def terminal() -> Iterator[None]:
-    """Guard stdout and stderr while a command runs; NO_COLOR leaves text without any codes.
+    """Replace stdout and stderr by streams that do not fail while a command runs.
 
-    Raises `SystemExit` with status 1 after the command if stdout could not be written, as on a full disk.
+    If NO_COLOR is set, bold and dim text are switched off as well as colours. If stdout could not be written,
+    for example on a full disk, raises `SystemExit` with status 1 after the command.
     """
     if os.environ.get("NO_COLOR"):
         _switch_off_styles()
@@ -71,22 +72,22 @@ def terminal() -> Iterator[None]:
 
 
 def _open_closed_streams() -> None:
-    """Open the null device in place of standard streams that the parent process closed.
+    """Open the null device for standard streams that the parent process has closed.
 
-    Otherwise the next file opened would get their number, and text printed by libraries would go into it.
+    Otherwise the next opened file would get their number, and text printed by libraries would go into it.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, this one
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is `number`
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
 
 
 def _switch_off_styles() -> None:
-    """Switch off bold and dim text too, which rich keeps under NO_COLOR."""
+    """Switch off all styles of help: under NO_COLOR, rich keeps bold and dim text."""
     with contextlib.suppress(ImportError):
         from typer import rich_utils
 

@@ -33,37 +33,39 @@ def fragility(
     """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood (host).
 
     - `analysis`: from [`rockjax.incremental_dynamic_analysis`][]
-    - `method`: `"capacities"` fits the least overturning intensities, where records that never overturn are
-      censored at the highest level; `"stripes"` fits the counts of overturned records at the levels,
-      including survivals above the first overturning. By default `"capacities"`, and `"stripes"` with a
-      `limit`, which has no other
-    - `at`: intensities of the curve, by default 200 up to the highest level
+    - `method`: `"capacities"` fits the least overturning intensities; records that do not overturn are
+      censored at the highest level. `"stripes"` fits the counts of overturned records at the levels,
+      including survivals above the first overturning. The default is `"capacities"`. With a `limit` it is
+      `"stripes"`, the only valid method
+    - `at`: intensities of the curve, shape (x,), > 0; by default 200 up to the highest level
     - `confidence`: confidence level of the intervals and the band, in (0, 1); None for the curve alone
-    - `limit`: (name, value) of a peak of the analysis, such as `("peak_friction", 0.3)` or
-      `("least_axial_force", 0.0)`, as the limit state instead of overturning: a scene fails where the peak
-      exceeds the value, where a least value is below it, or where it overturns. Of modes, stories, floors or
-      joints the worst counts. The analysis needs this output in its `options`
+    - `limit`: limit state instead of overturning: (name, value) of a peak of the analysis, such as
+      `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the peak exceeds the value,
+      if a `least_…` variable is below it, or if the podium overturns. One mode, story, floor or joint is
+      sufficient for failure. The `options` of the analysis must request this output
 
-    Returns a Dataset with the scalars `median_capacity` and `dispersion` and, unless `confidence` is None,
-    the `interval` of both (dims `quantity`, `bound`; its attributes have the number of records). Over `at`
-    there are `probability` and the band from `lower` to `upper`, over `intensity` the share `observed` of
-    overturned records. If the analysis has sensitivities and `method` is `"capacities"`,
-    `median_sensitivity` and `dispersion_sensitivity` over `parameter` are d ln(median)/d ln y and
-    d(dispersion)/d ln y.
+    Returns a Dataset. The scalars `median_capacity` and `dispersion` have the confidence intervals `interval`
+    (dims `quantity`, `bound`; its attributes contain the number of records). Over `at` there are
+    `probability` and the band from `lower` to `upper`; over `intensity` there is `observed`, the share of
+    records that fail. Intervals and band are omitted if `confidence` is None. If the analysis has
+    sensitivities and `method` is `"capacities"`, `median_sensitivity` and `dispersion_sensitivity` over
+    `parameter` are d ln(median)/d ln y and d(dispersion)/d ln y.
 
     Intervals of `"capacities"` use the profile likelihood of lognormal capacities. Without censored records
-    they are exact for median and dispersion; with censored records their coverage is the stated confidence
-    within some per cent. Intervals of `"stripes"` come from the jackknife, which omits each record once. A
-    `RuntimeWarning` is issued if the intervals rest on fewer than five records: records that overturn for
-    `"capacities"`, all records for `"stripes"`.
+    they are exact for median and dispersion; with censored records their coverage differs from `confidence`
+    by some per cent. Intervals of `"stripes"` come from the jackknife, which omits each record once. A
+    `RuntimeWarning` is issued if there are fewer than five records that overturn (`"capacities"`), or fewer
+    than five records (`"stripes"`).
 
-    Raises `ValueError`, with the reason, if no curve or no interval can be fitted.
+    Raises `ValueError` for invalid arguments, and if no curve or no interval can be fitted.
     """
     _check(analysis, method, confidence)
     if limit is None:
         method = method or "capacities"
     elif method == "capacities":
-        raise ValueError('fragility: with limit use method="stripes": capacities are those of overturning')
+        raise ValueError(
+            'fragility: method must be "stripes" with a limit, because capacities refer to overturning'
+        )
     else:
         method = "stripes"
         analysis = _with_limit(analysis, limit)
@@ -77,23 +79,17 @@ def fragility(
     if confidence is not None:
         _add_intervals(curve, method, data, fit, confidence)
     if "sensitivity" in analysis and method == "capacities":
-        has_capacity, one = np.isfinite(data.capacity), {"units": "1"}
-        capacity_changes = (
-            analysis["sensitivity"].values[:, has_capacity] * data.capacity[has_capacity]
-        )  # d(capacity)/d ln y
-        median_slopes, dispersion_slopes = (
-            np.asarray(slope)[has_capacity] for slope in _slopes(data.capacity, data.limit)
-        )
-        curve["median_sensitivity"] = (
-            "parameter",
-            capacity_changes @ median_slopes,
-            one | {"long_name": "d ln(median)/d ln y"},
-        )
-        curve["dispersion_sensitivity"] = (
-            "parameter",
-            capacity_changes @ dispersion_slopes,
-            one | {"long_name": "d(dispersion)/d ln y"},
-        )
+        has_capacity = np.isfinite(data.capacity)
+        # d(capacity)/d ln y, shape (parameters, records with a capacity)
+        capacity_slopes = analysis["sensitivity"].values[:, has_capacity] * data.capacity[has_capacity]
+        fit_slopes = _slopes(data.capacity, data.censor_limit)
+        symbols = {
+            "median_sensitivity": "d ln(median)/d ln y",
+            "dispersion_sensitivity": "d(dispersion)/d ln y",
+        }
+        for (name, symbol), slope in zip(symbols.items(), fit_slopes, strict=True):
+            values = capacity_slopes @ np.asarray(slope)[has_capacity]
+            curve[name] = ("parameter", values, {"units": "1", "long_name": symbol})
         curve = curve.assign_coords(parameter=analysis["parameter"])
     return curve
 
@@ -101,13 +97,14 @@ def fragility(
 class _Ensemble(NamedTuple):
     """Capacities and outcomes of the records of an analysis.
 
-    - `capacity`: least overturning intensity of each record (n,), inf if above the highest level
-    - `limit`: highest intensity searched for each record (n,)
-    - `levels`: levels of intensity (m,); `overturned`: 1 where a record overturns, else 0, (n, m)
+    - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level
+    - `censor_limit`: lower bound of censored capacities, the highest level for each record, shape (n,)
+    - `levels`: levels of intensity, shape (m,)
+    - `overturned`: 1 where a record fails, else 0, shape (n, m)
     """
 
     capacity: np.ndarray
-    limit: np.ndarray
+    censor_limit: np.ndarray
     levels: np.ndarray
     overturned: np.ndarray
 
@@ -125,13 +122,13 @@ class _Ensemble(NamedTuple):
 
 
 def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Dataset:
-    """Return the analysis with the scenes beyond a limit as those that fail."""
+    """Return the analysis with failure defined by a limit, in addition to overturning."""
     names = [name for name, y in analysis.data_vars.items() if {"record", "intensity"} <= set(y.dims)]
     peaks = [str(name) for name in names if str(name).startswith(("peak_", "least_"))]
     if not (isinstance(limit, tuple) and len(limit) == 2 and limit[0] in peaks):
         raise ValueError(
             f"fragility: limit must be (name, value) with one of the peaks of the analysis {peaks}, got "
-            f"{limit!r}; for others name their output in the options of the analysis"
+            f"{limit!r}; for another peak, request its output in the options of the analysis"
         )
     name, value = limit
     require("fragility", f"limit {name}", value, lambda y: np.ones_like(y, bool), "finite")
@@ -170,7 +167,7 @@ def _describe_type(value) -> str:
 
 def _fit(method: str, data: _Ensemble) -> Lognormal:
     if method == "capacities":
-        fit = _fit_capacities(data.capacity, data.limit)
+        fit = _fit_capacities(data.capacity, data.censor_limit)
     else:
         fit = _fit_counts(data.levels, data.overturned.sum(axis=0), data.trials)
     if not np.isfinite(fit.median):
@@ -181,34 +178,22 @@ def _fit(method: str, data: _Ensemble) -> Lognormal:
 def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: str) -> xarray.Dataset:
     import xarray
 
-    unit_attrs, one, name = (
-        {"units": analysis["intensity"].attrs["units"]},
-        {"units": "1"},
-        analysis.attrs["measure"],
-    )
-    observed = analysis["overturned"].values.mean(axis=0)
+    units, measure = analysis["intensity"].attrs["units"], analysis.attrs["measure"]
     event = analysis.attrs.get("limit_state", "overturning")
+
+    def variable(dim, values, unit: str, long_name: str):
+        return dim, np.asarray(values), {"units": unit, "long_name": long_name}
+
+    observed = analysis["overturned"].values.mean(axis=0)
     return xarray.Dataset(
         {
-            "median_capacity": (
-                (),
-                float(fit.median),
-                unit_attrs | {"long_name": f"median {name} of {event}"},
-            ),
-            "dispersion": (
-                (),
-                float(fit.dispersion),
-                one | {"long_name": "standard deviation of the logarithm"},
-            ),
-            "probability": (
-                "at",
-                np.asarray(fit.probability(x)),
-                one | {"long_name": f"probability of {event}"},
-            ),
-            "observed": ("intensity", observed, one | {"long_name": f"share of records: {event}"}),
+            "median_capacity": variable((), float(fit.median), units, f"median {measure} of {event}"),
+            "dispersion": variable((), float(fit.dispersion), "1", "standard deviation of the logarithm"),
+            "probability": variable("at", fit.probability(x), "1", f"probability of {event}"),
+            "observed": variable("intensity", observed, "1", f"share of records: {event}"),
             "capacity": analysis["capacity"],
         },
-        coords={"at": ("at", x, unit_attrs | {"long_name": name}), "intensity": analysis["intensity"]},
+        coords={"at": variable("at", x, units, measure), "intensity": analysis["intensity"]},
         attrs=analysis.attrs | {"title": "Fragility", "kind": "fragility", "method_of_fit": method},
     )
 
@@ -216,13 +201,13 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
 def _add_intervals(
     curve: xarray.Dataset, method: str, data: _Ensemble, fit: Lognormal, confidence: float
 ) -> None:
-    records, overturn = data.capacity.size, int(np.isfinite(data.capacity).sum())
-    count = overturn if method == "capacities" else records
+    records, overturning_records = data.capacity.size, int(np.isfinite(data.capacity).sum())
+    count = overturning_records if method == "capacities" else records
     if count < MIN_RECORDS:
         qualifier = " that overturn" if method == "capacities" else ""
         message = (
             f"fragility: the intervals rest on only {count} records{qualifier}; with fewer than "
-            f"{MIN_RECORDS} they depend on the form of the distribution more than on the records; use more "
+            f"{MIN_RECORDS} they depend more on the assumed lognormal form than on the records; use more "
             "records, or confidence=None for the curve alone"
         )
         warnings.warn(message, RuntimeWarning, stacklevel=3)
@@ -231,7 +216,7 @@ def _add_intervals(
     interval_attrs = {
         "long_name": f"{confidence:.0%} confidence interval",
         "records": records,
-        "overturning_records": overturn,
+        "overturning_records": overturning_records,
     }
     curve["interval"] = (("quantity", "bound"), bounds, interval_attrs)
     for name, band in zip(("lower", "upper"), ndtr(probit), strict=True):
@@ -244,7 +229,10 @@ def _add_intervals(
 def _intervals_of_capacities(
     data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds of median and dispersion (2, 2) and of the probit of the curve (2, x), by likelihood."""
+    """Return bounds of (median, dispersion), shape (2, 2), and of the probit of the curve, shape (2, x).
+
+    The first axis is (lower, upper). The bounds come from the profile likelihood.
+    """
     median, dispersion = float(fit.median), float(fit.dispersion)
     intervals = profile_intervals(
         Capacities.of(data.capacity, data.levels[-1]), median, dispersion, x, confidence
@@ -255,15 +243,15 @@ def _intervals_of_capacities(
 def _intervals_of_stripes(
     data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds of median and dispersion (2, 2), and of the probit of the curve (2, x), from counts."""
+    """Return the same bounds as `_intervals_of_capacities`, from the counts, by the jackknife."""
     reduced_counts = data.overturned.sum(axis=0) - data.overturned  # each row omits one record
     reduced_fits = _fit_each_counts(data.levels, reduced_counts, data.trials - 1)
     undetermined = int(np.sum(~np.isfinite(reduced_fits.median)))
     if undetermined:
         raise ValueError(
-            f"fragility: the intervals need a fit without each record, but for {undetermined} of the "
-            f"{len(reduced_counts)} records the other counts do not determine the dispersion; use more "
-            "records or closer levels, or confidence=None for the curve alone"
+            f"fragility: the intervals need a fit that omits each record once, but without "
+            f"{undetermined} of the {len(reduced_counts)} records the counts do not determine the "
+            "dispersion; use more records or closer levels, or confidence=None for the curve alone"
         )
 
     def estimates(fits: Lognormal) -> np.ndarray:
@@ -280,15 +268,16 @@ _fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, None)), name="co
 
 
 @StoredProgram
-def _slopes(capacity, limit):
-    """Return d ln(median)/d capacity and d dispersion/d capacity, zero for censored capacities."""
+def _slopes(capacity, censor_limit):
+    """Return d ln(median)/d capacity and d dispersion/d capacity, shape (2, n); 0 if censored."""
     has_capacity = jnp.isfinite(capacity)
 
     def fit(values):
-        fitted = fit_capacities(jnp.where(has_capacity, values, jnp.inf), limit)
+        fitted = fit_capacities(jnp.where(has_capacity, values, jnp.inf), censor_limit)
         return jnp.stack([jnp.log(fitted.median), fitted.dispersion])
 
-    return jnp.where(has_capacity[None], jax.jacrev(fit)(jnp.where(has_capacity, capacity, limit)), 0.0)
+    finite = jnp.where(has_capacity, capacity, censor_limit)
+    return jnp.where(has_capacity[None], jax.jacrev(fit)(finite), 0.0)
 
 
 def _explain_failure(method: str, data: _Ensemble) -> str:
@@ -297,14 +286,14 @@ def _explain_failure(method: str, data: _Ensemble) -> str:
     if method == "capacities":
         if capacities.size < 2:
             return (
-                f"{capacities.size} of {total} records overturn up to "
-                f"{data.levels[-1]:g}; raise the highest intensity"
+                f"only {capacities.size} of {total} records overturn up to the highest intensity "
+                f"{data.levels[-1]:g}, but a fit needs two; raise the highest intensity"
             )
         return f"the capacities of the {capacities.size} records that overturn are equal; use other records"
-    share, levels, cure = data.overturned.mean(axis=0), data.levels, "take other levels or other records"
+    share, levels, cure = data.overturned.mean(axis=0), data.levels, "use other levels or other records"
     if not share.any():
         return f"no record overturns at the levels up to {levels[-1]:g}; raise the highest intensity"
-    if share.all() and share.min() == 1:
+    if share.min() == 1:
         return f"all records overturn at all levels from {levels[0]:g} on; lower the lowest intensity"
     if np.flatnonzero(share)[0] >= np.flatnonzero(share < 1)[-1]:
         return (
@@ -316,8 +305,8 @@ def _explain_failure(method: str, data: _Ensemble) -> str:
             f"the same share of the records, {share[0]:.0%}, overturns at all levels from {levels[0]:g} to "
             f"{levels[-1]:g}, which does not determine the median; {cure}"
         )
-    log = np.log(levels)
-    trend = "falls" if share @ (log - log.mean()) < 0 else "hardly rises"
+    log_levels = np.log(levels)
+    trend = "falls" if share @ (log_levels - log_levels.mean()) < 0 else "hardly rises"
     return (
         f"the share of overturned records {trend} with the intensity, from {share[0]:.0%} at {levels[0]:g} "
         f"to {share[-1]:.0%} at {levels[-1]:g}, but a lognormal curve must rise; {cure}"

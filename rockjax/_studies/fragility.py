@@ -1,5 +1,4 @@
-"""Ensembles of records: incremental dynamic analysis with every boundary, and the distribution of least
-scales."""
+"""Ensembles of records: incremental dynamic analysis and the distribution of least overturning scales."""
 
 from __future__ import annotations
 
@@ -35,16 +34,15 @@ from .spectra import boundary_axis
 if TYPE_CHECKING:
     import xarray
 
-# The options of single scenes, so that programs are shared. Methods of lower order have cheaper steps, but
-# take as long for ten times the error if something vibrates.
-ENSEMBLE = Options()
+ENSEMBLE = Options()  # the default options of single scenes, so that compiled programs are shared
 
 
 class Measure(NamedTuple):
-    """An intensity measure of unscaled records; it is proportional to the scale.
+    """An intensity measure that is proportional to the scale of a record.
 
-    - `name`: such as "PGA" or "Sa(0.5 s)"; `units`: such as "m s-2"
-    - `values`: of each record, shape (k,), > 0
+    - `name`: name, such as "PGA" or "Sa(0.5 s)"
+    - `values`: intensities of the unscaled records, shape (k,), > 0
+    - `units`: unit, such as "m s-2"
     """
 
     name: str
@@ -58,16 +56,23 @@ def pga(records: Records | RecordPairs) -> Measure:
 
 
 def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:
-    """Return the label of each record: its name, or numbers from 1."""
+    """Return the labels of records: their names, or integers from 1 without names.
+
+    - `owner`: function that error messages name
+    - `records`: the records
+    - `names`: a name for each record, or None
+
+    Raises `ValueError` unless there is one name for each record and all are different.
+    """
     count = len(records)
     labels = list(range(1, count + 1)) if names is None else list(as_strings(owner, "names", names))
     if len(labels) != count or len(set(labels)) != count:
-        raise ValueError(f"{owner}: names must be {count} different ones, got {names!r}")
+        raise ValueError(f"{owner}: names must be {count} different strings, got {names!r}")
     return labels
 
 
 def _levels(owner: str, intensity) -> np.ndarray:
-    """Return ascending levels of intensity, checked."""
+    """Return the levels of intensity as an array; raise `ValueError` unless they are > 0 and ascend."""
     levels = np.asarray(as_float(intensity, f"{owner}: intensity"))
     if levels.ndim != 1 or levels.size == 0 or np.any(np.diff(levels) <= 0):
         raise ValueError(f"{owner}: intensity must be a 1-D array of ascending levels, got {intensity!r}")
@@ -75,30 +80,22 @@ def _levels(owner: str, intensity) -> np.ndarray:
     return levels
 
 
-def _record_variables(boundaries, impacts, certain, unit, measure_attrs: dict[str, str]) -> dict[str, Any]:
-    """Return the variables over `record`: boundaries, their certain width, and the unscaled intensity.
+def _record_variables(boundaries, impacts, certain_width, measure: Measure) -> dict[str, Any]:
+    """Return the variables of an incremental dynamic analysis that depend on the record alone."""
+    name = measure.name
 
-    `measure_attrs` are the attributes of the measure.
-    """
-    name = measure_attrs["long_name"]
+    def variable(dims, values, long_name: str, units: str = measure.units):
+        return dims, values, {"units": units, "long_name": long_name}
+
+    lines = ("record", "boundary")
     return {
-        "capacity": ("record", boundaries[:, 0], measure_attrs | {"long_name": f"least overturning {name}"}),
-        "boundaries": (
-            ("record", "boundary"),
-            boundaries,
-            measure_attrs | {"long_name": f"{name} where the verdict changes"},
+        "capacity": variable("record", boundaries[:, 0], f"least overturning {name}"),
+        "boundaries": variable(lines, boundaries, f"{name} at changes of the outcome"),
+        "certain_width": variable(
+            "record", certain_width, f"no wider interval of {name} below the capacity overturns"
         ),
-        "certain_width": (
-            "record",
-            certain,
-            measure_attrs | {"long_name": f"no wider interval of {name} below the capacity overturns"},
-        ),
-        "boundary_impacts": (
-            ("record", "boundary"),
-            impacts,
-            {"units": "1", "long_name": "impacts before overturning"},
-        ),
-        "measure": ("record", unit, measure_attrs | {"long_name": f"{name} of the unscaled record"}),
+        "boundary_impacts": variable(lines, impacts, "impacts before overturning", "1"),
+        "measure": variable("record", np.asarray(measure.values, float), f"{name} of the unscaled record"),
     }
 
 
@@ -115,78 +112,79 @@ def incremental_dynamic_analysis(
     options: Options = ENSEMBLE,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Compute peak responses to a suite of records at rising intensity, and every intensity at which the
-    outcome changes (host).
+    """Compute peak responses to scaled records, and the intensities at which the outcome changes (host).
 
-    - `podium`: podium of single numbers
-    - `records`: `Motions`, `Records`, or a list of motions or records; with vertical motions
-      (`Motions.paired`, or a list of [`rockjax.GroundMotion`][] of records) both are scaled, and the measure
-      is of the horizontal one
-    - `intensity`: levels, shape (m,), > 0 and ascending, in units of `measure`: each record is scaled to all
-      of them
+    - `podium`: podium with scalar parameters
+    - `records`: `Motions`, `Records`, or a list of motions or records. Vertical motions (`Motions.paired`, or
+      a list of [`rockjax.GroundMotion`][] of records) are scaled together with the horizontal ones, and the
+      measure refers to the horizontal ones
+    - `intensity`: levels to which each record is scaled, shape (m,), > 0 and ascending, in the unit of
+      `measure`
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
-    - `names`: of each record, by default those of the motions, or numbers
-    - `sensitivities`: parameters y for which d ln(capacity)/d ln y is computed, as in
-      [`rockjax.overturning_spectrum`][]
+    - `names`: names of the records; by default those of the motions, or integers from 1
+    - `sensitivities`: parameters y of the podium for which d ln(capacity)/d ln y is computed
     - `width`: every interval of overturning intensities below the capacity that is wider than this share of
-      the highest level is found, in (0, 0.1]; the spacing of the scenes follows from derivatives by the
-      intensity, with up to 1/`width` places from the first that lifts the columns
-    - `resolution`: number of places up to the highest level at which further boundaries, above the capacity,
-      are searched
-    - `options`: with `overturn_ratio` < 1 the limit state is a rotation of that ratio instead of overturning
-    - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
+      the highest level is found, in (0, 0.1]
+    - `resolution`: number of intervals up to the highest level at whose ends each record is evaluated; it
+      determines which boundaries above the capacity are found
+    - `options`: options of the scenes. With `overturn_ratio` < 1 the limit state is a rotation of that ratio
+      instead of overturning
+    - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    Returns a Dataset over `record` and `intensity` with the scalars of [`rockjax.Peak`][] as variables. Over
-    `record` alone there are `capacity`, the least intensity that overturns (NaN if none up to the highest
-    level does), `boundaries` (further dim `boundary`): survive → overturn → survive …, `certain_width`, the
-    widest interval of intensities below the capacity that may overturn unseen, and `sensitivity` (further dim
-    `parameter`). Boundaries are exact to about 1e-9. Above the capacity, rocking through many impacts creates
-    windows of survival within windows without limit; there all boundaries that `resolution` resolves are
-    listed. Raises `ValueError` for invalid inputs.
+    Returns a Dataset over `record` and `intensity` with the scalars of [`rockjax.Peak`][] as variables. The
+    following variables depend on `record` only:
+
+    - `capacity`: the least intensity that overturns; NaN if no intensity up to the highest level does
+    - `boundaries` (additional dim `boundary`): intensities at which the outcome changes between survival and
+      overturning, ascending. They are exact to about 1e-9. Above the capacity their number grows with
+      `resolution` without limit, because rocking through many impacts creates windows within windows
+    - `certain_width`: the widest interval of intensities below the capacity that may overturn unseen
+    - `sensitivity` (additional dim `parameter`): d ln(capacity)/d ln y
+
+    Raises `ValueError` for invalid inputs.
     """
     owner = "incremental_dynamic_analysis"
     check_types(owner, podium, options)
-    given = records
-    records, own_names = as_records(owner, given)
+    motions = records
+    records, own_names = as_records(owner, motions)
     labels = record_labels(owner, records, own_names if names is None else names)
     levels = _levels(owner, intensity)
     check_single(owner, podium)
     check_search(owner, width, resolution)
     check_parameters(owner, podium, sensitivities)
     measure = _measure(owner, measure, records)
-    unit = np.asarray(measure.values, float)
+    unscaled = np.asarray(measure.values, float)
     count = len(records)
     require_memory(owner, count * (levels.size + resolution + 1), advice=FEWER_LINES)
 
     def plane(x, y):
         which = np.asarray(x).astype(np.int32)
-        # In NumPy; otherwise every shape would compile another program.
-        return podium, records.chosen(which, y / unit[which])
+        # In NumPy, because JAX would compile a program for every shape.
+        return podium, records.chosen(which, y / unscaled[which])
 
     import_in_background(*TABLES)
     lines = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, *lines, options, width)
     peaks = peak_responses(*plane(lines[0][:, None], levels), options=options, progress=progress)
-    # Above the first boundary of a long record their number grows with the resolution, without limit.
-    found = scan(plane, *lines, resolution, options, progress, refine="below", width=width, dips=False)
-    boundaries, impacts = found.crossings.table(count)
-    measure_attrs = {"units": measure.units, "long_name": measure.name}
+    # Not "everywhere": above the first boundary, their number grows with the resolution without limit.
+    search = scan(plane, *lines, resolution, options, progress, refine="below", width=width, dips=False)
+    boundaries, impacts = search.crossings.table(count)
     import xarray
 
     data = xarray.Dataset(
         data_variables(peaks, options.outputs, ("record", "intensity"))
-        | _record_variables(boundaries, impacts, found.certain, unit, measure_attrs),
+        | _record_variables(boundaries, impacts, search.certain, measure),
         coords={
             "record": ("record", labels, {"long_name": "record"}),
-            **record_coords(records, given),
-            "intensity": ("intensity", levels, measure_attrs),
+            **record_coords(records, motions),
+            "intensity": ("intensity", levels, {"units": measure.units, "long_name": measure.name}),
             "boundary": boundary_axis(boundaries),
         },
         attrs={
             "title": "Incremental dynamic analysis",
             "kind": "incremental-dynamic-analysis",
             "measure": measure.name,
-            "scenes": levels.size * count + found.scenes,
+            "scenes": levels.size * count + search.scenes,
             **describe_podium(podium),
             **describe_options(options),
         },
@@ -194,7 +192,12 @@ def incremental_dynamic_analysis(
     if sensitivities:
         which, table = np.arange(count, dtype=np.int32), records.common_form()
         slopes = log_sensitivities(
-            podium, boundaries[:, 0] / unit, {"which": which}, tuple(sensitivities), options, records=table
+            podium,
+            boundaries[:, 0] / unscaled,
+            {"which": which},
+            tuple(sensitivities),
+            options,
+            records=table,
         )
         data["sensitivity"] = (
             ("parameter", "record"),
@@ -217,8 +220,8 @@ def _measure(owner: str, measure: Measure | str, records: Records | RecordPairs)
     require_instance(owner, "measure", measure, Measure, "'PGA', 'scale' or a rockjax.Measure")
     if np.shape(measure.values) != (len(records),):
         raise ValueError(
-            f"{owner}: measure must hold a value for each of "
-            f"{len(records)} records, got shape {np.shape(measure.values)}"
+            f"{owner}: measure must have one value for each of the {len(records)} records, got shape "
+            f"{np.shape(measure.values)}"
         )
     require(
         owner, f"measure {measure.name}", measure.values, lambda v: v > 0, "finite and > 0 for every record"
@@ -236,29 +239,33 @@ def overturning_distribution(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Lognormal:
-    """Return median and dispersion of the least overturning scale of a suite; differentiable.
+    """Return median and dispersion of the least overturning scale of records; differentiable.
 
-    Works under `jit`, `vmap` and `grad` with respect to every number of `podium`. Records that no scale up to
-    `max_scale` overturns count as beyond it, with derivative zero. NaN if fewer than two records overturn. On
-    the host [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
+    The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A record
+    that no scale up to `max_scale` overturns is censored there; its derivative is zero. The result is NaN
+    unless at least two capacities differ. Outside jit, [`rockjax.incremental_dynamic_analysis`][] finds the
+    same capacities on all cores.
 
-    - `podium`: podium of single numbers
+    - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records
     - `max_scale`: end of the search for each record, > 0 [–]
-    - `measure`: intensity of the unscaled records, (k,); the result is in its units, else in scales
+    - `measure`: intensities of the unscaled records, shape (k,); the median is in their unit. By default it
+      is a scale [–]
     - `options`, `width`, `resolution`: as for [`rockjax.overturning_boundary`][]
+
+    Raises `ValueError` for invalid inputs.
     """
     owner = "overturning_distribution"
     check_types(owner, podium, options)
     positive_limit(owner, "max_scale", max_scale)
     records, _ = as_records(owner, records)
-    unit = jnp.ones(len(records)) if measure is None else as_float(measure, f"{owner}: measure")
+    unscaled = jnp.ones(len(records)) if measure is None else as_float(measure, f"{owner}: measure")
 
-    def least(which):
+    def least_scale(which):
         motion = records.pick(which)
         return overturning_boundary(
             podium, motion, max_scale=max_scale, options=options, width=width, resolution=resolution
         ).scale
 
-    scale = jax.vmap(least)(jnp.arange(len(records), dtype=jnp.int32))
-    return fit_capacities(scale * unit, max_scale * unit)
+    scales = jax.vmap(least_scale)(jnp.arange(len(records), dtype=jnp.int32))
+    return fit_capacities(scales * unscaled, max_scale * unscaled)

@@ -1,8 +1,7 @@
-"""Boundaries of overturning from a rocking spectrum: changes between neighbours of its grid, narrowed down.
+"""Overturning boundaries of a rocking spectrum, by bisection between grid points of different outcome.
 
-These scenes are of the same kind as those of the grid, so nothing new is compiled. Boundaries between two
-neighbours of the grid with the same outcome are not found; [`rockjax.overturning_spectrum`][] searches more
-closely.
+The scenes use the programs that are compiled for the grid. Boundaries between two neighbouring grid points
+with the same outcome are not found; [`rockjax.overturning_spectrum`][] finds them.
 """
 
 from __future__ import annotations
@@ -40,20 +39,20 @@ def with_boundaries(
     options: Options,
     progress: Any = False,
 ) -> list[xarray.Dataset]:
-    """Add the variables `minimum` and `boundaries` to rocking spectra, as in an overturning spectrum (host).
+    """Return rocking spectra with the variables `minimum` and `boundaries` of overturning spectra (host).
 
     - `spectra`: result of [`rockjax.rocking_spectra`][]
-    - `podiums`, `pulse`, `options`: those of the spectra
-    - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
+    - `podiums`, `pulse`, `options`: arguments with which the spectra were computed
+    - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    A column of the grid that overturns in its lowest row has its first boundary there. Ctrl-C raises
-    [`rockjax.Interrupted`][] with the unchanged spectra.
+    If a frequency overturns at the lowest acceleration of the grid, this acceleration is its first boundary.
+    Ctrl-C raises [`rockjax.Interrupted`][] with the unchanged spectra.
     """
-    found: dict[int, xarray.Dataset] = {}
+    with_boundary: dict[int, xarray.Dataset] = {}
     for members in group_by_structure(podiums).values():
         group = [spectra[k] for k in members]
         overturned = np.stack([data["overturned"].values.T for data in group])  # podium, frequency, amplitude
-        y = group[0]["acceleration_ratio"].values
+        ratios = group[0]["acceleration_ratio"].values
         which, column, row = np.nonzero(np.diff(overturned, axis=2))
         boundaries = np.zeros(0)
         if which.size:
@@ -65,17 +64,17 @@ def with_boundaries(
                 overturns(ratio) == low_outcome
             )
             try:
-                low, high = bisect(has_low_outcome, y[row], y[row + 1], HALVINGS)
+                low, high = bisect(has_low_outcome, ratios[row], ratios[row + 1], HALVINGS)
             except Interrupted:
                 raise Interrupted("stopped while boundaries were narrowed down", list(spectra)) from None
             boundaries = 0.5 * (low + high)
         for j, (k, data) in enumerate(zip(members, group, strict=True)):
-            of_podium, overturns_first = which == j, np.flatnonzero(overturned[j, :, 0])
-            line = np.concatenate([overturns_first, column[of_podium]])
-            order = np.argsort(line, kind="stable")
-            sorted_boundaries = np.concatenate([np.full(overturns_first.size, y[0]), boundaries[of_podium]])
-            found[k] = _add_boundaries(data, line[order], sorted_boundaries[order])
-    return [found[k] for k in range(len(podiums))]
+            is_member, overturned_from_start = which == j, np.flatnonzero(overturned[j, :, 0])
+            columns = np.concatenate([overturned_from_start, column[is_member]])
+            values = np.concatenate([np.full(overturned_from_start.size, ratios[0]), boundaries[is_member]])
+            order = np.argsort(columns, kind="stable")
+            with_boundary[k] = _add_boundaries(data, columns[order], values[order])
+    return [with_boundary[k] for k in range(len(podiums))]
 
 
 def _overturns(
@@ -87,15 +86,20 @@ def _overturns(
     options: Options,
     progress: Any,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function: acceleration ratio of each interval → whether it overturns."""
+    """Return a function from acceleration ratios, one per interval, to whether these scenes overturn.
+
+    - `podiums`, `spectra`: podiums of one structure and their spectra
+    - `pulse`, `options`, `progress`: as for `with_boundaries`
+    - `which`, `column`: indices of the podium and the frequency of each interval, shape (n,)
+    """
     derived = [derived_numbers(podium) for podium in podiums]
-    unit = np.array([numbers["g_tan_alpha_m_s2"] for numbers in derived])[which]
-    p = np.array([numbers["p_rad_s"] for numbers in derived])[which]
+    g_tan_alpha = np.array([constants["g_tan_alpha_m_s2"] for constants in derived])[which]
+    p = np.array([constants["p_rad_s"] for constants in derived])[which]
     T_p = pulse_period(p, spectra[0]["frequency_ratio"].values[column])
-    combined = stack_podiums(podiums, lambda numbers: numbers[which])
+    combined = stack_podiums(podiums, lambda values: values[which])
 
     def overturns(ratio: np.ndarray) -> np.ndarray:
-        motions = pulse(ratio * unit, T_p)
+        motions = pulse(ratio * g_tan_alpha, T_p)
         peaks = responses(combined, motions, REST, None, options, progress, threading.Event())
         return np.broadcast_to(np.asarray(peaks.overturned), ratio.shape)
 
@@ -107,9 +111,9 @@ def _add_boundaries(data: xarray.Dataset, column: np.ndarray, boundaries: np.nda
     table, _ = Crossings(column, boundaries, zeros > 0, zeros).table(data.sizes["frequency_ratio"])
     ratio = {
         "units": "1",
-        "long_name": "a_p/(g tan α) where survival changes, between neighbours of the grid",
+        "long_name": "a_p/(g tan α) at changes of the outcome between neighbouring grid points",
     }
-    least = ratio | {"long_name": "least overturning a_p/(g tan α) that the grid shows"}
+    least = ratio | {"long_name": "least overturning a_p/(g tan α) of the grid"}
     return data.assign(
         minimum=("frequency_ratio", table[:, 0], least),
         boundaries=(("frequency_ratio", "boundary"), table, ratio),

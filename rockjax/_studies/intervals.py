@@ -1,12 +1,14 @@
-"""Confidence intervals of a fitted fragility curve: of median, dispersion and probability.
+"""Confidence intervals of the median, dispersion and probability of a fitted fragility curve.
 
-For capacities the likelihood is known. With θ = 1/σ and δ = μ/σ of the logarithms it is concave (Olsen 1978),
-so that its profiles have one maximum. Without censored records, the profiles of median and dispersion are
-functions of Student's t and of χ² alone: their bounds are taken at the quantiles of those distributions
-instead of the large-sample χ², and are exact. With censored records they are taken at the same quantiles.
+For capacities, the intervals follow from the profile likelihood. As a function of θ = 1/σ and δ = μ/σ, with μ
+and σ the mean and standard deviation of ln(capacity), the log-likelihood is concave (Olsen 1978), so its
+profiles have one maximum. Without censored records, the profile of the median is a function of Student's t
+statistic, and the profile of the dispersion is a function of the χ² statistic. Bounds at the quantiles of
+these distributions, instead of the large-sample χ², are exact. With censored records the same quantiles are
+used.
 
-Counts at different levels come from the same records and are not independent, so the jackknife over records
-is used.
+For counts, the jackknife over records is used: counts at different levels come from the same records and are
+not independent.
 """
 
 from __future__ import annotations
@@ -22,11 +24,11 @@ from scipy.stats import chi2, t
 from rockjax._roots import bisect
 
 _HALVINGS = 48
-_MAX_DOUBLINGS = 60  # greatest number of doublings of a first step
+_MAX_DOUBLINGS = 60  # largest number of doublings of the first step
 
 
 class Intervals(NamedTuple):
-    """Bounds, lower and upper along the first axis: of ln(median), ln(dispersion) and the probit of P(x)."""
+    """Bounds (lower, upper along the first axis) of ln(median), ln(dispersion) and the probit of P(x)."""
 
     log_median: np.ndarray
     log_dispersion: np.ndarray
@@ -34,11 +36,12 @@ class Intervals(NamedTuple):
 
 
 class Capacities(NamedTuple):
-    """Sufficient statistics of lognormal capacities for their likelihood; numbers, or arrays for several
-    samples.
+    """Sufficient statistics of lognormal capacities: scalars, or arrays for several samples.
 
-    - `observed`: number of capacities that are known; `mean`, `variance`: of their logarithms
-    - `censored`: number that lie above the limit; `log_limit`: its logarithm
+    - `observed`: number of known capacities
+    - `mean`, `variance`: mean and variance of the logarithms of the known capacities
+    - `censored`: number of capacities above the limit
+    - `log_limit`: logarithm of the limit
     """
 
     observed: np.ndarray
@@ -49,7 +52,7 @@ class Capacities(NamedTuple):
 
     @classmethod
     def of(cls, capacity: np.ndarray, limit) -> Capacities:
-        """Return the statistics of capacities (…, n), inf where they lie above the limit."""
+        """Return the statistics of capacities, shape (…, n); capacities above `limit` are inf."""
         finite = np.isfinite(capacity)
         log = np.log(np.where(finite, capacity, 1.0))
         observed = finite.sum(axis=-1)
@@ -61,16 +64,14 @@ class Capacities(NamedTuple):
     def total(self):
         return self.observed + self.censored
 
-    def likelihood(self, theta, delta):
-        """Return the logarithm of the likelihood."""
+    def log_likelihood(self, theta, delta):
         z2 = (theta * self.mean - delta) ** 2 + theta**2 * self.variance
         return self.observed * (np.log(theta) - 0.5 * z2) + self.censored * log_ndtr(
             delta - theta * self.log_limit
         )
 
-    def best_at_probit(self, x, probit):
-        """Return the greatest log-likelihood of all distributions whose P(capacity ≤ exp(x)) has this
-        `probit`."""
+    def profile_at_probit(self, x, probit):
+        """Return the largest log-likelihood of the distributions with P(capacity ≤ exp(x)) = Φ(probit)."""
         offset, limit = self.mean - x, x - self.log_limit
 
         def derivative(log_theta):
@@ -79,10 +80,10 @@ class Capacities(NamedTuple):
             return slope + self.censored * _hazard(theta * limit - probit) * limit
 
         theta = np.exp(_find_decreasing_zero(derivative, -0.5 * np.log(self.variance) + 0 * (x + probit)))
-        return self.likelihood(theta, theta * x - probit)
+        return self.log_likelihood(theta, theta * x - probit)
 
-    def best_at_dispersion(self, log_dispersion):
-        """Return the greatest log-likelihood of all distributions with this dispersion."""
+    def profile_at_dispersion(self, log_dispersion):
+        """Return the largest log-likelihood of the distributions with this dispersion."""
         theta = np.exp(-log_dispersion)
 
         def derivative(delta):
@@ -90,88 +91,100 @@ class Capacities(NamedTuple):
                 delta - theta * self.log_limit
             )
 
-        return self.likelihood(theta, _find_decreasing_zero(derivative, theta * self.mean))
+        return self.log_likelihood(theta, _find_decreasing_zero(derivative, theta * self.mean))
 
 
 def _hazard(z):
-    """Return φ/Φ."""
+    """Return φ(z)/Φ(z), the standard normal density divided by the distribution function."""
     return np.exp(-0.5 * z * z - 0.5 * math.log(2 * math.pi) - log_ndtr(z))
 
 
-def _first_failing(holds: Callable, start: np.ndarray, sign: int) -> np.ndarray:
-    """Return the first place at which a condition fails, with steps from `start` that double."""
-    value, step = start, 0.5
+def _first_outside(condition: Callable, start: np.ndarray, sign: int) -> np.ndarray:
+    """Return the first point, at distances from `start` that double, where an elementwise condition is false.
+
+    `sign` is the direction, 1 or −1. After `_MAX_DOUBLINGS` steps the last point is returned.
+    """
+    point, step = start, 0.5
     for _ in range(_MAX_DOUBLINGS):
-        holding = holds(value)
-        if not np.any(holding):
+        is_inside = condition(point)
+        if not np.any(is_inside):
             break
-        value, step = np.where(holding, start + sign * step, value), 2 * step
-    return value
+        point, step = np.where(is_inside, start + sign * step, point), 2 * step
+    return point
 
 
 def _find_zero(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.ndarray:
-    """Return the zeros of f, a function of arrays, between places where it is > 0 and places where it is
-    not."""
+    """Return the zeros of an elementwise function between points at which it is > 0 and ≤ 0."""
     positive, negative = bisect(lambda y: f(y) > 0, positive, negative, _HALVINGS)
     return 0.5 * (positive + negative)
 
 
-def _find_decreasing_zero(derivative: Callable, start: np.ndarray) -> np.ndarray:
-    """Return the zero of a decreasing function of arrays."""
+def _find_decreasing_zero(f: Callable, start: np.ndarray) -> np.ndarray:
+    """Return the zeros of a decreasing elementwise function."""
     return _find_zero(
-        derivative,
-        _first_failing(lambda y: derivative(y) <= 0, start, -1),
-        _first_failing(lambda y: derivative(y) > 0, start, 1),
+        f, _first_outside(lambda y: f(y) <= 0, start, -1), _first_outside(lambda y: f(y) > 0, start, 1)
     )
 
 
 def profile_intervals(capacities: Capacities, median, dispersion, at, confidence: float) -> Intervals:
-    """Return intervals by profile likelihood of a distribution fitted to capacities.
+    """Return the profile-likelihood intervals of a lognormal distribution fitted to capacities.
 
     - `capacities`: statistics of the capacities
     - `median`, `dispersion`: the fitted values
-    - `at`: intensities of the curve, in units of the median, of a shape that broadcasts
-    - `confidence`: in (0, 1)
+    - `at`: intensities of the curve, in the unit of the median; they broadcast with the statistics
+    - `confidence`: confidence level, in (0, 1)
     """
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
-    best = capacities.likelihood(1 / dispersion, mu / dispersion)
-    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # greatest fall of 2 ln(likelihood)
+    maximum = capacities.log_likelihood(1 / dispersion, mu / dispersion)
+    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # of twice the log-likelihood
 
     def bounds(excess: Callable, start) -> np.ndarray:
-        ends = (_first_failing(lambda y: excess(y) > 0, start, sign) for sign in (-1, 1))
+        ends = (_first_outside(lambda y: excess(y) > 0, start, sign) for sign in (-1, 1))
         return np.stack([_find_zero(excess, start, end) for end in ends])
+
+    def dispersion_bound(p):
+        return _dispersion_bound(capacities, np.log(dispersion), maximum, chi2.ppf(p, n - 1) / n)
 
     x = np.log(at)
     return Intervals(
-        bounds(lambda y: allowed_fall - 2 * (best - capacities.best_at_probit(y, 0.0)), mu),
-        np.stack(
-            [_dispersion(capacities, np.log(dispersion), best, chi2.ppf(p, n - 1) / n) for p in (high, low)]
+        bounds(lambda y: allowed_fall - 2 * (maximum - capacities.profile_at_probit(y, 0.0)), mu),
+        np.stack([dispersion_bound(high), dispersion_bound(low)]),
+        bounds(
+            lambda q: allowed_fall - 2 * (maximum - capacities.profile_at_probit(x, q)), (x - mu) / dispersion
         ),
-        bounds(lambda q: allowed_fall - 2 * (best - capacities.best_at_probit(x, q)), (x - mu) / dispersion),
     )
 
 
-def _dispersion(capacities: Capacities, log_dispersion, best, ratio) -> np.ndarray:
-    """Return the ln(dispersion) at which the profile has the value that it has, without censoring, for a
-    variance of `ratio` times the dispersion squared."""
+def _dispersion_bound(capacities: Capacities, log_dispersion, maximum, ratio) -> np.ndarray:
+    """Return the bound of ln(dispersion) that corresponds to a quantile of χ².
+
+    - `capacities`: statistics of the capacities
+    - `log_dispersion`: the fitted value
+    - `maximum`: the largest log-likelihood
+    - `ratio`: (quantile of χ²)/n, which without censoring is variance/dispersion² at the bound
+
+    At the bound, the profile is as far below its maximum as it would be without censoring.
+    """
     target = np.sign(ratio - 1) * np.sqrt(capacities.total * (ratio - 1 - np.log(ratio)))
 
     def residual(y):
-        fall = 2 * (best - capacities.best_at_dispersion(y))
+        fall = 2 * (maximum - capacities.profile_at_dispersion(y))
         return np.sign(log_dispersion - y) * np.sqrt(np.maximum(fall, 0.0)) - target
 
     return _find_decreasing_zero(residual, log_dispersion)
 
 
-def jackknife_intervals(estimate: np.ndarray, without: np.ndarray, confidence: float) -> np.ndarray:
-    """Return intervals (2, …) of estimates (…) by the jackknife, from the estimates `without` each record,
-    (n, …).
+def jackknife_intervals(estimate: np.ndarray, reduced: np.ndarray, confidence: float) -> np.ndarray:
+    """Return jackknife intervals (lower, upper), shape (2, …); corrected for bias, with Student's t.
 
-    They are corrected for bias, and their width uses Student's t.
+    - `estimate`: estimates from all records, shape (…)
+    - `reduced`: estimates without one record each, shape (n, …)
+    - `confidence`: confidence level, in (0, 1)
     """
-    n = len(without)
-    mean = without.mean(axis=0)
-    error = np.sqrt((n - 1) / n * np.sum((without - mean) ** 2, axis=0))
-    middle, half = n * estimate - (n - 1) * mean, float(t.ppf((1 + confidence) / 2, n - 1)) * error
-    return np.stack([middle - half, middle + half])
+    n = len(reduced)
+    mean = reduced.mean(axis=0)
+    error = np.sqrt((n - 1) / n * np.sum((reduced - mean) ** 2, axis=0))
+    unbiased = n * estimate - (n - 1) * mean
+    half_width = float(t.ppf((1 + confidence) / 2, n - 1)) * error
+    return np.stack([unbiased - half_width, unbiased + half_width])

@@ -1,4 +1,4 @@
-"""Overturning spectra: every boundary between survival and overturning over pulse frequency."""
+"""Overturning spectra: the boundaries between survival and overturning over pulse frequency."""
 
 from __future__ import annotations
 
@@ -42,30 +42,32 @@ def overturning_spectrum(
     options: Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Find every change between survival and overturning of one podium, over pulse frequency (host).
+    """Find the pulse accelerations at which a podium changes between survival and overturning (host).
 
-    - `podium`: podium of single numbers
-    - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) → excitation
-    - `frequency_ratio`: ω_p/p, shape (n,), > 0, ascending
-    - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
-    - `sensitivities`: parameters y for which d a_ov/d ln y is computed along the minimum: `"alpha"`, `"R"`,
-      `"gamma"`, `"lam"`, `"eta"`, `"T_s"`, `"zeta"`, `"restitution"` (a given factor), `"T_p"`; the others
-      are constant
-    - `resolution`: number of amplitudes tried first at every frequency; more follow where the margin may
-      cross zero
+    - `podium`: podium with scalar parameters
+    - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) ↦ excitation
+    - `frequency_ratio`: ω_p/p, shape (n,), > 0
+    - `max_acceleration_ratio`: end of the search, a_p/(g tan α), > 0 [–]
+    - `sensitivities`: parameters y for which d a_ov/d ln y is computed along the minimum: parameters of the
+      podium, such as `"alpha"`, `"R"`, `"T_s"`, and `"T_p"`. The other parameters are held constant
+    - `resolution`: number of intervals at whose ends each frequency is evaluated first. Intervals in which
+      the margin may cross zero are divided further
     - `width`: every interval of overturning amplitudes below the minimum that is wider than this share of
       `max_acceleration_ratio` is found, in (0, 0.1]
-    - `options`: of the scenes
-    - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
+    - `options`: options of the scenes
+    - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    Returns a Dataset over `frequency_ratio` with, in units of g tan α, `minimum` (NaN where nothing
-    overturns), `boundaries` (further dim `boundary`, ascending, padded with NaN: survive → overturn → survive
-    …), `impacts` before overturning at each boundary (−1 where there is none), `one_sided` where the minimum
-    is about to jump to another branch, `certain_width`, the widest interval that may overturn unseen below
-    the minimum, and `sensitivity` (further dim `parameter`) = d a_ov/d ln y. Boundaries are exact to about
-    1e-10.
+    Returns a Dataset over `frequency_ratio`. Accelerations are divided by g tan α.
 
-    Raises `ValueError` for invalid inputs.
+    - `minimum`: the least overturning acceleration a_ov; NaN where nothing overturns
+    - `boundaries` (additional dim `boundary`): accelerations at which the outcome changes, ascending, padded
+      with NaN; exact to about 1e-10
+    - `impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no boundary
+    - `one_sided`: True where the minimum is about to jump to another branch
+    - `certain_width`: the widest interval below the minimum that may overturn unseen
+    - `sensitivity` (additional dim `parameter`): d a_ov/d ln y
+
+    Raises `ValueError` for invalid inputs, and `RuntimeError` if no scene of a frequency finishes.
     """
     owner = "overturning_spectrum"
     check_types(owner, podium, options)
@@ -80,23 +82,23 @@ def overturning_spectrum(
     check_parameters(owner, podium, sensitivities, more=["T_p"])
     require_memory(owner, x.size * (resolution + 1), advice=FEWER_LINES)
     derived = derived_numbers(podium)
-    unit, p = derived["g_tan_alpha_m_s2"], derived["p_rad_s"]
+    g_tan_alpha, p = derived["g_tan_alpha_m_s2"], derived["p_rad_s"]
 
     def plane(x, y):
-        return podium, pulse(y * unit, pulse_period(p, x))
+        return podium, pulse(y * g_tan_alpha, pulse_period(p, x))
 
-    top = float(max_acceleration_ratio)
+    max_ratio = float(max_acceleration_ratio)
     import_in_background(*TABLES)
-    found = scan(plane, x, (0.0, top), resolution, options, progress, width=width)
-    data = _dataset(podium, pulse, x, found, derived, options)
-    data.attrs |= {"max_acceleration_ratio": top, "scenes": found.scenes}
+    search = scan(plane, x, (0.0, max_ratio), resolution, options, progress, width=width)
+    data = _dataset(podium, pulse, x, search, derived, options)
+    data.attrs |= {"max_acceleration_ratio": max_ratio, "scenes": search.scenes}
     if sensitivities:
-        a_p, T_p = data["minimum"].values * unit, data["T_p"].values
+        a_p, T_p = data["minimum"].values * g_tan_alpha, data["T_p"].values
         slopes = log_sensitivities(podium, a_p, {"T_p": T_p}, tuple(sensitivities), options, pulse=pulse)
         data["sensitivity"] = (
             ("parameter", "frequency_ratio"),
             data["minimum"].values * slopes,
-            {"units": "1", "long_name": "d a_ov/d ln y over g tan α, along the minimum"},
+            {"units": "1", "long_name": "d a_ov/d ln y divided by g tan α, along the minimum"},
         )
         data = data.assign_coords(parameter=list(sensitivities))
     return data
@@ -111,8 +113,7 @@ def check_overturning_resumes(
     sensitivities,
     options: Options,
 ) -> None:
-    """Raise `ValueError` unless a spectrum is one that [`overturning_spectrum`][] would return for these
-    arguments.
+    """Raise `ValueError` if a spectrum was computed with other arguments of `overturning_spectrum`.
 
     - `spectrum`: spectrum to resume
     - `podium`, `pulse`, `frequency_ratio`, `max_acceleration_ratio`, `sensitivities`, `options`: as for
@@ -134,10 +135,10 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     }
 
 
-def _dataset(podium: Podium, pulse, x, found: Scan, derived, options: Options) -> xarray.Dataset:
+def _dataset(podium: Podium, pulse, x, search: Scan, derived, options: Options) -> xarray.Dataset:
     import xarray
 
-    boundaries, impacts = found.crossings.table(x.size)
+    boundaries, impacts = search.crossings.table(x.size)
     T_p = pulse_period(derived["p_rad_s"], x)
     ratio = {"units": "1", "long_name": "a_p/(g tan α)"}
     data = xarray.Dataset(
@@ -155,12 +156,12 @@ def _dataset(podium: Podium, pulse, x, found: Scan, derived, options: Options) -
             ),
             "one_sided": (
                 "frequency_ratio",
-                found.dip < ONE_SIDED_BELOW,
+                search.dip < ONE_SIDED_BELOW,
                 {"units": "1", "long_name": "the minimum is about to jump to another branch"},
             ),
             "certain_width": (
                 "frequency_ratio",
-                found.certain,
+                search.certain,
                 {"units": "1", "long_name": "no wider interval overturns below the minimum"},
             ),
         },

@@ -1,4 +1,4 @@
-"""Spectra of records over the size of a structure: overturning demand and displacement of its top."""
+"""Spectra of records over the size of a structure: overturning demand and displacement of the column tops."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-SIZE_ATTRIBUTES = ("R_m", "p_rad_s")  # attributes of a podium of one size
+SIZE_ATTRIBUTES = ("R_m", "p_rad_s")  # attributes that depend on the size of the podium
 
 
 def record_spectrum(
@@ -42,29 +42,34 @@ def record_spectrum(
     options: Options = ENSEMBLE,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Compute the effect of records on geometrically similar structures of every size (host).
+    """Compute the effect of records on structures that differ in the size of the columns only (host).
 
-    - `podium`: its slenderness, mass ratios and superstructure; its size is that of each p
-    - `records`: `Motions`, `Records`, or a list of motions or records; `names`: of each
+    - `podium`: podium with scalar parameters; its `R` is replaced by the value that follows from `p`
+    - `records`: `Motions`, `Records`, or a list of motions or records
     - `p`: frequency parameters √(3g/4R), shape (n,), > 0, ascending [rad/s]
-    - `max_scale`: greatest factor on the records in the search for overturning [–]
+    - `max_scale`: largest factor on the records in the search for overturning, > 0 [–]
+    - `names`: names of the records; by default those of the motions, or integers from 1
     - `width`: every interval of overturning factors below the least that is wider than this share of
-      `max_scale` is found, in (0, 0.1]; `resolution`: number of places that are evaluated first
-    - `options`: of the scenes
-    - `progress`: `True` for progress bars, or anything with `update(number_of_scenes)`
+      `max_scale` is found, in (0, 0.1]
+    - `resolution`: number of intervals up to `max_scale` at whose ends each scene is evaluated first
+    - `options`: options of the scenes
+    - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    Returns a Dataset over `record` and `p` with `demand`, the PGA over the least PGA at which the record
-    overturns the structure [–]: above 1 it overturns, NaN if no factor up to `max_scale` overturns;
-    `peak_rotation` max|θ|/α and `overturned` under the unscaled records; and `top_displacement` max|u_b| = 2R
-    [sin α − sin(α − max|θ|)] of the top of the columns relative to the ground [m], Eq. (13), NaN where they
-    overturn. Far from overturning the latter is almost independent of the size.
+    Returns a Dataset over `record` and `p`:
 
-    Raises `ValueError` for invalid inputs.
+    - `demand`: PGA of the record divided by the least PGA that overturns the structure, i.e. 1 divided by the
+      least overturning factor [–]; NaN if no factor up to `max_scale` overturns
+    - `peak_rotation`, `overturned`: max|θ|/α and outcome under the unscaled records
+    - `top_displacement`: max|u_b| = 2R [sin α − sin(α − max|θ|)], Eq. (13), the displacement of the column
+      tops relative to the ground under the unscaled records [m]; NaN where the structure overturns. Far from
+      overturning it is almost independent of the size
+
+    Raises `ValueError` for invalid inputs, and `RuntimeError` if no scene of a line finishes.
     """
     owner = "record_spectrum"
     check_types(owner, podium, options)
-    given = records
-    records, own_names = as_records(owner, given)
+    motions = records
+    records, own_names = as_records(owner, motions)
     count, labels = len(records), record_labels(owner, records, own_names if names is None else names)
     sizes = np.asarray(as_float(p, f"{owner}: p"))
     if sizes.ndim != 1 or sizes.size == 0 or np.any(np.diff(sizes) <= 0):
@@ -81,18 +86,18 @@ def record_spectrum(
 
     import_in_background(*TABLES)
     cells = np.arange(count * sizes.size)
-    top = float(max_scale)
-    precompile_scan(plane, cells, (0.0, top), options, width)
+    scale_range = (0.0, float(max_scale))
+    precompile_scan(plane, cells, scale_range, options, width)
     peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)
-    found = scan(
-        plane, cells, (0.0, top), resolution, options, progress, refine="first", width=width, dips=False
+    search = scan(
+        plane, cells, scale_range, resolution, options, progress, refine="first", width=width, dips=False
     )
-    least = found.crossings.table(cells.size)[0][:, 0]
+    least_scale = search.crossings.table(cells.size)[0][:, 0]
     shape = (count, sizes.size)
     rotation = np.asarray(peaks.peak_rotation).reshape(shape)
     overturned = np.asarray(peaks.overturned).reshape(shape)
-    alpha, sway = float(podium.alpha), np.sin(float(podium.alpha) * (1 - rotation))
-    displacement = np.where(overturned, np.nan, 2 * R * (np.sin(alpha) - sway))
+    alpha = float(podium.alpha)
+    displacement = np.where(overturned, np.nan, 2 * R * (np.sin(alpha) - np.sin(alpha * (1 - rotation))))
     import xarray
 
     one, dims = {"units": "1"}, ("record", "p")
@@ -100,8 +105,8 @@ def record_spectrum(
         {
             "demand": (
                 dims,
-                (1 / least).reshape(shape),
-                one | {"long_name": "PGA over least overturning PGA"},
+                (1 / least_scale).reshape(shape),
+                one | {"long_name": "PGA divided by least overturning PGA"},
             ),
             "peak_rotation": (dims, rotation, one | {"long_name": "max|θ|/α"}),
             "overturned": (dims, overturned, {"long_name": "overturned"}),
@@ -109,16 +114,16 @@ def record_spectrum(
         },
         coords={
             "record": ("record", labels, {"long_name": "record"}),
-            **record_coords(records, given),
+            **record_coords(records, motions),
             "p": ("p", sizes, {"units": "rad s-1", "long_name": "frequency parameter p"}),
             "R": ("p", R, {"units": "m", "long_name": "half diagonal of a column R"}),
         },
         attrs={
             "title": "Spectra of records",
             "kind": "record-spectrum",
-            "max_scale": top,
-            "scenes": cells.size + found.scenes,
-            "certain_width": float(np.max(found.certain)),
+            "max_scale": scale_range[1],
+            "scenes": cells.size + search.scenes,
+            "certain_width": float(np.max(search.certain)),
             **{k: y for k, y in describe_podium(podium).items() if k not in SIZE_ATTRIBUTES},
             **describe_options(options),
         },

@@ -1,4 +1,4 @@
-"""Rocking spectra: peak response over pulse frequency and acceleration, in the field's dimensionless axes."""
+"""Rocking spectra: peak responses over the dimensionless frequency and acceleration of pulses."""
 
 from __future__ import annotations
 
@@ -46,23 +46,26 @@ def rocking_spectrum(
 ) -> xarray.Dataset:
     """Compute peak responses of one podium over a grid of pulses (host), Section 4 of the paper.
 
-    - `podium`: podium of single numbers
-    - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) → excitation
+    - `podium`: podium with scalar parameters
+    - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) ↦ excitation
     - `frequency_ratio`: ω_p/p, shape (n,), > 0; T_p = 2π/ω_p
     - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
-    - `options`: of the scenes; `options.outputs` selects the variables
-    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
-    - `resume`: the `partial` of a spectrum that Ctrl-C has interrupted ([`rockjax.Interrupted`][])
-    - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is computed as well, as in
-      [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The others are constant,
-      including the pulse when a parameter of the podium varies
+    - `options`: options of the scenes; `options.outputs` selects the variables
+    - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
+    - `resume`: an incomplete spectrum, the `partial` of [`rockjax.Interrupted`][], which Ctrl-C raises; only
+      its missing scenes are solved
+    - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is computed, as in
+      [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The other parameters are held
+      constant; the pulse does not change with the parameters of the podium
 
-    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`, the scalars of [`rockjax.Peak`][] as
-    variables (those in `options.outputs`; `"errors"` gives `peak_rotation_error` … and `undecided`), with
-    sensitivities `peak_rotation_sensitivity` … (further dim `parameter`), the dimensional axes `T_p` [s] and
-    `a_p` [m/s²] (and, beside axial forces, `dead_load`) as further coordinates, and parameters, tolerances
-    and versions in the attributes. Raises
-    `ValueError` for axes that are not 1-D, finite and in range, and for sensitivities to unknown parameters.
+    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`. Its variables are the scalars of
+    [`rockjax.Peak`][] in `options.outputs` (`"errors"` gives `peak_rotation_error` … and `undecided`) and
+    their sensitivities `peak_rotation_sensitivity` … (additional dim `parameter`). The dimensional axes `T_p`
+    [s] and `a_p` [m/s²] are additional coordinates, and with axial forces also `dead_load`. The attributes
+    contain parameters, tolerances and versions.
+
+    Raises `ValueError` for axes that are not 1-D, finite and in range, for sensitivities to unknown
+    parameters, and for a spectrum to resume that belongs to another podium, pulse, axis, option or version.
     """
     resumed = None if resume is None else [resume]
     try:
@@ -92,19 +95,19 @@ def rocking_spectra(
     resume: Sequence[xarray.Dataset | None] | None = None,
     sensitivities: Sequence[str] = (),
 ) -> list[xarray.Dataset]:
-    """Compute rocking spectra of several podiums over the same axes (host), each as from
-    [`rockjax.rocking_spectrum`][].
+    """Compute rocking spectra of several podiums over the same axes (host).
 
-    Podiums of the same kind (elastic or not, the same restitution law) share one batch, which is faster than
-    one spectrum after another. Ctrl-C raises [`rockjax.Interrupted`][] with the spectra so far.
+    Podiums of the same structure (the same classes of superstructure, restitution law and restrainers) share
+    one batch, which is faster than separate spectra. Ctrl-C raises [`rockjax.Interrupted`][]; its `partial`
+    contains the incomplete spectra.
 
-    - `podiums`: podiums of single numbers
+    - `podiums`: podiums with scalar parameters
     - `pulse`, `frequency_ratio`, `acceleration_ratio`, `options`, `progress`, `sensitivities`: as for
       [`rockjax.rocking_spectrum`][]
-    - `resume`: interrupted spectra, one or None for each podium; their solved scenes are not solved again
+    - `resume`: an incomplete spectrum or None for each podium; only missing scenes are solved
 
-    Raises `ValueError` for invalid inputs, and for spectra to resume that belong to other podiums, axes,
-    options or versions.
+    Returns a spectrum for each podium, as from [`rockjax.rocking_spectrum`][]. Raises `ValueError` as that
+    function does.
     """
     owner = "rocking_spectrum"
     require_instance(owner, "podiums", podiums, list | tuple, "a list of rockjax.Podium")
@@ -114,7 +117,8 @@ def rocking_spectra(
     axes = _axes(owner, frequency_ratio, acceleration_ratio)
     if any(jnp.ndim(y) for y in jax.tree.leaves([podium.split() for podium in podiums])):
         raise ValueError(
-            "rocking_spectrum: podium must hold single numbers; give a list of podiums, or use peak_responses"
+            f"{owner}: podium must have scalar parameters; use rocking_spectra with a list of podiums, or "
+            "peak_responses"
         )
     names = as_strings(owner, "sensitivities", sensitivities)
     for podium in podiums if names else ():
@@ -132,16 +136,16 @@ def rocking_spectra(
         T_p = np.stack([pulse_period(derived[k]["p_rad_s"], axes["frequency_ratio"]) for k in members])
         a_p = np.stack([axes["acceleration_ratio"] * derived[k]["g_tan_alpha_m_s2"] for k in members])
         combined = stack_podiums([podiums[k] for k in members], lambda y: y[:, None, None])
-        numbers = a_p[:, :, None], T_p[:, None, :]
-        shape = np.broadcast_shapes(*(y.shape for y in numbers))
+        pulse_parameters = a_p[:, :, None], T_p[:, None, :]
+        shape = np.broadcast_shapes(*(y.shape for y in pulse_parameters))
         unsolved = np.stack([_find_unsolved(resumed[k], shape[1:]) for k in members])
         if not unsolved.any():
             return [resumed[k] for k in members]
         if not unsolved.all():  # only the unsolved scenes, as a flat batch
             select = lambda y: np.broadcast_to(y, shape)[unsolved] if np.ndim(y) else y
-            combined, numbers = jax.tree.map(select, (combined, numbers))
+            combined, pulse_parameters = jax.tree.map(select, (combined, pulse_parameters))
         try:
-            motions = pulse(*numbers)
+            motions = pulse(*pulse_parameters)
             peaks = responses(combined, motions, REST, None, options, progress, stop, sensitivities=names)
             warn_of_failures(peaks, stacklevel=2)
         except Interrupted as interrupted:
@@ -159,7 +163,7 @@ def rocking_spectra(
         ]
 
     solved = _solve_groups(solve, groups, stop)
-    # Ctrl-C may come before the last kind has begun.
+    # Ctrl-C may come before the last groups have been submitted.
     solved += [[resumed[k] for k in members] for members in groups[len(solved) :]]
     spectra = {k: data for pair in zip(groups, solved, strict=True) for k, data in zip(*pair, strict=True)}
     ordered = [spectra[k] for k in sorted(spectra)]
@@ -172,8 +176,10 @@ def rocking_spectra(
 
 
 def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], stop: threading.Event) -> list:
-    """Return the results of all kinds that were started: one is compiled while another runs. Ctrl-C sets
-    `stop`."""
+    """Return the results of all submitted groups of podiums; Ctrl-C sets `stop` and submits no more.
+
+    Each group is a thread, so one group is compiled while another runs.
+    """
     futures = []
     try:
         for members in groups:
@@ -185,19 +191,24 @@ def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], st
 
 
 def group_by_structure(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
-    """Return the podiums that can share one batch: their indices, by the structure of their pytrees.
+    """Return the indices of podiums that can share one batch, by the structure of their pytrees.
 
-    Those that take longest to compile come first.
+    Podiums with a vibrating superstructure come first, because their programs take longest to compile.
     """
     groups: dict[Any, list[int]] = {}
-    for k, podium in sorted(enumerate(podiums), key=lambda each: not each[1].vibrates):
+    for k, podium in sorted(enumerate(podiums), key=lambda indexed: not indexed[1].vibrates):
         groups.setdefault(jax.tree.structure(podium.split()), []).append(k)
     return groups
 
 
 def stack_podiums(podiums: Sequence[Podium], per_podium: Callable[[np.ndarray], np.ndarray]) -> Podium:
-    """Return podiums of one kind as one: numbers common to all are unchanged, others (n,) are shaped by
-    `per_podium`."""
+    """Return one podium that contains the parameters of podiums of the same structure.
+
+    - `podiums`: n podiums
+    - `per_podium`: gives arrays of shape (n,) the shape that broadcasts with the scenes
+
+    Parameters that are equal in all podiums remain scalars; the others become arrays.
+    """
     stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else per_podium(np.asarray(y))
     return jax.tree.map(stack, *(podium.split() for podium in podiums))
 
@@ -208,9 +219,9 @@ def boundary_axis(table: np.ndarray) -> tuple[str, np.ndarray, dict[str, str]]:
 
 
 def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarray]:
-    """Return both axes, checked."""
-    given = {"frequency_ratio": frequency_ratio, "acceleration_ratio": acceleration_ratio}
-    axes = {name: np.asarray(as_float(values, f"{owner}: {name}")) for name, values in given.items()}
+    """Return both axes as arrays; raise `ValueError` unless they are 1-D, finite and in range."""
+    arguments = {"frequency_ratio": frequency_ratio, "acceleration_ratio": acceleration_ratio}
+    axes = {name: np.asarray(as_float(values, f"{owner}: {name}")) for name, values in arguments.items()}
     for name, values in axes.items():
         if values.ndim != 1 or values.size == 0:
             raise ValueError(f"{owner}: {name} must be a 1-D array with values, got shape {values.shape}")
@@ -228,14 +239,14 @@ def _check_resumed(
     options: Options,
     sensitivities: Sequence[str],
 ) -> list:
-    """Return the spectra solved already, checked: a spectrum or None for each podium."""
+    """Return the spectrum to resume, or None, for each podium; raise `ValueError` if one does not fit."""
     if isinstance(resume, str) or not isinstance(resume, Iterable | None):
         raise ValueError(f"{owner}: resume must be a list of spectra or None, got {format_value(resume)}")
     resumed = list(resume) if resume is not None else [None] * len(podiums)
     if len(resumed) != len(podiums):
         raise ValueError(
-            f"rocking_spectrum: resume must hold one spectrum or None per podium, got "
-            f"{len(resumed)} for {len(podiums)}"
+            f"{owner}: resume must have one spectrum or None for each of the {len(podiums)} podiums, got "
+            f"{len(resumed)}"
         )
     for podium, data in zip(podiums, resumed, strict=True):
         if data is not None:
@@ -245,7 +256,7 @@ def _check_resumed(
 
 
 def _find_unsolved(resumed: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the scenes of a spectrum that are still to be solved."""
+    """Return a mask of the scenes of a spectrum that are missing; all if there is no spectrum to resume."""
     return np.ones(shape, bool) if resumed is None else np.asarray(resumed["result"] == results.INTERRUPTED)
 
 
@@ -256,7 +267,7 @@ def _place_values(values: np.ndarray, where: np.ndarray) -> np.ndarray:
 
 
 def _merge_resumed(resumed: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
-    """Return a spectrum, completed by the scenes that were known before."""
+    """Return a new spectrum, completed by the solved scenes of the resumed one."""
     if resumed is None:
         return new
     solved = ~_find_unsolved(resumed, ())
@@ -271,23 +282,27 @@ def check_resumes(
 ) -> None:
     """Raise `ValueError` unless a spectrum to resume has these attributes and axes.
 
-    - `owner`: name of the calling function, for messages
+    - `owner`: function that error messages name
     - `spectrum`: spectrum to resume
-    - `attributes`: name → value that its attributes must have; `axes`: name → values of its axes
+    - `attributes`: required values of attributes, by name
+    - `axes`: required values of axes, by name
     """
     if not hasattr(spectrum, "coords"):
-        raise ValueError(f"{owner}: resume must be the partial of a spectrum, got {format_value(spectrum)}")
+        raise ValueError(
+            f"{owner}: resume must be the partial of rockjax.Interrupted, got {format_value(spectrum)}"
+        )
     for name, values in axes.items():
         if name not in spectrum.coords or not np.array_equal(spectrum[name].values, values):
             raise ValueError(
-                f"{owner}: the spectrum to resume has another axis {name}; repeat the call that was "
-                "interrupted"
+                f"{owner}: the spectrum to resume has other values of {name}; repeat the interrupted call "
+                "with the same arguments"
             )
     for name, value in attributes.items():
-        found = spectrum.attrs.get(name)
-        if found != value:
+        attribute = spectrum.attrs.get(name)
+        if attribute != value:
             raise ValueError(
-                f"{owner}: the spectrum to resume was made with {name} = {found!r}, not {value!r}"
+                f"{owner}: the spectrum to resume was computed with {name} = {attribute!r}, not {value!r}; "
+                "repeat the interrupted call with the same arguments"
             )
 
 
@@ -295,7 +310,8 @@ def check_resumed_parameters(owner: str, spectrum: xarray.Dataset, sensitivities
     """Raise `ValueError` unless a spectrum to resume has sensitivities to these parameters."""
     if (list(spectrum["parameter"].values) if "parameter" in spectrum.coords else []) != list(sensitivities):
         raise ValueError(
-            f"{owner}: the spectrum to resume has other sensitivities; repeat the call that was interrupted"
+            f"{owner}: the spectrum to resume has other sensitivities; repeat the interrupted call with the "
+            "same arguments"
         )
 
 
@@ -322,8 +338,8 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
         },
     )
     if "least_axial_force" in dataset:
-        about = {"units": "1", "long_name": "axial force of the mean column at rest N/(m_c g)"}
-        dataset.coords["dead_load"] = JOINTS, np.asarray(podium.dead_load), about
+        attributes = {"units": "1", "long_name": "axial force of the mean column at rest N/(m_c g)"}
+        dataset.coords["dead_load"] = JOINTS, np.asarray(podium.dead_load), attributes
     dataset.attrs = _attributes(podium, pulse, options)
     return dataset
 
@@ -333,8 +349,10 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
 
 def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:
-    """Return the least acceleration ratio of the grid that overturns, at each frequency; NaN where none
-    does."""
+    """Return the least acceleration ratio of a rocking spectrum that overturns at each frequency.
+
+    NaN where no ratio of the grid overturns. Raises `ValueError` if `dataset` is not a rocking spectrum.
+    """
     if getattr(dataset, "attrs", {}).get("kind") != "rocking-spectrum":
         raise ValueError(
             "minimum_overturning: dataset must come from rockjax.rocking_spectrum, got "

@@ -1,4 +1,4 @@
-"""One chunk of a sweep: read its scenes from the store, solve them by the batch path, write their results."""
+"""One chunk of a sweep: read its scenes from the store, solve them as a batch, write their results."""
 
 from __future__ import annotations
 
@@ -19,42 +19,42 @@ from rockjax._responses.datasets import describe_versions
 from rockjax._responses.peak import Peak, data_variables
 
 from .scene_arrays import Arguments, SceneArrays
-from .store import ChunkRecord, Store
+from .store import ChunkRow, Store
 
 Devices = Literal["all"] | Sequence[Any] | None
 
 
 class Job(NamedTuple):
-    """Inputs that a process needs, besides the store, to solve any chunk of a sweep."""
+    """Data that a process needs, besides the store, to solve a chunk of a sweep."""
 
-    store: str
-    fingerprint: str
-    skeleton: Any  # (structures, excitations, initial, t_end) with the names of their numbers
+    store: str  # path or URL
+    fingerprint: str  # of the sweep
+    skeleton: Any  # (structures, excitations, initial, t_end) with names in place of their values
     options: Options
-    precision: bool
-    sensitivities: tuple[str, ...] = ()
+    precision: bool  # True for float64
+    sensitivities: tuple[str, ...] = ()  # names of the parameters of sensitivities
 
-    def solve(self, k: int, threads: int | None, devices: Devices) -> ChunkRecord:
+    def solve(self, k: int, threads: int | None, devices: Devices) -> ChunkRow:
         """Solve a chunk and write it, unless another process has already done so.
 
         - `k`: index of the chunk
-        - `threads`: CPU threads, None for all cores
+        - `threads`: number of CPU threads; None for all cores
         - `devices`: JAX devices, as for [`rockjax.sweep`][]
 
         Returns the row of the chunk.
         """
-        store, numbers = _open_store(self)
+        store, scene_arrays = _open_store(self)
         if (row := store.row(k)) is not None:
             return row
-        began = time.perf_counter()
+        start = time.perf_counter()
         with precision(self.precision):
-            box = numbers.box(store.layout.box(k))
-            peaks = solve_scenes(box, self.options, threads, devices, self.sensitivities)
+            arguments = scene_arrays.in_box(store.layout.box(k))
+            peaks = solve_scenes(arguments, self.options, threads, devices, self.sensitivities)
         variables = data_variables(peaks, self.options.outputs, ())
         answers = {name: values for name, (_, values, _) in variables.items()}
         failed = int(np.sum(answers["result"] > results.OVERTURNED))
         return store.write(
-            k, answers, time.perf_counter() - began, float(count_trial_steps(peaks).sum()), failed
+            k, answers, time.perf_counter() - start, float(count_trial_steps(peaks).sum()), failed
         )
 
 
@@ -62,24 +62,28 @@ _OPEN_STORES: dict[tuple[str, str], tuple[Store, SceneArrays]] = {}  # by path a
 
 
 def _open_store(job: Job) -> tuple[Store, SceneArrays]:
-    """Return the store and its scenes, read once by each process. Raises `RuntimeError` if it is not the
-    store of the job."""
+    """Return the store of a job and its scenes; each process reads them once.
+
+    Raises `RuntimeError` if the store is missing, contains another sweep or was made by other versions.
+    """
     path, key = job.store, (job.store, job.fingerprint)
     if key in _OPEN_STORES:
         return _OPEN_STORES[key]
     store = Store.open(path)
     if store is None:
-        raise RuntimeError(f"{path}: there is no store here; all workers must see it under the same name")
+        raise RuntimeError(
+            f"{path}: this worker finds no store here; all workers must have access to it under this path"
+        )
     if store.identity["fingerprint"] != job.fingerprint:
-        raise RuntimeError(f"{path}: holds another sweep; remove it, or give this sweep another path")
-    for name, text in describe_versions().items():
-        if store.identity.get(name, text) != text:
+        raise RuntimeError(f"{path} contains another sweep; remove it, or give this sweep another path")
+    for name, installed in describe_versions().items():
+        if store.identity.get(name, installed) != installed:
             raise RuntimeError(
-                f"{path}: {name} is {store.identity[name]} there, not {text}; use the same versions on all "
-                "machines"
+                f"{path}: {name} is {store.identity[name]} in the store and {installed} on this worker; use "
+                "the same versions on all machines"
             )
-    found = _OPEN_STORES[key] = store, SceneArrays(store.inputs(), job.skeleton, store.layout.shape)
-    return found
+    _OPEN_STORES[key] = store, SceneArrays(store.inputs(), job.skeleton, store.layout.shape)
+    return _OPEN_STORES[key]
 
 
 def solve_scenes(
@@ -92,12 +96,12 @@ def solve_scenes(
     """Return the peaks of a batch of scenes of a sweep.
 
     - `arguments`: (structures, excitations, initial, t_end)
-    - `options`: of the scenes
-    - `threads`: CPU threads, None for all cores
+    - `options`: options of the scenes
+    - `threads`: number of CPU threads; None for all cores
     - `devices`: JAX devices, as for [`rockjax.sweep`][]
-    - `sensitivities`: names of parameters
+    - `sensitivities`: names of the parameters of sensitivities
     """
-    stop = threading.Event()  # Ctrl-C then raises `Interrupted`
+    stop = threading.Event()  # with an event, Ctrl-C raises `Interrupted`
     workers = _worker_arguments(devices, threads)
     return responses(*arguments, options, False, stop, sensitivities=sensitivities, **workers)
 
@@ -110,9 +114,11 @@ def _worker_arguments(devices: Devices, threads: int | None) -> dict[str, Any]:
 
 
 def count_cores(devices: Devices, threads: int | None) -> int:
-    pool = executor_for("sweep", **_worker_arguments(devices, threads))
-    return pool.hosts * pool.devices
+    """Return the number of threads or devices that solve a chunk."""
+    executor = executor_for("sweep", **_worker_arguments(devices, threads))
+    return executor.hosts * executor.devices
 
 
 def count_trial_steps(peaks: Peak) -> np.ndarray:
+    """Return the number of trial steps (accepted and rejected) of each scene."""
     return np.asarray(peaks.stats.steps + peaks.stats.rejected, float)

@@ -33,12 +33,13 @@ Coords = dict[str, np.ndarray]
 
 
 class Grid(NamedTuple):
-    """Scenes of every combination: arguments of [`rockjax.peak_responses`][], and of [`rockjax.sweep`][] with
-    `coords`.
+    """All combinations of values along named axes.
 
-    - `structures`, `excitations`: a podium and a motion whose numbers are arrays that broadcast to the shape
-      of the grid
-    - `coords`: the axes in order, each with its labels
+    Its first two fields are arguments of [`rockjax.peak_responses`][]; all three are arguments of
+    [`rockjax.sweep`][].
+
+    - `structures`, `excitations`: a podium and a motion whose parameters broadcast to the shape of the grid
+    - `coords`: labels of each axis, in the order of the axes
     """
 
     structures: Podium
@@ -66,29 +67,31 @@ def _span(labels: np.ndarray) -> str:
 
 
 def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
-    """Return a grid of scenes over named axes, in the order of their names (host).
+    """Return a grid of scenes over named axes, in the order of the arguments (host).
 
-    - `structure`: the podium that all scenes are variants of
-    - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list of records),
-      which then are the first axis, `motion`
-    - `axes`: the values along each axis. For the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`,
-      `gamma`, `lam`, `g`, `restitution` (if it is a factor) and, for its superstructure, `eta`, `T_s`,
-      `zeta`. For any motion a factor `scale`; for a single one any number, such as `a_p`, `T_p`, `f_p`; for a
-      single pulse also `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of each podium. A
-      number of the motion with the same name as one of the podium is `excitation.gamma`, given as
-      `**{"excitation.gamma": …}`; one of the vertical motion of a [`rockjax.GroundMotion`][] is
-      `**{"vertical.a_p": …}`, and `scale` applies to both
+    - `structure`: podium with scalar parameters; the scenes are variants of it
+    - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list), which
+      form the first axis `motion`
+    - `axes`: values along each axis, shape (n,). Their names are
 
-    Axes are broadcast, not multiplied out: a grid of 10⁸ scenes takes no more memory than its axes.
+        - parameters of the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`, `gamma`, `lam`, `g`, `eta`,
+          `T_s`, `zeta`, …, and `restitution` if it is a given factor
+        - `scale`, a factor on the motion (on both components of a [`rockjax.GroundMotion`][])
+        - parameters of a single motion, such as `a_p`, `T_p`, `f_p`. If the podium has a parameter of the
+          same name: `excitation.gamma`. For the vertical component of a `GroundMotion`: `vertical.a_p`
+        - `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of a single pulse
 
-    Raises `ValueError` for a podium that contains arrays already, for unknown or contradictory names, and for
-    values that are not one-dimensional or outside their ranges.
+    Names with a dot are given as `**{"excitation.gamma": …}`. Axes are broadcast, so a grid of 10⁸ scenes
+    takes no more memory than its axes.
+
+    Raises `ValueError` for a podium that contains arrays, for unknown or contradictory names, and for values
+    that are not one-dimensional or outside their ranges.
     """
     require_instance("grid", "structure", structure, Podium, "a rockjax.Podium")
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
     if shapes:
         raise ValueError(
-            f"grid: structure must hold single numbers, got arrays of shape {shapes}; give them as axes"
+            f"grid: structure must have scalar parameters, got arrays of shape {shapes}; give them as axes"
         )
     motion, labels = _as_motion(excitation)
     coords: Coords = {} if labels is None else {"motion": labels}
@@ -96,7 +99,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
         values = np.asarray(as_float(values, f"grid: {name}"))
         if values.ndim != 1 or not len(values):
             raise ValueError(
-                f"grid: {name} must be one-dimensional with a value or more, got the shape {values.shape}"
+                f"grid: {name} must be one-dimensional with at least one value, got shape {values.shape}"
             )
         coords[name] = values
     _check_names(structure, motion, tuple(axes), single=labels is None)
@@ -105,11 +108,11 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
         for j, (name, values) in enumerate(coords.items())
     }
     if labels is not None:
-        place = axis_values.pop("motion").shape
+        shape = axis_values.pop("motion").shape
         if isinstance(motion, Records | RecordPairs):
-            motion = motion.pick(np.arange(len(labels), dtype=np.int32).reshape(place))
+            motion = motion.pick(np.arange(len(labels), dtype=np.int32).reshape(shape))
         else:
-            motion = jax.tree.map(lambda y: y.reshape(place), motion)
+            motion = jax.tree.map(lambda y: y.reshape(shape), motion)
     podium_values = {name: axis_values[name] for name in parameters_of(structure) if name in axis_values}
     check_values("grid", podium_values)
     podium = with_values(structure, podium_values)
@@ -117,7 +120,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
 
 
 def _as_motion(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
-    """Return the motion, and the labels of its batch along `motion`, None for a single motion."""
+    """Return a motion and None, or a batch of motions and the labels of its axis `motion`."""
     if isinstance(excitation, Records) and excitation.which.ndim:
         records, _ = as_records("grid", excitation, "excitation")
         return records, np.arange(len(records))
@@ -125,19 +128,18 @@ def _as_motion(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
         members, _ = single_motions("grid", excitation, "excitation")
         return members[0], None
     members, names = single_motions("grid", excitation, "excitation")
-    return combine_motions("grid", members, "excitation"), np.arange(
-        len(members)
-    ) if names is None else np.array(names)
+    labels = np.arange(len(members)) if names is None else np.array(names)
+    return combine_motions("grid", members, "excitation"), labels
 
 
 _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)
 
 
 def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
-    motion_numbers = number_fields(motion) if single else {}
+    motion_parameters = number_fields(motion) if single else {}
     pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
     ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
-    valid = [*parameters_of(structure), *motion_numbers, *ratios, "scale"]
+    valid = [*parameters_of(structure), *motion_parameters, *ratios, "scale"]
     for name in names:
         if name not in valid:
             raise ValueError(
@@ -154,13 +156,13 @@ def _vary_motion(
     base: AbstractExcitation, podium: Podium, axis_values: dict[str, np.ndarray]
 ) -> AbstractExcitation:
     changes: dict[str, Any] = {
-        place: axis_values[name] for name, place in number_fields(base).items() if name in axis_values
+        field: axis_values[name] for name, field in number_fields(base).items() if name in axis_values
     }
     check_values("grid", {name: axis_values[name] for name in _RATIOS if name in axis_values})
-    part = "horizontal." if isinstance(base, GroundMotion) else ""
+    component = "horizontal." if isinstance(base, GroundMotion) else ""
     if "acceleration_ratio" in axis_values:
-        changes[f"{part}a_p"] = pulse_acceleration(podium, axis_values["acceleration_ratio"])
+        changes[f"{component}a_p"] = pulse_acceleration(podium, axis_values["acceleration_ratio"])
     if "frequency_ratio" in axis_values:
-        changes[f"{part}T_p"] = pulse_period(podium.p, axis_values["frequency_ratio"])
+        changes[f"{component}T_p"] = pulse_period(podium.p, axis_values["frequency_ratio"])
     motion = with_numbers(base, changes)
     return motion.scaled(axis_values["scale"]) if "scale" in axis_values else motion

@@ -1,4 +1,4 @@
-"""A sample of the scenes of a sweep, to estimate the cost of all."""
+"""Estimate of the cost of a sweep from a sample of its scenes."""
 
 from __future__ import annotations
 
@@ -13,70 +13,74 @@ from rockjax._machine.threads import precision
 from rockjax._responses.peak import data_variables
 
 from .chunks import Devices, count_cores, count_trial_steps, solve_scenes
-from .store import ChunkLayout, compressed_size, variable_for
-from .study import SweepSpec
+from .layout import ChunkLayout
+from .spec import SweepSpec
+from .store import compressed_size, variable_for
 
-SAMPLE = (256, 16384)  # least and greatest number of scenes
-SHARE = 50  # one of this many scenes is sampled
-# Wall time of a chunk [s]: long compared with the writing of its files, short compared with the loss of
-# time after a fault.
+SAMPLE = (256, 16384)  # smallest and largest number of sampled scenes
+SHARE = 50  # number of scenes divided by the number of sampled scenes, within these limits
+# Shortest and longest wall time of a chunk [s]. It should be long compared with the time to write its files;
+# its end is the time that is lost after a failure.
 CHUNK_SECONDS = 2.5, 10.0
-# Least number of chunks for each worker, if they are not too short, so that the wait for the last is short.
+# Smallest number of chunks per core, unless chunks would be too short. With more chunks, cores wait less for
+# the last ones.
 CHUNKS_PER_CORE = 8
 
 
 class Pilot(NamedTuple):
-    """A solved sample of the scenes.
+    """A solved sample of the scenes of a sweep."""
 
-    - `scenes`: their indices; `steps`: trial steps of each; `core_seconds`: time of one core for one trial
-      step [s]
-    - `variables`: description of the results; `bytes_`: size of a scene in the store; `resident`: memory of
-      the process [bytes]
-    """
+    scenes: np.ndarray  # flat indices of the sampled scenes
+    steps: np.ndarray  # number of trial steps of each scene
+    core_seconds: float  # time of one core for one trial step [s]
+    variables: dict[str, Any]  # arrays of results, by name
+    scene_bytes: float  # size of a scene in the store [bytes]
+    memory: int  # memory of the process [bytes]
 
-    scenes: np.ndarray
-    steps: np.ndarray
-    core_seconds: float
-    variables: dict[str, Any]
-    bytes_: float
-    resident: int
-
-    def chunk(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
-        """Return the number of scenes in a chunk that is neither too short nor too long.
+    def chunk_size(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
+        """Return the number of scenes of a chunk, so that its wall time is in `CHUNK_SECONDS`.
 
         - `scenes`: number of scenes to solve
-        - `cores`: number of cores that solve the sweep; `cores_of_chunk`: number that solve one chunk
+        - `cores`: number of cores that solve the sweep
+        - `cores_of_chunk`: number of cores that solve one chunk
         """
         scene_seconds = max(1e-9, self.core_seconds * float(self.steps.mean()))
         low, high = CHUNK_SECONDS
         seconds = min(high, max(low, scenes * scene_seconds / (CHUNKS_PER_CORE * cores)))
         return max(1, round(seconds * cores_of_chunk / scene_seconds))
 
-    def expected(self, layout: ChunkLayout) -> np.ndarray:
-        """Return the expected trial steps of every chunk: the mean of its sample, or of all samples if it has
-        none."""
+    def expected_steps(self, layout: ChunkLayout) -> np.ndarray:
+        """Return the expected trial steps of every chunk, shape (chunks,).
+
+        They are estimated from the sampled scenes of the chunk, or from all sampled scenes if it has none.
+        """
         chunks = layout.chunk_of(self.scenes)
-        number = np.bincount(chunks, minlength=layout.number)
+        sampled = np.bincount(chunks, minlength=layout.number)
         total = np.bincount(chunks, weights=self.steps, minlength=layout.number)
-        mean = np.where(number > 0, total / np.maximum(number, 1), self.steps.mean())
+        mean = np.where(sampled > 0, total / np.maximum(sampled, 1), self.steps.mean())
         return mean * layout.sizes()
 
 
-def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
-    """Solve a sample of scenes spread over the sweep, and measure their cost."""
-    numbers, options = study.numbers, study.options
+def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
+    """Solve a sample of scenes spread over the sweep, and measure their cost.
+
+    - `spec`: specification of the sweep
+    - `threads`: number of CPU threads; None for all cores
+    - `devices`: JAX devices, as for [`rockjax.sweep`][]
+    """
+    scene_arrays, options = spec.scene_arrays, spec.options
     low, high = SAMPLE
-    count = min(numbers.size, max(low, min(high, numbers.size // SHARE)))
+    count = min(scene_arrays.size, max(low, min(high, scene_arrays.size // SHARE)))
     rng = np.random.default_rng(0)
-    edges = np.linspace(0, numbers.size, count + 1).astype(np.int64)
+    edges = np.linspace(0, scene_arrays.size, count + 1).astype(np.int64)
     scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
-    with precision(study.precision):
-        names = study.sensitivities
-        solve = lambda which: solve_scenes(numbers.at(which), options, threads, devices, names)
+    with precision(spec.precision):
+        names = spec.sensitivities
+        solve = lambda which: solve_scenes(scene_arrays.at(which), options, threads, devices, names)
         solve(scenes[:: max(1, count // low)])  # compiles
-        began = time.perf_counter()
+        start = time.perf_counter()
         peaks = solve(scenes)
-        seconds = time.perf_counter() - began
+        seconds = time.perf_counter() - start
     steps = count_trial_steps(peaks)
     answers = data_variables(peaks, options.outputs, ())
     variables = {name: variable_for(values, attrs, dims) for name, (dims, values, attrs) in answers.items()}
@@ -86,13 +90,12 @@ def pilot(study: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
 
 
 def _resident_memory() -> int:
-    """Return the greatest memory of this process so far, compiler included; the present one if the system
-    does not report it [bytes]."""
+    """Return the peak memory of this process, or on systems other than Linux its present memory [bytes]."""
     import psutil
 
-    now = psutil.Process().memory_info().rss
+    present = psutil.Process().memory_info().rss
     if sys.platform != "linux":
-        return now
+        return present
     import resource
 
-    return max(now, 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    return max(present, 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)

@@ -1,4 +1,4 @@
-"""Runners for the chunks of a sweep: in this process, or on the workers of a Dask cluster."""
+"""Runners, which solve the chunks of a sweep: in this process, or on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ import numpy as np
 
 from .chunks import Devices, Job, count_cores
 from .pilot import Pilot, pilot
-from .store import ChunkRecord, Store
-from .study import SweepSpec
+from .spec import SweepSpec
+from .store import ChunkRow, Store
+
+REPEAT = "solved chunks are stored; repeat the call to continue"
 
 
 class LocalRunner:
@@ -23,18 +25,17 @@ class LocalRunner:
         self.devices = devices
         self.cores = self.cores_of_chunk = count_cores(devices, None)
 
-    def pilot(self, study: SweepSpec) -> Pilot:
-        return pilot(study, None, self.devices)
+    def pilot(self, spec: SweepSpec) -> Pilot:
+        return pilot(spec, None, self.devices)
 
     def run(self, job: Job, unsolved: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
         """Solve chunks one after the other.
 
-        - `job`: inputs of the sweep
-        - `unsolved`: indices of the chunks, in order
-        - `bar`: progress to advance
+        - `job`: data of the sweep
+        - `unsolved`: indices of the chunks, in the order of their solution
+        - `bar`: progress bar to advance
 
-        Returns the `KeyboardInterrupt` that stopped it, or None. Raises `OSError` if a chunk cannot be
-        written.
+        Returns the `KeyboardInterrupt` of Ctrl-C, or None. Raises `OSError` if a chunk cannot be written.
         """
         try:
             for k in map(int, unsolved):
@@ -49,13 +50,12 @@ class LocalRunner:
 
 def _write_error(job: Job, bar: ChunkProgress, error: BaseException) -> OSError:
     cause = getattr(error, "strerror", None) or error
-    stored_note = f"{bar.done} of {bar.count} chunks are kept, the same call goes on from there"
+    stored_note = f"{bar.done} of {bar.count} chunks are stored; repeat the call to continue"
     return OSError(f"{job.store} could not be written: {cause}; {stored_note}")
 
 
 class DaskRunner:
-    """Runner that solves chunks as tasks of a Dask cluster, each on one core of a worker or on its
-    devices."""
+    """Runner that solves chunks as Dask tasks, each on one core of a worker or on all its devices."""
 
     cores_of_chunk = 1
 
@@ -73,20 +73,20 @@ class DaskRunner:
         threads: Any = self.client.nthreads()
         return max(1, sum(threads.values()))
 
-    def pilot(self, study: SweepSpec) -> Pilot:
-        scattered: Any = self.client.scatter([study])  # records may be long
+    def pilot(self, spec: SweepSpec) -> Pilot:
+        scattered: Any = self.client.scatter([spec])  # records may be long
         key = f"rockjax-pilot-{uuid.uuid4().hex}"
         return _result(self.client.submit(pilot, scattered[0], 1, self.devices, key=key))
 
     def run(self, job: Job, unsolved: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
         """Solve chunks on the workers.
 
-        - `job`: inputs of the sweep
+        - `job`: data of the sweep
         - `unsolved`: indices of the chunks, in order of priority
-        - `bar`: progress to advance
+        - `bar`: progress bar to advance
 
-        Returns the `KeyboardInterrupt` that stopped it, or None. Raises `OSError` if a chunk cannot be
-        written, and `RuntimeError` if workers fail.
+        Returns the `KeyboardInterrupt` of Ctrl-C, or None. Raises `OSError` if a chunk cannot be written, and
+        `RuntimeError` if the scheduler or workers fail.
         """
         from distributed import as_completed
 
@@ -109,25 +109,24 @@ class DaskRunner:
         return None
 
 
-def _task(job: Job, k: int, devices: Devices) -> ChunkRecord:
+def _task(job: Job, k: int, devices: Devices) -> ChunkRow:
     return job.solve(k, 1, devices)
 
 
 def _result(task: Any) -> Any:
-    """Return the result of a task. Raises `RuntimeError` if Dask has given it up."""
+    """Return the result of a task. Raises `RuntimeError` if Dask cannot compute it."""
     from distributed.comm.core import CommClosedError
     from distributed.scheduler import KilledWorker
 
-    stored_note = "what was solved until then is kept, the same call goes on"
     try:
         return task.result()
     except (asyncio.CancelledError, concurrent.futures.CancelledError, CommClosedError) as error:
         raise RuntimeError(
-            f"sweep: the scheduler is lost, or has dropped the work ({_first_line(error)}); {stored_note}"
+            f"sweep: the scheduler is lost, or has cancelled the tasks ({_first_line(error)}); {REPEAT}"
         ) from error
     except KilledWorker as error:
         raise RuntimeError(
-            f"sweep: workers died over one chunk again and again ({_first_line(error)}); {stored_note}"
+            f"sweep: workers died repeatedly while they solved a chunk ({_first_line(error)}); {REPEAT}"
         ) from error
 
 
@@ -136,36 +135,35 @@ def _first_line(error: BaseException) -> str:
 
 
 class ChunkProgress:
-    """Progress in expected trial steps, so that the remaining time is right although chunks differ in
-    cost."""
+    """Progress bar whose unit is the expected trial step, because chunks differ in cost."""
 
-    def __init__(self, store: Store, unsolved: np.ndarray, done: np.ndarray, progress: bool):
+    def __init__(self, store: Store, unsolved: np.ndarray, solved: np.ndarray, progress: bool):
         from tqdm.auto import tqdm  # a widget in notebooks
 
         from rockjax._progress import start_clock
 
         self.expected = store.expected
-        self.done, self.count = len(done), store.layout.number
+        self.done, self.count = len(solved), store.layout.number
         self.bar = tqdm(
             total=float(self.expected[unsolved].sum()),
             disable=not progress,
             bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]",
         )
         self.bar.set_description_str(self._describe(), refresh=False)
-        self.ended = start_clock(self.bar)
+        self.clock_stop = start_clock(self.bar)
 
     def __enter__(self) -> ChunkProgress:
         return self
 
     def __exit__(self, *_) -> None:
-        self.ended.set()
+        self.clock_stop.set()
         self.bar.close()
 
     def _describe(self) -> str:
         return f"{self.done} of {self.count} chunks"
 
     def finished(self, k: int) -> None:
-        """Advance by a finished chunk, limited to the total despite rounding."""
+        """Advance by chunk k. The minimum prevents that rounding exceeds the total."""
         self.done += 1
         self.bar.set_description_str(self._describe(), refresh=False)
         self.bar.update(min(float(self.expected[k]), self.bar.total - self.bar.n))

@@ -1,4 +1,4 @@
-"""The numbers of a grid of scenes, by name, and the arguments of any part of it."""
+"""The parameters of a grid of scenes as arrays, and the arguments of the solver for a part of the grid."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_en
 
 
 class SceneArrays(NamedTuple):
-    """Every number of (structures, excitations, initial, t_end).
+    """The leaves of (structures, excitations, initial, t_end) of a grid of scenes.
 
-    - `arrays`: arrays, or objects that can be sliced like arrays: first the axes of the grid, each full or of
-      length 1, then those of one scene; numbers common to all scenes have no axes of the grid
-    - `skeleton`: the arguments with names in the place of their numbers; `shape`: of the grid
+    - `arrays`: leaves by name, as arrays or objects that can be sliced like arrays. The first axes are those
+      of the grid, each full or of length 1, followed by the axes of a single scene, such as the samples of a
+      record. Leaves common to all scenes do not have the axes of the grid
+    - `skeleton`: the arguments with names in place of the leaves
+    - `shape`: number of scenes along each axis of the grid
     """
 
     arrays: Mapping[str, Any]
@@ -28,9 +30,9 @@ class SceneArrays(NamedTuple):
 
     @classmethod
     def of(cls, owner: str, structures, excitations, initial, t_end) -> Self:
-        """Collect the numbers of a batch of scenes.
+        """Collect the leaves of the arguments of a batch of scenes.
 
-        - `owner`: name of the calling function, for messages
+        - `owner`: function that error messages name
         - `structures`, `excitations`, `initial`, `t_end`: arguments whose arrays broadcast to the shape of
           the grid
 
@@ -62,7 +64,7 @@ class SceneArrays(NamedTuple):
         return self.arrays[name].ndim > own
 
     def _arguments(self, select) -> Arguments:
-        """Return the arguments with `select` applied to every number that has axes of the grid."""
+        """Return the arguments, with `select` applied to every leaf that has axes of the grid."""
         values = [
             np.asarray(
                 select(self.arrays[name], own) if self._has_grid_axes(name, own) else self.arrays[name][...]
@@ -71,27 +73,27 @@ class SceneArrays(NamedTuple):
         ]
         return jax.tree.unflatten(jax.tree.structure(self.skeleton), values)
 
-    def box(self, where: tuple[slice, ...]) -> Arguments:
-        """Return the arguments of a part of the grid."""
+    def in_box(self, box: tuple[slice, ...]) -> Arguments:
+        """Return the arguments of the scenes in a box: a slice of each axis of the grid."""
 
         def select(y, own: int):
             axes = y.shape[: y.ndim - own]
-            return y[tuple(part if n > 1 else slice(0, 1) for part, n in zip(where, axes, strict=True))]
+            return y[tuple(part if n > 1 else slice(0, 1) for part, n in zip(box, axes, strict=True))]
 
         return self._arguments(select)
 
     def at(self, scenes: np.ndarray) -> Arguments:
-        """Return the arguments of some scenes, by their indices in the order of the grid, as a table."""
-        place = np.unravel_index(scenes, self.shape)
+        """Return the arguments of scenes with given flat indices, as a batch of shape (scenes,)."""
+        indices = np.unravel_index(scenes, self.shape)
 
         def select(y, own: int):
             axes = y.shape[: y.ndim - own]
-            return y[tuple(j if n > 1 else np.zeros_like(j) for j, n in zip(place, axes, strict=True))]
+            return y[tuple(j if n > 1 else np.zeros_like(j) for j, n in zip(indices, axes, strict=True))]
 
         return self._arguments(select)
 
     def varying(self) -> dict[str, np.ndarray]:
-        """Return the single numbers that have axes of the grid."""
+        """Return the scalar parameters that vary between scenes, with the axes of the grid."""
         return {
             name: self.arrays[name]
             for name, own in self._own_dimensions().items()
@@ -99,7 +101,7 @@ class SceneArrays(NamedTuple):
         }
 
     def common(self) -> dict[str, np.ndarray]:
-        """Return the single numbers that all scenes share."""
+        """Return the scalar parameters that all scenes share."""
         return {
             name: self.arrays[name]
             for name, own in self._own_dimensions().items()

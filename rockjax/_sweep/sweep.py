@@ -1,7 +1,7 @@
-"""Sweeps: any number of scenes in chunks, on one machine or many, saved chunk by chunk in a zarr store.
+"""Sweeps: any number of scenes, solved in chunks on one or several machines and saved in a zarr store.
 
-Each chunk is one call of the batch path. Dask distributes the chunks and repeats them after the failure of a
-machine; this module defines the chunks, their order, and the properties that must agree to resume a store.
+Each chunk is one batch. With a Dask cluster, Dask distributes the chunks and repeats them after the failure
+of a worker.
 """
 
 from __future__ import annotations
@@ -24,15 +24,17 @@ from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
 
 from .chunks import Devices, Job
+from .layout import ChunkLayout
+from .paths import TakenError, expand_path, require_creatable
 from .pilot import Pilot
 from .runners import ChunkProgress, DaskRunner, LocalRunner
-from .store import ChunkLayout, Store, TakenError, expand_path, require_creatable, require_zarr
-from .study import SweepSpec, check_same, make_study, sweep_coords
+from .spec import SweepSpec, check_same, make_spec, sweep_coords
+from .store import Store, require_zarr
 
 if TYPE_CHECKING:
     import xarray
 
-BYTES = 300  # memory for a scene while it is solved, besides its numbers
+BYTES = 300  # memory of a scene while it is solved, besides its parameters
 
 
 def sweep(
@@ -52,127 +54,140 @@ def sweep(
     progress: bool = True,
     dry_run: bool = False,
 ) -> xarray.Dataset | SweepPlan:
-    """Compute peak responses of any number of scenes, chunk by chunk into a zarr store (host).
+    """Compute peak responses of any number of scenes and save them in a zarr store, chunk by chunk (host).
 
-    Scenes are those of [`rockjax.peak_responses`][]: every number of `structures`, `excitations`, `initial`
-    and `t_end` may be an array, and they broadcast to the shape of the sweep. [`rockjax.grid`][] makes them
-    for a grid, with `coords`; arrays of one length make a table of scenes.
+    Scenes are defined as for [`rockjax.peak_responses`][]: the parameters of `structures`, `excitations`,
+    `initial` and `t_end` may be arrays, which broadcast to the shape of the sweep. [`rockjax.grid`][] returns
+    the first three arguments for a grid. Arrays of shape (n,) define a list of scenes.
 
-    The same call resumes an interrupted sweep: chunks in the store are verified by their checksums and kept,
-    missing or damaged ones are solved. Returns the store as a lazy `xarray.Dataset`, with the numbers that
-    vary as its coordinates. Scenes that do not finish keep their `result`, and a `RuntimeWarning` counts
-    them. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the dataset so far.
+    The same call resumes an interrupted sweep. Chunks in the store are verified by their checksums and kept;
+    missing or damaged chunks are solved. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the
+    dataset so far.
 
     - `structures`, `excitations`, `initial`, `t_end`: as for [`rockjax.peak_responses`][]
-    - `coords`: the names of the axes in order, with or without labels; by default `scene` for a table
-    - `store`: a folder, or a URL that zarr can write to; with a `client` one that all workers can access
+    - `coords`: names of the axes in order, or a dictionary with their labels. The default is `scene` for one
+      axis, and `scene_0`, `scene_1`, … for several
+    - `store`: a folder, or a URL that zarr can write to. With a `client`, all workers must have access to it
       under this name
-    - `options`: of the scenes
-    - `outputs`: requested outputs, as in [`rockjax.Options`][]
-    - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is stored as well, as in
-      [`rockjax.peak_responses`][]: `peak_rotation_sensitivity` … with the further dim `parameter`
-    - `chunk`: scenes in a chunk; by default as many as take some seconds
-    - `client`: a `dask.distributed.Client`: chunks are solved by its workers, one core each. Without it, by
-      all cores of this machine
-    - `devices`: `"all"` for all JAX devices where a chunk is solved, by `shard_map`; or some devices of this
-      machine. Without it the cores of the CPU, or all GPUs if JAX has some
-    - `progress`: show a bar with the remaining time, by the expected cost of the chunks
-    - `dry_run`: solve a sample of the scenes, and return a `SweepPlan` with the expected time, memory and
-      disk space of all; nothing is written
+    - `options`: options of the scenes
+    - `outputs`: requested outputs, instead of `options.outputs`
+    - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is stored, as in
+      [`rockjax.peak_responses`][]: `peak_rotation_sensitivity` … with the additional dim `parameter`
+    - `chunk`: number of scenes in a chunk, ≥ 1; by default as many as take some seconds
+    - `client`: a `dask.distributed.Client`, whose workers solve the chunks, each on one core. Without it, all
+      cores of this machine solve one chunk after another
+    - `devices`: `"all"` for all JAX devices of the process that solves a chunk, or a list of devices of this
+      machine. The default is all accelerators, or without accelerators the cores of the CPU
+    - `progress`: True to show a bar with the remaining time
+    - `dry_run`: True to solve only a sample of the scenes and return a `SweepPlan` with the expected time,
+      memory and disk space of the sweep; nothing is written
 
-    Raises `ValueError` for invalid inputs, and for a store of another sweep: other numbers, other options,
-    another version; `OSError` if the store cannot be written; `RuntimeError` if workers fail; `ImportError`
-    without the extra `rockjax[sweep]`. Chunks solved until then are kept in all cases.
+    Returns the store as a lazy `xarray.Dataset`. Parameters that vary between scenes are its coordinates.
+    The `result` of scenes that do not finish names the cause, and a `RuntimeWarning` counts them.
+
+    Raises `ValueError` for invalid inputs and for a store with other parameters, options or versions;
+    `OSError` if the store cannot be written; `RuntimeError` if workers fail; `ImportError` without the extra
+    `rockjax[sweep]`. The store keeps all chunks solved before the error.
     """
     require_zarr()
-    study = make_study(structures, excitations, coords, initial, t_end, options, outputs, sensitivities)
+    spec = make_spec(structures, excitations, coords, initial, t_end, options, outputs, sensitivities)
     if chunk is not None:
         require_whole("sweep", "chunk", chunk, 1)
     require_instance("sweep", "store", store, str | Path, "a folder or a URL")
-    found = Store.open(store)
-    if found is not None:
-        check_same(found, study, chunk)
+    opened = Store.open(store)
+    if opened is not None:
+        check_same(opened, spec, chunk)
     runner = LocalRunner(devices) if client is None else DaskRunner(client, devices)
-    if found is None or dry_run:
+    if opened is None or dry_run:
         if not dry_run:
             require_creatable(store)
-        pilot = runner.pilot(study)
-        size = chunk or pilot.chunk(study.scenes, runner.cores, runner.cores_of_chunk)
-        layout = ChunkLayout.of(study.shape, size) if found is None else found.layout
+        pilot = runner.pilot(spec)
+        size = chunk or pilot.chunk_size(spec.scenes, runner.cores, runner.cores_of_chunk)
+        layout = ChunkLayout.of(spec.shape, size) if opened is None else opened.layout
         if dry_run:
-            return _plan(study, layout, pilot, found, runner, expand_path(store))
-        found = _create_store(store, study, layout, pilot, chunk, describe_motions(excitations))
-    fingerprint, skeleton = found.identity["fingerprint"], study.numbers.skeleton
-    job = Job(found.path, fingerprint, skeleton, study.options, study.precision, study.sensitivities)
-    unsolved, solved = _find_unsolved(found, progress)
-    with ChunkProgress(found, unsolved, solved, progress) as bar:
+            return _plan(spec, layout, pilot, opened, runner, expand_path(store))
+        opened = _create_store(store, spec, layout, pilot, chunk, describe_motions(excitations))
+    fingerprint, skeleton = opened.identity["fingerprint"], spec.scene_arrays.skeleton
+    job = Job(opened.path, fingerprint, skeleton, spec.options, spec.precision, spec.sensitivities)
+    unsolved, solved = _find_unsolved(opened, progress)
+    with ChunkProgress(opened, unsolved, solved, progress) as bar:
         interrupt = runner.run(job, unsolved, bar)
-    data = found.dataset()
+    data = opened.dataset()
     if interrupt is not None:
         message = (
-            f"stopped with "
-            f"{bar.done} of {found.layout.number} chunks solved, kept in {found.path}: the same call goes on"
+            f"stopped with {bar.done} of {opened.layout.number} chunks in {opened.path}; repeat the call to "
+            "continue"
         )
         raise Interrupted(message, data) from interrupt
-    failed = int(np.nansum(found.rows()[:, -1]))
+    failed = int(np.nansum(opened.rows()[:, -1]))
     if failed:
-        message = f"{failed} of {study.scenes} scenes did not finish; their variable 'result' names the cause"
+        message = f"{failed} of {spec.scenes} scenes did not finish; their variable 'result' names the cause"
         warnings.warn(message, RuntimeWarning, stacklevel=2)
     return data
 
 
 def _create_store(
-    path, study: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None, motions
+    path, spec: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None, motions
 ) -> Store:
-    """Return a new store; or, if another client was the first to start this very sweep, its store."""
+    """Return a new store, or the store of another process that has just started the same sweep."""
     import xarray
 
-    coords = xarray.Dataset(coords=dict(sweep_coords(study)))
-    common_numbers = {name: float(y) for name, y in study.numbers.common().items() if y.ndim == 0}
-    attrs = {"title": "Sweep of peak responses", "kind": "sweep", **common_numbers, **motions}
-    attrs |= describe_options(study.options)
-    parts = coords, pilot.variables, study.numbers.arrays, pilot.expected(layout), attrs
+    coords = xarray.Dataset(coords=dict(sweep_coords(spec)))
+    common_values = {name: float(y) for name, y in spec.scene_arrays.common().items() if y.ndim == 0}
+    attrs = {"title": "Sweep of peak responses", "kind": "sweep", **common_values, **motions}
+    attrs |= describe_options(spec.options)
+    parts = coords, pilot.variables, spec.scene_arrays.arrays, pilot.expected_steps(layout), attrs
     try:
-        return Store.create(path, study.identity(layout), study.dims, *parts)
+        return Store.create(path, spec.identity(layout), spec.dims, *parts)
     except TakenError:
-        found = Store.open(path)
-        assert found is not None
-        check_same(found, study, chunk)
-        return found
+        existing = Store.open(path)
+        assert existing is not None
+        check_same(existing, spec, chunk)
+        return existing
 
 
-def _find_unsolved(found: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the chunks to solve, the most expensive first, so that the last ones are short; and those that
-    are done."""
+def _find_unsolved(store: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Verify the chunks in a store, and return the indices of the unsolved and the solved chunks.
+
+    The most expensive unsolved chunks come first, so that workers wait less for the last ones.
+    """
     from tqdm.auto import tqdm  # a widget in notebooks
 
-    rows = found.rows()
-    done = np.isfinite(rows[:, 0])
+    rows = store.rows()
+    is_solved = np.isfinite(rows[:, 0])
     for k in tqdm(
-        np.flatnonzero(done), desc="verifying", unit=" chunks", disable=not progress or not done.any()
+        np.flatnonzero(is_solved),
+        desc="verifying",
+        unit=" chunks",
+        disable=not progress or not is_solved.any(),
     ):
-        if not found.is_intact(int(k), rows[k]):
+        if not store.is_intact(int(k), rows[k]):
             warnings.warn(
-                f"{found.path}: chunk {k} is damaged, and is solved again", RuntimeWarning, stacklevel=3
+                f"{store.path}: chunk {k} is damaged and is solved again", RuntimeWarning, stacklevel=3
             )
-            found.forget(int(k))
-            done[k] = False
-    expected = found.expected
-    unsolved = np.flatnonzero(~done)
-    return unsolved[np.argsort(-expected[unsolved], kind="stable")], np.flatnonzero(done)
+            store.mark_unsolved(int(k))
+            is_solved[k] = False
+    unsolved = np.flatnonzero(~is_solved)
+    return unsolved[np.argsort(-store.expected[unsolved], kind="stable")], np.flatnonzero(is_solved)
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepPlan:
     """Expected cost of a sweep, measured on a sample of its scenes.
 
-    - `scenes`; `shape`: along each axis; `chunk`: of a chunk; `chunks`: their number; `done`: scenes in the
-      store already
-    - `steps`: remaining trial steps; `core_seconds`: time of one core for them [s]; `cores`: number of
-      available cores; `seconds`: expected wall time [s]
-    - `memory`: of the process that solves a chunk [bytes]; `disk`: upper limit for the store, because
-      neighbours on a grid compress better than the sample does [bytes]
-    - `store`: its path or URL
+    - `scenes`: number of scenes
+    - `shape`: number of scenes along each axis
+    - `chunk`: number of scenes of a chunk along each axis
+    - `chunks`: number of chunks
+    - `done`: number of scenes already in the store
+    - `steps`: expected number of remaining trial steps
+    - `core_seconds`: expected time for them on one core [s]
+    - `cores`: number of available cores
+    - `seconds`: expected wall time [s]
+    - `memory`: expected memory of the process that solves a chunk [bytes]
+    - `disk`: expected size of the store [bytes], usually too large, because neighbours on a grid compress
+      better than the sample
+    - `store`: path or URL of the store
     """
 
     scenes: int
@@ -194,7 +209,7 @@ class SweepPlan:
         rows = [
             ("scenes", f"{self.scenes} ({axes})" + (f", {self.done} solved" if self.done else "")),
             ("chunks", f"{self.chunks}, each {of_chunk}"),
-            ("steps", f"{self.steps:.3g}, {self.steps / max(1, self.scenes - self.done):.3g} a scene"),
+            ("steps", f"{self.steps:.3g}, {self.steps / max(1, self.scenes - self.done):.3g} per scene"),
             (
                 "time",
                 f"{_duration(self.seconds)} on {self.cores} cores ({self.core_seconds:.3g} core seconds)",
@@ -213,30 +228,30 @@ def _duration(seconds: float) -> str:
 
 
 def _plan(
-    study: SweepSpec,
+    spec: SweepSpec,
     layout: ChunkLayout,
     pilot: Pilot,
-    found: Store | None,
+    store: Store | None,
     runner: LocalRunner | DaskRunner,
     path: str,
 ) -> SweepPlan:
-    expected = pilot.expected(layout)
-    done = np.zeros(layout.number, bool) if found is None else np.isfinite(found.rows()[:, 0])
+    expected = pilot.expected_steps(layout)
+    is_solved = np.zeros(layout.number, bool) if store is None else np.isfinite(store.rows()[:, 0])
     sizes = layout.sizes()
-    steps = float(expected[~done].sum())
+    steps = float(expected[~is_solved].sum())
     core_seconds = steps * pilot.core_seconds
-    bytes_per_scene = sum(y.itemsize for y in study.numbers.varying().values())
+    parameter_bytes = sum(y.itemsize for y in spec.scene_arrays.varying().values())
     return SweepPlan(
-        scenes=study.scenes,
-        shape=study.shape,
+        scenes=spec.scenes,
+        shape=spec.shape,
         chunk=layout.block,
         chunks=layout.number,
-        done=int(sizes[done].sum()),
+        done=int(sizes[is_solved].sum()),
         steps=steps,
         core_seconds=core_seconds,
         cores=runner.cores,
-        seconds=core_seconds / min(runner.cores, runner.cores_of_chunk * max(1, int((~done).sum()))),
-        memory=pilot.resident + int(sizes.max()) * (BYTES + 4 * bytes_per_scene),
-        disk=int(pilot.bytes_ * study.scenes + sum(y.nbytes for y in study.numbers.arrays.values())),
+        seconds=core_seconds / min(runner.cores, runner.cores_of_chunk * max(1, int((~is_solved).sum()))),
+        memory=pilot.memory + int(sizes.max()) * (BYTES + 4 * parameter_bytes),
+        disk=int(pilot.scene_bytes * spec.scenes + sum(y.nbytes for y in spec.scene_arrays.arrays.values())),
         store=path,
     )

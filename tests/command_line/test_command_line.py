@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import optimise
 import rockjax as rj
 from rockjax._cli import app, main
-from rockjax._cli._response import share_in_no_mode
+from rockjax._cli._response import residual_share
 from rockjax._problem import models
 from tests.scenes import Stops
 
@@ -157,7 +157,7 @@ def panels(*arguments, table=None):
     options = _options.structure_options(**_options.PANELS) | _options.options_of(models.Spectrum)
     explicit = [name for name in options if context.get_parameter_source(name).name == "COMMANDLINE"]
     values = {
-        name: None if context.params[name] is None else one.value(one.flag, context.params[name])
+        name: None if context.params[name] is None else one.convert(one.flag, context.params[name])
         for name, one in options.items()
     }
     with pytest.MonkeyPatch.context() as patch:
@@ -224,11 +224,11 @@ WRONG = [  # each message once
     ("response text.toml", "text.toml: structure.tan_alpha: must be a number > 0, got '0.15'"),
     ("design goals.toml", "goals.toml: targets[0].limit: must be a number > 0, got '0.4'"),
     ("design good.toml", "good.toml: file: vary is missing"),
-    ("design", "design: needs a problem file (TOML), or --example column"),
+    ("design", "rockjax design needs a problem file (TOML), or --example column"),
     ("design --example table", "'table' is not one of 'annual-frequency', 'column'"),
     (
         "response good.toml --example response",
-        "--example replaces a problem file; leave out --example or good.toml",
+        "--example and a problem file are alternatives; leave out --example or good.toml",
     ),
     ("spectrum good.toml --points 1", "--points: must be a whole number ≥ 2, got 1"),
     ("spectrum --points 100000", "--points: 120000000000 scenes need about 17.5 TiB of memory"),
@@ -236,19 +236,22 @@ WRONG = [  # each message once
         "spectrum --frequency 8 1",
         "--frequency: must be two numbers [lowest, highest] with 0 < lowest < highest",
     ),
-    ("spectrum --T-s a,b", "--T-s: expected numbers separated by commas, got 'a,b'"),
+    ("spectrum --T-s a,b", "--T-s needs numbers separated by commas, got 'a,b'"),
     ("spectrum --eta 5 --eta-over-gamma 3", "--eta and --eta-over-gamma are alternatives; give one"),
     ("spectrum --pulse sinus", "'sinus' is not one of 'ricker'"),
-    ("response good.toml", "response: motion is missing: which of a, b? ([response] motion, or --motion)"),
+    (
+        "response good.toml",
+        "response: the file has several sets of motions; choose one of a, b by motion in [response], or",
+    ),
     (
         "response good.toml --motion c",
         "response.motion: must name a set under [motions], got 'c'; the sets are a, b",
     ),
     (
         "response good.toml --motion a --T-p 2",
-        "motions.a: holds 2 motions: which? ([response] number, or --n",
+        "motions.a: number must be from 1 to 2, got none; give --number, or number in [response]",
     ),
-    ("response --number 2", "motions.pulse: holds 1 motions, there is no number 2"),
+    ("response --number 2", "motions.pulse: number must be from 1 to 1, got 2; give --number"),
     (
         "response good.toml --motion b --scale 2",
         "--scale: unknown key; valid keys are kind, acceleration_ratio",
@@ -265,21 +268,21 @@ WRONG = [  # each message once
         "record.txt: does not say in what units; give units (on the command line",
     ),
     ("response --record record.txt --T-p 2", "--T-p: unknown key; valid keys are units, dt, component"),
-    ("spectrum -o out.csv", "--output out.csv: .csv is not written here; data go to .nc, pictures to .png"),
-    ("sweep --axis R=1,2 -o out.nc", "--output out.nc: a sweep is written as a zarr store"),
+    ("spectrum -o out.csv", "--output out.csv: .csv files are not supported; give a prefix"),
+    ("sweep --axis R=1,2 -o out.nc", "--output out.nc: a sweep is written to a zarr store"),
     (
         "sweep --axis tan_alpha=-0.1,0.2",
         "sweep.axes: grid: tan_alpha must be finite and > 0, got tan_alpha = -0",
     ),
-    ("fragility", "needs records: files, folders or tables, --synthetic N, or a problem file with [motions]"),
+    ("fragility", "rockjax fragility needs records: files, folders or tables, --synthetic N, or a problem"),
     (
         "fragility good.toml --motions b",
         "motions.b: must have records (file, suite or synthetic) here, not pulses",
     ),
-    ("fragility good.toml bad.toml", "expected at most one problem file, got good.toml and bad.toml"),
-    ("fragility --synthetic 3 --measure Sa", "--measure Sa: needs --measure-period"),
-    ("fragility --synthetic 3 --measure-period 1", "--measure-period: is for Sa only"),
-    ("fragility --synthetic 3 record.txt", "--synthetic: give files or synthetic motions, not both"),
+    ("fragility good.toml bad.toml", "give at most one problem file, got good.toml and bad.toml"),
+    ("fragility --synthetic 3 --measure Sa", "--measure Sa needs --measure-period"),
+    ("fragility --synthetic 3 --measure-period 1", "--measure-period applies only to Sa"),
+    ("fragility --synthetic 3 record.txt", "--synthetic and files of records are alternatives; give one"),
     ("plot none.nc", "none.nc: there is no such file"),
     ("quake", "No such command 'quake'"),
 ]
@@ -394,7 +397,7 @@ def test_ctrl_c_ends_with_130(run, monkeypatch):
         code, out, err = run(*line.split())
         assert code == 130
         assert out == ""
-        assert "rockjax: stopped; nothing is kept" in err
+        assert "rockjax: stopped; no results were saved" in err
     assert os.listdir() == []
 
 
@@ -409,7 +412,7 @@ def test_ctrl_c_while_files_are_written_loses_nothing(run, monkeypatch, command)
         context.setattr("rockjax._files.write_dataset", stopped)
         code, _, err = run(*line)
     assert code == 130
-    assert "kept in study.partial.nc: the same command with --resume goes on from there" in err
+    assert "saved in study.partial.nc; repeat the command with --resume to continue" in err
     monkeypatch.setattr(rj, "overturning_spectrum", stopped)
     assert run(*line, "--resume")[0] == 0
     assert "study.nc" in os.listdir()
@@ -473,7 +476,7 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     code, out, err = run("fragility", "suite", *frame, "-q", "-o", "b")
     assert code == 1
     assert out == ""
-    assert "no curve: fragility: 0 of 5 records overturn up to 0.02; raise the highest intensity" in err
+    assert "no curve: fragility: only 0 of 5 records overturn up to the highest intensity 0.02, but" in err
     assert xarray.load_dataset("b.nc").attrs["kind"] == "incremental-dynamic-analysis"
     assert run("plot", "b.nc", "-o", "c")[0] == 0
     assert (tmp_path / "c-ida.png").exists()
@@ -511,7 +514,7 @@ def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
     monkeypatch.setattr("optimise._design.bar_of", lambda *_: contextlib.nullcontext(Stops(3)))
     code, out, err = run("design", "p.toml", "-o", "d")
     assert code == 130
-    assert re.search("^rockjax: stopped after [0-9]+ iterations; the best design so far is kept$", err, re.M)
+    assert re.search("^rockjax: stopped after [0-9]+ iterations; the best design so far is saved$", err, re.M)
     assert "interrupted, targets satisfied" in out
     account = json.loads((tmp_path / "d.json").read_text())
     assert account["result"] == "interrupted"
@@ -780,7 +783,7 @@ def test_charts_say_what_they_cannot_draw():
 )
 def test_responses_know_the_mass_that_is_in_no_mode(top, share):
     """Its impulses at impacts are in no shear and no floor acceleration, which the summary says."""
-    assert share_in_no_mode(rj.Podium(0.15, 1.5, 10.0, top)) == pytest.approx(share, rel=1e-9)
+    assert residual_share(rj.Podium(0.15, 1.5, 10.0, top)) == pytest.approx(share, rel=1e-9)
 
 
 def test_response_says_what_truncated_buildings_leave_out(tmp_path):

@@ -425,7 +425,7 @@ def test_an_interval_that_is_none_is_refused():
     """Two records at three levels: without one of them nothing is left to tell a dispersion from."""
     few = stripe_analysis([0.4, 0.8, 0.9, 1.1, 1.2, 1.3], [0.5, 1.0])
     with pytest.raises(
-        ValueError, match=r"fit without each record, but for \d of the 6 records .* confidence=None"
+        ValueError, match=r"omits each record once, but without \d of the 6 records .* confidence=None"
     ):
         rj.fragility(few, method="stripes")
     assert "interval" not in rj.fragility(few, method="stripes", confidence=None)
@@ -459,9 +459,9 @@ def test_the_distribution_is_differentiable():
         ({"intensity": [2.0, 1.0]}, "ascending"),
         ({"intensity": [-1.0, 1.0]}, "> 0"),
         ({"measure": "PGV"}, "must be 'PGA', 'scale' or a rockjax.Measure"),
-        ({"measure": rj.Measure("Sa", np.ones(2), "m s-2")}, "a value for each of 3 records"),
+        ({"measure": rj.Measure("Sa", np.ones(2), "m s-2")}, "one value for each of the 3 records"),
         ({"measure": rj.Measure("Sa", [1.0, 0.0, 1.0], "m s-2")}, "> 0 for every record"),
-        ({"names": ["a", "a", "b"]}, "3 different ones"),
+        ({"names": ["a", "a", "b"]}, "3 different strings"),
         ({"sensitivities": ["eta"]}, "sensitivities must be some of"),
         ({"resolution": 3}, "resolution"),
         ({"podium": rj.Podium(np.array([0.1, 0.2]), 1.0)}, "single numbers"),

@@ -35,7 +35,7 @@ def test_a_limit_that_is_never_exceeded_is_overturning(analysis):
 def test_bad_limits(analysis):
     with pytest.raises(ValueError, match=r"limit must be \(name, value\) with one of the peaks"):
         rj.fragility(analysis, limit=("peak_impact_friction", 0.3))
-    with pytest.raises(ValueError, match='use method="stripes"'):
+    with pytest.raises(ValueError, match='method must be "stripes" with a limit'):
         rj.fragility(analysis, limit=("peak_friction", 0.3), method="capacities")
 
 

@@ -20,7 +20,8 @@ import xarray
 
 import rockjax as rj
 from rockjax._sweep import chunks as _chunks
-from rockjax._sweep.store import ChunkLayout, Store
+from rockjax._sweep.layout import ChunkLayout
+from rockjax._sweep.store import Store
 from tests.scenes import PODIUMS
 
 resource = pytest.importorskip("resource")  # limits and signals are POSIX
@@ -197,7 +198,9 @@ def test_sensitivities_are_those_of_the_batch(tmp_path):
     np.testing.assert_allclose(slopes, batch.sensitivities.peak_rotation, rtol=1e-9, atol=1e-9)
     assert np.abs(slopes).max() > 1
     xarray.testing.assert_identical(data.load(), sweep(tmp_path / "sweep", sensitivities=names).load())
-    with pytest.raises(ValueError, match=r"sensitivities: \['alpha', 'a_p'\] there, \[\] here"):
+    with pytest.raises(
+        ValueError, match=r"sensitivities is \['alpha', 'a_p'\] in the store and \[\] in this call"
+    ):
         sweep(tmp_path / "sweep")
 
 
@@ -225,7 +228,7 @@ def test_only_what_is_missing_or_damaged_is_solved_again(tmp_path, batch, solved
         file.seek(40)
         file.write(bytes([byte[0] ^ 4]))
     (store / "overturned" / "c" / "2" / "0" / "0").unlink()
-    with pytest.warns(RuntimeWarning, match=r"chunk \d is damaged, and is solved again") as said:
+    with pytest.warns(RuntimeWarning, match=r"chunk \d is damaged and is solved again") as said:
         data = sweep(store)
     assert len(said) == 2
     assert sorted(solved_chunks) == [0, 1, 2]
@@ -244,28 +247,30 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
     data = sweep(store)
     changed = GRID.structures.replace(gamma=11.0)
     for call, words in (
-        ({"grid": (changed, *GRID[1:])}, "the numbers of structures.gamma are others"),
+        ({"grid": (changed, *GRID[1:])}, "the values of structures.gamma differ"),
         (
             {"grid": (GRID.structures, GRID.excitations.scaled(1.1), GRID.coords)},
-            "the numbers of excitations.a_p are others",
+            "the values of excitations.a_p differ",
         ),
         (
             {"grid": (GRID.structures, rj.OneSine(GRID.excitations.a_p, GRID.excitations.T_p), GRID.coords)},
-            "kinds: .*OneSine.* here",
+            "pytree is .*OneSine.* in this call",
         ),
         (
             {"grid": (*GRID[:2], GRID.coords | {"tan_alpha": np.arange(4.0)})},
-            "labels of tan_alpha are others",
+            "labels of tan_alpha differ",
         ),
-        ({"options": rj.Options(rtol=1e-7)}, "options.rtol: 1e-08 there, 1e-07 here"),
-        ({"outputs": ("peak_rotation", "peak_shear")}, "options.outputs: "),
-        ({"chunk": 600}, r"chunk: \[1, 20, 15\] there, \[2, 20, 15\] here"),
-        ({"t_end": 30.0}, "kinds: "),
+        ({"options": rj.Options(rtol=1e-7)}, "options.rtol is 1e-08 in the store and 1e-07"),
+        ({"outputs": ("peak_rotation", "peak_shear")}, "options.outputs is "),
+        ({"chunk": 600}, r"chunk is \[1, 20, 15\] in the store and \[2, 20, 15\]"),
+        ({"t_end": 30.0}, "pytree is "),
     ):
         with pytest.raises(ValueError, match=words):
             sweep(store, **call)
     monkeypatch.setattr(rj._version, "__version__", "9.9")
-    with pytest.raises(ValueError, match=f"rockjax_version: {data.attrs['rockjax_version']} there, 9.9 here"):
+    with pytest.raises(
+        ValueError, match=f"rockjax_version is {data.attrs['rockjax_version']} in the store and 9.9"
+    ):
         sweep(store)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "x").touch()
@@ -273,7 +278,7 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
     xarray.Dataset({"x": 1.0}).to_zarr(tmp_path / "other.zarr", consolidated=False)
     for name in ("full", "file", "other.zarr"):
         with pytest.raises(
-            ValueError, match=rf"{name}: (exists and is no store of a sweep|is a zarr store, but not)"
+            ValueError, match=rf"{name} (exists and is not the store of a sweep|is a zarr store without)"
         ):
             sweep(tmp_path / name)
 
@@ -286,11 +291,11 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
         ({"options": rj.Options(engine="segments")}, "engine must be 'flat'"),
         (
             {"grid": (*GRID[:2], ("a", "b"))},
-            r"coords names 2 axes, \['a', 'b'\], but .* shape \(4, 20, 15\)",
+            r"coords must name each axis .* shape is \(4, 20, 15\), got \['a', 'b'\]",
         ),
         ({"grid": (*GRID[:2], ("a", "b", "a"))}, "names an axis twice"),
-        ({"grid": (*GRID[:2], "abc")}, "one text"),
-        ({"grid": (*GRID[:2], {"a": [1], "b": np.arange(20), "c": np.arange(15)})}, "must hold 4 labels"),
+        ({"grid": (*GRID[:2], "abc")}, "must be a list of the names"),
+        ({"grid": (*GRID[:2], {"a": [1], "b": np.arange(20), "c": np.arange(15)})}, "must have 4 labels"),
         ({"grid": (GRID.structures, rj.Ricker(np.ones((3, 1, 1)), 1.0), None)}, "do not broadcast"),
         ({"grid": (GRID.structures, 3.0, None)}, "excitations must be a rockjax motion"),
     ],
@@ -320,7 +325,7 @@ def test_what_varies_is_a_coordinate(tmp_path):
 
 def test_a_url(tmp_path, batch):
     assert_equal(sweep("memory://rockjax/a.zarr"), batch)
-    with pytest.raises(ValueError, match="numbers of structures"):
+    with pytest.raises(ValueError, match="values of structures"):
         sweep("memory://rockjax/a.zarr", (GRID.structures.replace(gamma=11.0), *GRID[1:]))
     assert_equal(sweep(f"file://{tmp_path}/a.zarr"), batch)
     assert_equal(sweep(tmp_path / "a.zarr"), batch)
@@ -371,7 +376,7 @@ def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
 
     monkeypatch.setattr(Store, "create", late)
     # Chunks are sized by what was measured: the second may have wanted others.
-    monkeypatch.setattr("rockjax._sweep.pilot.Pilot.chunk", lambda *_: 2 * CHUNK)
+    monkeypatch.setattr("rockjax._sweep.pilot.Pilot.chunk_size", lambda *_: 2 * CHUNK)
     assert_equal(sweep(store, chunk=None), batch)
     assert sorted(solved_chunks) == [0, 1, 2, 3]
     assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
@@ -384,7 +389,7 @@ def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
         return create(*args)
 
     monkeypatch.setattr(Store, "create", another)
-    with pytest.raises(ValueError, match=r"b\.zarr: holds another sweep: the numbers of structures.gamma"):
+    with pytest.raises(ValueError, match=r"b\.zarr contains another sweep \(the values of structures.gamma"):
         sweep(other, (GRID.structures.replace(gamma=11.0), *GRID[1:]))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
 
@@ -466,9 +471,7 @@ def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, so
         return solve(self, k, *args)
 
     monkeypatch.setattr(_chunks.Job, "solve", stopping)
-    with pytest.raises(
-        rj.Interrupted, match=r"stopped with 2 of 4 chunks solved, kept in .*the same call goes on"
-    ) as stopped:
+    with pytest.raises(rj.Interrupted, match=r"stopped with 2 of 4 chunks in .*repeat the call") as stopped:
         sweep(tmp_path / "a.zarr")
     partial = stopped.value.partial
     assert int((partial["result"] == 6).sum()) == 600
@@ -503,7 +506,7 @@ def test_a_full_disk_is_reported_and_nothing_is_lost(tmp_path, batch):
         path.unlink()
     with (
         full_disk(1000),
-        pytest.raises(OSError, match=r"could not be written: .*; 3 of 4 chunks are kept, the same call"),
+        pytest.raises(OSError, match=r"could not be written: .*; 3 of 4 chunks are stored; repeat the call"),
     ):
         sweep(store)
     assert not list(store.rglob("*.partial"))
@@ -619,7 +622,7 @@ def test_killed_clients_workers_and_schedulers(tmp_path, cache, large):
 
             second = tmp_path / "b.zarr"
             found = KillsOnce(scheduler.pid, second, 3)
-            with found, pytest.raises(RuntimeError, match=r"the scheduler is lost.* the same call goes on"):
+            with found, pytest.raises(RuntimeError, match=r"the scheduler is lost.* repeat the call"):
                 sweep(second, LARGE, chunk=LARGE_CHUNK, client=here)
             assert found.killed
         assert 3 <= len(rows_of(second)) < 30
@@ -699,13 +702,13 @@ def test_the_command(tmp_path, capsys):
     )
     np.testing.assert_allclose(data["peak_rotation"][1, 0, 1, -1], one.peak_rotation, atol=1e-10)
     for arguments, words in (
-        ([problem, "--axis", "gamma=1:2"], "expected numbers separated by commas"),
-        ([problem, "--axis", "gamma"], "expected NAME=VALUES"),
-        ([problem, "--axis", "gamma=-1,2:3:4:log"], "expected numbers"),
+        ([problem, "--axis", "gamma=1:2"], "--axis needs numbers separated by commas"),
+        ([problem, "--axis", "gamma"], "needs NAME=VALUES"),
+        ([problem, "--axis", "gamma=-1,2:3:4:log"], "needs numbers"),
         ([problem, "--axis", "gamma=0:2:3:log"], "equal ratios need from and to > 0"),
         ([problem, "--axis", "T_s=1,2"], "axes must be some of"),
-        ([problem, "--workers", "1", "--scheduler", "x"], "give one of them"),
-        ([], "no axis is given"),
+        ([problem, "--workers", "1", "--scheduler", "x"], "alternatives; give one"),
+        ([], "needs an axis"),
     ):
         with pytest.raises(ValueError, match=words), contextlib.chdir(tmp_path), warnings.catch_warnings():
             app(["sweep", *map(str, arguments)], standalone_mode=False)

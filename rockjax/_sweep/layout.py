@@ -1,0 +1,62 @@
+"""Division of a grid of scenes into chunks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+Box = tuple[slice, ...]  # the part of a grid that a chunk contains: a slice of each axis
+
+
+class ChunkLayout(NamedTuple):
+    """A grid of scenes divided into chunks, in C order.
+
+    - `shape`: number of scenes along each axis
+    - `block`: number of scenes of a chunk along each axis; the last chunk of an axis may be shorter
+    """
+
+    shape: tuple[int, ...]
+    block: tuple[int, ...]
+
+    @classmethod
+    def of(cls, shape: Sequence[int], chunk: int) -> ChunkLayout:
+        """Return a layout with chunks of at most `chunk` scenes: the last axes in full, then a part of one
+        axis, and length 1 along the first axes."""
+        block, remaining = [], max(1, chunk)
+        for n in reversed(shape):
+            block.append(min(n, remaining))
+            remaining = remaining // n if remaining >= n else 1
+        return cls(tuple(shape), tuple(reversed(block)))
+
+    @property
+    def chunks_along(self) -> tuple[int, ...]:
+        return tuple(-(-n // b) for n, b in zip(self.shape, self.block, strict=True))
+
+    @property
+    def number(self) -> int:
+        """Number of chunks."""
+        return math.prod(self.chunks_along)
+
+    def box(self, k: int) -> Box:
+        """Return the slices of the grid that form chunk k."""
+        corner = np.unravel_index(k, self.chunks_along)
+        starts = [int(j) * b for j, b in zip(corner, self.block, strict=True)]
+        return tuple(slice(i, min(i + b, n)) for i, b, n in zip(starts, self.block, self.shape, strict=True))
+
+    def sizes(self) -> np.ndarray:
+        """Return the number of scenes in every chunk, shape (number,)."""
+        axis_sizes = [
+            np.minimum(b, n - b * np.arange(m))
+            for n, b, m in zip(self.shape, self.block, self.chunks_along, strict=True)
+        ]
+        return np.prod(np.meshgrid(*axis_sizes, indexing="ij"), axis=0).reshape(-1)
+
+    def chunk_of(self, scenes: np.ndarray) -> np.ndarray:
+        """Return the indices of the chunks that contain the scenes with given flat indices."""
+        indices = np.unravel_index(scenes, self.shape)
+        return np.ravel_multi_index(
+            [j // b for j, b in zip(indices, self.block, strict=True)], self.chunks_along
+        )

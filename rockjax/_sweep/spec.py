@@ -1,0 +1,161 @@
+"""Specification of a sweep: parameters of its scenes, names and labels of its axes, and options."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from rockjax._checks import as_strings, require_instance
+from rockjax._motions.convert import as_batch
+from rockjax._options import Options
+from rockjax._parameters.table import variable_attributes
+from rockjax._responses.arguments import as_end, as_start, check_range, check_types
+from rockjax._responses.datasets import describe_versions
+from rockjax._responses.sensitivities import of_scenes
+
+from .layout import ChunkLayout
+from .scene_arrays import SceneArrays
+from .store import FORMAT, Store, digest, fingerprint
+
+
+class SweepSpec(NamedTuple):
+    """Specification of a sweep."""
+
+    scene_arrays: SceneArrays  # parameters of the scenes
+    dims: tuple[str, ...]  # names of the axes
+    labels: dict[str, np.ndarray]  # labels along the axes, by name
+    options: Options
+    precision: bool  # True for float64
+    sensitivities: tuple[str, ...] = ()  # names of the parameters of sensitivities
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.scene_arrays.shape
+
+    @property
+    def scenes(self) -> int:
+        return self.scene_arrays.size
+
+    def identity(self, layout: ChunkLayout) -> dict[str, Any]:
+        """Return the identity of this sweep: JSON values that differ if the results may differ."""
+        excluded = ("throw", "history", "_stride")
+        fields = [field.name for field in dataclasses.fields(Options) if field.name not in excluded]
+        values = {name: getattr(self.options, name) for name in fields}
+        entries = {
+            "format": FORMAT,
+            **{name: text for name, text in describe_versions().items() if name != "diffrax_version"},
+            "precision": "float64" if self.precision else "float32",
+            "pytree": str(jax.tree.structure(self.scene_arrays.skeleton)),
+            "dims": list(self.dims),
+            "shape": list(self.shape),
+            "chunk": list(layout.block),
+            "values": {name: digest(y) for name, y in self.scene_arrays.arrays.items()},
+            "labels": {name: digest(y) for name, y in self.labels.items()},
+            "options": {
+                name: y if isinstance(y, str) else repr(_to_python_number(y)) for name, y in values.items()
+            },
+            "sensitivities": list(self.sensitivities),
+        }
+        return entries | {"fingerprint": fingerprint(entries)}
+
+
+def _to_python_number(y: Any) -> Any:
+    return y.item() if isinstance(y, jax.Array | np.ndarray | np.generic) else y
+
+
+def make_spec(
+    structures, excitations, coords, initial, t_end, options: Options, outputs, sensitivities=()
+) -> SweepSpec:
+    """Return the specification of a sweep from arguments of [`rockjax.sweep`][].
+
+    Raises `ValueError` for invalid arguments.
+    """
+    require_instance("sweep", "options", options, Options, "rockjax.Options")
+    options = options if outputs is None else options.replace(outputs=outputs)
+    check_types("sweep", structures, options, "structures")
+    excitations = as_batch("sweep", excitations)
+    check_range("sweep", structures, excitations, None, options)
+    if options.engine != "flat":
+        raise ValueError(f"sweep: options.engine must be 'flat', got {options.engine!r}")
+    initial, t_end = as_start("sweep", initial, structures), as_end("sweep", t_end)
+    scene_arrays = SceneArrays.of("sweep", structures.split(), excitations, initial, t_end)
+    dims, labels = _axes(coords, scene_arrays.shape)
+    names = of_scenes("sweep", structures, excitations, sensitivities)
+    return SweepSpec(scene_arrays, dims, labels, options, bool(jax.config.jax_enable_x64), names)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+    if coords is None:
+        return ("scene",) if len(shape) == 1 else tuple(f"scene_{k}" for k in range(len(shape))), {}
+    if isinstance(coords, str):
+        raise ValueError(
+            f"sweep: coords must be a list of the names of the axes, got {coords!r}; give [{coords!r}]"
+        )
+    dims = as_strings("sweep", "coords", coords)
+    if len(dims) != len(shape):
+        raise ValueError(
+            f"sweep: coords must name each axis of the scenes, whose shape is {shape}, got {list(dims)}"
+        )
+    if len(set(dims)) < len(dims):
+        raise ValueError(f"sweep: coords names an axis twice: {list(dims)}")
+    labels = {name: np.asarray(y) for name, y in coords.items()} if isinstance(coords, Mapping) else {}
+    for (name, y), n in zip(labels.items(), shape, strict=False):
+        if y.shape != (n,):
+            raise ValueError(f"sweep: coords[{name!r}] must have {n} labels, got shape {y.shape}")
+    return dims, labels
+
+
+def check_same(store: Store, spec: SweepSpec, chunk: int | None) -> None:
+    """Raise `ValueError` unless a store belongs to this sweep, with chunks of `chunk` scenes if given."""
+    layout = store.layout if chunk is None else ChunkLayout.of(spec.shape, chunk)
+    differences = list(_differences(store.identity, spec.identity(layout)))
+    if differences:
+        raise ValueError(
+            f"{store.path} contains another sweep ({'; '.join(differences[:4])}); give another path, remove "
+            "the store, or repeat the call that created it"
+        )
+
+
+def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a description of each difference between two identities of sweeps."""
+
+    def compare(name: str, old, new) -> str:
+        return f"{name} is {old} in the store and {new} in this call"
+
+    for name in requested:
+        old, new = stored.get(name), requested.get(name)
+        if isinstance(old, dict) and isinstance(new, dict):
+            for key in {**old, **new}:
+                if old.get(key) != new.get(key):
+                    option_difference = compare(f"options.{key}", old.get(key), new.get(key))
+                    yield option_difference if name == "options" else f"the {name} of {key} differ"
+        elif old != new and name != "fingerprint":
+            yield compare(name, old, new)
+
+
+def sweep_coords(spec: SweepSpec) -> Iterator[tuple[str, Any]]:
+    """Yield the coordinates of the dataset of a sweep: name and (dims, values, attributes).
+
+    They are the labels of the axes, the names of sensitivities, and the parameters that vary between scenes,
+    along the axes on which they vary.
+    """
+    for name, labels in spec.labels.items():
+        axis_attrs = (
+            {"units": "1", "long_name": "ground motion"} if name == "motion" else variable_attributes(name)
+        )
+        yield name, ((name,), labels, axis_attrs)
+    if spec.sensitivities:
+        yield "parameter", ("parameter", np.array(spec.sensitivities), {"long_name": "y of sensitivities"})
+    used_names = {*spec.labels, *spec.dims, "parameter"}
+    for name, y in spec.scene_arrays.varying().items():
+        short_name = name.rsplit(".", 1)[-1]
+        dims = tuple(d for d, n in zip(spec.dims, y.shape, strict=True) if n > 1)
+        values = y.reshape([n for n in y.shape if n > 1])
+        if dims == (short_name,) and np.array_equal(values, spec.labels.get(short_name, [])):
+            continue  # equal to the labels
+        yield (name if short_name in used_names else short_name), (dims, values, variable_attributes(name))
+        used_names.add(short_name)
