@@ -187,7 +187,7 @@ class Counts:
 
 
 def test_partial_files_of_other_runs_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="--resume needs .*none.partial.nc, which does not exist"):
+    with pytest.raises(ValueError, match=r"--resume needs .*none.partial.nc, which does not exist"):
         _checkpoint.load(tmp_path / "none.partial.nc", 2)
     (tmp_path / "bad.nc").write_bytes(b"not netCDF")
     with pytest.raises(ValueError, match="is not the file of an interrupted run"):

@@ -66,25 +66,25 @@ def read(
         raise ValueError(
             f"{path}: {problem}; give units (on the command line --units): one of {', '.join(RECORD_UNITS)}"
         )
-    unit_place = parsed.units_place or f"{path}: its header"
+    unit_location = parsed.unit_location or f"{path}: the header"
     other_unit = unit_of(parsed.stated_unit)
     if file_units is None and other_unit is not None:
         raise ValueError(
-            f"{unit_place} gives the unit as {parsed.stated_unit}, which is not a unit of acceleration; "
+            f"{unit_location} gives the unit as {parsed.stated_unit}, which is not a unit of acceleration; "
             f"known units are {', '.join(ACCELERATIONS)}"
         )
     if file_units is not None and units is not None and ACCELERATIONS[file_units] != RECORD_UNITS[units]:
         raise ValueError(
-            f"{unit_place} gives the unit as {file_units}, but units = {units} was given; leave units out"
+            f"{unit_location} gives the unit as {file_units}, but units = {units} was given; leave units out"
         )
     values = parsed.values
     if len(values) < 2:
         raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
     if parsed.dt is None and dt is None:
-        cause = parsed.dt_place or f"{path}: has one column and no times"
+        cause = parsed.dt_statement or f"{path}: the file has one column and no times"
         raise ValueError(f"{cause}; give dt (on the command line --dt), in seconds")
     if parsed.dt is not None and dt is not None and abs(dt - parsed.dt) > TIME_TOLERANCE * parsed.dt:
-        raise ValueError(f"{parsed.dt_place}, but dt = {dt:g} s was given; leave dt out")
+        raise ValueError(f"{parsed.dt_statement}, but dt = {dt:g} s was given; leave dt out")
     unit = units or file_units
     assert unit is not None
     refuse_sentinels(str(path), values)
@@ -93,5 +93,7 @@ def read(
     if not np.isfinite(values).all():
         raise ValueError(f"{path}: sample {int(np.argmin(np.isfinite(values))) + 1} is not a finite number")
     interval = parsed.dt if parsed.dt is not None else float(dt or 0)
-    notes = {"units": unit} | ({"processing": f"{RAW} ({parsed.raw_place})"} if parsed.raw_place else {})
+    notes = {"units": unit}
+    if parsed.raw_location:
+        notes["processing"] = f"{RAW} ({parsed.raw_location})"
     return Accelerogram(values, interval, path.stem, path, parsed.metadata | notes)

@@ -1,13 +1,14 @@
-"""A probability of failure for many structures from one sample: rays through samples that fail.
+"""Probabilities of failure of several structures from one sample, by rays through failing samples.
 
-The ray of a direction e fails along parts of its length, between its crossings r with the surface of failure:
-q(e) = Σ ±Q(r), with Q the upper tail of |u|, the chi distribution. P = E q(e). The directions of failing
-samples have the density q₀/P₀ relative to that of all, so for another structure, with u multiplied by k,
+A ray is a half-line from u = 0 in a direction e. It fails between its crossings r with the surface of
+failure, so the probability of failure along it is q(e) = Σ ±Q(r), where Q is the upper tail of the chi
+distribution, that is of |u|. Over all directions P = E q(e). The directions of failing samples have the
+density q₀/P₀ relative to all directions, so for another structure, with u multiplied by k,
 
-    P(k) = P₀ E[q(e; k)/q₀(e)],
+    P(k) = P₀ E[q(e; k)/q₀(e)]
 
-a mean over the same directions. It is as smooth as the crossings, with derivatives by the implicit function
-theorem, and the sampling error of P₀ is common to all structures.
+is a mean over the same directions. It is as smooth as the crossings, whose derivatives follow from the
+implicit function theorem, and the sampling error of P₀ is common to all structures.
 """
 
 from __future__ import annotations
@@ -24,19 +25,19 @@ from .limit_state import AbstractLimitState
 from .lines import Division, narrow_crossings
 from .structure import StructureLimitState
 
-SPACING = 0.3  # distance of places on a ray; one standard deviation of |u| is 0.71
+SPACING = 0.3  # approximate distance of positions on a ray; the standard deviation of |u| is 0.71
 LOW, HIGH = 1e-7, 1e-9  # probabilities of |u| below and above the scanned part of a ray
 RANGE_FACTOR = 1.1  # factor by which the scanned range of k is extended on both sides
-MAX_FACTOR = 100.0  # greatest factor on u, and the inverse of the least
-LOG_TOLERANCE = 0.7  # difference of ln P that is near enough to the target
-MAX_SCENES = 10_000_000  # greatest number of scenes of the sample that rays are drawn from
-TRIALS = 12  # greatest number of trial factors on u
-TRIAL_SAMPLES = 200  # samples of a level in the runs of a trial
+MAX_FACTOR = 100.0  # largest factor on u, and the inverse of the smallest
+LOG_TOLERANCE = 0.7  # accepted difference of ln P from its target
+MAX_SCENES = 10_000_000  # largest number of scenes of the sample from which rays are drawn
+TRIALS = 12  # largest number of trial factors on u
+TRIAL_SAMPLES = 200  # number of samples of a level in the runs of a trial
 TRIAL_SHARE = 0.1  # share of these samples that passes to the next level
 UNREFINED = Division(rounds=0)
-REFINED = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)  # close enough for a Newton step
-SHARP = Division(rounds=3, parts=16)  # for crossings at which Newton's step fails, because G may jump
-MAX_WEIGHT = 5.0  # greatest weight of a ray, divided by the median weight
+REFINED = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)  # accurate enough for a Newton step
+SHARP = Division(rounds=3, parts=16)  # for crossings at which a Newton step fails, because G may jump
+MAX_WEIGHT = 5.0  # largest weight of a ray, divided by the median weight
 JUMP_STEP = 1e-4  # G jumps at a polished crossing if a further Newton step exceeds this share of r
 
 
@@ -58,9 +59,11 @@ class ScaledLimitState(AbstractLimitState):
 class Rays(NamedTuple):
     """Directions with their weights: P(k) ≈ Σ weight·q(e; k).
 
-    - `directions`: (m, d); `weights`: P₀/(m q₀), (m,)
-    - `factor`: k at which they were sampled; `cov`: coefficient of variation of P₀; `scenes`: number of
-      scenes evaluated
+    - `directions`: unit vectors, shape (m, d)
+    - `weights`: P₀/(m q₀), shape (m,)
+    - `factor`: factor k at which they were sampled
+    - `cov`: coefficient of variation of P₀
+    - `scenes`: number of evaluated scenes
     """
 
     directions: np.ndarray
@@ -73,28 +76,26 @@ class Rays(NamedTuple):
 class FactorSolution(NamedTuple):
     """The factor k on u at which a probability of failure has its target value.
 
-    - `factor`: k; `steepness`: −d ln P/d ln k there, negative for a P that rises with k
+    - `factor`: k
     - `sensitivities`: d ln k/d ln y, in the order of the names
-    - `jumps`: the share of dP/d ln k from crossings at which G jumps, which the derivatives do not include
+    - `jumps`: share of dP/d ln k from crossings at which G jumps; the sensitivities do not include them
     - `effective`: effective number of rays
     """
 
     factor: float
-    steepness: float
     sensitivities: np.ndarray
     jumps: float
     effective: float
 
 
 def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: float, seed: int) -> Rays:
-    """Sample rays through failing samples, of motions scaled so that they fail with about a given
-    probability.
+    """Sample rays through failing samples of motions that are scaled to a probability of failure.
 
     - `limit`: limit state; it must survive at u = 0
-    - `probability`: target probability of failure
-    - `count`: number of failing samples to draw rays through
+    - `probability`: target probability of failure, in (0, 1); the scaled motions have about this probability
+    - `count`: number of failing samples through which rays are drawn
     - `cov`: coefficient of variation of the sampled probability to reach
-    - `seed`: of the random numbers
+    - `seed`: seed of the random numbers
 
     Raises `ValueError` if the limit state fails at u = 0, if no factor on u leads to the probability, and if
     `cov` is not reached within `MAX_SCENES`.
@@ -102,23 +103,22 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     before = limit.scenes
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
         raise ValueError(
-            "the limit state has failed at u = 0 already, without any motion; raise the limit, or start from "
-            "another structure"
+            "the limit state fails at u = 0, without any motion; raise the limit, or start from another "
+            "structure"
         )
     rng = np.random.default_rng([seed, 3])
     factor, estimator = _find_factor(limit, probability, rng)
     estimate = estimator.run(cov, MAX_SCENES, 500, lambda _: None)
     if not estimator.converged(estimate, cov):
         raise ValueError(
-            f"{MAX_SCENES} scenes reach a coefficient of variation of {estimate.cov:.2g} of a probability "
-            "near "
-            f"{probability:g}, {cov:g} was asked for; raise cov"
+            f"in {MAX_SCENES} scenes, the coefficient of variation of a probability near {probability:g} is "
+            f"{estimate.cov:.2g}, not {cov:g}; raise cov"
         )
     u, weights = _draw_failing(estimator, count, rng)
     size = np.linalg.norm(u, axis=1)
     scan = _RayScan(limit, u / size[:, None], factor)
     scan.narrow(REFINED)
-    # A sample in a window narrower than the distance of two places says nothing about its ray.
+    # Rays are omitted if the scan has not found the failure window of their sample, because it is narrow.
     before_sample = scan.r < factor * size[scan.line]
     is_failing = (
         scan.fails_at_start
@@ -133,23 +133,23 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
 
 
 def _draw_failing(estimator: Subset, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Draw `count` different failing samples of all runs, with their weights in P."""
+    """Draw up to `count` different failing samples of all runs, with their weights in P."""
     total = sum(run.samples for run in estimator.runs)
     runs = [
         (np.unique(run.failing, axis=0), run.probability * run.samples / total)
         for run in estimator.runs
         if len(run.failing)
     ]
-    parts, weights = [], []
+    samples, weights = [], []
     for k, (u, p) in enumerate(runs):
         size = min(count // len(runs) + (k < count % len(runs)), len(u))
-        parts.append(u[rng.choice(len(u), size=size, replace=False)])
+        samples.append(u[rng.choice(len(u), size=size, replace=False)])
         weights.append(np.full(size, p / max(size, 1)))
-    return np.concatenate(parts), np.concatenate(weights)
+    return np.concatenate(samples), np.concatenate(weights)
 
 
 def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[float, Subset]:
-    """Return a factor on u with which failure has nearly this probability, and a first run there."""
+    """Return a factor on u at which failure has about this probability, and an estimator with one round."""
     target_index, factor = -float(scipy.stats.norm.ppf(probability)), 1.0
     trials: list[tuple[float, float]] = []  # ln k and −Φ⁻¹(P)
     for _ in range(TRIALS):
@@ -160,7 +160,7 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
             return factor, estimator
         index = -float(scipy.stats.norm.ppf(min(max(trial_probability, 1e-30), 1 - 1e-3)))
         trials.append((math.log(factor), index))
-        # Proportional to 1/k for a plane G; else by the secant through the last two.
+        # The index is taken to be proportional to 1/k, as for a plane limit state; later the secant is used.
         step = math.log(max(index, 0.5) / max(target_index, 0.5)) if target_index != index else 0.1
         if len(trials) > 1 and abs(trials[-1][1] - trials[-2][1]) > 1e-3:
             (a, at_a), (b, at_b) = trials[-2:]
@@ -172,31 +172,31 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
         if not 1 / MAX_FACTOR < factor < MAX_FACTOR:
             break
     raise ValueError(
-        f"no motions up to {MAX_FACTOR:g} times as strong or as weak fail with a probability near "
-        f"{probability:g}; give another probability, limit or podium"
+        f"no factor on the motion between {1 / MAX_FACTOR:g} and {MAX_FACTOR:g} leads to a probability of "
+        f"failure near {probability:g}; give another probability, limit or podium"
     )
 
 
 class _RayScan:
     """Scan of rays for their crossings with the surface of failure, which can be extended.
 
-    Positions on a ray are exp(`step`·k) for integers `first` ≤ k < `stop`. The crossings have `line`, `r` and
-    `survivor`, as `line`, `position` and `survivor` of `LineCrossings`; their `sign` is 1 where a ray enters
-    failure and −1 where it leaves.
+    Positions on a ray are exp(`step`·k) for integers `first` ≤ k < `stop`. The crossings are described by
+    `line`, `r` and `survivor`, which are `line`, `position` and `survivor` of `LineCrossings`, and by `sign`,
+    which is 1 where a ray enters failure and −1 where it leaves.
     """
 
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
         self.limit, self.directions = limit, directions
         d = directions.shape[1]
         self.ends = float(scipy.stats.chi.ppf(LOW, d)), float(scipy.stats.chi.isf(HIGH, d))
-        # Places are the same for all structures, so the result does not depend on where a search began.
+        # Positions are multiples of the step, so the result does not depend on the guess.
         self.step = SPACING / math.sqrt(d)
         self.first = self.stop = math.floor(math.log(self.ends[0] * guess / RANGE_FACTOR) / self.step)
         self.G = np.zeros((len(directions), 0))
         self.extend(guess / RANGE_FACTOR, guess * RANGE_FACTOR)
 
     def extend(self, low: float, high: float) -> None:
-        """Extend the scan to all places that matter for factors k from `low` to `high`."""
+        """Extend the scan to all positions that matter for factors k from `low` to `high`."""
         first = min(self.first, math.floor(math.log(self.ends[0] * low) / self.step))
         stop = max(self.stop, math.ceil(math.log(self.ends[1] * high) / self.step) + 1)
         below, above = self._evaluate(first, self.first), self._evaluate(self.stop, stop)
@@ -204,28 +204,29 @@ class _RayScan:
         self.narrow(UNREFINED)
 
     def narrow(self, division: Division) -> None:
-        """Find the crossings between places."""
+        """Find the crossings between positions, with the given division of their intervals."""
         m, r = len(self.directions), self._radii(self.first, self.stop)
-        parts = np.repeat(np.arange(m), r.size), np.tile(r, m), self.G.ravel()
-        found = narrow_crossings(
-            self.limit, np.zeros_like(self.directions), self.directions, *parts, division
+        scanned = np.repeat(np.arange(m), r.size), np.tile(r, m), self.G.ravel()
+        self.line, self.r, self.survivor, _, enters = narrow_crossings(
+            self.limit, np.zeros_like(self.directions), self.directions, *scanned, division
         )
-        self.line, self.r, self.survivor, _, enters = found
         self.sign = np.where(enters, 1.0, -1.0)
-        self.fails_at_start = (self.G[:, 0] <= 0).astype(float)  # below the first place
+        self.fails_at_start = (self.G[:, 0] <= 0).astype(float)  # 1 if a ray fails at its first position
 
     def sharpen(self, rows: np.ndarray) -> None:
-        """Narrow some crossings down to rounding."""
+        """Narrow some crossings further, with the division `SHARP`."""
         if rows.size == 0:
             return
         ends = np.sort(np.stack([self.r[rows], self.survivor[rows]], axis=1), axis=1)
         e = self.directions[self.line[rows]]
         line = np.repeat(np.arange(rows.size), 2)
         value = self.limit.values(e[line] * ends.reshape(-1, 1))
-        found = narrow_crossings(self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP)
-        # Windows in between are far narrower than the resolution of the scan.
-        first = np.unique(found[0], return_index=True)[1]
-        self.r[rows[found[0][first]]] = found[1][first]
+        crossed_line, r, *_ = narrow_crossings(
+            self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP
+        )
+        # Several crossings enclose windows far narrower than the resolution of the scan; the first is used.
+        first = np.unique(crossed_line, return_index=True)[1]
+        self.r[rows[crossed_line[first]]] = r[first]
 
     def _radii(self, first: int, stop: int) -> np.ndarray:
         return np.exp(self.step * np.arange(first, stop))
@@ -249,14 +250,14 @@ def solve_factor(
     - `limit`: limit state of the structure
     - `rays`: from `sample_rays`
     - `probability`: target probability of failure
-    - `names`: parameters of the structure for the sensitivities d ln k/d ln y
+    - `names`: parameters y of the structure for the sensitivities d ln k/d ln y
     - `guess`: first value of the factor
 
-    If the factor would lie beyond `MAX_FACTOR`, returns that limit, without derivatives.
+    A factor outside [1/`MAX_FACTOR`, `MAX_FACTOR`] is replaced by the nearer end, with derivatives of zero.
     """
     scan, k = _scan_near(limit, rays, probability, guess)
     if not 1 / MAX_FACTOR < k < MAX_FACTOR:
-        return FactorSolution(k, 0.0, np.zeros(len(names)), 0.0, 0.0)
+        return FactorSolution(k, np.zeros(len(names)), 0.0, 0.0)
     scan.narrow(REFINED)
     weight = rays.weights[scan.line]
     jumps, along_ray, slopes = _polish(limit, rays, scan, names)
@@ -270,7 +271,6 @@ def solve_factor(
     total = float(np.sum(np.abs(rate)))
     return FactorSolution(
         factor=k,
-        steepness=float(np.sum(rate)) / probability,
         sensitivities=smooth @ log_r_slopes / np.sum(smooth),
         jumps=float(np.sum(np.abs(rate[jumps]))) / total,
         effective=float(share.sum() ** 2 / np.sum(share**2)),
@@ -280,10 +280,10 @@ def solve_factor(
 def _polish(
     limit: StructureLimitState, rays: Rays, scan: _RayScan, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Move crossings to their exact places, by Newton's steps.
+    """Move crossings to the roots of G by Newton steps.
 
-    Returns whether G jumps at each (k,), and the derivatives of G there by ln r (k,) and by the logarithms of
-    named parameters (k, names).
+    Returns a mask of the crossings at which G jumps, shape (k,), and the derivatives of G there with respect
+    to ln r, shape (k,), and to the logarithms of named parameters, shape (k, names).
     """
 
     def newton(width) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -294,12 +294,12 @@ def _polish(
         return jumps, along_ray, slopes
 
     jumps, _, _ = newton(np.abs(scan.r - scan.survivor) / scan.r)
-    scan.sharpen(np.flatnonzero(jumps))  # if Newton's step leaves the interval, divide it further
+    scan.sharpen(np.flatnonzero(jumps))  # a Newton step that leaves the interval is replaced by its division
     return newton(JUMP_STEP)
 
 
 def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_RayScan, float]:
-    """Return a scan that reaches far enough, and an approximate k."""
+    """Return a scan wide enough for the target probability, and the approximate factor k."""
     scan, low, high = _RayScan(limit, rays.directions, guess), guess / RANGE_FACTOR, guess * RANGE_FACTOR
     while True:
         at_low, at_high = (float(rays.weights @ scan.shares(k)) for k in (low, high))
@@ -315,15 +315,17 @@ def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_Ra
 
 
 def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> float:
-    """Return P of the motions of `limit`, multiplied by a factor."""
+    """Return the probability of failure of a limit state whose motions are multiplied by a factor."""
     scan = _RayScan(limit, rays.directions, factor)
     scan.narrow(REFINED)
     return float(rays.weights @ scan.shares(factor))
 
 
 def _root(scan: _RayScan, weights: np.ndarray, probability: float, guess: float) -> float:
-    """Return the k near a guess at which P(k) has its target value; beyond the scan the rays continue as at
-    its ends."""
+    """Return the k near a guess at which P(k) has its target value.
+
+    Beyond the scanned positions, rays are taken to fail or survive as at the outermost ones.
+    """
 
     def log_error(log_k: float) -> float:
         return math.log(max(float(weights @ scan.shares(math.exp(log_k))), 1e-300) / probability)

@@ -18,30 +18,32 @@ from ._estimators import ESTIMATORS, AbstractEstimator, ProbabilityEstimate, Pro
 from .limit_state import AbstractLimitState, FunctionLimitState
 from .search import MAX_BETA, DesignPoints, design_points
 
-CANDIDATES = 16  # random directions drawn for each starting direction
-DISAGREEMENT = 1.5  # factor between first order and the sampled probability that is reported
+CANDIDATES = 16  # number of random directions drawn for each starting direction
+DISAGREEMENT = 1.5  # ratio of the first-order and the sampled probability beyond which they disagree
 
 
 @dataclasses.dataclass(frozen=True)
 class FailureProbability:
     """A sampled probability of failure, its accuracy, and the first-order value.
 
-    - `probability`: the estimate [–]; `standard_error`: its standard error [–]
-    - `interval`: 95 % confidence interval, (NaN, NaN) for an estimate that has not converged, except for
+    - `probability`: the estimate [–]
+    - `standard_error`: its standard error [–]
+    - `interval`: 95 % confidence interval. (NaN, NaN) if the estimate has not converged, except for
       `"monte-carlo"`, whose interval is exact for any number of scenes
-    - `method`: name of the method; `scenes`: number of evaluations of the limit state, including those of the
-      search for design points
+    - `method`: name of the method
+    - `scenes`: number of evaluations of the limit state, including the search for design points
     - `effective_sample_size`: effective number of failures in the sample
-    - `first_order`: probability of the union of the half spaces of the design points; NaN for methods without
-      them
-    - `beta`: distances of the design points, nearest first
-    - `disagrees`: whether `first_order` is outside the interval and differs from `probability` by a factor of
-      1.5 or more; then the limit state is far from plane, or a design point was not found
-    - `converged`: whether the requested coefficient of variation was reached; otherwise the probability may
-      be off by a large factor
-    - `sensitivities`: (dP/dy, standard error) by the name of y, if the limit state is that of a structure and
-      the method is `"line"`; `jumps`: the share of the surface of failure across which G jumps, which the
-      sensitivities do not include
+    - `first_order`: probability of the union of the half-spaces of the design points; NaN for methods without
+      design points
+    - `beta`: distances of the design points from the origin, nearest first
+    - `disagrees`: True if `first_order` is outside the interval and differs from `probability` by a factor of
+      1.5 or more. Then the limit state is far from plane, or a design point was not found
+    - `converged`: True if the requested coefficient of variation was reached; otherwise the probability may
+      be wrong by a large factor
+    - `sensitivities`: (dP/dy, standard error) by the name of the parameter y, for the limit state of a
+      structure and the method `"line"`; else empty
+    - `jumps`: share of the surface of failure across which G jumps, which the sensitivities do not include;
+      NaN without sensitivities
     """
 
     probability: float
@@ -66,7 +68,7 @@ class FailureProbability:
 
     @property
     def described_interval(self) -> str:
-        """The interval in words."""
+        """The interval as text."""
         low, high = self.interval
         return "no interval" if math.isnan(low) else f"95 %: {low:.3g} to {high:.3g}"
 
@@ -84,20 +86,21 @@ def reliability(
 ) -> FailureProbability:
     """Return P(G(u) ≤ 0) for standard normal u (host).
 
-    - `G`: a differentiable JAX function of u (dimension,) that returns a number; failure is G ≤ 0
-    - `dimension`: length of u
-    - `method`: `"subset"` and `"monte-carlo"` need no design points or derivatives; `"importance"` and
+    - `G`: a differentiable JAX function of u, shape (dimension,), that returns a scalar; failure is G ≤ 0
+    - `dimension`: length of u, ≥ 1
+    - `method`: `"subset"` and `"monte-carlo"` need neither design points nor derivatives. `"importance"` and
       `"line"` sample around the design points, and suit limit states that are nearly plane or have a low
       dimension
-    - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: number of evaluations after which no
-      further round begins, ≥ 100
-    - `seed`: seed of the random numbers; equal seeds give equal results
-    - `starts`: number of directions from which design points are searched
-    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `cov`: coefficient of variation to reach, in (0, 1)
+    - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
+    - `starts`: number of directions from which design points are searched, ≥ 1
+    - `max_scenes`: number of evaluations after which no further round begins, ≥ 100
+    - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
-    An estimate that has not converged warns (`RuntimeWarning`) and has no interval. Ctrl-C raises
-    [`rockjax.Interrupted`][] with the estimate so far. Raises `ValueError` for invalid arguments, for a limit
-    state that fails at u = 0 and, if the method needs design points, for one where no search finds failure.
+    If the estimate has not converged, a `RuntimeWarning` is issued, and the interval is NaN except with
+    `"monte-carlo"`. Ctrl-C raises [`rockjax.Interrupted`][] with the estimate so far. Raises `ValueError` for
+    invalid arguments. With `"importance"` and `"line"` it is also raised if the limit state fails at u = 0,
+    and if no search finds failure.
     """
     check_arguments("reliability", method, cov, seed, starts, max_scenes)
     if not callable(G):
@@ -118,9 +121,10 @@ def reliability(
 
 
 def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
-    """Return directions (starts, dimension) from which searches start.
+    """Return directions from which searches start, shape (starts, dimension).
 
-    Random directions far apart come first, then their opposites, because many limit states are symmetric.
+    The first half are random directions far apart, the second half their opposites. Many limit states are
+    symmetric, and then the second half is not needed.
     """
     count = (starts + 1) // 2
     drawn = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
@@ -136,7 +140,9 @@ def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np
 def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int, max_scenes: int) -> None:
     """Raise `ValueError`, in the name of `owner`, for invalid arguments of `reliability`.
 
-    - `method`: name of an estimator; `cov`: in (0, 1); `seed`: ≥ 0; `starts`: ≥ 1; `max_scenes`: ≥ 100
+    - `method`: must be the name of an estimator
+    - `cov`: must be in (0, 1)
+    - `seed`, `starts`, `max_scenes`: must be ≥ 0, ≥ 1 and ≥ 100
     """
     if method not in ESTIMATORS:
         raise ValueError(f"{owner}: method must be one of {', '.join(map(repr, ESTIMATORS))}, got {method!r}")
@@ -148,18 +154,20 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
 
 
 def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> DesignPoints:
-    """Return the design points of a limit state that survives at the origin. Raises `ValueError` if there are
-    none."""
+    """Return the design points of a limit state, from starting directions (s, d).
+
+    Raises `ValueError` if the limit state fails at the origin, and if there are no design points.
+    """
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
         raise ValueError(
-            f"{owner}: the limit state has failed at u = 0 already: it has no design point; use 'monte-carlo'"
+            f"{owner}: the limit state fails at u = 0, so it has no design point; use 'monte-carlo'"
         )
     points = design_points(limit, directions)
     if points.beta.size == 0:
         raise ValueError(
-            f"{owner}: no failure was found within {MAX_BETA:g} standard deviations in "
-            f"{len(directions)} directions; the probability may be below 1e-18, or more starts are needed; "
-            "'subset' needs no design point"
+            f"{owner}: searches from {len(directions)} directions found no failure within {MAX_BETA:g} "
+            "standard deviations; the probability may be below 1e-18; raise starts, or use 'subset', which "
+            "needs no design point"
         )
     return points
 
@@ -179,7 +187,7 @@ def estimate_probability(
 ) -> FailureProbability:
     """Return the probability of failure of a limit state, by one of `ESTIMATORS`.
 
-    - `owner`: name of the calling function, for messages
+    - `owner`: function that error messages name
     - `limit`: limit state
     - `directions`: starting directions of the search for design points, (s, dimension)
     - `method`, `cov`, `seed`, `max_scenes`, `progress`: as for `reliability`
@@ -214,17 +222,17 @@ def _explain_divergence(answer: FailureProbability, cov: float) -> str:
     """Return the reason why an estimate has not converged, and the cure."""
     cures = [] if answer.method == "subset" else ["method='subset'"]
     if answer.probability == 0:
-        cause = "none of them fails"
-        cures.append("stronger motions, for the probability may be zero")
+        cause = "no scene fails"
+        cures.append("stronger motions, because the probability may be zero")
     elif (achieved := answer.standard_error / answer.probability) > cov:
-        cause = f"their coefficient of variation is {achieved:.2g}, {cov:g} was asked for"
+        cause = f"the coefficient of variation is {achieved:.2g}, not {cov:g}"
         cures += ["a larger max_scenes", "a larger cov"]
     else:
-        cause = "too few of them fail, or a few with large weights make up most of the sum"
+        cause = "too few scenes fail, or a few with large weights make up most of the sum"
         cures.append("a larger max_scenes")
     return (
         f"the probability {answer.probability:.3g} by {answer.method!r} has not converged in {answer.scenes} "
-        f"scenes: {cause}; take {', or '.join(cures)}"
+        f"scenes: {cause}; use {', or '.join(cures)}"
     )
 
 
@@ -260,9 +268,9 @@ def _answer(
 
 
 def first_order_probability(points: DesignPoints) -> float:
-    """Return P of the union of the half spaces α_i·u ≥ β_i, NaN if there are none.
+    """Return the probability of the union of the half-spaces α_i·u ≥ β_i; NaN if there are none.
 
-    It is exact for up to two half spaces, and Ditlevsen's lower bound for more.
+    It is exact for up to two half-spaces, and Ditlevsen's lower bound for more.
     """
     if points.beta.size == 0:
         return math.nan

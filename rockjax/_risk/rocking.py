@@ -1,5 +1,4 @@
-"""Probabilities of failure of rocking structures under Gaussian ground motions, and the most likely motions
-that cause it."""
+"""Failure of rocking structures under Gaussian ground motions: probabilities and most likely motions."""
 
 from __future__ import annotations
 
@@ -28,15 +27,15 @@ from .structure import StructureLimitState, parse_limit
 class DesignPoint:
     """A local minimum of |u| among the motions that cause failure.
 
-    - `u`: point in standard normal space, shape (dimension,); `beta`: |u|, the reliability index
+    - `u`: point in standard normal space, shape (dimension,)
+    - `beta`: reliability index |u|
     - `record`: the motion of u, locally the most likely one that causes failure
-    - `mode`: number of impacts before the fall, or in the scene; -1 if they continue beyond the steps of a
-      scene
-    - `smooth`: whether u is normal to the limit state; otherwise the point is at an edge, where the mode of
+    - `mode`: number of impacts, before overturning if the scene overturns; −1 if the scene did not finish
+    - `smooth`: True if u is normal to the limit state; otherwise the point is at an edge, where the mode of
       failure changes
-    - `sensitivities`: location of y → dβ/dy, for every parameter y of structure and ground motion; one-sided
-      if not `smooth`. Locations are for instance `"alpha"`, `"restrainers[0].prestress"`,
-      `"superstructure.masses[2]"`
+    - `sensitivities`: dβ/dy for every parameter y of structure and ground motion, by the location of y, for
+      instance `"alpha"`, `"restrainers[0].prestress"`, `"superstructure.masses[2]"`; one-sided if not
+      `smooth`
     """
 
     u: np.ndarray
@@ -61,16 +60,19 @@ def design_points(
 ) -> list[DesignPoint]:
     """Return the most likely ground motions of a Gaussian model that make a structure fail (host).
 
-    - `podium`: of single numbers; `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: `"overturning"`, or `("rotation", max|θ|/α)`, `("deformation", m)`, `("shear", V_s/(m_t g))`,
-      and for a building `("drift", m)`, `("floor acceleration", m/s²)`: the worst of its stories
-    - `starts`: number of directions from which to search; `seed`: of the random numbers; equal seeds give
-      equal results
+    - `podium`: podium with scalar parameters
+    - `motion`: a [`rockjax.GaussianMotion`][]
+    - `limit`: `"overturning"`, or (name, value) with the peak at which the structure fails, > 0:
+      `"rotation"` max|θ|/α < 1, `"deformation"` [m], `"shear"` V_s/(m_t g), `"friction"` |T|/N, `"unloading"`
+      1 − N/N_0, `"foundation shear"` divided by the weight; for a `ShearBuilding` `"drift"` [m] and
+      `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint counts
+    - `starts`: number of directions from which design points are searched, ≥ 1
+    - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
 
-    Returns local minima of |u| on the limit state, nearest first; without a pulse each has its mirror image.
-    G jumps where the number of impacts before the fall changes: some minima are edges, where no derivative is
-    zero. Φ(−β) is a probability only if the limit state is nearly plane, and in hundreds of dimensions it is
-    not: see [`rockjax.failure_probability`][].
+    Returns local minima of |u| on the limit state, nearest first; without a pulse, −u is also a minimum.
+    G jumps where the number of impacts before overturning changes, so some minima are edges. Φ(−β) is a
+    probability only if the limit state is nearly plane. In hundreds of dimensions it is not; use
+    [`rockjax.failure_probability`][].
 
     Raises `ValueError` for invalid arguments, if the structure fails at rest, and if no motion makes it fail.
     """
@@ -109,20 +111,20 @@ def failure_probability(
     """Return the probability that a Gaussian ground motion makes a structure fail (host).
 
     - `podium`, `motion`, `limit`, `starts`, `seed`: as for [`rockjax.design_points`][]
-    - `method`: `"subset"`, `"monte-carlo"`: without design points or derivatives; `"importance"`, `"line"`:
-      around the design points
-    - `cov`: coefficient of variation to reach, in (0, 1); `max_scenes`: simulations, after which no further
-      round begins
-    - `progress`: `True` for a progress bar, or anything with `update(number_of_scenes)`
+    - `method`: `"subset"` and `"monte-carlo"` need neither design points nor derivatives. `"importance"` and
+      `"line"` sample around the design points
+    - `cov`: coefficient of variation to reach, in (0, 1)
+    - `max_scenes`: number of scenes after which no further round begins, ≥ 100
+    - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
-    Scenes are simulated in batches on all cores. Many moderate motions of no particular shape make a rocking
-    structure fail, far from any design point. The methods around design points may miss them, and then their
-    estimates are too small. An estimate that has not converged warns (`RuntimeWarning`); it has an interval
-    only with `"monte-carlo"`. Ctrl-C raises [`rockjax.Interrupted`][] with the estimate so far.
+    Scenes are solved in batches on all cores. A rocking structure fails under many moderate motions of no
+    particular shape, far from any design point. The methods around design points may miss them, and then
+    their estimates are too small. If the estimate has not converged, a `RuntimeWarning` is issued, and it has
+    an interval only with `"monte-carlo"`. Ctrl-C raises [`rockjax.Interrupted`][] with the estimate so far.
 
     With `"line"` the result has `sensitivities`, dP/dy with standard errors for every parameter y of
     structure and ground motion. They need one reverse pass for each crossing of a line with the surface of
-    failure. They do not include the parts of this surface where G jumps, whose share is `jumps`.
+    failure, and do not include the parts of this surface where G jumps, whose share is `jumps`.
 
     Raises `ValueError` for invalid arguments and, if the method needs design points, in the same cases as
     `design_points`.
@@ -137,9 +139,8 @@ def failure_probability(
 def limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any) -> StructureLimitState:
     """Return the limit state of a podium under a Gaussian motion.
 
-    - `owner`: name of the calling function, for messages
-    - `podium`: of single numbers; `motion`: a `GaussianMotion`
-    - `limit`: as for [`rockjax.design_points`][]
+    - `owner`: function that error messages name
+    - `podium`, `motion`, `limit`: as for [`rockjax.design_points`][]
 
     Raises `ValueError` for invalid arguments.
     """

@@ -1,15 +1,14 @@
 """Design points: the points of failure closest to the origin of standard normal space.
 
-A direction e on the unit sphere has a distance r(e): the least at which the ray r·e fails. A design point is
-a local minimum of r. This form of the search stays on the limit state, sees windows of survival behind the
-first failure, and needs no continuity of G: where the mode of failure changes, G jumps, but r is still a
-distance. All directions of all starts advance side by side:
+For a direction e on the unit sphere, r(e) is the least distance at which the ray r·e fails. A design point is
+a local minimum of r(e). This search stays on the limit state and does not need a continuous G: where the mode
+of failure changes, G jumps, but r is still defined. The searches from all starts advance together:
 
-1. at the point of a direction the gradient gives the normal, a = −∇G/|∇G|, the direction of the design point
-   of a linear G;
-2. directions between e and a, at several fractions of the way, are evaluated, and the one with the least r is
-   taken;
-3. it ends where e and a agree, or where no fraction comes closer: at a jump of G, whose edge has no normal.
+1. At the point r·e the gradient gives the normal a = −∇G/|∇G|, which is the direction of the design point of
+   a linear G.
+2. Directions between e and a, at several fractions of the way, are evaluated, and the one with the least r is
+   chosen.
+3. The search ends where e and a agree, or where no fraction comes closer, which is an edge at a jump of G.
 """
 
 from __future__ import annotations
@@ -20,26 +19,28 @@ import numpy as np
 
 from .limit_state import AbstractLimitState
 
-MAX_BETA = 9.0  # greatest distance of a design point from the origin: Φ(−9) is 1e-19
-START_FACTOR = 4.0  # times √d, the typical |u|: how far a first direction is followed
-RAY = 24  # positions on a full ray
-PARTIAL_RAY = 10  # positions on a ray up to a known distance of failure
-NARROWING_ROUNDS = 3  # rounds in which the interval of the first failure is narrowed
-PARTS = 8  # equal parts into which a round divides the interval
-# Multiples of the last fraction of the way to the normal; a fixed point may lie past the normal.
+MAX_BETA = 9.0  # largest distance of a design point from the origin; Φ(−9) is 1e-19
+START_FACTOR = 4.0  # length of the rays of starting directions, divided by √d, the typical |u|
+RAY = 24  # number of positions on a full ray
+PARTIAL_RAY = 10  # number of positions on a ray up to a known distance of failure
+NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
+PARTS = 8  # number of equal parts into which a round divides the interval
+# Evaluated fractions of the way to the normal, divided by the last one; the best may lie beyond the normal.
 FRACTIONS = np.array([1.5, 1.0, 0.5])
-MIN_FRACTION = 1 / 64  # least fraction of the way to the normal
+MIN_FRACTION = 1 / 64  # smallest fraction of the way to the normal
 ALIGNED = 1e-9  # 1 − cos of the angle between point and normal below which a search ends
-MAX_STEPS = 40  # greatest number of steps of a search
+MAX_STEPS = 40  # largest number of steps of a search
 SAME_COSINE = 0.99  # two design points are equal if the cosine of their angle is larger
 
 
 class DesignPoints(NamedTuple):
     """Design points, nearest first.
 
-    - `u`: (k, d), on the failing side; `normal`: unit normals −∇G/|∇G|, (k, d)
-    - `beta`: |u|, (k,); `aligned`: whether point and normal agree: a smooth minimum, else an edge where G
-      jumps
+    - `u`: the points, on the failing side, shape (k, d)
+    - `normal`: unit normals −∇G/|∇G|, shape (k, d)
+    - `beta`: |u|, shape (k,)
+    - `aligned`: True if u and the normal have the same direction (a smooth minimum); False at an edge where G
+      jumps, shape (k,)
     """
 
     u: np.ndarray
@@ -49,71 +50,70 @@ class DesignPoints(NamedTuple):
 
 
 class _Bracket(NamedTuple):
-    """Brackets of the first failure on rays, (m,) each.
+    """Brackets of the first failure on rays, as arrays of shape (m,)."""
 
-    - `low`: the last position that survives; `high`: the first position that fails, inf if there is none
-    - `G_low`, `G_high`: G at both
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    G_low: np.ndarray
-    G_high: np.ndarray
+    low: np.ndarray  # the last surviving position before the failure
+    high: np.ndarray  # the first position that fails; inf if there is none
+    G_low: np.ndarray  # G at `low`
+    G_high: np.ndarray  # G at `high`
 
     def root(self) -> np.ndarray:
-        """Return the root of the straight line between the places."""
+        """Return the root of the straight line between the ends; inf without failure."""
         drop = self.G_low - self.G_high
-        usable = np.isfinite(drop) & (drop > 0)
-        part = np.where(usable, self.G_low / np.where(usable, drop, 1.0), 1.0)
+        is_usable = np.isfinite(drop) & (drop > 0)
+        fraction = np.where(is_usable, self.G_low / np.where(is_usable, drop, 1.0), 1.0)
         high = np.where(np.isfinite(self.high), self.high, 0.0)
-        return np.where(np.isfinite(self.high), self.low + (high - self.low) * part, np.inf)
+        return np.where(np.isfinite(self.high), self.low + (high - self.low) * fraction, np.inf)
 
     def at(self, rows) -> _Bracket:
         return _Bracket(*(y[rows] for y in self))
 
 
 def _bracket(limit: AbstractLimitState, directions: np.ndarray, radii: np.ndarray) -> _Bracket:
-    """Bracket the first failure of rays (m, d), evaluated at places `radii` (m, k) in ascending order."""
+    """Bracket the first failure on rays (m, d), evaluated at ascending positions `radii` (m, k)."""
     points = directions[:, None, :] * radii[..., None]
     value = limit.values(points.reshape(-1, directions.shape[1])).reshape(radii.shape)
-    over = value <= 0
-    first, rows = np.argmax(over, axis=1), np.arange(len(radii))
-    fails = over.any(axis=1)
+    fails = value <= 0
+    first, rows = np.argmax(fails, axis=1), np.arange(len(radii))
     low = np.where(first > 0, radii[rows, first - 1], 0.0)
-    G_low = np.where(first > 0, value[rows, first - 1], np.inf)
-    return _Bracket(low, np.where(fails, radii[rows, first], np.inf), G_low, value[rows, first])
+    high = np.where(fails.any(axis=1), radii[rows, first], np.inf)
+    return _Bracket(low, high, np.where(first > 0, value[rows, first - 1], np.inf), value[rows, first])
 
 
-def _narrow(limit: AbstractLimitState, directions: np.ndarray, found: _Bracket) -> np.ndarray:
-    """Return the distances at which rays fail, on the failing side."""
-    low, high, G_low, G_high = (y.copy() for y in found)
-    live = np.flatnonzero(np.isfinite(high))
+def _narrow(limit: AbstractLimitState, directions: np.ndarray, bracket: _Bracket) -> np.ndarray:
+    """Return the distances at which rays fail, on the failing side; inf without failure."""
+    low, high, G_low, G_high = (y.copy() for y in bracket)
+    failing = np.flatnonzero(np.isfinite(high))
     for _ in range(NARROWING_ROUNDS):
-        if live.size == 0:
+        if failing.size == 0:
             break
-        # Some places are evenly spaced, for certainty; the others are close to the root of the straight line.
-        bracket = _Bracket(low, high, G_low, G_high).at(live)
-        width = bracket.high - bracket.low
-        root = (bracket.root() - bracket.low) / np.where(width > 0, width, 1.0)
-        part = np.tile(np.arange(1, PARTS) / PARTS, (live.size, 1))
+        # Evenly spaced positions narrow every bracket; positions close to the root of the straight line
+        # narrow brackets of smooth functions quickly.
+        wide = _Bracket(low, high, G_low, G_high).at(failing)
+        width = wide.high - wide.low
+        root = (wide.root() - wide.low) / np.where(width > 0, width, 1.0)
+        even = np.tile(np.arange(1, PARTS) / PARTS, (failing.size, 1))
         close = np.clip(root[:, None] + np.array([-1e-2, -1e-4, 1e-4, 1e-2]), 0, 1)
-        part = np.sort(np.concatenate([part, close], axis=1), axis=1)
-        narrower = _bracket(limit, directions[live], bracket.low[:, None] + width[:, None] * part)
-        inside = np.isfinite(narrower.high)
-        first = narrower.low > 0  # else none of the places survived
-        low[live] = np.where(
-            inside, np.where(first, narrower.low, bracket.low), bracket.low + width * part[:, -1]
+        fractions = np.sort(np.concatenate([even, close], axis=1), axis=1)
+        narrower = _bracket(limit, directions[failing], wide.low[:, None] + width[:, None] * fractions)
+        fails_inside = np.isfinite(narrower.high)
+        survives_inside = narrower.low > 0
+        low[failing] = np.where(
+            fails_inside,
+            np.where(survives_inside, narrower.low, wide.low),
+            wide.low + width * fractions[:, -1],
         )
-        G_low[live] = np.where(inside & first, narrower.G_low, bracket.G_low)
-        high[live] = np.where(inside, narrower.high, bracket.high)
-        G_high[live] = np.where(inside, narrower.G_high, bracket.G_high)
+        G_low[failing] = np.where(fails_inside & survives_inside, narrower.G_low, wide.G_low)
+        high[failing] = np.where(fails_inside, narrower.high, wide.high)
+        G_high[failing] = np.where(fails_inside, narrower.G_high, wide.G_high)
     return high
 
 
 def distances(
     limit: AbstractLimitState, directions: np.ndarray, max_distance: float = MAX_BETA
 ) -> np.ndarray:
-    """Return the least distance at which each ray fails, (m,); inf if it survives up to `max_distance`."""
+    """Return the least distance at which each ray (m, d) fails, shape (m,); inf if there is no failure up to
+    `max_distance`."""
     radii = np.tile(np.linspace(0, max_distance, RAY + 1)[1:], (len(directions), 1))
     return _narrow(limit, directions, _bracket(limit, directions, radii))
 
@@ -126,24 +126,29 @@ def _unit(u: np.ndarray) -> np.ndarray:
 def design_points(
     limit: AbstractLimitState, starts: np.ndarray, max_distance: float = MAX_BETA
 ) -> DesignPoints:
-    """Return local minima of |u| on the limit state, from starting directions (s, d)."""
-    if limit.mirrored:  # then so are the design points
+    """Return local minima of |u| on the limit state.
+
+    - `limit`: limit state; it must survive at u = 0
+    - `starts`: starting directions, shape (s, d); with a mirrored limit state only the first half is used
+    - `max_distance`: largest distance of a design point
+    """
+    if limit.mirrored:  # the opposite of a design point is also a design point
         starts = starts[: (len(starts) + 1) // 2]
     e = _unit(np.asarray(starts, float))
-    # In many dimensions a random direction fails only far beyond the distance of a design point.
+    # In high dimensions a random direction fails only far beyond the distance of a design point.
     outer = max(max_distance, START_FACTOR * np.sqrt(limit.dimension))
     r = distances(limit, e, outer)
-    # A start whose ray never fails follows the steepest descent of G.
+    # If a ray does not fail, its start is replaced by the direction of steepest descent of G.
     never_fails = ~np.isfinite(r)
     if never_fails.any():
         _, slope = limit.gradients(e[never_fails] * 1e-3)
         e[never_fails] = _unit(-slope)
         r[never_fails] = distances(limit, e[never_fails], outer)
-    live = np.isfinite(r)
-    e, r = e[live], r[live]
+    fails = np.isfinite(r)
+    e, r = e[fails], r[fails]
     normal, aligned = _descend(limit, e, r)
-    near = r <= max_distance
-    e, r, normal, aligned = e[near], r[near], normal[near], aligned[near]
+    is_near = r <= max_distance
+    e, r, normal, aligned = e[is_near], r[is_near], normal[is_near], aligned[is_near]
     points = _keep_distinct(e, r, normal, aligned)
     if not limit.mirrored:
         return points
@@ -152,40 +157,45 @@ def design_points(
 
 
 def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Move directions e downhill (in place, with their distances r); return their normals, and which are
-    aligned."""
+    """Move directions e and their distances r, in place, to local minima of r.
+
+    Returns the normals, shape (s, d), and a mask of the directions that agree with their normal, shape (s,).
+    """
     normal, aligned, fraction = e.copy(), np.zeros(len(e), bool), np.ones(len(e))
     has_moved = np.ones(len(e), bool)
-    active = np.ones(len(e), bool)
+    is_active = np.ones(len(e), bool)
     for _ in range(MAX_STEPS):
-        new = np.flatnonzero(active & has_moved)
-        if new.size:
-            _, slope = limit.gradients(e[new] * r[new, None])
-            normal[new] = _unit(-slope)
-            aligned[new] = 1 - np.sum(normal[new] * e[new], axis=1) < ALIGNED
-            active[new[aligned[new]]] = False
-        at = np.flatnonzero(active)
-        if at.size == 0:
+        moved = np.flatnonzero(is_active & has_moved)
+        if moved.size:
+            _, slope = limit.gradients(e[moved] * r[moved, None])
+            normal[moved] = _unit(-slope)
+            aligned[moved] = 1 - np.sum(normal[moved] * e[moved], axis=1) < ALIGNED
+            is_active[moved[aligned[moved]]] = False
+        active = np.flatnonzero(is_active)
+        if active.size == 0:
             break
-        nearest, direction, best_fraction = _step(limit, e[at], r[at], normal[at], fraction[at])
-        closer = nearest < r[at] * (1 - 1e-10)
-        improved = at[closer]
-        e[improved], r[improved] = direction[closer], nearest[closer]
-        has_moved[at] = closer
-        fraction[at] = np.where(closer, np.clip(best_fraction, MIN_FRACTION, 1.5), 0.25 * fraction[at])
-        active[at[fraction[at] < MIN_FRACTION]] = False
+        nearest, direction, best_fraction = _step(
+            limit, e[active], r[active], normal[active], fraction[active]
+        )
+        is_closer = nearest < r[active] * (1 - 1e-10)
+        improved = active[is_closer]
+        e[improved], r[improved] = direction[is_closer], nearest[is_closer]
+        has_moved[active] = is_closer
+        fraction[active] = np.where(
+            is_closer, np.clip(best_fraction, MIN_FRACTION, 1.5), 0.25 * fraction[active]
+        )
+        is_active[active[fraction[active] < MIN_FRACTION]] = False
     return normal, aligned
 
 
 def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the nearest failure in a few directions on the way to the normal: its distance, direction, and
-    fraction."""
+    """Return distance, direction and fraction of the nearest failure on the way from each e to its normal."""
     fractions = fraction[:, None] * FRACTIONS
     candidates = _unit(e[:, None, :] + fractions[..., None] * (normal - e)[:, None, :])
     flat = candidates.reshape(-1, e.shape[1])
-    # Places below the known distance, denser where the change is likely.
-    part = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, PARTIAL_RAY - 2)])
-    bracket = _bracket(limit, flat, np.repeat(r, FRACTIONS.size)[:, None] * part)
+    # Positions up to the known distance of failure, denser near its end, where failure is more likely.
+    positions = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, PARTIAL_RAY - 2)])
+    bracket = _bracket(limit, flat, np.repeat(r, FRACTIONS.size)[:, None] * positions)
     best = np.argmin(bracket.root().reshape(fractions.shape), axis=1)
     rows = np.arange(len(e))
     chosen = rows * FRACTIONS.size + best
@@ -193,6 +203,7 @@ def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray
 
 
 def _keep_distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np.ndarray) -> DesignPoints:
+    """Return the design points in directions that differ, nearest first."""
     distinct: list[int] = []
     for i in np.argsort(r):
         if not any(e[i] @ e[j] > SAME_COSINE for j in distinct):
@@ -201,6 +212,6 @@ def _keep_distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np
 
 
 def merge_points(a: DesignPoints, b: DesignPoints) -> DesignPoints:
-    """Return the distinct design points of both."""
+    """Return the distinct design points of two sets."""
     u, normal, beta, aligned = (np.concatenate(pair) for pair in zip(a, b, strict=True))
     return _keep_distinct(_unit(u), beta, normal, aligned)

@@ -1,4 +1,4 @@
-"""Limit states of rocking structures under Gaussian motions: G(u) from the response to the motion of u."""
+"""Limit states of rocking structures under Gaussian motions: G(u) follows from the response to motion u."""
 
 from __future__ import annotations
 
@@ -26,32 +26,31 @@ from rockjax._structures import Podium, ShearBuilding
 from .gaussian import GaussianMotion
 from .limit_state import AbstractLimitState
 
-TABLE = 256  # records of a batch: one compiled program serves any number of scenes
-GRADIENT_BATCH = 8  # scenes whose derivatives are computed together
+TABLE = 256  # number of records in a batch; it is fixed, so that one compiled program serves all batches
+GRADIENT_BATCH = 8  # number of scenes whose derivatives are computed together
 # The samples of the motion limit most steps, so a tight tolerance costs little.
 OPTIONS = Options(rtol=1e-9, atol=1e-11)
 
 
 class Limit(NamedTuple):
-    """Definition of failure: the peak `output` reaches `value`; G = 1 − peak/value. `request` is that output
-    as in `rockjax.Options`."""
+    """Definition of failure: a peak reaches a value, or the podium overturns. G = 1 − peak/value."""
 
-    output: str
+    output: str  # name of the peak
     value: float
-    request: str | AbstractOutput
+    request: str | AbstractOutput  # the output that computes it, as in `rockjax.Options`
 
 
 class _LimitKind(NamedTuple):
     output: str | AbstractOutput  # as in `rockjax.Options`
     unit: str
-    owner_kind: str  # the kind of structure that has it, one of `OWNERS`
+    owner_kind: str  # key of `OWNERS`: the kind of structure that has this output
 
 
 def _has_stories(podium: Podium) -> bool:
     return podium.vibrates and isinstance(podium.superstructure, ShearBuilding)
 
 
-# Kind of structure → whether a podium is one.
+# Kinds of structure, with a function that is True for podiums of this kind.
 OWNERS: dict[str, Callable[[Podium], bool]] = {
     "columns": lambda podium: True,
     "a superstructure": lambda podium: podium.superstructure is not None,
@@ -60,22 +59,28 @@ OWNERS: dict[str, Callable[[Podium], bool]] = {
 }
 SUPERSTRUCTURE, ELASTIC, BUILDING = list(OWNERS)[1:]
 
-# Limit states besides overturning; add new ones here.
+# Limit states other than overturning.
 LIMITS = {
     "rotation": _LimitKind("peak_rotation", "max|θ|/α", "columns"),
     "deformation": _LimitKind("peak_deformation", "m", ELASTIC),
-    "shear": _LimitKind("peak_shear", "over the weight", SUPERSTRUCTURE),
+    "shear": _LimitKind("peak_shear", "V_s/(m_t g)", SUPERSTRUCTURE),
     "drift": _LimitKind("peak_drift", "m", BUILDING),
     "floor acceleration": _LimitKind("peak_floor_acceleration", "m/s²", BUILDING),
     "friction": _LimitKind("peak_friction", "|T|/N", "columns"),
     "unloading": _LimitKind(Unloading(), "1 − N/N_0", "columns"),
-    "foundation shear": _LimitKind("peak_foundation_shear", "over the weight", "columns"),
+    "foundation shear": _LimitKind("peak_foundation_shear", "divided by the weight", "columns"),
 }
 
 
 def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
-    """Return the requested limit state. Raises `ValueError` for unknown ones, and for those that a podium
-    does not have."""
+    """Return the requested limit state.
+
+    - `owner`: function that error messages name
+    - `limit`: `"overturning"`, or a key of `LIMITS` and a value
+    - `podium`: structure that must have this output; None to omit this check
+
+    Raises `ValueError` for other values of `limit`, and if the podium does not have the output.
+    """
     if isinstance(limit, str) and limit == "overturning":
         return Limit("margin", 1.0, "margin")
     if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in list(LIMITS):
@@ -99,12 +104,12 @@ class StructureLimitState(AbstractLimitState):
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
         super().__init__(motion.dimension)
         self.podium, self.motion, self.limit = podium, motion, limit
-        # Without a pulse −u is the motion with its sign changed, and columns fall to either side alike.
+        # Without a pulse, −u is the motion with the opposite sign; the podium fails under it in the same way.
         self.mirrored = motion.pulse is None
         self.options = options.replace(outputs=(limit.request,), throw=False)
 
     def _values(self, u):
-        # A fixed number of scenes avoids recompilation; the added scenes at rest cost almost nothing.
+        # The scenes that fill the last batch are at rest and cost almost nothing.
         padded = np.concatenate([u, np.zeros((-len(u) % TABLE, self.dimension))])
         answers = [self._table(padded[start : start + TABLE]) for start in range(0, len(padded), TABLE)]
         return np.concatenate(answers)[: len(u)]
@@ -123,15 +128,15 @@ class StructureLimitState(AbstractLimitState):
         return peak_responses(self.podium, records, options=options, sensitivities=names)
 
     def log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return G (m,), its derivative by ln|u| along the ray (m,), and those by the logarithms of named
-        parameters of the podium (m, names)."""
-        # Without a pulse |u| is the scale of the motion, one more parameter of the same batch.
+        """Return G, shape (m,), and its derivatives with respect to ln|u| along the ray, shape (m,), and to
+        the logarithms of named parameters of the podium, shape (m, names)."""
+        # Without a pulse, |u| is the scale of the motion, whose derivative the same batch computes.
         scale_name = () if self.motion.pulse is not None else ("scale",)
         if len(u) == 0:
             return np.zeros(0), np.zeros(0), np.zeros((0, len(names)))
         self.scenes += len(u)
-        parts = [self._log_slopes(u[k : k + TABLE], (*names, *scale_name)) for k in range(0, len(u), TABLE)]
-        value, slopes = (np.concatenate(ys) for ys in zip(*parts, strict=True))
+        batches = [self._log_slopes(u[k : k + TABLE], (*names, *scale_name)) for k in range(0, len(u), TABLE)]
+        value, slopes = (np.concatenate(ys) for ys in zip(*batches, strict=True))
         if scale_name:
             return value, slopes[:, -1], slopes[:, :-1]
         _, slope = self.gradients(u)
@@ -154,38 +159,42 @@ class StructureLimitState(AbstractLimitState):
         return value, slope
 
     def with_sensitivities(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Return G and its derivatives by u, and by the numbers of the podium and of the motion, by name."""
-        parts = []
+        """Return G, ∇G, and the derivatives of G with respect to all parameters of podium and motion."""
+        results_of_batches = []
         for start in range(0, len(u), GRADIENT_BATCH):
-            part = u[start : start + GRADIENT_BATCH]
-            padded = np.concatenate([part, np.repeat(part[-1:], GRADIENT_BATCH - len(part), axis=0)])
-            found = _slopes(as_float(padded), self.podium, self.motion, self.options, self.limit)
-            parts.append(jax.tree.map(lambda y, n=len(part): np.asarray(y)[:n], found))
-        value, slope, numbers = jax.tree.map(lambda *ys: np.concatenate(ys), *parts)
+            batch = u[start : start + GRADIENT_BATCH]
+            padded = np.concatenate([batch, np.repeat(batch[-1:], GRADIENT_BATCH - len(batch), axis=0)])
+            answers = _slopes(as_float(padded), self.podium, self.motion, self.options, self.limit)
+            results_of_batches.append(jax.tree.map(lambda y, n=len(batch): np.asarray(y)[:n], answers))
+        value, slope, leaves = jax.tree.map(lambda *ys: np.concatenate(ys), *results_of_batches)
         arrays, _ = eqx.partition((self.podium, self.motion), eqx.is_inexact_array)
-        return value, slope, _by_location(*jax.tree.unflatten(jax.tree.structure(arrays), numbers))
+        return value, slope, _by_location(*jax.tree.unflatten(jax.tree.structure(arrays), leaves))
 
     def impacts(self, u: np.ndarray) -> np.ndarray:
-        """Return the number of impacts in the scenes of the rows of u: before the fall if they overturn, else
-        all of them."""
-        counted = np.asarray(self._peaks(u).impacts)
-        if not np.isnan(counted).any():
-            return counted
-        # Scenes that survive end as soon as the peak of the limit state is final.
+        """Return the number of impacts in the scenes of the rows of u, shape (m,).
+
+        For scenes that overturn, impacts before overturning are counted. NaN if a scene does not finish.
+        """
+        impacts = np.asarray(self._peaks(u).impacts)
+        if not np.isnan(impacts).any():
+            return impacts
+        # A scene that survives ends as soon as its requested peaks are final, so the impacts are requested.
         return np.asarray(self._peaks(u, (), "impacts").impacts)
 
 
 def records_from_samples(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
-    """Return the motions of the rows of u in one table."""
-    count, one = len(u), np.ones(len(u))
-    samples, start = as_array(np.full(count, motion.n, np.int32)), as_float(0 * one)
-    intervals = as_float(product(one, motion.dt))
+    """Return the motions of the rows of u (k, d) as records."""
+    count, ones = len(u), np.ones(len(u))
+    samples, start = as_array(np.full(count, motion.n, np.int32)), as_float(0 * ones)
+    intervals = as_float(product(ones, motion.dt))
     return Records(motion.acceleration(u), samples, intervals, start, np.arange(count))
 
 
 def _limit_value(value, overturned, limit: Limit):
-    """Return G from the outputs of a scene, ≤ 0 exactly if it fails. Of modes, stories or floors the worst
-    counts."""
+    """Return G from a peak of a scene and whether it overturned; G ≤ 0 if and only if the scene fails.
+
+    Of several modes, stories, floors or joints, the largest peak counts.
+    """
     numpy = array_module(value, overturned)
     if np.ndim(value) > np.ndim(overturned):
         value = numpy.max(numpy.asarray(value), axis=-1)
@@ -198,28 +207,30 @@ def _limit_value(value, overturned, limit: Limit):
 def _value_and_slopes(
     u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, options: Options, limit: Limit
 ):
-    numbers, static = eqx.partition((podium, motion), eqx.is_inexact_array)
+    parameters, static = eqx.partition((podium, motion), eqx.is_inexact_array)
 
-    def G(u, numbers):
-        podium, motion = eqx.combine(numbers, static)
+    def G(u, parameters):
+        podium, motion = eqx.combine(parameters, static)
         (floats, _), (integers, _) = solve(podium, motion.record(u), REST, None, options)
         return _limit_value(floats[limit.output], integers["overturned"], limit)
 
-    value, (slope, of_numbers) = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))(u, numbers)
-    return value, slope, jax.tree.leaves(of_numbers)  # a tree of modules cannot be returned
+    value, (slope, parameter_slopes) = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))(u, parameters)
+    # Leaves are returned, because a `KeptProgram` cannot return a tree of modules.
+    return value, slope, jax.tree.leaves(parameter_slopes)
 
 
 _slopes = StoredProgram(_value_and_slopes)
 
 
 def _by_location(*slopes: Any) -> dict[str, np.ndarray]:
-    """Return derivatives (k,) keyed by the location of each number in Python notation: `alpha`,
-    `restrainers[0].prestress`, `superstructure.masses[2]`; first those of the podium, then those of the
-    motion."""
+    """Return derivatives, shape (k,) each, by the location of the parameter in podium or motion.
+
+    Locations are in Python notation: `alpha`, `restrainers[0].prestress`, `superstructure.masses[2]`.
+    """
     named = {}
     for tree in slopes:
         for path, y in jax.tree_util.tree_leaves_with_path(tree):
             name, values = jax.tree_util.keystr(path).lstrip("."), np.asarray(y)
-            for place in np.ndindex(values.shape[1:]):
-                named[name + "".join(f"[{i}]" for i in place)] = values[:, *place]
+            for index in np.ndindex(values.shape[1:]):
+                named[name + "".join(f"[{i}]" for i in index)] = values[:, *index]
     return named

@@ -88,7 +88,7 @@ def test_damaged_miniseed_is_reported(tmp_path):
         (content[:half] + bytes(len(content) - half), "Not a SEED record"),
         (content + b"x" * 512, "Not a SEED record"),
         (content[: half + 100], "Last record only has 100 byte(s)"),
-        (content[:-1], "its last 511 bytes are no whole record"),
+        (content[:-1], "its last 511 bytes are an incomplete record"),
     ):
         (tmp_path / "a.mseed").write_bytes(damaged)
         with pytest.warns(rj.RecordWarning) as said:
@@ -100,7 +100,9 @@ def test_damaged_miniseed_is_reported(tmp_path):
     with pytest.raises(ValueError, match=r"a\.mseed: XX\.ABCD\.\.HNE has 1 gaps, the first of \d+ samples"):
         rj.read_motion(tmp_path / "a.mseed", units="m/s2")
     (tmp_path / "a.mseed").write_bytes(content[:300])
-    with pytest.raises(ValueError, match=r"a\.mseed: ObsPy cannot read it: it is of another format, or cut"):
+    with pytest.raises(
+        ValueError, match=r"a\.mseed: ObsPy cannot read the file: it has another format, or is cut"
+    ):
         rj.read_motion(tmp_path / "a.mseed", units="m/s2")
 
 

@@ -678,7 +678,7 @@ def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
     for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S):
         exec(compile(block, str(page), "exec"), names)
     said = capsys.readouterr().out
-    assert "its header gives the unit as g, but" in said
+    assert "the header gives the unit as g, but" in said
     assert "table.txt:3: 'oops' is not a number" in said
     assert "offset.txt: ends with a velocity of" in said
     assert names["suite"].names == ["third", "first"]

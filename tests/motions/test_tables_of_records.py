@@ -56,9 +56,9 @@ def test_units_of_both_columns(tmp_path, heading, separator, factor, step, dt):
         ("time [s],acc [furlongs]", ["unit 'furlongs' in the heading 'acc [furlongs]' is not known"]),
         ("time [s],acc [counts]", ["'acc [counts]' gives raw counts"]),
         ("time [s],acc [cm/s]", ["'acc [cm/s]': cm/s is not a unit of acceleration"]),
-        ("time [s],vel [cm/s]", ["holds no acceleration", "'vel [cm/s]'"]),
+        ("time [s],vel [cm/s]", ["no heading means acceleration", "'vel [cm/s]'"]),
         ("Time (UTC),acc [g]", ["unit 'UTC' in the heading 'Time (UTC)'"]),
-        ("abscissa,acc [g]", ["'abscissa' is not known", "call it time [s]"]),
+        ("abscissa,acc [g]", ["'abscissa' is unknown", "name it time [s]"]),
         ("El Centro 1940 record", ["does not name 2 columns", "begin other lines with #"]),
         (",acc [g]", ["has no column of times", "has no name", "give dt"]),
         ("Unnamed: 0,acc [g]", ["has no column of times", "give dt"]),
@@ -145,14 +145,14 @@ def test_decimal_commas(tmp_path, separator):
     [
         ("Zeit;Beschl\n0,00;0.1\n0,01;0.2\n", [":2:", "commas and points both", "decimal points"]),
         ("Zeit;Beschl\n0,00;1.234,5\n0,01;0,2\n", [":2:", "commas and points both", "thousands"]),
-        ("0,10\n0,12\n0,11\n", [":2:", "are its commas decimal?"]),
+        ("0,10\n0,12\n0,11\n", [":2:", "if the commas are decimal"]),
         (
             "Beschl\n0,10\n0,12\n0,11\n",
             [":1:", "'Beschl' does not name 2 columns", "decimal points, not commas"],
         ),
-        ("t,a\n0.00,1\n0.01,NaN\n", [":3:", "'NaN'", "a gap"]),
-        ("t,a,b\n0.00,1,2\n0.01,,3\n", [":3:", "'' is not a number: a gap"]),
-        ("t,a\n0.00,1\n0.01,\n", [":3:", "'' is not a number: a gap"]),
+        ("t,a\n0.00,1\n0.01,NaN\n", [":3:", "'NaN'", "a missing value"]),
+        ("t,a,b\n0.00,1,2\n0.01,,3\n", [":3:", "'' is not a number (a missing value)"]),
+        ("t,a\n0.00,1\n0.01,\n", [":3:", "'' is not a number (a missing value)"]),
         ("t,a\n0.00,1\n0.01,******\n", [":3:", "did not fit into its column"]),
         ("time,acc\n0.00,1\n0.0x,2\n", [":3:", "'0.0x' is not a number"]),
     ],
@@ -178,9 +178,7 @@ def test_one_channel_of_several(tmp_path):
             motion = rj.read_motion(path, component=component)
             np.testing.assert_allclose(motion.acceleration, factor * G * WAVE, atol=1e-6)
             assert motion.dt == pytest.approx(0.01, rel=1e-12)
-        with pytest.raises(
-            ValueError, match=r"holds 3 channels: 1 \(.*S\), 2 \(.*W\), 3 \(.*D\); choose one"
-        ):
+        with pytest.raises(ValueError, match=r"has 3 channels: 1 \(.*S\), 2 \(.*W\), 3 \(.*D\); choose one"):
             rj.read_motion(path)
     path = table(tmp_path, None, *columns)
     with pytest.raises(ValueError, match=r"has 4 columns and no headings; .*--component"):

@@ -1,7 +1,7 @@
-"""File formats of networks and databases, one module each; a new one adds a module and a line in `FORMATS`.
+"""File formats of networks and databases, one module each; their list is `FORMATS`.
 
-The text formats are parsed here, because existing packages have many dependencies or do not report the line
-of an error. Binary waveforms, such as miniSEED and SAC, are read by ObsPy.
+These modules parse the text formats themselves, because existing packages have many dependencies or do not
+report the line of an error. ObsPy reads binary waveforms, such as miniSEED and SAC.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from rockjax._text.reading import decode
 from . import afad, cosmos, csmip, esm, geonet, knet, peer, smc, table, unsupported, waveforms
 from .base import TIME_TOLERANCE, Component, Samples
 
-# In the order in which they are tried.
+# The first format that recognises a file reads it; the last one, `table`, recognises every file.
 FORMATS = (
     peer.FORMAT,
     geonet.FORMAT,
@@ -34,12 +34,19 @@ __all__ = ["FORMATS", "TIME_TOLERANCE", "Samples", "parse"]
 
 
 def parse(path: Path, content: bytes, component: Component) -> Samples:
-    """Return the samples in a file, in the format that its suffix or its first lines indicate."""
+    """Return the samples in a file, whose format follows from its suffix or its lines.
+
+    - `path`: path of the file, for its suffix and for messages
+    - `content`: bytes of the file
+    - `component`: number or name of a channel, if the file has several
+
+    Raises `ValueError` that names the file, the line and the cause.
+    """
     suffix = path.suffix.lower()
     if suffix in waveforms.WAVEFORMS:
         return waveforms.read(path, content, component)
     if suffix == ".npy":
         return table.read_array(path, component)
     lines = decode(path, content).splitlines() or [""]
-    found = next(each for each in FORMATS if each.recognises(path, lines))
-    return found.read(path, lines, component)
+    file_format = next(candidate for candidate in FORMATS if candidate.recognises(path, lines))
+    return file_format.read(path, lines, component)

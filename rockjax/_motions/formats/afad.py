@@ -1,5 +1,4 @@
-"""Text files of Turkey's AFAD and its predecessor, the Earthquake Department: three components side by
-side."""
+"""Text files of AFAD (Turkey) and its predecessor, the Earthquake Department: three columns of components."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ from .base import Component, Format, Samples, abbreviate, choose_channel, is_raw
 _TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
 _KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
 _COMPONENTS = ("N-S", "E-W", "U-D")
-_PEAK_TOLERANCE = 0.01  # relative difference of the peaks of column and header if both are in the same unit
+_PEAK_TOLERANCE = 0.01  # largest relative difference of the peaks in column and header if both are in gal
 
 
 def _afad(path: Path, lines: list[str], component: Component) -> Samples:
@@ -21,14 +20,14 @@ def _afad(path: Path, lines: list[str], component: Component) -> Samples:
     end = next((k for k, line in enumerate(lines) if tuple(line.split()) == _COMPONENTS), None)
     if end is None:
         raise ValueError(
-            f"{path}: its header has no line {'  '.join(_COMPONENTS)}, after which the values begin"
+            f"{path}: the header has no line {'  '.join(_COMPONENTS)}, after which the values begin"
         )
     for k, line in enumerate(lines[:end], start=1):
         if match := _KEY.match(line):
             header[match[1].strip()] = k, match[2]
     for key in ("NUMBER OF DATA", "SAMPLING INTERVAL (sec)"):
         if key not in header:
-            raise ValueError(f"{path}: its header has no {key}")
+            raise ValueError(f"{path}: the header has no {key}")
     line, count = header["NUMBER OF DATA"]
     if not re.fullmatch(r"\d{1,9}", count, re.ASCII):
         raise ValueError(f"{path}:{line}: NUMBER OF DATA must be a whole number, got {abbreviate(count)}")
@@ -39,10 +38,12 @@ def _afad(path: Path, lines: list[str], component: Component) -> Samples:
     for k, text in enumerate(lines[end + 1 :], start=end + 2):
         words = text.split()
         if words and len(words) != len(_COMPONENTS):
-            raise ValueError(f"{path}:{k}: has {len(words)} columns where three are due")
+            raise ValueError(f"{path}:{k}: the line must have three columns, got {len(words)}")
         rows += [[parse_number(path, k, word) for word in words]] if words else []
     if len(rows) != int(count):
-        raise ValueError(f"{path}:{line}: NUMBER OF DATA is {count}, but {len(rows)} lines of values follow")
+        raise ValueError(
+            f"{path}:{line}: NUMBER OF DATA is {count}, but the file has {len(rows)} lines of values"
+        )
     values = np.array(rows).reshape(-1, len(_COMPONENTS))[:, chosen]
     value_of = lambda key: header.get(key, (0, ""))[1]
     metadata = {
@@ -54,16 +55,21 @@ def _afad(path: Path, lines: list[str], component: Component) -> Samples:
         **{key: text for key, (_, text) in header.items() if text},
     }
     unit = _unit(value_of("RAW PGA VALUES (gal)"), _COMPONENTS[chosen], values)
-    dt_place = f"{path}:{step_line}: SAMPLING INTERVAL is {dt:g} s"
-    raw_place = next((f"line {line}" for key, (line, _) in header.items() if is_raw(key)), "")
-    return Samples(values, dt, unit, metadata, unit, dt_place, raw_place=raw_place)
+    dt_statement = f"{path}:{step_line}: SAMPLING INTERVAL is {dt:g} s"
+    raw_location = next((f"line {line}" for key, (line, _) in header.items() if is_raw(key)), "")
+    return Samples(values, dt, unit, metadata, unit, dt_statement, raw_location=raw_location)
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
-    """Return gal if the peak of the column is the one that the header gives in gal; else None."""
-    found = re.search(rf"\({re.escape(name)}\)\s*([\d.]+)", peaks)
+    """Return gal if the peak of a column equals the one in the header, which is in gal; else None.
+
+    - `peaks`: text of the header with the peaks of all components
+    - `name`: name of the component
+    - `values`: the column
+    """
+    match = re.search(rf"\({re.escape(name)}\)\s*([\d.]+)", peaks)
     try:
-        peak = float(found[1]) if found else 0.0
+        peak = float(match[1]) if match else 0.0
     except ValueError:
         return None
     return "gal" if values.size and abs(np.abs(values).max() - peak) <= _PEAK_TOLERANCE * peak else None

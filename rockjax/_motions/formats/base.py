@@ -1,7 +1,6 @@
-"""Shared parts of the readers: samples in the units of a file, and numbers with their line.
+"""Types of the readers, and functions that parse numbers and choose channels.
 
-Any fault of a file raises a one-line `ValueError` that names the file, the line if there is one, and the
-cause.
+An error in a file raises a `ValueError` of one line: file, line number if there is one, and cause.
 """
 
 from __future__ import annotations
@@ -17,16 +16,16 @@ import numpy as np
 from rockjax._motions.components import is_vertical, points_down
 from rockjax._units import ACCELERATIONS, unit_of
 
-TIME_TOLERANCE = 1e-3  # share of a step by which the rounded times of a file may be off
+TIME_TOLERANCE = 1e-3  # allowed error of times in a file, divided by the step
 NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"
 DATE = re.compile(r"(?<!\d)(\d{1,4}[/-]\d{1,2}[/-]\d{1,4})(?!\d)")
-# Fortran omits the E in exponents of three digits, and fills columns so that numbers touch. An exponent
-# of three digits ends where a sign or a blank follows.
+# Fortran omits the E before exponents of three digits, and numbers may touch if they fill their columns. An
+# exponent of three digits is followed by a sign, a blank or the end of the line.
 _MANTISSA = r"[+-]?(?:\d+\.?\d*|\.\d+)"
 _EXPONENT = r"(?:[ED][+-]?(?:\d{3}(?=[\s+-]|$)|\d{1,2})|[+-]\d{3}(?![\d.]))"
 _WITHOUT_E = re.compile(rf"({_MANTISSA})([+-]\d{{3}})", re.I)
 _TOUCHING = re.compile(rf"\s*({_MANTISSA}{_EXPONENT}|{_MANTISSA}(?=[\s+-]|$))", re.I)
-_GAPS = {"nan", "na", "n/a", "<na>", "nil", "none", "null", "-", "--", ""}
+_MISSING = {"nan", "na", "n/a", "<na>", "nil", "none", "null", "-", "--", ""}  # words for missing values
 _RAW = re.compile(r"(?<![a-z])(?:un-?corrected|un-?processed|raw|volume 1|not removed)(?![a-z])", re.I)
 _FORTRAN = re.compile(r"\((\d{1,3})[FEI](\d{1,3})(?:\.\d+)?\)", re.I)
 Component = int | str | None
@@ -34,42 +33,42 @@ Component = int | str | None
 
 @dataclasses.dataclass
 class Samples:
-    """Samples of a file in its own units; `units` and `dt` are None where the file does not state them."""
+    """Samples of a file."""
 
-    values: np.ndarray
-    dt: float | None
-    units: str | None
+    values: np.ndarray  # in the unit of the file
+    dt: float | None  # sampling interval [s]; None if the file does not state it
+    units: str | None  # key of the unit; None if the file states no known unit of acceleration
     metadata: dict[str, Any]
-    stated_unit: str | None = None  # text of the unit in the file
-    dt_place: str = ""  # place and text of dt in the file; without dt, the reason why there is none
-    units_place: str = ""  # place of the unit in the file, its header by default
-    raw_place: str = ""  # place of the statement that the samples are raw, such as line 3
+    stated_unit: str | None = None  # unit as written in the file
+    dt_statement: str = ""  # location and text of the interval in the file; without dt, why there is none
+    unit_location: str = ""  # location of the unit in the file; empty for the header
+    raw_location: str = ""  # location of the statement that the samples are raw, such as "line 3"
 
 
 class Format(NamedTuple):
-    """A format of text files.
-
-    - `name`: name for messages; `recognises`: whether a file, given its path and lines, has this format
-    - `read`: return the samples of a channel; raises if the file is wrong, or the format is not supported
-    """
+    """A format of text files."""
 
     name: str
-    recognises: Callable[[Path, list[str]], bool]
+    recognises: Callable[[Path, list[str]], bool]  # (path, lines) ↦ True if the file has this format
+    # (path, lines, component) ↦ samples. Raises `ValueError` for errors in the file, and always if the format
+    # is not supported.
     read: Callable[[Path, list[str], Component], Samples]
 
 
 def require_only_component(path: Path, component: Component, samples: Samples) -> Samples:
+    """Return the samples of a file with one channel; raise `ValueError` if another component is requested."""
     component_name = samples.metadata.get("component")
     if component is not None and (
         component_name is None or not _names_component(component, str(component_name))
     ):
         hint = f"it is {component_name!r}" if component_name else "leave component out"
-        raise ValueError(f"{path}: holds one motion, not component {component!r}; {hint}")
+        raise ValueError(f"{path}: the file has one motion, not component {component!r}; {hint}")
     return samples
 
 
 def _names_component(requested: int | str, name: str) -> bool:
-    """Return whether a name means a component; a vertical one may have any of its usual names."""
+    """Return True if a name means the requested component; any two names of vertical components agree if
+    both point up or both point down."""
     if normalise_name(requested) == normalise_name(name):
         return True
     both_vertical = is_vertical(str(requested)) and is_vertical(name)
@@ -77,63 +76,77 @@ def _names_component(requested: int | str, name: str) -> bool:
 
 
 def is_raw(text: str) -> bool:
-    """Return whether a header marks the data as uncorrected."""
+    """Return True if a text states that data are uncorrected."""
     return _RAW.search(text) is not None
 
 
 def normalise_name(name: int | str) -> str:
+    """Return the letters and digits of a name, in lower case."""
     return re.sub(r"[^a-z0-9]", "", str(name).casefold())
 
 
 def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: Component) -> int:
-    """Choose one of several channels (number, name) by the requested component."""
+    """Return the index of the requested channel.
+
+    - `path`: path of the file, for messages
+    - `channels`: (number, name) of each channel of the file
+    - `component`: number of a channel, its name, the first word of its name, or another name of the same
+      direction; None if there is only one channel
+
+    Raises `ValueError` unless exactly one channel matches.
+    """
     if component is None and len(channels) == 1:
         return 0
     if isinstance(component, int):
-        found = [k for k, (number, _) in enumerate(channels) if number == component]
+        matches = [k for k, (number, _) in enumerate(channels) if number == component]
     elif component is not None:
-        found = [
+        matches = [
             k for k, (_, name) in enumerate(channels) if normalise_name(component) == normalise_name(name)
         ]
-        found = found or [
+        matches = matches or [
             k
             for k, (_, name) in enumerate(channels)
             if name and normalise_name(component) == normalise_name(name.split()[0])
         ]
-        found = found or [k for k, (_, name) in enumerate(channels) if _names_component(component, name)]
+        matches = matches or [k for k, (_, name) in enumerate(channels) if _names_component(component, name)]
     else:
-        found = []
-    if len(found) != 1:
+        matches = []
+    if len(matches) != 1:
         channel_list = ", ".join(f"{number} ({name})" for number, name in channels)
-        requested = "" if component is None else f", {len(found) or 'none'} of them {component!r}"
+        requested = "" if component is None else f", {len(matches) or 'none'} of them {component!r}"
         raise ValueError(
-            f"{path}: holds {len(channels)} channels{requested}: {channel_list}; choose one by its number "
-            "or name, "
-            f"such as "
-            f"component {channels[0][0]} (on the command line --component)"
+            f"{path}: the file has {len(channels)} channels{requested}: {channel_list}; choose one by number "
+            f"or name, such as component {channels[0][0]} (on the command line --component)"
         )
-    return found[0]
+    return matches[0]
 
 
 def first_line(error: BaseException | str) -> str:
+    """Return the first line of an error message, or the name of its class if the message is empty."""
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def parse_number(path: Path, line: int, word: str) -> float:
-    """Return a number of a file; Fortran's exponents (1D-3, 1.0-101) are accepted, Python's underscores are
-    not."""
+    """Return the finite number that a word of a file represents.
+
+    - `path`, `line`: location of the word, for messages
+    - `word`: the word; exponents may be written as in Fortran (1D-3, 1.0-101)
+
+    Raises `ValueError` if it is not a finite number.
+    """
     value = _value(word)
     if value is None:
         raise ValueError(f"{path}:{line}: {abbreviate(word)} is not a number{_cause(word)}")
     if not np.isfinite(value):
-        gap = ": a gap" if np.isnan(value) else ""
-        raise ValueError(f"{path}:{line}: {abbreviate(word)} is not a finite number{gap}")
+        cause = " (a missing value)" if np.isnan(value) else ""
+        raise ValueError(f"{path}:{line}: {abbreviate(word)} is not a finite number{cause}")
     return value
 
 
 def _value(word: str) -> float | None:
-    if without := _WITHOUT_E.fullmatch(word):
-        word = f"{without[1]}E{without[2]}"
+    """Return the number that a word represents; None if it is not a number or contains an underscore."""
+    if match := _WITHOUT_E.fullmatch(word):
+        word = f"{match[1]}E{match[2]}"
     try:
         return float(word.upper().replace("D", "E")) if "_" not in word else None
     except ValueError:
@@ -141,11 +154,11 @@ def _value(word: str) -> float | None:
 
 
 def _cause(word: str) -> str:
-    """Describe what is wrong with a word in the place of a number."""
-    if word.casefold() in _GAPS:
-        return ": a gap"
+    """Return the probable reason why a word is not a number, or the cure, as the end of a message."""
+    if word.casefold() in _MISSING:
+        return " (a missing value)"
     if set(word) == {"*"}:
-        return ": it did not fit into its column when the file was written"
+        return " (it did not fit into its column when the file was written)"
     return (
         "; write the decimal comma as a point"
         if re.fullmatch(r"[+-]?\d*,\d+(?:E[+-]?\d+)?", word, re.I)
@@ -154,14 +167,16 @@ def _cause(word: str) -> str:
 
 
 def abbreviate(word: str) -> str:
+    """Return the representation of a string, limited to 40 characters."""
     return repr(word if len(word) <= 40 else word[:37] + "...")
 
 
 def parse_interval(path: Path, line: int, word: str, name: str) -> float:
     """Return a sampling interval of a file [s]. Raises `ValueError` unless it is > 0.
 
-    - `path`, `line`: place in the file, for messages; `word`: text of the number; `name`: name of the number,
-      for messages
+    - `path`, `line`: location of the interval, for messages
+    - `word`: the word that represents it
+    - `name`: its name in the file, for messages
     """
     value = parse_number(path, line, word)
     if not value > 0:
@@ -170,47 +185,48 @@ def parse_interval(path: Path, line: int, word: str, name: str) -> float:
 
 
 def unit_key(stated_unit: str | None) -> str | None:
-    """Return the key of the unit that a header gives, if it is a known one."""
-    found = unit_of(stated_unit)
-    return found if found in ACCELERATIONS else None
+    """Return the key of a stated unit; None if it is not a known unit of acceleration."""
+    key = unit_of(stated_unit)
+    return key if key in ACCELERATIONS else None
 
 
 def require_count(path: Path, line: int, name: str, count: int, values: list[float]) -> np.ndarray:
-    """Return values as an array. Raises `ValueError` unless their number is the `count` of the header.
+    """Return values as an array. Raises `ValueError` unless their number equals a count in the file.
 
-    - `path`, `line`: place of the count in the file; `name`: name of the count, for messages
-    - `count`: expected number; `values`: the values
+    - `path`, `line`: location of the count, for messages
+    - `name`: name of the count, for messages
+    - `count`: the count
+    - `values`: the values
     """
     if len(values) != count:
-        cause = "is it cut short?" if len(values) < count else "what are the others?"
-        raise ValueError(f"{path}:{line}: {name} is {count}, but {len(values)} values follow: {cause}")
+        cause = "; the file may be cut short" if len(values) < count else ""
+        raise ValueError(f"{path}:{line}: {name} is {count}, but the file has {len(values)} values{cause}")
     return np.array(values)
 
 
 def read_numbers(path: Path, lines: list[str], start: int) -> list[float]:
-    """Return all numbers from the line with index `start` on, in columns that are separated by blanks or that
-    touch."""
-    found: list[float] = []
+    """Return all numbers from line index `start` on, separated by blanks or in columns that touch."""
+    numbers: list[float] = []
     for i, line in enumerate(lines[start:], start=start + 1):
         row = line.split()
         if any(_value(word) is None for word in row):
             row = _split_touching(line) or row
-        found += [parse_number(path, i, word) for word in row]
-    return found
+        numbers += [parse_number(path, i, word) for word in row]
+    return numbers
 
 
 def _split_touching(line: str) -> list[str] | None:
-    """Split a line whose columns touch: by signs and exponents, or else in columns of one width with aligned
-    points.
+    """Return the words of a line whose columns touch; None if they cannot be separated.
 
-    None if neither applies.
+    Signs and exponents separate the words; otherwise all columns must have the same width and the decimal
+    point at the same position.
     """
-    line, at, found = line.rstrip(), 0, []
-    while match := _TOUCHING.match(line, at):
-        found.append(match[1])
-        at = match.end()
-    if at == len(line):
-        return found
+    line, position, words = line.rstrip(), 0, []
+    while match := _TOUCHING.match(line, position):
+        words.append(match[1])
+        position = match.end()
+    if position == len(line):
+        return words
     points = [k for k, character in enumerate(line) if character == "."]
     width, remainder = divmod(len(line), max(1, len(points)))
     if remainder or len({k % width for k in points}) != 1:
@@ -221,18 +237,18 @@ def _split_touching(line: str) -> list[str] | None:
 def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str) -> np.ndarray:
     """Return numbers in columns of fixed width, which may touch.
 
-    - `path`, `lines`: of the file
-    - `start`: index of the first line with numbers, below the line that gives the format
-    - `count`: how many numbers to read
-    - `text`: contains the Fortran format, such as 8F10.4, which is the default
+    - `path`, `lines`: path and lines of the file
+    - `start`: index of the first line with numbers; the line before it states the format
+    - `count`: number of values to read
+    - `text`: text that contains the Fortran format, such as (8F10.4); without one, eight columns of width 10
 
     Raises `ValueError` for a wrong number of columns or values.
     """
-    found = _FORTRAN.search(text)
-    per_line, width = (int(found[1]), int(found[2])) if found else (8, 10)
+    match = _FORTRAN.search(text)
+    per_line, width = (int(match[1]), int(match[2])) if match else (8, 10)
     if not (per_line and width):
         raise ValueError(
-            f"{path}:{start}: {abbreviate(found[0] if found else '')} is not a format of numbers"
+            f"{path}:{start}: {abbreviate(match[0] if match else '')} is not a format of numbers"
         )
     values: list[float] = []
     for i in range(start, min(start + -(-count // per_line), len(lines))):
@@ -241,23 +257,27 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
         row = [line[k : k + width].strip() for k in range(0, len(line), width)]
         if len(row) != expected:
             raise ValueError(
-                f"{path}:{i + 1}: holds {len(row)} columns of {width} characters where {expected} are due"
+                f"{path}:{i + 1}: the line must have {expected} columns of {width} characters, got {len(row)}"
             )
         values += [parse_number(path, i + 1, word) for word in row]
     return require_count(path, start, "the number of points", count, values)
 
 
 def first_match(pattern: re.Pattern, lines: list[str], start: int, end: int) -> tuple[int, re.Match] | None:
-    """Return index and match of the first line that matches a pattern, or None.
+    """Return index and match of the first line that matches a pattern; None if no line does.
 
-    - `pattern`: compiled pattern; `lines`: of the file; `start`, `end`: range of indices of the lines to
-      search
+    - `pattern`: compiled pattern
+    - `lines`: lines of the file
+    - `start`, `end`: range of the indices of the searched lines
     """
     return next(((k, match) for k in range(start, end) if (match := pattern.match(lines[k]))), None)
 
 
 def filter_corners(band: re.Match | None) -> dict[str, float]:
-    """Return the corner frequencies of the filters [Hz], if both are numbers."""
+    """Return the metadata of filters: both corner frequencies [Hz]; empty unless both are numbers.
+
+    - `band`: match whose groups are the corner frequencies of the high-pass and low-pass filters, or None
+    """
     try:
         return {"high_pass_Hz": float(band[1]), "low_pass_Hz": float(band[2])} if band else {}
     except ValueError:

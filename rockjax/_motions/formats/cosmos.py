@@ -1,4 +1,4 @@
-"""Volume 2 in the format of COSMOS."""
+"""COSMOS format, volume 2."""
 
 from __future__ import annotations
 
@@ -26,23 +26,26 @@ _COSMOS_DATA = re.compile(r"\s*(\d{1,9})\s+ACCELERATION\s+PTS\b.*?UNITS\s*=\s*([
 
 
 def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read COSMOS format 1.20: per channel text, integer header, real header, comments and data, each with a
-    line that announces it."""
+    """Read COSMOS format 1.20.
+
+    Each channel has a text header, an integer header, a real header, comments and data. Each of these begins
+    with a line that states its length.
+    """
     sections = [(k, match) for k, line in enumerate(lines) if (match := _COSMOS.match(line))]
     ends = [k for k, _ in sections[1:]] + [len(lines)]
-    first = sections[0][1]
-    if first[1].upper() != "CORRECTED":
-        content = f"{first[1]} {first[2]}".lower()
-        raise ValueError(f"{path}:1: is COSMOS and holds raw data ({content}); volume 2 (.V2c) can be read")
-    found = [
+    title = sections[0][1]
+    if title[1].upper() != "CORRECTED":
+        content = f"{title[1]} {title[2]}".lower()
+        raise ValueError(f"{path}:1: the file has raw COSMOS data ({content}); volume 2 (.V2c) can be read")
+    accelerations = [
         (start, end)
         for (start, match), end in zip(sections, ends, strict=True)
         if match[2].upper() == "ACCELERATION"
     ]
-    if not found:
-        raise ValueError(f"{path}:1: holds {sections[0][1][2].lower()}, not acceleration")
+    if not accelerations:
+        raise ValueError(f"{path}:1: the file has {title[2].lower()}, not acceleration")
     channels = []
-    for n, (start, end) in enumerate(found, start=1):
+    for n, (start, end) in enumerate(accelerations, start=1):
         channel = re.search(
             r"STA CHAN\s*(\d{1,6}|\S*?)\s*:\s*(.*?)\s*(?:\(|$)",
             " ".join(lines[start + 8 : min(start + 9, end)]),
@@ -52,17 +55,20 @@ def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
             (int(channel[1]) if channel and channel[1].isdecimal() else n, channel[2] if channel else "")
         )
     chosen = choose_channel(path, channels, component)
-    start, end = found[chosen]
+    start, end = accelerations[chosen]
     data = first_match(_COSMOS_DATA, lines, start, end)
     reals = first_match(re.compile(r"\s*(\d{1,9})\s+REAL-HEADER VALUES\b", re.I), lines, start, end)
     if data is None or reals is None:
         missing = "Real-header values" if reals is None else "acceleration pts"
         raise ValueError(f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N {missing}'")
     k, match = data
-    r, header = reals[0], fixed_width(path, lines, reals[0] + 1, int(reals[1][1]), lines[reals[0]])
+    reals_line, reals_match = reals
+    header = fixed_width(path, lines, reals_line + 1, int(reals_match[1]), lines[reals_line])
     if len(header) < 62 or not header[61] > 0:
-        raise ValueError(f"{path}:{r + 1}: real-header value 62, the sampling interval, must be > 0 ms")
-    head = [line.rstrip() for line in lines[start:r]] + [""] * 13
+        raise ValueError(
+            f"{path}:{reals_line + 1}: real-header value 62, the sampling interval, must be > 0 ms"
+        )
+    head = [line.rstrip() for line in lines[start:reals_line]] + [""] * 13
     band = re.search(r"FILTERED BELOW\s*([\d.]+).*?ABOVE\s*([\d.]+)", head[11], re.I)
     station, date = re.search(r"CODE:\s*(.*)", head[4], re.I), DATE.search(head[7])
     metadata = {
@@ -76,8 +82,8 @@ def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
     }
     values = fixed_width(path, lines, k + 1, int(match[1]), lines[k])
     dt = float(header[61]) * UNITS["ms"].factor
-    dt_place = f"{path}:{r + 1}: real-header value 62 is {header[61]:g} ms"
-    return Samples(values, dt, unit_key(match[2]), metadata, match[2], dt_place)
+    dt_statement = f"{path}:{reals_line + 1}: real-header value 62 is {header[61]:g} ms"
+    return Samples(values, dt, unit_key(match[2]), metadata, match[2], dt_statement)
 
 
 FORMAT = Format("COSMOS volume 2", lambda path, lines: bool(_COSMOS.match(lines[0])), _cosmos)

@@ -1,4 +1,4 @@
-"""Volume 2 of CSMIP."""
+"""CSMIP format, volume 2."""
 
 from __future__ import annotations
 
@@ -24,20 +24,23 @@ _CSMIP_DATA = re.compile(rf"\s*(\d{{1,9}})\s+POINTS OF ACCEL DATA EQUALLY SPACED
 
 
 def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read volume 2 of CSMIP: per channel 25 lines of text, integers, reals, then acceleration, velocity,
-    displacement."""
+    """Read volume 2 of CSMIP.
+
+    Each channel has 25 lines of text, integers, reals, and the samples of acceleration, velocity and
+    displacement.
+    """
     starts = [(k, match) for k, line in enumerate(lines) if (match := _CSMIP.match(line))]
     channels = [(int(match[1] or n), match[2] or "") for n, (_, match) in enumerate(starts, start=1)]
     chosen = choose_channel(path, channels, component)
     start = starts[chosen][0]
     end = starts[chosen + 1][0] if chosen + 1 < len(starts) else len(lines)
-    found = first_match(_CSMIP_DATA, lines, start, end)
-    if found is None:
+    data = first_match(_CSMIP_DATA, lines, start, end)
+    if data is None:
         raise ValueError(
-            f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N points of accel data', "
-            "as volume 2 of CSMIP has"
+            f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N points of accel data', as "
+            "CSMIP volume 2 has"
         )
-    k, match = found
+    k, match = data
     stated_unit = re.search(r"UNITS:\s*([^)]*)\)|,\s*IN\s+(\S+)", lines[k], re.I)
     stated_unit = (stated_unit[1] or stated_unit[2]).strip(" .") if stated_unit else None
     head = [line.rstrip() for line in lines[start:k]] + [""] * 25
@@ -51,7 +54,7 @@ def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
         "format": "CSMIP",
         "event": head[2].split("  ")[0].strip(),
         "date": date[1] if date else "",
-        "station": " ".join(part for part in (code[1] if code else "", station) if part),
+        "station": " ".join(word for word in (code[1] if code else "", station) if word),
         "component": channels[chosen][1],
         "channel": channels[chosen][0],
         **filter_corners(band),

@@ -1,4 +1,4 @@
-"""Volume 2 of New Zealand's GeoNet (.V2A, of GNS Science)."""
+"""GeoNet format (GNS Science, New Zealand), volume 2 (.V2A)."""
 
 from __future__ import annotations
 
@@ -19,34 +19,35 @@ from .base import (
 _START = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\s+(\S+)", re.I)
 _STEP = re.compile(r"DATA AT\s*([\d.]+)\s*S(?:EC)?\b", re.I)
 _FILTER = re.compile(r"BANDS ARE\s*[\d.]+-([\d.]+)\s*HZ AND\s*([\d.]+)-", re.I)
-_TEXTS, _INTEGERS, _REALS = 16, 4, 6  # lines of each header
+_TEXTS, _INTEGERS, _REALS = 16, 4, 6  # number of lines of text, integers and reals
 _COUNT = 33  # index of the number of samples of acceleration among the integers
 
 
 def _is_geonet(path: Path, lines: list[str]) -> bool:
-    of_gns = "GNS SCIENCE" in lines[0].upper() or "GEOLOGICAL & NUCLEAR" in lines[0].upper()
-    return bool(_START.match(lines[0])) and of_gns
+    names_gns = "GNS SCIENCE" in lines[0].upper() or "GEOLOGICAL & NUCLEAR" in lines[0].upper()
+    return bool(_START.match(lines[0])) and names_gns
 
 
 def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read GeoNet: per component 16 lines of text, 40 integers, 60 reals, then acceleration, velocity and
-    displacement, ten a line."""
+    """Read GeoNet.
+
+    Each component has 16 lines of text, 40 integers, 60 reals, and the samples of acceleration, velocity and
+    displacement, ten per line.
+    """
     starts = [k for k, line in enumerate(lines) if _START.match(line)]
     match = _START.match(lines[0])
     assert match is not None
     if match[1]:
-        raise ValueError(
-            f"{path}:1: is volume 1 of GeoNet, an uncorrected (raw) accelerogram; volume 2 (.V2A) can be read"
-        )
+        raise ValueError(f"{path}:1: the file is volume 1 of GeoNet (raw data); volume 2 (.V2A) can be read")
     channels = []
     for n, start in enumerate(starts, start=1):
-        named = re.match(r"\s*Component\s+(\S+)", _line(lines, start + 12), re.I)
-        channels.append((n, named[1] if named else ""))
+        name = re.match(r"\s*Component\s+(\S+)", _line(lines, start + 12), re.I)
+        channels.append((n, name[1] if name else ""))
     chosen = choose_channel(path, channels, component)
     start = starts[chosen]
     step = _STEP.search(_line(lines, start + 10))
     if step is None:
-        raise ValueError(f"{path}:{start + 11}: gives no sampling interval, such as DATA AT 0.02 SEC")
+        raise ValueError(f"{path}:{start + 11}: the line must state the interval, such as DATA AT 0.02 SEC")
     dt = parse_interval(path, start + 11, step[1], "the interval")
     peak = re.search(r"ACCELERATION:\s+PEAK\s+\S+\s+(\S+)", _line(lines, start + 13), re.I)
     stated_unit = peak[1] if peak else None
@@ -78,6 +79,7 @@ def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _line(lines: list[str], k: int) -> str:
+    """Return line k; empty beyond the end."""
     return lines[k] if k < len(lines) else ""
 
 

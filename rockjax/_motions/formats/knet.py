@@ -1,4 +1,4 @@
-"""K-NET and KiK-net."""
+"""Format of K-NET and KiK-net."""
 
 from __future__ import annotations
 
@@ -18,24 +18,23 @@ from .base import (
     require_only_component,
 )
 
-_KNET_KEYS = 18  # width of a key of the header
+_KNET_KEYS = 18  # width of the keys in the header
 _KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=True))
 
 
 def _knet(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read K-NET and KiK-net: keys in 18 columns up to Memo., then counts, which the scale factor converts to
-    gal."""
+    """Read K-NET and KiK-net: a header up to Memo., then counts, which a scale factor converts to gal."""
     header: dict[str, tuple[int, str]] = {}
     for k, line in enumerate(lines):
         header[line[:_KNET_KEYS].strip()] = k + 1, line[_KNET_KEYS:].strip()
         if line.startswith("Memo"):
             break
     else:
-        raise ValueError(f"{path}: its header has no Memo., after which the values begin")
+        raise ValueError(f"{path}: the header has no Memo., after which the values begin")
     end = k + 1
     for key in ("Sampling Freq(Hz)", "Duration Time(s)", "Scale Factor"):
         if key not in header:
-            raise ValueError(f"{path}: its header has no {key}")
+            raise ValueError(f"{path}: the header has no {key}")
     line, text = header["Sampling Freq(Hz)"]
     frequency = parse_number(path, line, re.sub(r"\s*Hz$", "", text))
     if not (frequency > 0 and np.isfinite(1 / frequency)):
@@ -44,12 +43,12 @@ def _knet(path: Path, lines: list[str], component: Component) -> Samples:
     factor = re.fullmatch(r"(\S+?)\s*\(gal\)\s*/\s*(\S+)", text)
     if factor is None:
         raise ValueError(
-            f"{path}:{factor_line}: Scale Factor must read like 2000(gal)/8388608, got {abbreviate(text)}"
+            f"{path}:{factor_line}: Scale Factor must have the form 2000(gal)/8388608, got {abbreviate(text)}"
         )
     counts = parse_number(path, factor_line, factor[2])
     if not counts > 0:
         raise ValueError(
-            f"{path}:{factor_line}: Scale Factor must divide by a number > 0, got {abbreviate(text)}"
+            f"{path}:{factor_line}: the divisor of Scale Factor must be > 0, got {abbreviate(text)}"
         )
     duration_line, text = header["Duration Time(s)"]
     count = round(min(parse_number(path, duration_line, text) * frequency, 1e9))
@@ -68,12 +67,11 @@ def _knet(path: Path, lines: list[str], component: Component) -> Samples:
     )
     with np.errstate(over="ignore"):
         values = values * np.divide(parse_number(path, factor_line, factor[1]), counts)
-    dt_place = f"{path}:{line}: the sampling frequency is {frequency:g} Hz"
-    return require_only_component(
-        path,
-        component,
-        Samples(values, 1 / frequency, "gal", metadata, "gal", dt_place, raw_place="as all of K-NET"),
+    dt_statement = f"{path}:{line}: the sampling frequency is {frequency:g} Hz"
+    samples = Samples(
+        values, 1 / frequency, "gal", metadata, "gal", dt_statement, raw_location="as all K-NET data"
     )
+    return require_only_component(path, component, samples)
 
 
 FORMAT = Format("K-NET", lambda path, lines: lines[0].startswith("Origin Time"), _knet)

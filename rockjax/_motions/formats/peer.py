@@ -1,4 +1,4 @@
-"""PEER's .AT2."""
+"""PEER format (.AT2)."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ _OTHER_QUANTITY = re.compile(
     r"(?!.*ACCEL).*\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME\s+(?:SERIES|HISTORY))", re.I
 )
 _SUFFIXES = {".vt2": "velocity", ".dt2": "displacement"}
-_HEAD = 8  # lines in which NPTS and DT are searched
+_HEAD = 8  # number of lines in which NPTS and DT are searched
 _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
 def _count_and_step(line: str) -> tuple[str, str] | None:
+    """Return NPTS and DT in a line; None if it is a comment or lacks one of them."""
     if line.lstrip()[:1] in tuple("#%!"):
         return None
     if plain := _AT2_PLAIN.match(line):
@@ -41,31 +42,31 @@ def _count_and_step(line: str) -> tuple[str, str] | None:
 
 
 def _is_peer(path: Path, lines: list[str]) -> bool:
-    """Return whether a file has PEER's format: by its suffix, or by a line with NPTS and DT that is no
-    comment."""
+    """Return True for the suffix of PEER files, or if one of the first lines contains NPTS and DT."""
     return path.suffix.lower() in (".at2", *_SUFFIXES) or any(map(_count_and_step, lines[:_HEAD]))
 
 
 def _at2(path: Path, lines: list[str]) -> Samples:
-    found = [(k, both) for k, line in enumerate(lines[:_HEAD]) if (both := _count_and_step(line))]
-    if not found:
+    matches = [(k, match) for k, line in enumerate(lines[:_HEAD]) if (match := _count_and_step(line))]
+    if not matches:
         raise ValueError(
-            f"{path}: has no line with NPTS and DT among its first {min(_HEAD, len(lines))}: "
-            "is this an .AT2 file?"
+            f"{path}: an .AT2 file needs a line with NPTS and DT among its first {_HEAD}; this one has none"
         )
-    k, (count, step) = found[0]
+    k, (count, step) = matches[0]
     for i, line in enumerate(lines[:k], start=1):
         if other := _OTHER_QUANTITY.match(line):
             content = other[1].lower()
-            raise ValueError(f"{path}:{i}: holds {content} ({abbreviate(line.strip())}), not acceleration")
+            raise ValueError(
+                f"{path}:{i}: the file has {content} ({abbreviate(line.strip())}), not acceleration"
+            )
     if content := _SUFFIXES.get(path.suffix.lower()):
-        raise ValueError(f"{path}: by its suffix holds {content}, not acceleration")
+        raise ValueError(f"{path}: the suffix means {content}, not acceleration")
     dt = parse_interval(path, k + 1, step, "DT")
     stated_unit = next((match[1].strip(".,") for match in map(_AT2_UNITS.search, lines[:k]) if match), None)
     metadata: dict[str, Any] = {"format": "PEER"}
-    title = [part.strip() for part in lines[1].split(",")] if k > 1 else []
+    title = [field.strip() for field in lines[1].split(",")] if k > 1 else []
     if len(title) >= 3:  # event and date, station, component
-        event = ", ".join(part for part in title[:-2] if part)
+        event = ", ".join(field for field in title[:-2] if field)
         date = DATE.search(event)
         metadata |= {
             "event": event.replace(date[1], "").strip(" ,") if date else event,
@@ -74,9 +75,10 @@ def _at2(path: Path, lines: list[str]) -> Samples:
             "component": title[-1],
         }
     values = require_count(path, k + 1, "NPTS", int(count), read_numbers(path, lines, k + 1))
-    raw_place = next((f"line {i}" for i, line in enumerate(lines[:k], start=1) if is_raw(line)), "")
-    dt_place = f"{path}:{k + 1}: DT is {dt:g} s"
-    return Samples(values, dt, unit_key(stated_unit), metadata, stated_unit, dt_place, raw_place=raw_place)
+    raw_location = next((f"line {i}" for i, line in enumerate(lines[:k], start=1) if is_raw(line)), "")
+    dt_statement = f"{path}:{k + 1}: DT is {dt:g} s"
+    unit = unit_key(stated_unit)
+    return Samples(values, dt, unit, metadata, stated_unit, dt_statement, raw_location=raw_location)
 
 
 def _read(path: Path, lines: list[str], component: Component) -> Samples:

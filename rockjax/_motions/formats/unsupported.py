@@ -1,4 +1,4 @@
-"""Formats that are recognised but not supported, so that the error can name them."""
+"""Formats that are recognised but not supported, so that the error message can name them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from .base import Component, Format, Samples
 
 
 def _refuse(reason: str) -> Callable[[Path, list[str], Component], Samples]:
+    """Return a reader that raises `ValueError` with this reason."""
+
     def read(path: Path, lines: list[str], component: Component) -> Samples:
         raise ValueError(f"{path}:1: {reason}")
 
@@ -28,40 +30,43 @@ def _is_spectra(path: Path, lines: list[str]) -> bool:
 
 
 def _is_usc(path: Path, lines: list[str]) -> bool:
-    """Return whether a file has USC's layout: the lengths of its text lines in columns 73 and 74."""
+    """Return True for the layout of USC: columns 73 and 74 of text lines contain their lengths."""
     header = lines[2:12]
-    lengths = len(header) == 10 and all(re.fullmatch(r"\s?\d{1,2}", line[72:74]) for line in header)
-    of_usc = lengths or re.search(r"\bUSC\s*#", " ".join(lines[:12]), re.I) is not None
-    of_csmip = any("POINTS OF ACCEL" in line.upper() for line in lines)
-    return bool(re.search(r"\bCORRECTED ACCELEROGRAM", lines[0], re.I)) and of_usc and not of_csmip
+    has_lengths = len(header) == 10 and all(re.fullmatch(r"\s?\d{1,2}", line[72:74]) for line in header)
+    names_usc = has_lengths or re.search(r"\bUSC\s*#", " ".join(lines[:12]), re.I) is not None
+    is_csmip = any("POINTS OF ACCEL" in line.upper() for line in lines)
+    return bool(re.search(r"\bCORRECTED ACCELEROGRAM", lines[0], re.I)) and names_usc and not is_csmip
 
 
-_RAW = _refuse("is volume 1, uncorrected (raw) data; volume 2 (.V2) can be read")
+_RAW = _refuse("the file is volume 1 (raw data); volume 2 (.V2) can be read")
 FORMATS = (
     Format("volume 1", _is_raw, _RAW),
     Format(
         "volume 3",
         _is_spectra,
-        _refuse("is volume 3, response or Fourier spectra, not a motion; volume 2 (.V2) can be read"),
+        _refuse("the file is volume 3 (response or Fourier spectra); volume 2 (.V2) can be read"),
     ),
     Format(
         "USC volume 2",
         _is_usc,
-        _refuse("is volume 2 of USC, which is not read; volume 2 of CSMIP or COSMOS (.V2) can be read"),
+        _refuse("volume 2 of USC is not supported; volume 2 of CSMIP or COSMOS (.V2) can be read"),
     ),
 )
 VOLUME_1 = Format("volume 1", lambda path, lines: path.suffix.lower() in (".v0", ".v1", ".v0c", ".v1c"), _RAW)
 VOLUME_2 = Format(
     "volume 2",
     lambda path, lines: path.suffix.lower() in (".v2", ".v2c", ".v2a"),
-    _refuse("is neither 'Corrected accelerogram' (CSMIP, GeoNet) nor 'Corrected acceleration' (COSMOS)"),
+    _refuse(
+        "a .V2 file must begin with 'Corrected accelerogram' (CSMIP, GeoNet) or 'Corrected acceleration' "
+        "(COSMOS)"
+    ),
 )
 ITACA = Format(
     "ITACA",
     lambda path, lines: path.name.lower().endswith((".cor.acc", ".unp.acc")),
     _refuse(
-        "by its name is of ITACA before it had headers of KEY: value, which is not read; get it as ESM or "
-        "ITACA write it "
-        "today (ASCII), or take its header off and give units and dt"
+        "by its name, the file has an old format of ITACA without headers KEY: value, which is not "
+        "supported; download the present format (ASCII) of ESM or ITACA, or remove the header and give units "
+        "and dt"
     ),
 )

@@ -1,4 +1,4 @@
-"""Waveforms that ObsPy reads: miniSEED, SAC, GSE2."""
+"""Binary waveforms, read by ObsPy: miniSEED, SAC, GSE2."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from .base import Component, Samples, choose_channel, first_line
 
+# Warnings of ObsPy's code, not of the data.
 _CODE_WARNINGS = (
     DeprecationWarning,
     PendingDeprecationWarning,
@@ -22,29 +23,37 @@ WAVEFORMS = {".mseed": "MSEED", ".miniseed": "MSEED", ".sac": "SAC", ".gse2": "G
 
 
 def read(path: Path, content: bytes, component: Component) -> Samples:
-    """Read a trace with ObsPy; its units must be given by the user."""
+    """Return the samples of a channel, read by ObsPy, without a unit.
+
+    - `path`: path of the file, for its suffix and for messages
+    - `content`: bytes of the file
+    - `component`: number or name of a channel, if the file has several
+
+    Raises `ValueError` if ObsPy is not installed or cannot read the file, or if the channel has gaps.
+    """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # from ObsPy's plug-ins
+            warnings.simplefilter("ignore")  # warnings of ObsPy's plug-ins
             import obspy
     except ImportError:
         raise ValueError(
-            f"{path}: {path.suffix} is read by ObsPy; install it with: pip install 'rockjax[records]'"
+            f"{path}: {path.suffix} files need ObsPy; install it with: pip install 'rockjax[records]'"
         ) from None
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             traces: list[Any] = list(obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()]))
     except Exception as error:  # plug-ins may raise anything
-        cause = "it is of another format, or cut short" if "BytesIO" in str(error) else first_line(error)
-        raise ValueError(f"{path}: ObsPy cannot read it: {cause}") from None
+        has_no_format = "BytesIO" in str(error)
+        cause = "it has another format, or is cut short" if has_no_format else first_line(error)
+        raise ValueError(f"{path}: ObsPy cannot read the file: {cause}") from None
     if not traces:
-        raise ValueError(f"{path}: holds no trace")
-    pieces: dict[str, list[Any]] = {}  # of each channel
+        raise ValueError(f"{path}: the file contains no trace")
+    segments: dict[str, list[Any]] = {}  # traces of each channel
     for trace in traces:
-        pieces.setdefault(trace.id, []).append(trace)
-    channels = [(k, channel[0].stats.channel) for k, channel in enumerate(pieces.values(), start=1)]
-    trace = _joined(path, list(pieces.values())[choose_channel(path, channels, component)])
+        segments.setdefault(trace.id, []).append(trace)
+    channels = [(k, channel[0].stats.channel) for k, channel in enumerate(segments.values(), start=1)]
+    trace = _join(path, list(segments.values())[choose_channel(path, channels, component)])
     is_counts = trace.data.dtype.kind in "iu" and trace.stats.calib == 1
     metadata = {
         "format": str(trace.stats.get("_format", "")),
@@ -52,38 +61,39 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
         "station": f"{trace.stats.network}.{trace.stats.station}".strip("."),
         "component": trace.stats.channel,
     }
-    data_warnings = [each for each in caught if not issubclass(each.category, _CODE_WARNINGS)]
-    beyond = len(content) % trace.stats.mseed.record_length if "mseed" in trace.stats else 0
+    data_warnings = [warning for warning in caught if not issubclass(warning.category, _CODE_WARNINGS)]
+    excess = len(content) % trace.stats.mseed.record_length if "mseed" in trace.stats else 0
     if data_warnings:
         metadata["damaged"] = (
             f"ObsPy warns {len(data_warnings)} times: {first_line(data_warnings[0].message)}"
         )
-    elif beyond:
-        metadata["damaged"] = f"its last {beyond} bytes are no whole record; it was cut short"
+    elif excess:
+        metadata["damaged"] = f"its last {excess} bytes are an incomplete record; it was cut short"
     values = np.asarray(trace.data, float) * trace.stats.calib
     dt = float(trace.stats.delta)
-    dt_place = f"{path}: the sampling interval is {dt:g} s"
-    return Samples(values, dt, None, metadata, None, dt_place, raw_place="whole numbers" if is_counts else "")
+    dt_statement = f"{path}: the sampling interval is {dt:g} s"
+    raw_location = "whole numbers" if is_counts else ""
+    return Samples(values, dt, None, metadata, None, dt_statement, raw_location=raw_location)
 
 
-def _joined(path: Path, pieces: list[Any]) -> Any:
-    """Return the pieces of a channel as one trace. Raises `ValueError` that names the first gap."""
+def _join(path: Path, segments: list[Any]) -> Any:
+    """Return the traces of a channel as one trace. Raises `ValueError` that names the first gap."""
     import obspy
 
-    stream = obspy.Stream(pieces)
-    if len({piece.stats.delta for piece in pieces}) > 1:
+    stream = obspy.Stream(segments)
+    if len({segment.stats.delta for segment in segments}) > 1:
         raise ValueError(
-            f"{path}: {pieces[0].id} changes its sampling interval; resample it, or cut out the part that "
-            "holds the motion"
+            f"{path}: the sampling interval of {segments[0].id} changes; resample it, or cut out the part "
+            "with the motion"
         )
     if gaps := stream.get_gaps():
         start, end, missing = gaps[0][4], gaps[0][5], int(gaps[0][7])
-        found = f"{len(gaps)} gaps" if missing > 0 else f"{len(gaps)} overlaps"
+        kind = "gaps" if missing > 0 else "overlaps"
         raise ValueError(
-            f"{path}: {pieces[0].id} has {found}, the first of {abs(missing)} samples from {start} to {end}; "
-            "cut out the part that holds the motion"
+            f"{path}: {segments[0].id} has {len(gaps)} {kind}, the first of {abs(missing)} samples from "
+            f"{start} to {end}; cut out the part with the motion"
         )
     trace: Any = next(iter(stream.merge()))
     if isinstance(trace.data, np.ma.MaskedArray):
-        raise ValueError(f"{path}: {trace.id} has gaps; cut out the part that holds the motion")
+        raise ValueError(f"{path}: {trace.id} has gaps; cut out the part with the motion")
     return trace

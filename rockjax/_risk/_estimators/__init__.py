@@ -1,4 +1,4 @@
-"""Estimators of a probability of failure: a new one is a module here and a line in `ESTIMATORS`."""
+"""Estimators of a probability of failure, one module each; `ESTIMATORS` contains them by name."""
 
 from ._base import AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes
 from ._importance import Importance

@@ -1,4 +1,4 @@
-"""Base classes of the estimators: rounds of independent contributions, whose mean is the probability."""
+"""Base classes of the estimators, which add rounds of samples until a probability has converged."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from rockjax._risk.limit_state import AbstractLimitState
 from rockjax._risk.search import DesignPoints
 
 LEVEL = 0.95  # confidence level of the interval
-ROUNDS = 2  # least number of rounds before an estimate may converge
-EFFECTIVE = 20  # least effective number of failures before it may converge
+ROUNDS = 2  # smallest number of rounds of a converged estimate
+EFFECTIVE = 20  # smallest effective number of failures of a converged estimate
 
 
 class ProbabilityEstimate(NamedTuple):
-    """A probability with its accuracy; `effective` is the effective number of failures in the sample."""
+    """A probability with its accuracy."""
 
     probability: float
     standard_error: float
     interval: tuple[float, float]
-    effective: float
+    effective: float  # effective number of failures in the sample
 
     @property
     def cov(self) -> float:
-        """Coefficient of variation of the estimate, inf while nothing has failed."""
+        """Coefficient of variation of the estimate; inf if no sample has failed."""
         return self.standard_error / self.probability if self.probability > 0 else math.inf
 
 
 class ProbabilitySlopes(NamedTuple):
-    """Derivatives of a probability by name, each with its standard error.
+    """Derivatives of a probability with respect to parameters."""
 
-    `jumps` is the share of the surface of failure, weighted by its density, across which G jumps; the
-    derivatives do not include it.
-    """
-
-    by_name: dict[str, tuple[float, float]]
+    by_name: dict[str, tuple[float, float]]  # (derivative, standard error) by the name of the parameter
+    # Share of the surface of failure, weighted by its density, across which G jumps; the derivatives do not
+    # include it.
     jumps: float
 
 
 class AbstractEstimator(abc.ABC):
     """Estimator of P(G ≤ 0), to which rounds of samples are added until it has converged.
 
-    - `limit`: limit state; `points`: its design points; `rng`: source of random numbers
+    - `limit`: limit state
+    - `points`: design points of the limit state
+    - `rng`: source of random numbers
     - `rounds`: number of rounds so far
     """
 
     needs_design_points = True
-    always_covers = False  # whether the interval has its nominal coverage even before convergence
+    always_covers = False  # True if the interval has its nominal coverage even before convergence
 
     def __init__(self, limit: AbstractLimitState, points: DesignPoints, rng: np.random.Generator):
         self.limit, self.points, self.rng = limit, points, rng
@@ -66,22 +66,22 @@ class AbstractEstimator(abc.ABC):
         """Return the estimate from all rounds so far."""
 
     def slopes(self) -> ProbabilitySlopes | None:
-        """Return dP/dy from the same samples, or None if the limit state or the method provides none."""
+        """Return dP/dy from the same samples; None if the limit state or the method does not provide it."""
         return None
 
     def converged(self, estimate: ProbabilityEstimate, cov: float) -> bool:
-        """Return whether the estimate has reached the coefficient of variation `cov`.
+        """Return True if an estimate has the coefficient of variation `cov` or a smaller one.
 
-        It also needs `ROUNDS` rounds and `EFFECTIVE` effective failures.
+        At least `ROUNDS` rounds and `EFFECTIVE` effective failures are also required.
         """
         return self.rounds >= ROUNDS and estimate.effective >= EFFECTIVE and estimate.cov <= cov
 
     def has_light_tail(self) -> bool:
-        """Return whether no few contributions dominate, so that their spread measures the error."""
+        """Return True if the spread of the contributions measures the error: no few of them dominate."""
         return True
 
     def exhausted(self) -> bool:
-        """Return whether further rounds would add no information."""
+        """Return True if further rounds would add no information."""
         return False
 
     def run(
@@ -90,10 +90,10 @@ class AbstractEstimator(abc.ABC):
         """Add rounds until the estimate converges, is exhausted, or has used `max_scenes`.
 
         - `cov`: coefficient of variation to reach
-        - `max_scenes`: scenes after which no further round begins
-        - `first`: scenes of the first round. Each later round has the size that the last estimate calls for,
-          at most three times all scenes before it
-        - `report`: called with the estimate after each round
+        - `max_scenes`: number of scenes after which no further round begins
+        - `first`: number of scenes of the first round. The size of later rounds follows from the last
+          estimate; it is at most three times the number of scenes before
+        - `report`: function that receives the estimate after each round
 
         Returns the last estimate.
         """
@@ -110,7 +110,7 @@ class AbstractEstimator(abc.ABC):
 
 
 class AbstractMean(AbstractEstimator):
-    """Base class for independent contributions y ≥ 0 with P = E[y]."""
+    """Base class for estimators with independent contributions y ≥ 0 and P = E[y]."""
 
     def __init__(self, limit, points, rng):
         super().__init__(limit, points, rng)
@@ -130,8 +130,10 @@ class AbstractMean(AbstractEstimator):
 
 
 def lognormal_interval(p: float, error: float, count: int) -> tuple[float, float]:
-    """Return the lognormal confidence interval of an estimate p > 0; for p = 0 the upper limit that `count`
-    samples without failure imply."""
+    """Return the lognormal confidence interval of an estimate p with a standard error.
+
+    For p = 0, the interval follows from `count` samples without failure.
+    """
     if p == 0:
         return 0.0, 1 - (1 - LEVEL) ** (1 / count)
     factor = math.exp(float(scipy.stats.norm.ppf(0.5 + LEVEL / 2)) * math.sqrt(math.log1p((error / p) ** 2)))

@@ -1,18 +1,16 @@
-"""Importance sampling: samples from normal densities around the design points, each weighted by its
-likelihood ratio.
+"""Importance sampling from normal densities around the design points, weighted by likelihood ratios.
 
-The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u). One half of w_i is in proportion to Φ(−β_i), the
-other half is equal for all design points. Because φ itself is part of the mixture, no weight φ/h exceeds
-1/w_0, even where no design point was found. The weights depend only on the projections on the design points,
-so they do not degenerate with the dimension.
+The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u). One half of w_i is proportional to Φ(−β_i); the
+other half is equal for all design points. Because φ itself is part of the mixture, no likelihood ratio φ/h
+exceeds 1/w_0. The ratios depend only on the projections of u on the design points, so they do not degenerate
+in high dimensions.
 
-Where failure is unrelated to the design points, as often for rocking, the weights of failing samples have a
-heavy tail: a few samples dominate the sum, and others like them were not drawn. The shape k of a generalised
-Pareto distribution fitted to the largest weights detects this (Vehtari et al. 2024): above 0.7 neither the
-estimate nor its spread is reliable.
+If failure is unrelated to the design points, as often in rocking, the weights of failing samples have a heavy
+tail: a few samples dominate the sum. The shape k of a generalised Pareto distribution fitted to the largest
+weights detects this (Vehtari et al. 2024): above 0.7, neither the estimate nor its spread is reliable.
 
 A failing sample with a large weight lies far from every known design point. A search for design points starts
-from there. If it finds a new one, the mixture is widened and the samples of the old mixture are discarded.
+there. If it finds a new one, the mixture is extended and the samples of the old mixture are discarded.
 """
 
 from __future__ import annotations
@@ -28,26 +26,26 @@ from rockjax._risk.search import DesignPoints, design_points, merge_points
 from ._base import AbstractMean
 
 ORIGIN = 0.1  # weight w_0 of the density around the origin
-BATCH = 4096
-FAR_WEIGHT = 1.0  # a failure with a larger weight is far from every design point; near one it is about Φ(−β)
-SEARCHES = 4  # greatest number of starts of the search in a round
-TAIL_FACTOR = 3.0  # times √n: number of the largest of n weights that the fit uses, at most a fifth of them
-MIN_TAIL = 10
-MAX_SHAPE = 0.7  # shape k above which a tail is too heavy
-MAX_WIDENINGS = 3  # greatest number of times that the mixture is widened
+BATCH = 4096  # number of samples in memory at once
+FAR_WEIGHT = 1.0  # a failure with a larger weight is far from every design point, where it is about Φ(−β)
+SEARCHES = 4  # largest number of starts of the search in a round
+TAIL_FACTOR = 3.0  # number of weights in the fit divided by √n; at most a fifth of all n weights
+MIN_TAIL = 10  # smallest number of weights in the fit; with fewer, the tail is taken to be light
+MAX_SHAPE = 0.7  # largest shape k of a light tail
+MAX_EXTENSIONS = 3  # largest number of extensions of the mixture
 
 
 class Importance(AbstractMean):
     def __init__(self, limit, points, rng):
         super().__init__(limit, points, rng)
-        self.widened = 0
+        self.extensions = 0
         self._set_mixture(points)
 
     def _set_mixture(self, points: DesignPoints) -> None:
         self.points = points
         share = scipy.stats.norm.cdf(-points.beta)
         weights = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
-        # Near and far design points alike get enough samples to be represented.
+        # The equal half gives enough samples to distant design points.
         weights = 0.5 * (weights + 1 / weights.size)
         self.weights = np.concatenate([[ORIGIN], (1 - ORIGIN) * weights])
         self.centres = np.concatenate([np.zeros((1, self.limit.dimension)), points.u])
@@ -63,11 +61,11 @@ class Importance(AbstractMean):
         return float(scipy.stats.genpareto.fit(excess, floc=0)[0]) <= MAX_SHAPE
 
     def round(self, size: int) -> None:
-        unexplained = [self._batch(min(BATCH, size - start)) for start in range(0, size, BATCH)]
-        starts = np.concatenate(unexplained)[:SEARCHES]
-        if len(starts) == 0 or self.widened >= MAX_WIDENINGS:
+        far_failures = [self._batch(min(BATCH, size - start)) for start in range(0, size, BATCH)]
+        starts = np.concatenate(far_failures)[:SEARCHES]
+        if len(starts) == 0 or self.extensions >= MAX_EXTENSIONS:
             return
-        self.widened += 1
+        self.extensions += 1
         all_points = merge_points(self.points, design_points(self.limit, starts))
         if all_points.beta.size > self.points.beta.size:
             self._set_mixture(all_points)

@@ -1,11 +1,11 @@
 """Line sampling: failing segments of random lines parallel to the direction of a design point.
 
 A line with the direction α_i of a design point contributes the normal probability of its failing segments.
-All crossings with the surface of failure count, so survival windows are included. With several design points,
-space is divided among them: u belongs to the design point with the largest α_i·u − β_i. Each line is cut off
-at the boundary of its part of space, so no failing segment is counted twice or omitted.
+All crossings with the surface of failure count, so survival windows are included. Several design points
+divide space into regions: u belongs to the region of the design point with the largest α_i·u − β_i. Each line
+ends at the boundary of its region, so no failing segment is counted twice or omitted.
 
-The crossings move with a parameter y of the structure or the motion, and the probability changes by
+If a parameter y of the structure or the motion changes, the crossings move, and the probability changes by
 dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|, summed over the crossings c of a line. Where G jumps across zero, its
 derivatives do not determine how the crossing moves.
 """
@@ -22,43 +22,31 @@ from rockjax._risk.lines import crossings
 
 from ._base import AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes, lognormal_interval
 
-FINE_RANGE, FINE_STEP, COARSE_STEP = (
-    2.5,
-    0.3,
-    0.8,
-)  # places on a line: every 0.3 within 2.5 of β, every 0.8 elsewhere
-HALF_LENGTH = 7.5  # half the length of a line: Φ(−7.5) is 3e-14
+FINE_RANGE = 2.5  # positions on a line are dense within this distance of β
+FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance of positions within this range and elsewhere
+HALF_LENGTH = 7.5  # half of the length of a line; Φ(−7.5) is 3e-14
 LINE_SCENES = 40  # approximate number of scenes for a line
-BATCH = 128  # lines in memory at once
-JUMP = 1e-3  # G has jumped at a crossing if it is farther from zero than this share of |∂G/∂c|·σ
+BATCH = 128  # number of lines in memory at once
+JUMP = 1e-3  # G jumps at a crossing if |G| on its failing side exceeds this multiple of |∂G/∂c|
 
 
 class _SurfacePoints(NamedTuple):
-    """Crossings of lines with the surface of failure.
+    """Crossings of lines with the surface of failure."""
 
-    - `u`: points, (k, d); `density`: φ(c), (k,); `G`: there, on the failing side, (k,)
-    - `part`, `line`: index of the design point, and of the line among the lines of that design point, (k,)
-    """
-
-    u: np.ndarray
-    density: np.ndarray
-    G: np.ndarray
-    part: np.ndarray
-    line: np.ndarray
+    u: np.ndarray  # the points, on the failing side, shape (k, d)
+    density: np.ndarray  # φ(c), shape (k,)
+    G: np.ndarray  # G at u, shape (k,)
+    region: np.ndarray  # index of the design point, shape (k,)
+    line: np.ndarray  # index of the line among the lines of this design point, shape (k,)
 
 
 class _Lines(NamedTuple):
-    """Lines u + cα parallel to a design point's direction, with c ≥ `low` inside the part of space that
-    belongs to it.
+    """Lines u + cα parallel to the direction α of a design point, for c ≥ `low`, inside its region."""
 
-    - `u`: (m, d), normal to α; `part`, `line`: index of the design point, and of the line among its lines,
-      (m,)
-    """
-
-    u: np.ndarray
-    low: np.ndarray
-    part: np.ndarray
-    line: np.ndarray
+    u: np.ndarray  # points normal to α, shape (m, d)
+    low: np.ndarray  # shape (m,)
+    region: np.ndarray  # index of the design point, shape (m,)
+    line: np.ndarray  # index of the line among the lines of this design point, shape (m,)
 
 
 class Line(AbstractEstimator):
@@ -73,18 +61,18 @@ class Line(AbstractEstimator):
         share = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
         count = max(size // LINE_SCENES, 4)
         lines = self._draw(np.maximum(2, np.round(count * share)).astype(int))
-        for start in range(0, lines.part.size, BATCH):
+        for start in range(0, lines.region.size, BATCH):
             self._add_lines(_Lines(*(y[start : start + BATCH] for y in lines)))
 
     def _add_lines(self, lines: _Lines) -> None:
         """Add the contributions and the crossings of lines."""
-        beta, direction = self.points.beta[lines.part], self.directions[lines.part]
+        beta, direction = self.points.beta[lines.region], self.directions[lines.region]
         pairs = zip(lines.low, beta, strict=True)
         positions = [
             self._scan_positions(low, max(HALF_LENGTH, b + FINE_RANGE), float(b)) for low, b in pairs
         ]
         crossed = crossings(self.limit, lines.u, direction, positions)
-        # Failing stretches end at crossings; beyond the ends of a full line the state at its end continues.
+        # A failing segment ends at a crossing. Beyond the ends of a full line, G keeps its sign.
         below = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(crossed.fails_first, below, 0.0)
         np.add.at(
@@ -93,45 +81,48 @@ class Line(AbstractEstimator):
             np.where(crossed.enters, 1.0, -1.0) * scipy.stats.norm.sf(crossed.position),
         )
         for i, values in enumerate(self.lines):
-            of_part = lines.part == i
-            values[lines.line[of_part]] = probability[of_part]
+            is_inside = lines.region == i
+            values[lines.line[is_inside]] = probability[is_inside]
         u = lines.u[crossed.line] + crossed.position[:, None] * direction[crossed.line]
-        where = lines.part[crossed.line], lines.line[crossed.line]
+        density = scipy.stats.norm.pdf(crossed.position)
         self.surface_points.append(
-            _SurfacePoints(u, scipy.stats.norm.pdf(crossed.position), crossed.G, *where)
+            _SurfacePoints(u, density, crossed.G, lines.region[crossed.line], lines.line[crossed.line])
         )
 
     def _draw(self, counts: np.ndarray) -> _Lines:
-        """Draw `counts` new lines for each design point; lines that miss its part count, but are dropped."""
-        part = np.repeat(np.arange(counts.size), counts)
+        """Draw `counts` new lines for each design point, and return those that meet its region.
+
+        The other lines count with a contribution of zero.
+        """
+        region = np.repeat(np.arange(counts.size), counts)
         line = np.concatenate([np.arange(n) + self.lines[i].size for i, n in enumerate(counts)])
         for i, n in enumerate(counts):
             self.lines[i] = np.concatenate([self.lines[i], np.zeros(n)])
-        alpha, beta = self.directions[part], self.points.beta
-        u = self.rng.standard_normal((part.size, self.limit.dimension))
+        alpha, beta = self.directions[region], self.points.beta
+        u = self.rng.standard_normal((region.size, self.limit.dimension))
         u -= np.sum(u * alpha, axis=1, keepdims=True) * alpha
-        # α_i·(u + cα_i) − β_i ≥ α_j·(u + cα_i) − β_j
-        cosine = np.maximum(1 - alpha @ self.directions.T, 1e-12)
-        bound = (u @ self.directions.T - beta + beta[part, None]) / cosine
-        bound[np.arange(part.size), part] = -HALF_LENGTH
+        # Inside the region α_i·(u + cα_i) − β_i ≥ α_j·(u + cα_i) − β_j for all j, solved for c.
+        cosine_gap = np.maximum(1 - alpha @ self.directions.T, 1e-12)
+        bound = (u @ self.directions.T - beta + beta[region, None]) / cosine_gap
+        bound[np.arange(region.size), region] = -HALF_LENGTH
         low = np.maximum(bound.max(axis=1), -HALF_LENGTH)
-        reached = low < np.maximum(HALF_LENGTH, beta[part] + FINE_RANGE)
-        return _Lines(u[reached], low[reached], part[reached], line[reached])
+        meets_region = low < np.maximum(HALF_LENGTH, beta[region] + FINE_RANGE)
+        return _Lines(u[meets_region], low[meets_region], region[meets_region], line[meets_region])
 
     @staticmethod
     def _scan_positions(low: float, high: float, beta: float) -> np.ndarray:
+        """Return the ascending positions from `low` to `high` at which a line is evaluated first."""
         ends = np.clip([low, beta - FINE_RANGE, beta + FINE_RANGE, high], low, high)
-        parts = [np.zeros(0)]
+        positions = [np.zeros(0)]
         for a, b, step in zip(ends[:-1], ends[1:], (COARSE_STEP, FINE_STEP, COARSE_STEP), strict=True):
             if b > a:
-                parts.append(np.linspace(a, b, max(2, math.ceil((b - a) / step) + 1)))
-        return np.unique(np.concatenate(parts))
+                positions.append(np.linspace(a, b, max(2, math.ceil((b - a) / step) + 1)))
+        return np.unique(np.concatenate(positions))
 
     def estimate(self) -> ProbabilityEstimate:
-        y = self.lines
-        p = float(sum(part.mean() for part in y))
-        variance = float(sum(part.var(ddof=1) / part.size for part in y))
-        error, count = math.sqrt(variance), sum(part.size for part in y)
+        p = float(sum(y.mean() for y in self.lines))
+        variance = float(sum(y.var(ddof=1) / y.size for y in self.lines))
+        error, count = math.sqrt(variance), sum(y.size for y in self.lines)
         effective = count / (1 + count * (error / p) ** 2) if p > 0 else 0.0
         return ProbabilityEstimate(p, error, lognormal_interval(p, error, count), effective)
 
@@ -142,7 +133,7 @@ class Line(AbstractEstimator):
             return None
         self.limit.scenes += surface.G.size
         _, slope, by_name = derivatives
-        slope_along = np.abs(np.sum(slope * self.directions[surface.part], axis=1))
+        slope_along = np.abs(np.sum(slope * self.directions[surface.region], axis=1))
         jumps = ~(np.abs(surface.G) < JUMP * slope_along)
         weight = np.where(jumps, 0.0, surface.density / np.where(jumps, 1.0, slope_along))
         total = float(np.sum(surface.density))
@@ -150,8 +141,8 @@ class Line(AbstractEstimator):
         for name, y in by_name.items():
             mean, variance = 0.0, 0.0
             for i, lines in enumerate(self.lines):
-                of_part = surface.part == i
-                changes = np.bincount(surface.line[of_part], -(weight * y)[of_part], minlength=len(lines))
+                is_inside = surface.region == i
+                changes = np.bincount(surface.line[is_inside], -(weight * y)[is_inside], minlength=len(lines))
                 mean += float(changes.mean())
                 variance += float(changes.var(ddof=1) / changes.size)
             result[name] = (mean, math.sqrt(variance))

@@ -8,7 +8,7 @@ import scipy
 
 from ._base import LEVEL, AbstractMean, ProbabilityEstimate
 
-BATCH = 4096  # samples in memory at once
+BATCH = 4096  # number of samples in memory at once
 
 
 class MonteCarlo(AbstractMean):
@@ -23,6 +23,6 @@ class MonteCarlo(AbstractMean):
     def estimate(self) -> ProbabilityEstimate:
         failures = round(self.total)
         p = failures / self.count
-        found = scipy.stats.binomtest(failures, self.count).proportion_ci(LEVEL, method="exact")
+        interval = scipy.stats.binomtest(failures, self.count).proportion_ci(LEVEL, method="exact")
         error = math.sqrt(p * (1 - p) / self.count)
-        return ProbabilityEstimate(p, error, (float(found.low), float(found.high)), float(failures))
+        return ProbabilityEstimate(p, error, (float(interval.low), float(interval.high)), float(failures))

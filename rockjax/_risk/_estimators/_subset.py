@@ -1,10 +1,11 @@
 """Subset simulation (Au & Beck 2001): the probability of a rare event as a product of larger probabilities.
 
 It needs neither derivatives nor design points. A run descends through levels of G. At each level, the samples
-with the lowest G (one twentieth by default) start chains of moves, and a move is accepted if G stays below
-the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ, applied to a
-random quarter of the components (at least ten), because longer moves of fewer components decorrelate sooner.
-A run ends at the level 0, or without failure after `LEVELS` levels.
+with the lowest G (one twentieth by default) start chains of moves, and a move is accepted if G does not
+exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ, applied
+to each component with probability 1/4 (in low dimensions more, so that about ten components move), because
+longer moves of fewer components decorrelate sooner. A run ends at the level 0, or without failure after
+`LEVELS` levels.
 
 The samples of a run are correlated within their chains and across levels, and one run cannot measure this.
 Therefore several independent runs share one batch, and their spread gives the error. The estimate has a bias
@@ -23,31 +24,26 @@ import scipy
 from ._base import LEVEL, ROUNDS, AbstractEstimator, ProbabilityEstimate, lognormal_interval
 
 SHARE = 0.05  # default share of the samples that pass to the next level
-RUNS = 6  # independent runs of a round, in one batch
+RUNS = 6  # number of independent runs of a round, in one batch
 SAMPLES = 1500  # default number of samples of a level in the first round
-MIN_SAMPLES = 800  # least number of samples of a level in later rounds
-# Greatest growth of the samples from one round to the next; more rounds give a better estimate of the spread.
+MIN_SAMPLES = 800  # smallest number of samples of a level in later rounds
+# Largest ratio of the numbers of samples in successive rounds; more rounds estimate the spread better.
 GROWTH = 2
-MAX_ENTRIES = 5e7  # greatest number of array entries of the samples in memory at once
-LEVELS = 40  # greatest number of levels of a run
-MOVE_SHARE = 0.25  # share of the components that a move changes
-MIN_MOVED = 10  # least number of components that a move changes, or all
-ACCEPTED = 0.35  # share of moves to aim for
+MAX_ENTRIES = 5e7  # largest number of array entries of the samples in memory at once
+LEVELS = 40  # largest number of levels of a run
+MOVE_SHARE = 0.25  # mean share of the components that a move changes
+MIN_MOVED = 10  # smallest mean number of components that a move changes, if u has so many
+ACCEPTED = 0.35  # target of the share of accepted moves
 TAIL = 0.5 + LEVEL / 2  # quantile at the upper end of the interval
 
 
 class _Run(NamedTuple):
-    """A completed run.
+    """A completed run."""
 
-    - `probability`: estimate of P, 0 if no level reached failure
-    - `variance`: relative variance of the estimate, estimated from this run
-    - `samples`: number of samples per level; `failing`: the failing samples, (k, d)
-    """
-
-    probability: float
-    variance: float
-    samples: int
-    failing: np.ndarray
+    probability: float  # estimate of P; 0 if no level reached failure
+    variance: float  # relative variance of the estimate, estimated from this run
+    samples: int  # number of samples per level
+    failing: np.ndarray  # the failing samples, shape (k, d)
 
 
 class Subset(AbstractEstimator):
@@ -56,12 +52,12 @@ class Subset(AbstractEstimator):
     def __init__(self, limit, points, rng, samples: int = SAMPLES, share: float = SHARE):
         super().__init__(limit, points, rng)
         self.share = share
-        self.first = samples  # samples of a level in the first round
+        self.first_samples = samples  # number of samples of a level in the first round
         self.runs: list[_Run] = []
-        self.spent = 0
+        self.spent = 0  # number of scenes of all runs
 
     def round(self, size: int) -> None:
-        before, samples = self.limit.scenes, self.first
+        before, samples = self.limit.scenes, self.first_samples
         if self.runs:
             scenes_per_sample = self.spent / sum(run.samples for run in self.runs)
             max_samples = max(SAMPLES, MAX_ENTRIES / (RUNS * self.limit.dimension))
@@ -73,14 +69,14 @@ class Subset(AbstractEstimator):
         self.spent += self.limit.scenes - before
 
     def _complete_runs(self, runs: list[Generator[np.ndarray, np.ndarray, _Run]]) -> list[_Run]:
-        """Complete the runs, evaluating the samples that they request in one batch."""
+        """Complete the runs; the samples that they request together are evaluated in one batch."""
         ended: list[_Run] = []
         pending = [(run, next(run)) for run in runs]
         while pending:
             values = self.limit.values(np.concatenate([u for _, u in pending]))
-            parts = np.split(values, np.cumsum([len(u) for _, u in pending])[:-1])
+            values_of_runs = np.split(values, np.cumsum([len(u) for _, u in pending])[:-1])
             still_pending = []
-            for (run, _), g in zip(pending, parts, strict=True):
+            for (run, _), g in zip(pending, values_of_runs, strict=True):
                 try:
                     still_pending.append((run, run.send(g)))
                 except StopIteration as end:
@@ -89,24 +85,25 @@ class Subset(AbstractEstimator):
         return ended
 
     def _run(self, samples: int) -> Generator[np.ndarray, np.ndarray, _Run]:
-        """Generate a run: yield samples, and receive G of them."""
+        """Perform a run as a generator that yields samples, receives their G, and returns the run."""
         u = self.rng.standard_normal((samples, self.limit.dimension))
         g = yield u
         probability, variance, spread, chains = 1.0, 0.0, 0.6, samples
         for _ in range(LEVELS):
             level = max(float(np.quantile(g, self.share, method="lower")), 0.0)
-            below = g <= level
-            variance += _relative_variance(below, chains)
-            probability *= float(below.mean())
+            is_below = g <= level
+            variance += _relative_variance(is_below, chains)
+            probability *= float(is_below.mean())
             if level == 0.0:
-                return _Run(probability, variance, samples, u[below])
+                return _Run(probability, variance, samples, u[is_below])
             # The choice is random, because the first samples have moved the least.
-            chosen = self.rng.permutation(np.flatnonzero(below))[: round(self.share * samples)]
+            chosen = self.rng.permutation(np.flatnonzero(is_below))[: round(self.share * samples)]
             chains = chosen.size
             u, g, spread = yield from self._chains(u[chosen], g[chosen], level, spread)
         return _Run(0.0, math.inf, samples, np.zeros((0, self.limit.dimension)))
 
     def _chains(self, u, g, level: float, spread: float):
+        """Continue samples by chains of moves below a level; the generator returns samples, G and spread."""
         us, gs = [u], [g]
         move_share = max(MOVE_SHARE, MIN_MOVED / self.limit.dimension)
         for _ in range(round(1 / self.share) - 1):
@@ -117,16 +114,16 @@ class Subset(AbstractEstimator):
             u, g = np.where(accepted[:, None], candidate, u), np.where(accepted, value, g)
             us.append(u)
             gs.append(g)
-            # Shorten the moves if too few are accepted, lengthen them if too many are.
+            # Too few accepted moves shorten the next ones, too many lengthen them.
             spread = min(spread * math.exp(float(accepted.mean()) - ACCEPTED), 1.0)
         return np.concatenate(us), np.concatenate(gs), spread
 
     def exhausted(self) -> bool:
-        """Return whether several rounds have passed and no run has reached failure within its levels."""
+        """Return True if no run of the first `ROUNDS` rounds or later has reached failure."""
         return len(self.runs) >= ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> ProbabilityEstimate:
-        # Much smaller runs vary more than in proportion; they only served to choose the size of the others.
+        # Much smaller runs vary too much; they served to choose the size of the others.
         largest = max(run.samples for run in self.runs)
         runs = [run for run in self.runs if run.samples >= largest / 4]
         p = np.array([run.probability for run in runs])
@@ -135,8 +132,8 @@ class Subset(AbstractEstimator):
         mean = float(weight @ p)
         if mean == 0:
             return ProbabilityEstimate(0.0, 0.0, (0.0, self.share**2), 0.0)
-        # The variance of a run is proportional to 1/samples. By chance runs may agree better than
-        # their own estimated variances suggest.
+        # The variance of a run is proportional to 1/samples. Runs may agree by chance; therefore the error is
+        # not less than the variances estimated from each run suggest.
         spread = float(np.sum(weight * (p - mean) ** 2)) / (p.size - 1)
         own_variance = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
         # The variance of a few runs is itself uncertain: widen it by Student's t.
@@ -151,14 +148,18 @@ def _finite(variance: float) -> float:
     return variance if math.isfinite(variance) else 0.0
 
 
-def _relative_variance(below: np.ndarray, chains: int) -> float:
-    """Return the relative variance of the share of a level, from samples in chains one after the other,
-    including their correlation (Au & Beck 2001)."""
-    n, p = below.size, float(below.mean())
+def _relative_variance(is_below: np.ndarray, chains: int) -> float:
+    """Return the relative variance of the share of samples below a level (Au & Beck 2001).
+
+    - `is_below`: True for samples below the level, shape (n,): the first samples of all chains, then the
+      second ones, …
+    - `chains`: number of chains; the correlation along each increases the variance
+    """
+    n, p = is_below.size, float(is_below.mean())
     if p in (0.0, 1.0):
         return 0.0
     length = n // chains
-    x = below[: length * chains].reshape(length, chains).astype(float)
+    x = is_below[: length * chains].reshape(length, chains).astype(float)
     correlation = 0.0
     for lag in range(1, length):
         r = float((x[:-lag] * x[lag:]).mean()) - p**2
