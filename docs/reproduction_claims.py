@@ -1,6 +1,6 @@
-"""Claims of the paper's Sections 3 to 5 beside what its equations give; a part of `reproduction.py`.
+"""Comparison of claims in Sections 2 to 5 of the paper with its equations, for `reproduction.py`.
 
-Verdicts are computed from the numbers, so they change with them.
+Most verdicts are computed from the results.
 """
 
 from __future__ import annotations
@@ -23,18 +23,20 @@ COLUMN = rj.Podium(alpha=math.atan(TAN), R=R, gamma=GAMMA)
 P = float(COLUMN.p)
 RATIOS, PERIODS = (1.0, 5.0, 10.0), (0.0, 0.1, 0.5, 1.0)
 X = np.arange(1.0, 7.01, 0.25)  # ω_p/p
-TOP = 12.0  # the search ends at this a_p/(g tan α)
-SCALE = 6.0  # of length, of the specimen
+MAX_RATIO = 12.0  # end of the search, a_p/(g tan α)
+SCALE = 6.0  # lengths of the building divided by lengths of the specimen
 
 
 def nearest_index(value: float) -> int:
+    """Return the index of the entry of X that is closest to a value."""
     return int(np.argmin(np.abs(X - value)))
 
 
 def boundary(podium: rj.Podium) -> np.ndarray:
-    """Least overturning a_p/(g tan α) at X; infinite where nothing up to TOP overturns."""
-    found = rj.overturning_spectrum(podium, rj.Ricker, X, max_acceleration_ratio=TOP)["minimum"].values
-    return np.where(np.isnan(found), np.inf, found)
+    """Return the least overturning a_p/(g tan α) at X; inf where nothing up to MAX_RATIO overturns."""
+    spectrum = rj.overturning_spectrum(podium, rj.Ricker, X, max_acceleration_ratio=MAX_RATIO)
+    minimum = spectrum["minimum"].values
+    return np.where(np.isnan(minimum), np.inf, minimum)
 
 
 def building(ratio: float, T_s: float) -> rj.Rigid | rj.Elastic:
@@ -42,7 +44,7 @@ def building(ratio: float, T_s: float) -> rj.Rigid | rj.Elastic:
 
 
 def percent(values: np.ndarray) -> str:
-    """The span of some ratios, as percentages above or below 1."""
+    """Return the range of ratios as text, in per cent above or below 1."""
     finite_percent = 100 * (values[np.isfinite(values)] - 1)
     return f"{finite_percent.min():+.1f} to {finite_percent.max():+.1f} %"
 
@@ -56,8 +58,8 @@ def claim_status(holds: bool, otherwise: str = "does not hold") -> str:
     return "holds" if holds else otherwise
 
 
-def spectra_claims() -> list[tuple[str, str, str, str]]:
-    """What Sections 4 and 5 say of Figs. 6 and 7."""
+def check_spectra() -> list[tuple[str, str, str, str]]:
+    """Return a row (section, claim, result, verdict) for each claim on Figs. 6 and 7 in Sections 4 and 5."""
     least = {
         (ratio, T_s): boundary(COLUMN.replace(superstructure=building(ratio, T_s)))
         for ratio in RATIOS
@@ -68,9 +70,9 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
         for ratio in RATIOS
     }
     bare = boundary(COLUMN)
-    every = np.stack(list(least.values()))
-    band = every[:, nearest_index(3.0) : nearest_index(4.0) + 1]
-    last = np.array([X[np.isfinite(curve)].max() for curve in every])
+    curves = np.stack(list(least.values()))
+    band = curves[:, nearest_index(3.0) : nearest_index(4.0) + 1]
+    last = np.array([X[np.isfinite(curve)].max() for curve in curves])
     over_rigid = {
         (ratio, T_s): least[ratio, T_s] / least[ratio, 0.0] for ratio in RATIOS for T_s in PERIODS[1:]
     }
@@ -80,21 +82,21 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
     short = {
         T_s: np.array([over_rigid[ratio, T_s][nearest_index(4.5)] for ratio in RATIOS]) for T_s in PERIODS[1:]
     }
-    usual = np.s_[nearest_index(2.5) : nearest_index(5.0) + 1]
-    paper_stiff = np.concatenate([over_rigid[ratio, 0.1][usual] for ratio in RATIOS])
-    compatible_stiff = np.concatenate([(stiff[ratio] / least[ratio, 0.0])[usual] for ratio in RATIOS])
+    middle = np.s_[nearest_index(2.5) : nearest_index(5.0) + 1]
+    paper_stiff = np.concatenate([over_rigid[ratio, 0.1][middle] for ratio in RATIOS])
+    compatible_stiff = np.concatenate([(stiff[ratio] / least[ratio, 0.0])[middle] for ratio in RATIOS])
     heavy = {T_s: (least[10.0, T_s] / least[1.0, T_s]) for T_s in PERIODS}
-    by_weight = np.concatenate([heavy[T_s][usual] for T_s in PERIODS[:2]])
+    by_weight = np.concatenate([heavy[T_s][middle] for T_s in PERIODS[:2]])
     doubled = (least[1.0, 0.0] / bare)[np.s_[nearest_index(1.0) : nearest_index(5.0) + 1]]
-    like_rigid = np.max(np.abs(paper_stiff - 1)) < 0.03
-    at_five = every[:, nearest_index(5.0)]
+    is_like_rigid = np.max(np.abs(paper_stiff - 1)) < 0.03
+    at_five = curves[:, nearest_index(5.0)]
     return [
         (
             "4",
             "overturning only for long pulses with moderate to high acceleration",
             f"least $a_p/(g\\tan\\alpha)$ over all pulses: "
-            f"{span([curve.min() for curve in every])}; none beyond "
-            f"$\\omega_p/p$ = {span(last)}, searched up to {TOP:g}",
+            f"{span([curve.min() for curve in curves])}; none beyond "
+            f"$\\omega_p/p$ = {span(last)}, searched up to {MAX_RATIO:g}",
             claim_status(bool(np.all(last < 6.1))),
         ),
         (
@@ -106,25 +108,25 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
         (
             "4",
             "for $\\omega_p/p>5$ it is essentially impossible to overturn",
-            f"up to {TOP:g} $g\\tan\\alpha$ overturning is found to $\\omega_p/p$ = "
-            f"{span(last)}; at 5 it takes {span(at_five[np.isfinite(at_five)])} $g\\tan\\alpha$",
+            f"up to {MAX_RATIO:g} $g\\tan\\alpha$ overturning occurs up to $\\omega_p/p$ = "
+            f"{span(last)}; at 5 it needs {span(at_five[np.isfinite(at_five)])} $g\\tan\\alpha$",
             claim_status(
-                bool(np.all(last <= 5.0)), f"not to the letter: {int(np.sum(last > 5.0))} of 12 structures"
+                bool(np.all(last <= 5.0)), f"does not hold for {int(np.sum(last > 5.0))} of 12 structures"
             ),
         ),
         (
             "4",
             "$T_s=0.1$ s behaves essentially as its rigid counterpart",
-            f"boundary over that of the rigid one, $2.5\\leq\\omega_p/p\\leq5$: "
-            f"{percent(paper_stiff)} with the paper's "
-            f"restitution, {percent(compatible_stiff)} with the compatible one",
-            claim_status(like_rigid, "only with the compatible restitution, see below"),
+            f"boundary divided by that of the rigid structure, $2.5\\leq\\omega_p/p\\leq5$: "
+            f"{percent(paper_stiff)} with the "
+            f"restitution of the paper, {percent(compatible_stiff)} with the compatible one",
+            claim_status(is_like_rigid, "only with the compatible restitution, see below"),
         ),
         (
             "4, 5",
             "$T_s\\geq0.5$ s is beneficial for short pulses",
-            f"boundary over that of the rigid one at $\\omega_p/p=4.5$: $T_s=0.5$ s {percent(short[0.5])}, "
-            f"$T_s=1$ s {percent(short[1.0])}",
+            f"boundary divided by that of the rigid structure at $\\omega_p/p=4.5$: "
+            f"$T_s=0.5$ s {percent(short[0.5])}, $T_s=1$ s {percent(short[1.0])}",
             claim_status(
                 bool(np.all(short[0.5] > 1) and np.all(short[1.0] > 1)),
                 "for $T_s=1$ s; not for every mass at 0.5 s",
@@ -151,9 +153,9 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
         (
             "4, 5",
             "the weight of the superstructure has a smaller effect than its period",
-            f"$\\eta/\\gamma=10$ over 1, $2.5\\leq\\omega_p/p\\leq5$: "
+            f"boundary of $\\eta/\\gamma=10$ divided by that of 1, $2.5\\leq\\omega_p/p\\leq5$: "
             f"{percent(by_weight)} for $T_s\\leq0.1$ s, "
-            f"{percent(heavy[1.0][usual])} for $T_s=1$ s; at $\\omega_p/p=2$ and $T_s=1$ s "
+            f"{percent(heavy[1.0][middle])} for $T_s=1$ s; at $\\omega_p/p=2$ and $T_s=1$ s "
             f"{100 * (heavy[1.0][nearest_index(2.0)] - 1):+.1f} %",
             claim_status(
                 abs(heavy[1.0][nearest_index(2.0)] - 1) < 0.05, "for stiff buildings; not for $T_s=1$ s"
@@ -163,15 +165,15 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
             "4",
             "heavier structures are marginally better",
             f"the same ratios: better at "
-            f"{int(np.sum(by_weight > 1))} of {by_weight.size} places for $T_s\\leq0.1$ s",
+            f"{int(np.sum(by_weight > 1))} of {by_weight.size} points for $T_s\\leq0.1$ s",
             claim_status(
-                bool(np.all(by_weight >= 1)), "not everywhere: within the span above, to either side"
+                bool(np.all(by_weight >= 1)), "not everywhere: both better and worse, within the range above"
             ),
         ),
         (
             "4",
             "$\\gamma$ from 10 to 20 only slightly improves",
-            f"boundary of $\\eta/\\gamma=1$, rigid, over that without a superstructure, "
+            f"boundary of $\\eta/\\gamma=1$, rigid, divided by that without a superstructure, "
             f"$1\\leq\\omega_p/p\\leq5$: "
             f"{percent(doubled)}",
             claim_status(
@@ -182,15 +184,15 @@ def spectra_claims() -> list[tuple[str, str, str, str]]:
     ]
 
 
-def numbers_claims() -> list[tuple[str, str, str, str]]:
-    """Numbers that follow from other numbers of the paper."""
+def check_values() -> list[tuple[str, str, str, str]]:
+    """Return a row (section, claim, result, verdict) for each value that follows from other values."""
     unit = float(COLUMN.g) * TAN
     frame = COLUMN.replace(superstructure=rj.Rigid(100.0))
     ratios = np.array([2.5, 2.7, 2.85, 2.88])
-    grown = rj.peak_responses(
+    peaks = rj.peak_responses(
         frame, rj.Ricker(ratios * unit, 1.0), options=rj.Options(outputs=("peak_rotation",))
     )
-    rotation = np.asarray(grown.peak_rotation)
+    rotation = np.asarray(peaks.peak_rotation)
     slopes = np.diff(rotation) / np.diff(ratios)
     periods = [2 * math.pi / (w * P) for w in (4.0, 3.0, 5.0)]
     omegas = ", ".join(f"{2 * math.pi / T_s / P:.1f}" for T_s in PERIODS[1:])
@@ -208,7 +210,7 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
             "3",
             'the pulse of 0.30 s is at prototype scale "a SDOF system period of 0.74 s"',
             f"$\\sqrt6\\cdot0.30$ s = {math.sqrt(SCALE) * 0.30:.3f} s",
-            "it is the period of the pulse, not of the SDOF system",
+            "this is the period of the pulse, not of the SDOF system",
         ),
         (
             "4",
@@ -220,7 +222,7 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
             "4",
             "$T_p$ of 0.7 to 0.95 s for $3<\\omega_p/p<4$; 0.6 s at 5",
             f"{periods[0]:.3f} to {periods[1]:.3f} s; {periods[2]:.3f} s",
-            "holds, 0.6 s being rounded",
+            "holds; 0.6 s is rounded",
         ),
         (
             "4",
@@ -239,8 +241,7 @@ def numbers_claims() -> list[tuple[str, str, str, str]]:
 
 
 def specimen() -> list[tuple[str, str, str, str]]:
-    """Fig. 5 as far as it is known: the pulse and the scale of length. The rest is that of Section 4, as an
-    assumption."""
+    """Return the table for Fig. 5. The pulse and the scale are known; Section 4 provides the other values."""
     options = rj.Options(rtol=1e-10, atol=1e-12, outputs=("peak_rotation",))
     rows = []
     for T_s in PERIODS:
@@ -257,7 +258,7 @@ def specimen() -> list[tuple[str, str, str, str]]:
 
 
 def draw_pulses(path: Path) -> None:
-    """Fig. 4."""
+    """Draw the pulses of Fig. 4."""
     figure = plt.figure(figsize=(7.5, 2.6), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     t = np.linspace(-1.6, 1.6, 801)
@@ -274,12 +275,11 @@ def draw_pulses(path: Path) -> None:
 
 
 def other_group() -> list[tuple[str, str, str]]:
-    """The frame of Zhou, Du & Han (2019): scene, printed a_p/g, rockjax. Their restitution is Eq. (27) with η
-    = 0."""
+    """Return the table (scene, printed a_p/g, rockjax) for the frame of Zhou, Du & Han (2019)."""
     frame = rj.Podium(alpha=math.atan(1.5 / 7), R=3.58, gamma=13.23)
     sine, double = math.sin(float(frame.alpha)) ** 2, math.cos(2 * float(frame.alpha))
-    theirs = (1 - 1.5 * sine + 3 * 13.23 * double) / (1 + 3 * 13.23)
-    assert abs(theirs - float(frame.restitution_factor)) < 1e-12
+    restitution = (1 - 1.5 * sine + 3 * 13.23 * double) / (1 + 3 * 13.23)
+    assert abs(restitution - float(frame.restitution_factor)) < 1e-12  # Eq. (27) with η = 0
     unit = math.tan(float(frame.alpha))
     rows = []
     for name, pulse, T_p, printed in (
@@ -288,8 +288,6 @@ def other_group() -> list[tuple[str, str, str]]:
         ("antisymmetric Ricker, $\\omega_p=2.60$ rad/s", rj.AntisymmetricRicker, 2 * math.pi / 2.60, "0.285"),
     ):
         ratio = 2 * math.pi / T_p / float(frame.p)
-        found = rj.overturning_spectrum(frame, pulse, [ratio], max_acceleration_ratio=3.0)["minimum"].values[
-            0
-        ]
-        rows.append((name, printed, f"{found * unit:.4f}"))
+        spectrum = rj.overturning_spectrum(frame, pulse, [ratio], max_acceleration_ratio=3.0)
+        rows.append((name, printed, f"{float(spectrum['minimum'][0]) * unit:.4f}"))
     return rows

@@ -13,12 +13,12 @@
 # %% [markdown]
 # # First steps
 #
-# A podium defined by its dimensions, a ground motion, and how the one answers the other: the peak response,
-# the history with its pictures, a rocking spectrum. Then what to know about units, results and options.
+# This notebook defines a podium by its dimensions and computes its response to a ground motion: the peak
+# response, the history with its pictures, and a rocking spectrum. The last sections are about units, results
+# and options.
 #
-# A podium structure stands on free columns. In a strong earthquake they lift off at their edges and rock.
-# If $\theta$ reaches the slenderness $\alpha$ of a column, the weight passes its edge, and the structure
-# overturns.
+# A podium structure stands on free columns. In a strong earthquake they lift off at one edge and rock. If the
+# rotation $\theta$ reaches the slenderness $\alpha$ of a column, the structure overturns.
 
 # %%
 import os
@@ -34,9 +34,9 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids and a 
 # %% [markdown]
 # ## A podium
 #
-# Full widths and heights in metres, masses in kilograms, two columns unless `columns=` says otherwise. The
-# building on top has a period of half a second on a fixed base. Without `period` it would be rigid, without
-# `top_mass` there would be none.
+# Widths and heights are full dimensions in metres, masses are in kilograms, and there are two columns unless
+# `columns=` gives another number. The building on top has a period of half a second on a fixed base. Without
+# `period` it would be rigid; without `top_mass` there would be none.
 
 # %%
 podium = rj.Podium.from_dimensions(
@@ -45,9 +45,9 @@ podium = rj.Podium.from_dimensions(
 podium
 
 # %% [markdown]
-# The theory uses ratios: slenderness $\alpha$, half diagonal $R$, the masses of beam and building over that
-# of the columns, $\gamma$ and $\eta$. What follows from them are properties. `replace` makes a variant; a
-# podium itself never changes.
+# The theory uses the slenderness $\alpha$, the half diagonal $R$, and the masses of beam and building divided
+# by the mass of the columns, $\gamma$ and $\eta$. Quantities that follow from them are properties. `replace`
+# returns a variant; a podium itself never changes.
 
 # %%
 print(f"frequency parameter p   {podium.p:.4f} rad/s")
@@ -72,15 +72,16 @@ ax.grid(alpha=0.3)
 # %% [markdown]
 # ## The peak response
 #
-# The first call of a kind compiles for some seconds. Later ones take a millisecond, whatever the numbers.
+# The first call compiles a program, which takes some seconds. Later calls with other values take about a
+# millisecond.
 
 # %%
 peak = rj.peak_response(podium, pulse)
 peak
 
 # %% [markdown]
-# `peak_rotation` is $\max|\theta|/\alpha$: 1 is overturning. `peak_shear` is the base shear of the building
-# over its weight.
+# `peak_rotation` is $\max|\theta|/\alpha$; 1 means overturning. `peak_shear` is the base shear of the
+# building divided by its weight.
 
 # %%
 print(f"rotation     {peak.peak_rotation:.4f} α = {np.degrees(peak.peak_rotation * podium.alpha):.2f}°")
@@ -90,7 +91,7 @@ print(f"shear        {peak.peak_shear:.3f} of the weight of the building")
 # %% [markdown]
 # ## The history
 #
-# `simulate` keeps the motion itself. It can be evaluated at any time, with the accuracy of the solution.
+# `simulate` returns the whole history. It can be evaluated at any time, with the accuracy of the solution.
 
 # %%
 history = rj.simulate(podium, pulse, t_end=8.0)
@@ -103,25 +104,25 @@ data = history.dataset()  # the same as an xarray.Dataset, with energies and mom
 figure = plots.response(data)
 
 # %% [markdown]
-# The strip under the rotation tells full contact from rocking to the left and to the right. Each impact
-# takes energy out of the structure, and makes the building sway.
+# The strip under the rotation shows full contact and rocking to the left or right. Each impact dissipates
+# energy and makes the building sway.
 #
-# In the phase plane impacts are jumps towards rest. The dashed curves are the separatrices of the rigid
-# frame: outside them, with the ground still, it would overturn.
+# In the phase plane, impacts are jumps towards rest. The dashed curves are the separatrices of the rigid
+# frame. Outside them it would overturn even without further ground motion.
 
 # %%
 ax = plots.phase_portrait(data)
 
 # %% [markdown]
-# The moment that holds the frame up falls while it rocks, from its value at uplift to nothing at $\alpha$.
-# Rocking is not stiffness: the structure is held by its weight and its size.
+# The restoring moment decreases while the frame rocks, from its value at uplift to zero at $\alpha$. The
+# weight and the size of the structure keep it upright, not a stiffness.
 
 # %%
 ax = plots.moment_rotation(data)
 
 # %% [markdown]
-# Where the energy goes. What the ground puts in is what the structure has, plus what impacts and damper
-# have taken.
+# The energy balance: the energy input of the ground equals the energy of the structure, plus the energy that
+# impacts and damping have dissipated.
 
 # %%
 ax = plots.energy_balance(data)
@@ -129,9 +130,9 @@ ax = plots.energy_balance(data)
 # %% [markdown]
 # ## A spectrum
 #
-# All amplitudes and frequencies of a pulse, in the ratios of the field: $\omega_p/p$ and
-# $a_p/(g\tan\alpha)$. The scenes are solved at once, on all cores. Only the rotation is asked for here, so
-# nothing else is computed.
+# A rocking spectrum covers a range of pulses, over the ratios $\omega_p/p$ and $a_p/(g\tan\alpha)$. The
+# scenes are solved in one batch on all cores. Only the rotation is requested here, so nothing else is
+# computed.
 
 # %%
 n = 12 if REDUCED else 80
@@ -145,8 +146,8 @@ print(
 )
 
 # %% [markdown]
-# A spectrum is an `xarray.Dataset`. It holds units and parameters, and is written to a file with
-# `spectrum.to_netcdf("spectrum.nc")`.
+# A spectrum is an `xarray.Dataset` with units and parameters in its attributes.
+# `spectrum.to_netcdf("spectrum.nc")` writes it to a file.
 
 # %%
 print(spectrum.peak_rotation.attrs)
@@ -158,13 +159,14 @@ print(spectrum.peak_rotation.sel(frequency_ratio=3, acceleration_ratio=2, method
 # %% [markdown]
 # ## Units
 #
-# Metres, kilograms, seconds and radians, everywhere. Accelerations are in m/s², so half of $g$ is `0.5 *
-# podium.g`. Names that end in `_ratio` have no unit.
+# All quantities are in metres, kilograms, seconds and radians. Accelerations are in m/s², so half of $g$ is
+# `0.5 * podium.g`. Quantities whose names end in `_ratio` are dimensionless.
 #
 # ## Results
 #
-# Every scene ends in a named result. `settled` and `end_of_time` are survival, `overturned` is what it
-# says. A scene that runs `out_of_steps` or is `not_finite`, for instance, has no answer, and raises an error.
+# Every scene has a named result. `settled` and `end_of_time` mean survival, `overturned` means overturning.
+# Other results, such as `out_of_steps` or `not_finite`, mean that the scene did not finish; a single scene
+# then raises an error.
 
 # %%
 strong = rj.peak_response(podium, rj.Ricker(a_p=5.0, T_p=1.0))
@@ -172,7 +174,7 @@ print(bool(strong.result == rj.RESULTS.overturned), f"at t = {strong.overturn_ti
 print(bool(peak.result == rj.RESULTS.settled), rj.RESULTS[peak.result])
 
 # %% [markdown]
-# Inputs that make no sense are errors that say which, and why.
+# Invalid inputs raise an error that names the input and the reason.
 
 # %%
 try:
@@ -183,7 +185,8 @@ except ValueError as error:
 # %% [markdown]
 # ## Options
 #
-# Tolerances are 1e-8 unless you say otherwise. Other tolerances compile nothing new, other `outputs` do.
+# The default of `rtol` is 1e-8. Other tolerances use the same compiled program; other `outputs` need another
+# one.
 
 # %%
 exact = rj.peak_response(podium, pulse, options=rj.Options(rtol=1e-12, atol=1e-14)).peak_rotation
@@ -194,10 +197,9 @@ for rtol in (1e-4, 1e-6, 1e-8, 1e-10):
 # %% [markdown]
 # ## Next
 #
-# - [`02_the_paper`](02_the_paper.py): the theory's source, its figures, and where it contradicts itself
-# - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py): when does it overturn?
+# - [`02_the_paper`](02_the_paper.py): the figures of the underlying paper, and three contradictions in it
+# - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py): when does a podium overturn?
 # - [`04_column_sizing`](04_column_sizing.py): how wide must the columns be?
-# - [`07_gradients_explained`](07_gradients_explained.py): every number can be differentiated, through uplift
-#   and all impacts
+# - [`07_gradients_explained`](07_gradients_explained.py): derivatives through uplift and all impacts
 # - [Getting started](../docs/getting-started.md), [the model](../docs/model.md), [sharp
 #   bits](../docs/sharp-bits.md)

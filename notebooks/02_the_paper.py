@@ -13,10 +13,10 @@
 # %% [markdown]
 # # The paper, reproduced
 #
-# The equations of rockjax are those of one paper on rocking podium structures; [the
-# model](../docs/model.md) has them with their numbers. This notebook draws its figures again, and shows the
-# three places where it contradicts itself. Nothing is tuned to reach a printed number.
-# [Reproduction](../docs/reproduction.md) has all numbers to more digits.
+# rockjax solves the equations of one paper on rocking podium structures. [The model](../docs/model.md)
+# lists them with their numbers. This notebook reproduces two figures of the paper and shows three
+# contradictions in it. No parameter is adjusted to reach a printed value.
+# [Reproduction](../docs/reproduction.md) lists all results to more digits.
 
 # %%
 import math
@@ -31,8 +31,8 @@ from rockjax import plots
 REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids, for the tests
 
 # %% [markdown]
-# The paper's columns have $\tan\alpha=0.15$ and $R=1.5$ m, some 3 m in height. Accelerations are counted in
-# $g\tan\alpha$, the one that lifts a rigid frame.
+# The columns of the paper have $\tan\alpha=0.15$ and $R=1.5$ m, so they are about 3 m high. Accelerations are
+# divided by $g\tan\alpha$, the acceleration that lifts a rigid frame.
 
 # %%
 column = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=10.0)
@@ -41,10 +41,10 @@ rotation = rj.Options(outputs=("peak_rotation",))
 print(f"p = {column.p:.4f} rad/s; a pulse of 1 s has ω_p/p = {2 * math.pi / column.p:.3f}")
 
 # %% [markdown]
-# ## Rocking spectra: the paper's Fig. 6
+# ## Rocking spectra: Fig. 6 of the paper
 #
-# Peak rotation for symmetric Ricker pulses, for three mass ratios $\eta/\gamma$ and four periods of the
-# building. "$T_s=0$" is a rigid building. The damping ratio is not given in the paper; rockjax takes 0.05.
+# Peak rotation under symmetric Ricker pulses, for three mass ratios $\eta/\gamma$ and four periods of the
+# building. "$T_s=0$" means a rigid building. The paper does not give the damping ratio; here it is 0.05.
 
 # %%
 ratios, periods = ((1.0, 10.0), (0.0,)) if REDUCED else ((1.0, 5.0, 10.0), (0.0, 0.1, 0.5, 1.0))
@@ -71,10 +71,10 @@ for panel, ax, podium in zip(spectra, axes.flat, podiums, strict=True):
 bar = plots.rotation_bar(axes)
 
 # %% [markdown]
-# Blank is overturned. A flexible building overturns at lower amplitudes for long pulses, but not
-# everywhere.
+# Scenes that overturn are blank. Under long pulses, podiums with a flexible building overturn at lower
+# amplitudes, but not at all frequencies.
 #
-# ## Least overturning acceleration: the paper's Fig. 7
+# ## Least overturning acceleration: Fig. 7 of the paper
 
 # %%
 figure = plt.figure(figsize=(3.4 * len(ratios), 3), layout="constrained")
@@ -90,14 +90,14 @@ for row, (ax, ratio) in enumerate(zip(axes, ratios, strict=True)):
 legend = axes[0].legend()
 
 # %% [markdown]
-# The steps are those of the grid. `rockjax overturning` and the next notebook find the boundaries
-# themselves.
+# The steps of the curves come from the grid. `rockjax overturning` and the next notebook find the exact
+# boundaries.
 #
 # ## First contradiction: Eq. (6) counts the columns twice
 #
-# Eq. (6) is the virtual work when the columns are about to lift. Its third term has the mass of the columns
-# again, where that of the building belongs. Eqs. (8) and (9) follow only with the latter. With $\gamma=10$
-# and $\eta=100$:
+# Eq. (6) is the virtual work at incipient uplift. Its third term contains the mass of the columns instead of
+# the mass of the building. Eqs. (8) and (9) follow only with the mass of the building. With $\gamma=10$ and
+# $\eta=100$:
 
 # %%
 gamma, eta = 10.0, 100.0
@@ -111,13 +111,12 @@ print(f"rockjax, Eq. (9)     {podium.uplift_demand / unit:8.4f} g tan α")
 # %% [markdown]
 # ## Second contradiction: Eqs. (26) and (27) at an impact
 #
-# Eq. (26) lets the top mass keep its velocity when the columns strike. The velocity factor $e$ of Eq. (27)
-# lets it move with the beam. Angular momentum about the new edges with (26) gives another factor. rockjax
-# has both: `"paper"`, the default, and `"compatible"`.
+# In Eq. (26) the top mass keeps its velocity at an impact. In the velocity factor $e$ of Eq. (27) it moves
+# with the beam. With (26), the angular momentum about the new edges leads to another factor. rockjax provides
+# both: `"paper"`, the default, and `"compatible"`.
 #
-# Which one goes with a building that is ever stiffer? Let the podium go from half of $\alpha$, and let the
-# building come to rest after the first impact. The energy has then fallen by the square of an effective
-# factor.
+# Which of them is correct for a very stiff building? The podium is released from $\alpha/2$, and the building
+# comes to rest after the first impact. By then the energy has decreased by the square of an effective factor.
 
 # %%
 theta = column.alpha / 2
@@ -158,13 +157,13 @@ ax.grid(alpha=0.3)
 legend = ax.legend()
 
 # %% [markdown]
-# The compatible restitution tends to the rigid building as $T_s\to0$. The paper's does not: it loses much
-# less. This is why "$T_s=0$" means `Rigid` in rockjax and not a small period.
+# As $T_s\to0$, the compatible restitution tends to that of the rigid building. The restitution of the paper
+# does not: it dissipates much less energy. Therefore "$T_s=0$" means `Rigid` in rockjax, not a small period.
 #
 # ## Third contradiction: the figures quoted in Section 4
 #
-# For a rigid building, $\gamma+\eta=110$, and a Ricker pulse of 1 s the text has "3.5 times the uplift
-# acceleration to overturn" and "$\theta/\alpha=0.29$ at 2.5 times". The equations say something else.
+# For a rigid building, $\gamma+\eta=110$ and a Ricker pulse of 1 s, the text states "3.5 times the uplift
+# acceleration to overturn" and "$\theta/\alpha=0.29$ at 2.5 times". The equations lead to other values.
 # `overturning_acceleration` finds the exact boundary.
 
 # %%
@@ -184,14 +183,14 @@ print("its equations, T_p = 0.8 s  ", section_four(frame, 0.8))
 print("the factor of (25) twice    ", section_four(frame.replace(R=frame.R / factor), 1.0))
 
 # %% [markdown]
-# A pulse of 0.8 s would give the printed numbers. So, less closely, would the factor
-# $(1+2\gamma)/(1+3\gamma)$ of the equivalent block if it were applied twice; that fits other remarks of the
-# section better. Which one is behind the figures cannot be known from the text.
+# A pulse of 0.8 s would lead to the printed values. The factor $(1+2\gamma)/(1+3\gamma)$ of the equivalent
+# block, applied twice, agrees less with them but better with other remarks of the section. The text does not
+# reveal the reason.
 #
 # ## Survival is not monotone
 #
-# At $\omega_p/p=2$ the same frame changes fifteen times between survival and overturning as the amplitude
-# grows. A bisection finds one of these changes, and a coarse scan misses bands.
+# At $\omega_p/p=2$ the outcome for the same frame changes fifteen times between survival and overturning as
+# the amplitude increases. Bisection finds one of these changes, and a coarse scan misses bands.
 
 # %%
 amplitude = np.linspace(2.0, 2.6, 600 if REDUCED else 6000)
@@ -212,6 +211,6 @@ print(f"{len(changes)} changes on this grid, the first at {changes[0]:.4f}, the 
 # ## Next
 #
 # - [`03_spectra_and_boundaries`](03_spectra_and_boundaries.py) finds such bands without a fine grid.
-# - [Reproduction](../docs/reproduction.md) has published overturning accelerations and free rocking beside
-#   those of rockjax.
-# - [The model](../docs/model.md) settles what the paper leaves open.
+# - [Reproduction](../docs/reproduction.md) compares published overturning accelerations and free rocking with
+#   results of rockjax.
+# - [The model](../docs/model.md) describes how rockjax resolves open points of the paper.

@@ -13,8 +13,8 @@
 # %% [markdown]
 # # Spectra and boundaries
 #
-# When does a podium overturn? A rocking spectrum gives a first answer, on a grid. This notebook goes on to
-# the boundary itself, to the windows of survival above it, and to how sure an answer is.
+# When does a podium overturn? A rocking spectrum gives a first answer, on a grid. This notebook also computes
+# the exact boundary, the windows of survival above it, and the error of the results.
 
 # %%
 import math
@@ -34,9 +34,8 @@ unit = podium.g * math.tan(podium.alpha)  # g tan α
 # %% [markdown]
 # ## A rocking spectrum
 #
-# Peak rotation over the frequency and the amplitude of a pulse. Each point is a scene of its own, with all
-# its impacts. Beside the rotation this notebook asks for the overturning margin and for estimated errors,
-# of which more below.
+# Peak rotation over the frequency and the amplitude of a pulse. Each point is a separate simulation with all
+# impacts. The overturning margin and estimated errors are also requested; they are explained below.
 
 # %%
 n = 16 if REDUCED else 120
@@ -49,7 +48,7 @@ plots.dimensional_axes(spectrum, ax)
 bar = plots.rotation_bar(ax, pad=0.15)
 
 # %% [markdown]
-# The least overturning amplitude can be read off the grid, to within a step of it.
+# The grid shows the least overturning amplitude with the accuracy of one step.
 
 # %%
 least = rj.minimum_overturning(spectrum)
@@ -58,9 +57,9 @@ print(least.sel(frequency_ratio=3, method="nearest").item(), "± a step of", rou
 # %% [markdown]
 # ## The margin
 #
-# Near the boundary the peak rotation climbs to 1 ever more steeply, and stays there beyond. The overturning
-# margin goes through zero with a slope. It is the energy to spare at the turning point where that is least,
-# over the depth of the well; below zero it says how hard the columns fall.
+# Near the boundary the peak rotation rises to 1 ever more steeply, and it is 1 beyond. The overturning margin
+# passes through zero with a finite slope. It is the energy that is missing for overturning at the most
+# critical turning point, divided by the depth of the potential well. If it is negative, the podium overturns.
 # [Overturning](../docs/overturning.md) has the definition.
 
 # %%
@@ -78,8 +77,8 @@ legend = ax.legend()
 # %% [markdown]
 # ## The boundary
 #
-# `overturning_acceleration` is the least amplitude that overturns, from a scan and a refinement of its lowest
-# change. Under `jax.grad` it has derivatives, see [`07_gradients_explained`](07_gradients_explained.py).
+# `overturning_acceleration` returns the least overturning amplitude, by a scan and a refinement of the lowest
+# change. It can be differentiated by `jax.grad`; see [`07_gradients_explained`](07_gradients_explained.py).
 
 # %%
 T_p = 2 * math.pi / (3 * podium.p)  # ω_p/p = 3
@@ -90,8 +89,8 @@ print(f"overturns from {least:.6f} m/s² = {least / unit:.6f} g tan α")
 # ## All boundaries over frequency
 #
 # Survival is not monotone: above the least overturning amplitude there are windows in which the podium
-# survives again, after another sequence of impacts. `overturning_spectrum` finds the boundaries. The shaded
-# parts are windows of survival.
+# survives again, after another sequence of impacts. `overturning_spectrum` finds the boundaries. Windows of
+# survival are shaded.
 
 # %%
 frequencies = np.linspace(1.2, 6, 7 if REDUCED else 121)
@@ -101,8 +100,7 @@ plots.dimensional_axes(boundaries, ax)
 ax.grid(alpha=0.3)
 
 # %% [markdown]
-# At $\omega_p/p=2$ alone there are fifteen boundaries. The numbers in brackets are the impacts before
-# overturning.
+# At $\omega_p/p=2$ there are fifteen boundaries. The numbers of impacts before overturning are in brackets.
 
 # %%
 at_two = rj.overturning_spectrum(podium, rj.Ricker, [2.0], max_acceleration_ratio=3.0).isel(frequency_ratio=0)
@@ -110,8 +108,9 @@ for place, impacts in zip(at_two.boundaries.values, at_two.impacts.values, stric
     print(f"{place:.6f} ({impacts})", end="  ")
 
 # %% [markdown]
-# Near the lowest boundary, at longer pulses, the windows are wide enough to matter: a stronger pulse may be
-# survived where a weaker one is not. A design must not rely on them. It must stay below the lowest.
+# At longer pulses the windows near the lowest boundary are wide: the podium may survive a stronger pulse
+# although a weaker one overturns it. A design must not rely on such windows; its amplitudes must stay below
+# the lowest boundary.
 
 # %%
 x = np.linspace(1.5, 2.1, 5 if REDUCED else 121)
@@ -121,11 +120,11 @@ ax.set_ylim(1.4, 3.0)
 ax.grid(alpha=0.3)
 
 # %% [markdown]
-# ## How sure is an answer?
+# ## How accurate is a result?
 #
-# With `"errors"` each scene is solved a second time in another way, and the difference estimates its error.
-# Where the estimate leaves open whether the columns overturn, the scene is `undecided`: it lies that close
-# to a boundary. Here with a very loose tolerance, among the bands at $\omega_p/p=2$:
+# With `"errors"` each scene is solved a second time in another way, and the difference is an estimate of its
+# error. If the scene is so close to a boundary that the estimate leaves the outcome open, it is `undecided`.
+# The following example has a very loose tolerance, among the bands at $\omega_p/p=2$:
 
 # %%
 n = 20 if REDUCED else 100
@@ -139,7 +138,7 @@ ax.plot(x[column], y[row], ".", ms=4, color=plots.COLOURS[1], label="undecided a
 legend = ax.legend(loc="lower right")
 
 # %% [markdown]
-# With tighter tolerances fewer are left. Nothing is compiled for that: tolerances are numbers.
+# With tighter tolerances fewer scenes are undecided. Other tolerances use the same compiled program.
 
 # %%
 for rtol in (1e-3, 1e-5, 1e-8):
@@ -151,6 +150,6 @@ for rtol in (1e-3, 1e-5, 1e-8):
 # ## Next
 #
 # - [`04_column_sizing`](04_column_sizing.py): from boundaries to dimensions
-# - [`05_records_and_fragility`](05_records_and_fragility.py): records in the place of pulses
-# - [`06_speed_and_accuracy`](06_speed_and_accuracy.py): what an error costs
+# - [`05_records_and_fragility`](05_records_and_fragility.py): records instead of pulses
+# - [`06_speed_and_accuracy`](06_speed_and_accuracy.py): run time and accuracy
 # - [Overturning](../docs/overturning.md): the margin, the search, and its limits

@@ -13,9 +13,9 @@
 # %% [markdown]
 # # Sizing columns
 #
-# How wide must the columns of a podium be? First by hand, with sliders. Then by targets and exact
-# gradients, as a chart over pulse periods, and from a problem file. The pulses here are examples. Choose
-# yours, and the margins, for the site and for what [the model leaves
+# How wide must the columns of a podium be? This notebook answers by hand with sliders, by targets and exact
+# gradients, by a chart over pulse periods, and by a problem file. The pulses are examples. Choose pulses and
+# margins for your site and for the effects that [the model leaves
 # out](../docs/sharp-bits.md#what-the-model-leaves-out).
 
 # %%
@@ -33,7 +33,7 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids and a 
 # %% [markdown]
 # ## A structure
 #
-# `Dimensions` are those of the drawing. Unlike those of a `Podium`, its masses may vary too.
+# `Dimensions` describe a structure by lengths and masses. Any of them can be a design variable.
 
 # %%
 column = optimise.Dimensions(
@@ -44,8 +44,9 @@ column.podium()
 # %% [markdown]
 # ## By hand
 #
-# Sliders for what may vary, of the structure and of the motion. The response at first stays in grey.
-# Overturning ends a curve. An answer takes some hundredths of a second, most of it for the picture.
+# Each slider varies a parameter of the structure or of the motion. The first response remains visible in
+# grey. A curve ends if the podium overturns. An update takes some hundredths of a second, most of it for the
+# picture.
 
 # %%
 ranges = {"width": (0.2, 1.5), "beam_mass": (3e3, 300e3), "a_p": (0.5, 6.0), "T_p": (0.3, 2.0)}
@@ -54,7 +55,7 @@ study = optimise.explore(column, rj.Ricker(a_p=3.2, T_p=1.0), ranges)
 study
 
 # %% [markdown]
-# The sliders can be moved by code as well, and say where they stand.
+# Code can also set the sliders and read their values.
 
 # %%
 study.sliders["width"].value = 0.6
@@ -64,9 +65,10 @@ print(f"peak rotation {float(study.peak.peak_rotation):.4f} α, margin {float(st
 # %% [markdown]
 # ## By targets
 #
-# The slimmest columns whose rotation stays below 0.4 α for these pulses, while the shear of the building
-# stays below 0.45 of its weight. Wider columns turn less, but they hold the building harder. The margins
-# and their derivatives are exact, through uplift and all impacts.
+# The design problem is to find the slimmest columns whose rotation stays below 0.4 α under these pulses,
+# while the shear of the building stays below 0.45 of its weight. Wider columns rotate less, but they
+# transmit larger forces to the building. The derivatives of the margins are exact, through uplift and all
+# impacts.
 
 # %%
 pulses = [rj.Ricker(4.0, 0.6), rj.Ricker(3.25, 1.0), rj.Ricker(2.5, 1.4)]
@@ -86,20 +88,20 @@ answer = optimise.design(
 print(answer)
 
 # %% [markdown]
-# A margin of 0 is a target that binds. Its shadow price says by how much the objective would fall if the
-# limit were relaxed. Filled dots are designs that keep the targets, and each line is a start.
+# A target with a margin of 0 is active. Its shadow price is the decrease of the objective per relaxation of
+# the limit. Filled dots are designs that satisfy the targets; each line is a start.
 
 # %%
 ax = optimise.convergence(answer)
 
 # %% [markdown]
-# Before and after, under the longest pulse.
+# The response before and after, under the longest pulse.
 
 # %%
 figure = optimise.before_after(column.podium(), answer, pulses[2])
 
 # %% [markdown]
-# The design was simulated anew with a tolerance of 1e-11 before it was called satisfied.
+# Before the design is reported as satisfied, it is simulated again with a tolerance of 1e-11.
 
 # %%
 print(answer.satisfied, {name: float(values.min()) for name, values in answer.margins.items()})
@@ -109,8 +111,8 @@ print(f"width {wide:.4f} m; α = {answer.podium.alpha:.4f} rad")
 # %% [markdown]
 # ## A chart
 #
-# The least safe width for a Ricker pulse of given amplitude, over its period. Widths above the line
-# survive; dots are further boundaries below it.
+# The least safe width for a Ricker pulse of given amplitude, over its period. Columns with widths above the
+# line survive. Dots are further boundaries below it.
 
 # %%
 periods = np.linspace(0.6, 1.4, 3 if REDUCED else 25)
@@ -120,8 +122,8 @@ ax = optimise.plot_chart(chart)
 # %% [markdown]
 # ## A problem file
 #
-# The same problem as text, for `rockjax design` or for `optimise.load`. Errors in it name the file and the
-# entry.
+# A problem file describes the same problem for `rockjax design` or `optimise.load`. Error messages name the
+# file and the entry.
 
 # %%
 period = "" if REDUCED else "period = 0.5  # s"
@@ -161,14 +163,14 @@ problem = optimise.load("column.toml")
 print(problem.vary, problem.targets, sep="\n")
 
 # %% [markdown]
-# `problem.design()` finds the same columns as above, and so does `rockjax design column.toml`, with a
-# table, the convergence and a response before and after as files.
+# `problem.design()` finds the same columns as above. `rockjax design column.toml` does the same, prints a
+# table, and writes pictures of the convergence and of the response before and after.
 
 # %% [markdown]
-# ## How far does the answer reach?
+# ## Other pulses
 #
-# The design met its pulses. Others are in a spectrum. Where the blank part begins is what the columns can
-# bear.
+# The design satisfies the targets for three pulses. A spectrum shows others. The columns overturn where it is
+# blank.
 
 # %%
 n = 12 if REDUCED else 60
@@ -195,5 +197,5 @@ legend = ax.legend()
 # ## Next
 #
 # - [`05_records_and_fragility`](05_records_and_fragility.py): records, and the probability of overturning
-# - [`07_gradients_explained`](07_gradients_explained.py): where the derivatives come from
+# - [`07_gradients_explained`](07_gradients_explained.py): how the derivatives are computed
 # - [Design](../docs/design.md): all targets, the method, and five studies

@@ -13,8 +13,8 @@
 # %% [markdown]
 # # Records and fragility
 #
-# Earthquakes are not pulses. This notebook reads a suite of records, measures them, scales them up until
-# the podium overturns, and ends with a fragility curve and what would shift it.
+# This notebook reads a suite of earthquake records, computes their intensity measures, and scales them until
+# the podium overturns. The results are a fragility curve and the sensitivities of its median.
 
 # %%
 import os
@@ -32,12 +32,12 @@ podium = rj.Podium.from_dimensions(width=0.36, height=2.4, column_mass=1.5e3, be
 # %% [markdown]
 # ## A suite of files
 #
-# **Put your own records here.** Fill the folder `suite/` with files of PEER, ESM, CSMIP, COSMOS, K-NET, or
-# plain text, and leave out the next cell. [Ground motion files](../docs/records.md) has the formats, units
-# and tables of scale factors.
+# **Use your own records here.** Fill the folder `suite/` with files of PEER, ESM, CSMIP, COSMOS, K-NET, or
+# plain text, and omit the next cell. [Ground motion files](../docs/records.md) describes formats, units and
+# tables of scale factors.
 #
-# Without records at hand the cell writes synthetic ones: filtered noise under an envelope, with a pulse
-# like those near a fault. They are good for trying things out, and do not replace records.
+# The next cell writes synthetic motions: filtered noise under an envelope, with a velocity pulse as near a
+# fault. They serve as an example and do not replace records.
 
 # %%
 pulse = rj.MavroeidisPapageorgiou(A=0.5, f_p=0.7, gamma=2.0, nu=0.5)
@@ -52,7 +52,7 @@ suite = rj.read_suite("suite")
 suite
 
 # %% [markdown]
-# One of them, and its velocity. The pulse shows in the velocity.
+# Acceleration and velocity of one motion. The pulse is visible in the velocity.
 
 # %%
 motion = suite[0]
@@ -67,8 +67,8 @@ for ax in axes:
 # %% [markdown]
 # ## Intensity measures
 #
-# An `xarray.Dataset` with units. With a podium, also the ratios of rocking: $\mathrm{PGA}/(g\tan\alpha)$
-# must exceed 1 for uplift.
+# Intensity measures are an `xarray.Dataset` with units. With a podium it also contains the ratios that govern
+# rocking: for bare columns or a rigid building, $\mathrm{PGA}/(g\tan\alpha)$ must exceed 1 for uplift.
 
 # %%
 measures = rj.intensity_measures(suite, periods=(0.5, 1.0), podium=podium)
@@ -79,14 +79,14 @@ for name in ("PGA", "PGV", "CAV", "D5_95", "acceleration_ratio", "velocity_ratio
 # %% [markdown]
 # ## Incremental dynamic analysis
 #
-# Every record at rising intensity. `rj.Records` holds the samples once for all scenes, whatever their
-# lengths and intervals. The intensity is PGA here; `rj.Measure` makes any other. Beside the responses on
-# the levels, each record's least overturning intensity is found exactly.
+# Every record is scaled to increasing intensities. `rj.Records` stores the samples once for all scenes, also
+# if lengths and intervals differ. The intensity is PGA here; `rj.Measure` defines others. The analysis
+# computes the responses at the levels and the exact least overturning intensity of each record.
 
 # %%
 records = rj.Records.of(suite.records())
 levels = np.linspace(0.5, 6.0, 8 if REDUCED else 60)
-resolution = 32 if REDUCED else 128  # places of the first scan for boundaries
+resolution = 32 if REDUCED else 128  # number of intervals of the first scan for boundaries
 options = rj.Options(rtol=1e-9, atol=1e-11, method="tsit5", outputs=("peak_rotation",))
 analysis = rj.incremental_dynamic_analysis(
     podium,
@@ -106,18 +106,18 @@ print(
 ax = plots.incremental_dynamic_analysis(analysis)
 
 # %% [markdown]
-# Curves weave: a stronger motion may turn the columns less. Some records survive again above their first
-# overturning.
+# The curves are not monotone: a stronger motion may rotate the columns less. Under some records the podium
+# survives again above the first overturning intensity.
 
 # %%
-revived = (analysis.boundaries.notnull().sum("boundary") > 1).sum().item()
-print(f"{revived} of {len(records)} records survive again somewhere above their least overturning intensity")
+with_windows = (analysis.boundaries.notnull().sum("boundary") > 1).sum().item()
+print(f"windows of survival above the least overturning intensity: {with_windows} of {len(records)} records")
 
 # %% [markdown]
 # ## Fragility
 #
-# A lognormal distribution of the capacities, by maximum likelihood. Records that never overturn are
-# censored at the highest level. The band is by profile likelihood.
+# A lognormal distribution is fitted to the capacities by maximum likelihood. Records that do not overturn are
+# censored at the highest level. The confidence band follows from the profile likelihood.
 
 # %%
 fragility = rj.fragility(analysis)
@@ -129,17 +129,18 @@ print(f"dispersion {fragility.dispersion.item():.3f}")
 ax = plots.fragility(fragility)
 
 # %% [markdown]
-# ## What shifts the median
+# ## Sensitivities of the median
 #
-# The derivatives of each capacity give that of the median, by the implicit function theorem at the maximum
-# of the likelihood. The change of the median in per cent for one per cent more slenderness or size:
+# The derivatives of the capacities lead to the derivative of the median, by the implicit function theorem
+# at the maximum of the likelihood. The change of the median in per cent, if the slenderness or the size
+# increases by one per cent:
 
 # %%
 for name in fragility.parameter.values:
     print(f"{name:6s} {fragility.median_sensitivity.sel(parameter=name).item():+.3f} % per %")
 
 # %% [markdown]
-# A check: the median of a podium whose columns are five per cent more slender, at the same size.
+# As a check, the median for columns of the same size whose $\alpha$ is larger by five per cent:
 
 # %%
 wider = rj.incremental_dynamic_analysis(
@@ -150,8 +151,8 @@ ratio = np.log(shifted.median_capacity.item() / fragility.median_capacity.item()
 print(f"from two analyses: {ratio:+.3f} % per %")
 
 # %% [markdown]
-# The two agree only as far as the records keep to their branches. A capacity that jumps from one branch to
-# another moves the median, and no derivative sees it coming.
+# The two agree only if no capacity jumps from one branch of the boundary to another. A jump shifts the
+# median, and derivatives do not include it.
 #
 # ## Next
 #

@@ -13,9 +13,9 @@
 # %% [markdown]
 # # Speed and accuracy
 #
-# What does accuracy cost? All numbers below are measured as the notebook runs, on the machine that runs it.
-# Other work on the machine shows in them. [Performance](../docs/performance.md) has careful measurements
-# and other solvers beside them.
+# How does the run time depend on the accuracy? All times below are measured on the machine that runs the
+# notebook, and other processes affect them. [Performance](../docs/performance.md) has careful measurements
+# and comparisons with other solvers.
 
 # %%
 import os
@@ -36,12 +36,12 @@ grid = np.linspace(1, 8, n), np.linspace(1, 12, n)  # ω_p/p and a_p/(g tan α)
 
 
 def timed(run, repeats=3):
-    """The answer, and the least of the times of several runs [s]."""
+    """Return the result, and the shortest time of several runs [s]."""
     times = []
     for _ in range(repeats):
-        began = time.perf_counter()
+        start = time.perf_counter()
         answer = run()
-        times.append(time.perf_counter() - began)
+        times.append(time.perf_counter() - start)
     return answer, min(times)
 
 
@@ -53,8 +53,8 @@ def spectrum(rtol, *outputs):
 # %% [markdown]
 # ## The first call
 #
-# The first call compiles a program. Later ones use it, whatever the numbers: other podiums of the same
-# kind, other pulses, other tolerances.
+# The first call compiles a program. Later calls use it for other podiums with the same classes of
+# superstructure and restitution, other parameters of the pulse and other tolerances.
 
 # %%
 _, first = timed(lambda: spectrum(1e-8, "peak_rotation"), repeats=1)
@@ -68,7 +68,7 @@ print(
 # %% [markdown]
 # ## Run time against error
 #
-# The same spectrum at rising accuracy, against one with `rtol=1e-13`. The error is that of
+# The same spectrum with decreasing tolerances, compared with `rtol=1e-13`. The errors are those of
 # $\max|\theta|/\alpha$ in the scenes that survive at both tolerances.
 
 # %%
@@ -82,7 +82,7 @@ for rtol in tolerances:
     changed = int((answer.overturned != reference.overturned).sum())
     rows.append((rtol, 1e6 * seconds / n**2, np.median(error), np.percentile(error, 99), changed))
 
-print(" rtol    µs/scene   median error   99 % below   verdicts that differ")
+print(" rtol    µs/scene   median error   99 % below   outcomes that differ")
 for row in rows:
     print("{:.0e}   {:7.2f}       {:.1e}      {:.1e}   {:10d}".format(*row))
 
@@ -97,14 +97,13 @@ ax.grid(alpha=0.3)
 legend = ax.legend()
 
 # %% [markdown]
-# Each further digit adds little to the time, since the method is of order eight. The errors fall with the
-# tolerance down to rounding. Scenes close to the overturning boundary are the exception: there small errors
-# become large ones.
+# An additional digit takes little additional time, because the method is of order eight. The errors decrease
+# with the tolerance down to rounding, except close to the overturning boundary, which amplifies small errors.
 #
 # ## Outputs
 #
-# A scene ends as soon as no requested output can change. Rotation alone is final early. To
-# count impacts to the end, all of the rocking has to be followed.
+# A scene ends as soon as no requested output can change. The peak rotation is final early. If impacts are
+# counted, all of the rocking has to be computed.
 
 # %%
 selections = [("peak_rotation",), ("peak_rotation", "impacts")]
@@ -120,8 +119,8 @@ for outputs in selections:
 # %% [markdown]
 # ## Errors without a reference
 #
-# In practice there is no reference. `"errors"` estimates the error of each scene by a second solution. Here
-# beside the true one, at a tolerance of 1e-6:
+# In practice there is no reference. `"errors"` estimates the error of each scene by a second solution. The
+# picture compares estimated and true errors at a tolerance of 1e-6:
 
 # %%
 checked = spectrum(1e-6, "peak_rotation", "errors")
@@ -145,8 +144,8 @@ print(f"{int(checked.undecided.sum())} scenes undecided")
 # %% [markdown]
 # ## A single scene
 #
-# A single scene costs more than one of a batch: no other scenes share its instructions, and the call itself
-# takes time.
+# A single scene takes longer than a scene of a batch, because a batch solves several scenes by the same
+# vector instructions, and the call itself takes time.
 
 # %%
 pulse = rj.Ricker(a_p=3.0, T_p=1.0)
@@ -161,5 +160,5 @@ print(f"{1e3 * seconds:.2f} ms for one scene")
 # ## Next
 #
 # - [Performance](../docs/performance.md): methods, other solvers, batches up to a million scenes
-# - [Verification](../docs/verification.md): how the estimates were calibrated, and the hard cases
-# - [Sharp bits](../docs/sharp-bits.md): what makes a program compile again
+# - [Verification](../docs/verification.md): checks of the solver and of the error estimates
+# - [Sharp bits](../docs/sharp-bits.md): changes that need another compilation

@@ -13,11 +13,10 @@
 # %% [markdown]
 # # Gradients explained
 #
-# A rocking column lifts, strikes, and rocks on. Between these events its motion is smooth; at an impact the
-# velocity jumps. What is the derivative of such a motion? This notebook computes the jump of the
-# sensitivities at an impact by hand, checks gradients against finite differences, differentiates a
-# boundary, and shows where there is no derivative. [Gradients through events](../docs/gradients.md) has the
-# theory.
+# A rocking column lifts, strikes the ground, and rocks on. Between these events its motion is smooth; at an
+# impact the velocity jumps. What is the derivative of such a motion? This notebook computes the jump of the
+# sensitivities at an impact by hand, compares gradients with finite differences, differentiates a boundary,
+# and shows points without a derivative. [Gradients through events](../docs/gradients.md) has the theory.
 
 # %%
 import math
@@ -35,17 +34,17 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids, for t
 
 podium = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=10.0, superstructure=rj.Rigid(eta=100.0))
 unit = podium.g * math.tan(podium.alpha)  # g tan α
-# For the sake of the differences.
+# Tight tolerances, because finite differences amplify errors.
 tight = rj.Options(rtol=1e-12, atol=1e-14, outputs=("peak_rotation",), history=1024)
 
 # %% [markdown]
 # ## The jump at an impact
 #
-# Let the podium go from $\theta_0$, with the ground still. How does its state at a later time depend on
-# $\theta_0$? If it starts a little higher, it strikes a little later. Between the two times one column has
-# struck and the other has not, and this is what a plain differentiation of the velocity jump forgets.
+# The podium is released from $\theta_0$ on still ground. How does its state at a later time depend on
+# $\theta_0$? From a slightly larger $\theta_0$ the impact comes slightly later. A derivative of the velocity
+# jump alone does not include this shift of the impact time.
 #
-# `simulate` can be differentiated as well. `jax.jvp` gives the state and its derivative.
+# `simulate` can be differentiated. `jax.jvp` returns the state and its derivative.
 
 
 # %%
@@ -66,15 +65,16 @@ impact, moved = float(times[0]), float(d_times[0])
 print(f"the first impact at {impact:.6f} s; it moves by {moved:.6f} s per rad")
 
 # %% [markdown]
-# The states just before and after the impact, and their derivatives $Y$. With the accelerations
-# $\ddot\theta^\pm$ on both sides, the saltation rule for an impact with the velocity factor $e$ is
+# The following cell compares the derivatives $Y$ of the states just before and after the impact. With the
+# accelerations $\ddot\theta^\pm$ on both sides, the saltation rule for an impact with the velocity factor $e$
+# is
 #
 # $$Y_\theta^+=e\,Y_\theta^-,\qquad
 # Y_{\dot\theta}^+=e\,Y_{\dot\theta}^-+\frac{\ddot\theta^+-e\,\ddot\theta^-}{\dot\theta^-}\,Y_\theta^-.$$
 
 # %%
 h = 1e-7  # s, to either side of the impact
-# As many times as above, so one program serves both.
+# As many times as above, so that the compiled program can be used again.
 sample_times = np.concatenate([impact + h * np.array([-2, -1, 1, 2]), t[4:]])
 (x, _), (Y, _) = jax.tree.map(np.asarray, state_and_slope(theta_0, sample_times))
 x, Y = x[:, :4], Y[:, :4]
@@ -89,9 +89,10 @@ print(f"velocity alone   {e * Y[0, 1]:10.6f}   {e * Y[1, 1]:10.6f}")
 assert np.allclose(Y[:, 2], rule, rtol=1e-4)
 
 # %% [markdown]
-# The last line multiplies the velocity by $e$ and stops there. It is wrong, and by more than a little.
+# The last line only multiplies the derivatives by $e$, and its error is large.
 #
-# Over time: the state, and its sensitivity with jumps at every impact. Finite differences lie on the curve.
+# The next picture shows the state over time, and its sensitivity, which jumps at every impact. Finite
+# differences agree with it.
 
 # %%
 step = 1e-5
@@ -113,14 +114,14 @@ for ax in axes:
 # %% [markdown]
 # ## A gradient through many impacts
 #
-# A scene among the bands of survival at $\omega_p/p=2$, with many impacts. Finite differences need a step
-# that is neither too long nor too short; the gradient needs none.
+# The scene lies among the bands of survival at $\omega_p/p=2$ and has many impacts. Finite differences need a
+# step that is neither too large nor too small; the gradient needs none.
 
 
 # %%
 @jax.jit
 def rotation(alpha, pulse):
-    """Peak rotation and its derivative with respect to α; and the peak response itself."""
+    """Return the peak rotation, its derivative with respect to α, and the peak response."""
 
     def value(alpha):
         peak = rj.peak_response(podium.replace(alpha=alpha), pulse, options=tight)
@@ -152,15 +153,15 @@ ax.grid(alpha=0.3)
 assert relative_error.min() < 1e-5
 
 # %% [markdown]
-# On the left rounding is divided by the step, on the right the differences are biased, or leave the branch
-# of the scene altogether.
+# Small steps amplify rounding errors. With large steps the differences are biased, or the scenes change to
+# another branch.
 #
 # ## The gradient of a boundary
 #
-# Towards the overturning boundary $a^*$ the derivative of the peak grows without bound, as the column
-# lingers at its unstable equilibrium. The boundary itself moves smoothly. It is where the overturning
-# margin $M(a,\alpha)$ is zero, so by the implicit function theorem $\mathrm da^*/\mathrm d\alpha=-(\partial
-# M/\partial\alpha)/(\partial M/\partial a)$.
+# Near the overturning boundary $a^*$ the derivative of the peak grows without limit, because the column
+# lingers at its unstable equilibrium. The boundary itself depends smoothly on $\alpha$. It is a zero of the
+# overturning margin $M(a,\alpha)$, so by the implicit function theorem $\mathrm da^*/\mathrm
+# d\alpha=-(\partial M/\partial\alpha)/(\partial M/\partial a)$.
 
 
 # %%
@@ -173,12 +174,12 @@ def boundary(alpha):
 least, slope = boundary(podium.alpha)
 h = 1e-5
 differences = (boundary(podium.alpha + h)[0] - boundary(podium.alpha - h)[0]) / (2 * h)
-print(f"overturns from {least:.8f} m/s²")
-print(f"its derivative {slope:.6f}, from differences {differences:.6f} m/s² per rad")
+print(f"the podium overturns from {least:.8f} m/s²")
+print(f"derivative {slope:.6f}, by differences {differences:.6f} m/s² per rad")
 assert abs(slope / differences - 1) < 1e-6
 
 # %% [markdown]
-# The same scene, ever closer to the boundary from below: the derivative of the peak rotation.
+# The derivative of the peak rotation of the same scene, at decreasing distances below the boundary:
 
 # %%
 for distance in (1e-1, 1e-2, 1e-3, 1e-4, 1e-6):
@@ -188,14 +189,14 @@ value, slope_of_peak, _ = rotation(podium.alpha, rj.Ricker(least * 1.001, 1.0))
 print(f"just above:  peak {value:.6f} α, derivative {slope_of_peak:12.2f} per rad")
 
 # %% [markdown]
-# Beyond the boundary the peak is 1 by convention and its derivative 0: nothing to follow for an optimiser.
-# This is what the margin is for.
+# Beyond the boundary the peak is 1 by convention and its derivative is 0, so an optimiser needs the margin.
 #
-# ## Where there is no derivative
+# ## Points without a derivative
 #
-# The peak rotation over the amplitude, and its derivative with respect to $\alpha$. Where another maximum
-# takes over, the curve has a kink or a jump. Where an impact grazes, the derivative is large, and holds in
-# a small neighbourhood only. Within the bands it climbs towards each boundary.
+# The picture shows the peak rotation over the amplitude, and its derivative with respect to $\alpha$. The
+# peak has a kink or a jump at amplitudes at which another maximum becomes the largest. At a grazing impact
+# the derivative is large and valid only in a small neighbourhood. Within the bands it grows towards each
+# boundary.
 
 # %%
 amplitude = np.linspace(1.9, 2.6, 60 if REDUCED else 2000)
@@ -210,17 +211,19 @@ axes[0].plot(amplitude, value, ".", ms=2, color=plots.COLOURS[2])
 axes[1].semilogy(amplitude, np.abs(slope), ".", ms=2, color=plots.COLOURS[1])
 axes[2].semilogy(amplitude, speed, ".", ms=2, color=plots.COLOURS[3])
 axes[0].set(ylabel="peak " + plots.ROTATION)
-axes[1].set(ylabel="size of its derivative\n[1/rad]")
-axes[2].set(ylabel="slowest impact\nbefore it [rad/s]", xlabel=plots.ACCELERATION_RATIO, xlim=(1.9, 2.6))
+axes[1].set(ylabel="absolute derivative\n[1/rad]")
+axes[2].set(
+    ylabel="slowest impact\nbefore the peak [rad/s]", xlabel=plots.ACCELERATION_RATIO, xlim=(1.9, 2.6)
+)
 for ax in axes:
     ax.grid(alpha=0.3)
 
 # %% [markdown]
-# `smallest_impact_speed` says how close a scene is to grazing. Derivatives of what follows an impact grow
-# like its inverse.
+# `smallest_impact_speed` shows how close a scene is to grazing. Derivatives after an impact grow like the
+# inverse of its speed.
 #
-# Second derivatives raise an error. The times of events are right to first order only, and a second
-# derivative would be silently wrong.
+# Second derivatives raise an error: event times have correct first derivatives only, so second derivatives
+# would be wrong.
 
 # %%
 try:
@@ -231,6 +234,6 @@ except NotImplementedError as error:
 # %% [markdown]
 # ## Next
 #
-# - [`04_column_sizing`](04_column_sizing.py): what the gradients are for
+# - [`04_column_sizing`](04_column_sizing.py): an application of gradients
 # - [Gradients through events](../docs/gradients.md): uplift, peaks, reverse mode, records
 # - [Overturning](../docs/overturning.md): margin and boundary

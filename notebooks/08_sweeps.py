@@ -13,9 +13,9 @@
 # %% [markdown]
 # # Sweeps
 #
-# How do the proportions of the columns and the mass on top of them decide what a suite of earthquakes does?
-# That is a study of structures × records × scales. This notebook runs it in chunks that are kept on disk,
-# reads them back, and shows what happens when a chunk is lost.
+# How do the slenderness of the columns and the mass of the building affect overturning under a suite of
+# earthquakes? This is a study of structures × records × scales. The notebook solves it in chunks that are
+# saved on disk, reads the results, and shows the recovery of a damaged chunk.
 
 # %%
 import os
@@ -33,8 +33,8 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small grids, for t
 # %% [markdown]
 # ## The scenes
 #
-# Columns of one half diagonal under a rigid building: slenderness and building mass vary, under a suite of
-# synthetic records, scaled. Every combination is a scene. The grid holds only its axes.
+# Columns of equal half diagonal carry a rigid building. Their slenderness, the mass of the building, the
+# synthetic record and its scale vary. Every combination is a scene. The grid stores only its axes.
 
 # %%
 podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, superstructure=rj.Rigid(50.0))
@@ -52,9 +52,9 @@ scenes = rj.grid(
 scenes
 
 # %% [markdown]
-# ## What will it take?
+# ## Expected cost
 #
-# The dry run solves a sample of the scenes. For a study of hours, this is the time to think again.
+# A dry run solves a sample of the scenes and estimates time, memory and disk space.
 
 # %%
 rj.sweep(*scenes, store="study.zarr", outputs=["peak_rotation"], dry_run=True, progress=False)
@@ -62,8 +62,9 @@ rj.sweep(*scenes, store="study.zarr", outputs=["peak_rotation"], dry_run=True, p
 # %% [markdown]
 # ## The sweep
 #
-# All cores of this machine, chunk by chunk into the store. With `client=` a Dask cluster does the same,
-# see [Sweeps and clusters](../docs/cluster.md). Small chunks here, to have some.
+# All cores of this machine solve the chunks one after another and write them to the store. With `client=` a
+# Dask cluster solves them; see [Sweeps and clusters](../docs/cluster.md). The chunks are small here, so that
+# there are several.
 
 # %%
 data = rj.sweep(
@@ -72,8 +73,8 @@ data = rj.sweep(
 data
 
 # %% [markdown]
-# The dataset is lazy: nothing has been read yet. How large a share of the suite overturns, at one building
-# mass?
+# The dataset is lazy: its values are read when they are needed. The picture shows the share of the suite that
+# overturns the podium, for one mass of the building.
 
 # %%
 share = data["overturned"].mean("motion").compute()
@@ -88,8 +89,8 @@ fig.colorbar(shown, label="share of the suite that overturns [–]")
 plt.show()
 
 # %% [markdown]
-# Along the other axis: a heavier building on the same columns. As in the paper, the mass on top hardly
-# matters: the whole frame rocks like one larger block.
+# The next picture compares a light and a heavy building. As in the paper, the mass of the building has little
+# effect, because the whole frame rocks like one larger block.
 
 # %%
 fig, ax = plt.subplots(figsize=(6, 4), layout="constrained")
@@ -104,11 +105,10 @@ ax.legend(loc="lower right")
 plt.show()
 
 # %% [markdown]
-# ## When something is lost
+# ## Recovery of damaged chunks
 #
-# The store knows which chunks it holds, and the checksum of each. Here a file of the second chunk is cut in
-# half, as a full disk or a failing one would leave it. The same call finds it, and solves that chunk again:
-# the others are verified and left. (The warning is what a user sees.)
+# The store contains a checksum of each chunk. Here a file of one chunk is cut in half, as a full or failing
+# disk might leave it. The same call verifies all chunks and solves the damaged one again, with a warning.
 
 # %%
 victim = sorted(Path("study.zarr/peak_rotation/c").rglob("*"))[-1]
@@ -116,14 +116,14 @@ before = data["peak_rotation"].compute()
 victim.write_bytes(victim.read_bytes()[: victim.stat().st_size // 2])
 
 # %%
-with warnings.catch_warnings(record=True) as said:
+with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     data = rj.sweep(*scenes, store="study.zarr", outputs=["peak_rotation"], progress=False)
-print(*{str(warning.message) for warning in said}, sep="\n")
-print("the same numbers:", bool((data["peak_rotation"] == before).all()))
+print(*{str(warning.message) for warning in caught}, sep="\n")
+print("equal results:", bool((data["peak_rotation"] == before).all()))
 
 # %% [markdown]
-# Another study does not get into this store by accident:
+# Another study cannot use this store by mistake:
 
 # %%
 try:
@@ -138,5 +138,5 @@ except ValueError as error:
 #
 # - `rockjax sweep` does the same from a [problem file](../docs/command-line.md), with `--workers` or
 #   `--scheduler`.
-# - [Sweeps and clusters](../docs/cluster.md): SSH, Slurm and Kubernetes, and what happens when machines die.
-# - [`05_records_and_fragility`](05_records_and_fragility.py) makes a curve of such shares, with its bands.
+# - [Sweeps and clusters](../docs/cluster.md): SSH, Slurm and Kubernetes, and failures of machines
+# - [`05_records_and_fragility`](05_records_and_fragility.py): fragility curves with confidence bands

@@ -13,9 +13,8 @@
 # %% [markdown]
 # # Devices and vertical motion
 #
-# Tendons and dampers beside rocking columns, and ground that moves vertically as well: what they do to the
-# motion, to its energy, and to the peak rotation. [Tendons, dampers, inerters](../docs/control.md) has the
-# equations.
+# This notebook shows the effects of tendons, dampers and vertical ground motion on the response, its energy
+# and the peak rotation. [Tendons, dampers, inerters](../docs/control.md) has the equations.
 
 # %%
 import os
@@ -34,15 +33,15 @@ restrained = unrestrained.replace(
     restrainers=(rj.Tendon(prestress=2.0, stiffness=60.0), rj.Damper(coefficient=15.0))
 )
 pulse = rj.OneSine(3.0, 0.8)
-for name, podium in (("bare", unrestrained), ("held", restrained)):
-    lifts, stable = float(podium.uplift_ground_acceleration), float(podium.stability_angle)
-    print(f"{name}: columns lift at {lifts:.3f} m/s², static stability ends at {stable:.3f} rad")
+for name, podium in (("bare", unrestrained), ("with devices", restrained)):
+    uplift, stable = float(podium.uplift_ground_acceleration), float(podium.stability_angle)
+    print(f"{name}: columns lift at {uplift:.3f} m/s², static stability ends at {stable:.3f} rad")
 
 # %% [markdown]
 # ## Loops and energy
 #
-# The moment over the rotation falls for bare columns; tendons lift it, and the damper opens a loop. What the
-# damper took is a part of the balance of energy.
+# The moment of bare columns decreases with the rotation. Tendons increase it, and the damper adds a loop. The
+# energy balance contains the energy that the damper dissipates.
 
 # %%
 history = rj.simulate(restrained, pulse, t_end=6.0)
@@ -54,9 +53,9 @@ plots.energy_balance(history, ax=axes[1])
 # %% [markdown]
 # ## A vertical component
 #
-# `GroundMotion` is a horizontal and a vertical motion as one, upwards positive. Here the vertical one is the
-# same pulse, $r$ times as large. The columns lift where $\ddot u_g = g\tan\alpha/(1 - r\tan\alpha)$, a little
-# later for an upward motion; the peak may go either way.
+# `GroundMotion` combines a horizontal and a vertical motion, which is positive upwards. Here the vertical
+# motion is the same pulse multiplied by $r$. Columns without devices lift at $\ddot u_g = g\tan\alpha/(1 -
+# r\tan\alpha)$, so an upward acceleration delays uplift; the peak may be larger or smaller.
 
 # %%
 ratio = np.linspace(-0.9, 0.9, 7 if REDUCED else 61)
@@ -72,8 +71,8 @@ ax.legend()
 # %% [markdown]
 # ## Spectra
 #
-# Over all pulses at once, by the same call as for bare columns: peak rotation over $\omega_p/p$ and
-# $a_p/(g\tan\alpha)$, white where the columns overturn.
+# Peak rotation over $\omega_p/p$ and $a_p/(g\tan\alpha)$, without and with devices. Scenes that overturn are
+# white.
 
 # %%
 points = 9 if REDUCED else 50
@@ -88,9 +87,9 @@ for ax, podium, label in zip(
 plots.rotation_bar(axes)
 
 # %% [markdown]
-# ## What to change
+# ## Sensitivities to the devices
 #
-# The derivative of the peak by every number of the devices, in one pass: what a little more of each would do.
+# One reverse pass computes the derivatives of the peak with respect to all parameters of the devices.
 
 # %%
 value, slope = jax.value_and_grad(
@@ -103,7 +102,7 @@ for device in slope.restrainers:
 # %% [markdown]
 # ## Next
 #
-# - [Tendons, dampers, inerters](../docs/control.md): equations, and what counts as overturned
-# - [`04_column_sizing`](04_column_sizing.py): design, which also varies the numbers of devices
+# - [Tendons, dampers, inerters](../docs/control.md): equations, and the definition of overturning
+# - [`04_column_sizing`](04_column_sizing.py): design, which can also vary parameters of devices
 # - [`05_records_and_fragility`](05_records_and_fragility.py): suites of records; `Motions.paired` adds their
 #   vertical components

@@ -13,8 +13,9 @@
 # %% [markdown]
 # # Risk
 #
-# How often will these columns fall? First from a fragility curve and the hazard of a site, then from a random
-# ground motion. [Risk](../docs/risk.md) has the formulas, and says what the estimates are worth.
+# How often do columns overturn? This notebook computes the annual frequency from a fragility curve and the
+# hazard of a site, and the probability under a random ground motion. [Risk](../docs/risk.md) has the formulas
+# and discusses the accuracy of the estimates.
 
 # %%
 import os
@@ -31,8 +32,9 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small samples, for
 # %% [markdown]
 # ## From a fragility curve to an annual frequency
 #
-# A hazard curve says how often each intensity is exceeded, a fragility curve with which probability columns
-# overturn at it. Between the given points the integral of both is a closed form.
+# A hazard curve is the annual rate at which an intensity is exceeded; a fragility curve is the probability
+# that columns overturn at this intensity. The integral of both has a closed form between the points of the
+# hazard curve.
 
 # %%
 hazard = rj.Hazard([0.5, 1, 2, 4, 8, 16], [3.5e-2, 1.2e-2, 3.4e-3, 7.5e-4, 1.2e-4, 1.1e-5])
@@ -44,20 +46,20 @@ print(f"a dispersion higher by .01: {float(risk.sensitivities['dispersion']):+.2
 plots.risk(rj.disaggregation(curve, hazard))
 
 # %% [markdown]
-# A target, such as $4\cdot10^{-4}$ a year, asks for a median. The frequency falls with it nearly like a
-# power, so that a few steps of Newton's method in logarithms find it.
+# Which median leads to a target frequency, such as $4\cdot10^{-4}$ per year? The frequency is nearly a power
+# of the median, so a few Newton steps in logarithms find it.
 
 # %%
 target, median = 4e-4, 4.0
 for _ in range(5):
-    found = rj.annual_frequency(rj.Lognormal(median, 0.45), hazard)
-    median *= float((target / found.frequency) ** (1 / found.sensitivities["median"]))
-print(f"a median of {median:.3f} m/s² has {float(found.frequency):.2e} a year")
+    risk = rj.annual_frequency(rj.Lognormal(median, 0.45), hazard)
+    median *= float((target / risk.frequency) ** (1 / risk.sensitivities["median"]))
+print(f"a median of {median:.3f} m/s² leads to {float(risk.frequency):.2e} per year")
 
 # %% [markdown]
 # ## A random ground motion
 #
-# `GaussianMotion` makes records of standard normal numbers. Its peak and its response spectrum are random.
+# `GaussianMotion` maps standard normal variables to records. Peak and response spectrum are random.
 
 # %%
 motion = rj.GaussianMotion(n=121, dt=0.04, S_0=0.02)
@@ -72,8 +74,8 @@ ax.legend()
 # %% [markdown]
 # ## Probability of overturning
 #
-# Subset simulation reaches a rare event through a chain of frequent ones. Counting gives the same, with many
-# more scenes where the event is rare.
+# Subset simulation expresses the probability of a rare event as a product of larger probabilities. Monte
+# Carlo simulation leads to the same result, but needs many more scenes if the event is rare.
 
 # %%
 block = rj.Podium(alpha=0.2, R=1.0)
@@ -84,26 +86,26 @@ for method in ("subset", "monte-carlo"):
     print(f"{method}: {found.probability:.3g}, 95 % between {low:.3g} and {high:.3g}, {found.scenes} scenes")
 
 # %% [markdown]
-# How it depends on the slenderness: the stockier the columns, the rarer they fall. (Derivatives of a sampled
-# probability are in the page on risk.)
+# The probability decreases with $\alpha$, because stockier columns overturn less often. (The page on risk
+# describes derivatives of sampled probabilities.)
 
 # %%
 alphas = np.linspace(0.18, 0.24, 2 if REDUCED else 5)
-chances = [
+estimates = [
     rj.failure_probability(block.replace(alpha=alpha), motion, method="subset", cov=max(cov, 0.15), seed=1)
     for alpha in alphas
 ]
 fig, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
-middle = np.array([each.probability for each in chances])
-spread = np.abs(np.array([each.interval for each in chances]).T - middle)
+middle = np.array([estimate.probability for estimate in estimates])
+spread = np.abs(np.array([estimate.interval for estimate in estimates]).T - middle)
 ax.errorbar(np.tan(alphas), middle, yerr=spread, fmt="o-", capsize=3)
 ax.set(xlabel=r"$\tan\alpha$", ylabel="probability of overturning", yscale="log")
 
 # %% [markdown]
 # ## A design for a target
 #
-# The slimmest block that overturns with a probability of at most 5 %. The search follows one set of rays
-# through failing motions, with exact derivatives; an independent sample verifies the answer.
+# The target is the slimmest block that overturns with a probability of at most 5 %. The search uses one set
+# of rays through failing motions, with exact derivatives. An independent sample verifies the result.
 
 
 # %%

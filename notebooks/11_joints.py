@@ -13,9 +13,9 @@
 # %% [markdown]
 # # Do the joints hold?
 #
-# The model assumes that joints do not slide and that the beam stays on all columns. Here both are checked,
-# and a frame is designed so that they hold: its spacing, its width, its tendons and the number of its
-# columns. [Forces in the joints](../docs/forces.md) has the equations.
+# The model assumes that joints do not slide and that the beam stays on all columns. This notebook checks both
+# assumptions, and designs a frame for which they hold: spacing, width and number of the columns, and tendons.
+# [Forces in the joints](../docs/forces.md) has the equations.
 
 # %%
 import os
@@ -71,14 +71,14 @@ for ax in axes:
     ax.legend(fontsize="small")
 
 # %% [markdown]
-# The friction demand stays near tan α wherever N is not small. Lift-off is the concern: N comes close to
+# The friction demand stays near tan α unless N is small. Lift-off is more critical, because N comes close to
 # zero.
 
 # %% [markdown]
 # ## The least spacing that keeps every joint closed
 #
-# `LeastAxialForce(0.0, …)` asks for N ≥ 0 in every joint. Its margin is smooth through lift-off, so a search
-# may start where joints pull.
+# `LeastAxialForce(0.0, …)` requires N ≥ 0 in every joint. Its margin is smooth through lift-off, so a search
+# may start from a design with tension in the joints.
 
 # %%
 closed = optimise.LeastAxialForce(0.0, motions)
@@ -94,8 +94,8 @@ narrowest
 # %% [markdown]
 # ## Columns sized for rotation, with and without the joints
 #
-# Wider columns rotate less, but they also resist with a larger shear, which overturns the beam: the width
-# does not help the joints.
+# Wider columns rotate less, but they transmit a larger shear, which tends to overturn the beam. A larger
+# width does not keep the joints closed.
 
 # %%
 rotation = optimise.PeakRotation(0.4, motions)
@@ -112,8 +112,8 @@ for targets in ([rotation], [rotation, closed]):
 # %% [markdown]
 # ## Tendon force against lift-off
 #
-# Tendons over both joints press the beam on the columns, and let them rotate less. How much force does a
-# spacing of nine tenths of the least one need?
+# Tendons across both joints press the beam on the columns and reduce the rotation. How much force is needed
+# if the spacing is nine tenths of the least one?
 
 
 # %%
@@ -129,15 +129,15 @@ optimise.design(tight, {"tendon_force": (1e3, 400e3)}, force, [closed], starts=S
 # %% [markdown]
 # ## The number of columns and their width
 #
-# The same weight on more columns at the same distance of the outer ones. Middle columns carry load but
-# little of the moment: the core distance becomes smaller.
+# More columns carry the same weight at the same distance of the outer columns. Middle columns carry a part of
+# the load but little of the moment, so the core distance becomes smaller.
 
 # %%
 for count in (2, 3) if REDUCED else (2, 3, 5):
     line = np.linspace(0.0, 1.4 * float(narrowest.objective), count)
     variant = frame.replace(positions=tuple(line), columns=count)
-    found = optimise.design(variant, {"width": (0.3, 0.9)}, width, [rotation, closed], starts=STARTS)
-    print(f"{count} columns: width {found.objective:.3f} m, satisfied {found.satisfied}")
+    answer = optimise.design(variant, {"width": (0.3, 0.9)}, width, [rotation, closed], starts=STARTS)
+    print(f"{count} columns: width {answer.objective:.3f} m, satisfied {answer.satisfied}")
 
 # %% [markdown]
 # ## Next

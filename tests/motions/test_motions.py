@@ -597,9 +597,9 @@ def test_motions_of_a_problem_file_on_the_command_line(folder):
 @pytest.mark.parametrize(
     ("change", "flags", "words"),
     [
-        (lambda text: text, ["--dt", "0.01"], "--dt: "),
-        (lambda text: text, ["--periods", "0.5"], "--periods: "),
-        (lambda text: text, ["--output", "out"], "--output: "),
+        (lambda text: text, ["--dt", "0.01"], "--dt applies to files"),
+        (lambda text: text, ["--periods", "0.5"], "--periods applies to files"),
+        (lambda text: text, ["--output", "out"], "--output applies to files"),
         (lambda text: text, ["problem.toml"], "2 paths"),
         (lambda text: text.split("[motions")[0], [], "problem.toml: motions: "),
         (lambda text: text.replace("b.AT2", "none.AT2"), [], "motions.records[0]: "),

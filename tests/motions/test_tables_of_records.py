@@ -48,7 +48,7 @@ def test_units_of_both_columns(tmp_path, heading, separator, factor, step, dt):
     [
         (
             "time [s],Acc (cm/s2)",
-            [":1: its heading 'Acc (cm/s2)' gives the unit as cm/s2", "units = g was given"],
+            [":1: the heading 'Acc (cm/s2)' gives the unit as cm/s2", "units = g was given"],
         ),
         ("time (s),Acc, m/s/s", ["'Acc, m/s/s' gives the unit as m/s2", "units = g"]),
         ("time (s);Acc, m/s/s", ["'Acc, m/s/s' gives the unit as m/s2", "units = g"]),
@@ -59,8 +59,8 @@ def test_units_of_both_columns(tmp_path, heading, separator, factor, step, dt):
         ("time [s],vel [cm/s]", ["no heading means acceleration", "'vel [cm/s]'"]),
         ("Time (UTC),acc [g]", ["unit 'UTC' in the heading 'Time (UTC)'"]),
         ("abscissa,acc [g]", ["'abscissa' is unknown", "name it time [s]"]),
-        ("El Centro 1940 record", ["does not name 2 columns", "begin other lines with #"]),
-        (",acc [g]", ["has no column of times", "has no name", "give dt"]),
+        ("El Centro 1940 record", ["does not name 2 columns", "begin comments with #"]),
+        (",acc [g]", ["has no column of times", "a column without name", "give dt"]),
         ("Unnamed: 0,acc [g]", ["has no column of times", "give dt"]),
         ("index,acc [g]", ["has no column of times", "give dt"]),
     ],
@@ -143,8 +143,8 @@ def test_decimal_commas(tmp_path, separator):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("Zeit;Beschl\n0,00;0.1\n0,01;0.2\n", [":2:", "commas and points both", "decimal points"]),
-        ("Zeit;Beschl\n0,00;1.234,5\n0,01;0,2\n", [":2:", "commas and points both", "thousands"]),
+        ("Zeit;Beschl\n0,00;0.1\n0,01;0.2\n", [":2:", "both commas and points", "decimal points"]),
+        ("Zeit;Beschl\n0,00;1.234,5\n0,01;0,2\n", [":2:", "both commas and points", "thousands"]),
         ("0,10\n0,12\n0,11\n", [":2:", "if the commas are decimal"]),
         (
             "Beschl\n0,10\n0,12\n0,11\n",

@@ -32,7 +32,7 @@ GROWTH = 2
 MAX_ENTRIES = 5e7  # largest number of array entries of the samples in memory at once
 LEVELS = 40  # largest number of levels of a run
 MOVE_SHARE = 0.25  # mean share of the components that a move changes
-MIN_MOVED = 10  # smallest mean number of components that a move changes, if u has so many
+MIN_MOVED = 10  # smallest mean number of changed components; all are changed if u has fewer
 ACCEPTED = 0.35  # target of the share of accepted moves
 TAIL = 0.5 + LEVEL / 2  # quantile at the upper end of the interval
 
