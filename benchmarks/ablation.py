@@ -56,15 +56,15 @@ class Piece(NamedTuple):
 
 def _replace(original: Any, replacement: Any) -> None:
     """Replace a function of rockjax in every module that imports it."""
-    found = 0
+    count = 0
     for module in pkgutil.walk_packages(rj.__path__, "rockjax."):
         if module.name == "rockjax.__main__":
             continue
         holder = importlib.import_module(module.name)
         for name in [name for name, value in vars(holder).items() if value is original]:
             setattr(holder, name, replacement)
-            found += 1
-    assert found, original
+            count += 1
+    assert count, original
 
 
 def _no_fast_forward(name: str) -> None:
@@ -83,7 +83,7 @@ def _no_certificate() -> None:
 
 
 def _no_refill() -> None:
-    """Let every lane wait until all of them have ended."""
+    """Refill lanes only when all of them have ended."""
     lanes.PATIENCE = 1.0
 
 
@@ -166,7 +166,7 @@ ROWS: dict[str, Callable[[], Callable[[], Any]]] = {
 # ---------------------------------------------------------------------------------------------------- workers
 def operations() -> dict[str, int]:
     """Return the arithmetic operations of one trial per scene, in the compiled program."""
-    found = {}
+    operations = {}
     for name, period in (("rigid", 0.0), ("elastic", 0.5)):
         structure = podium(Family(period, np.zeros(0), np.zeros(0)))
         motion, how = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options()
@@ -178,8 +178,8 @@ def operations() -> dict[str, int]:
         step = lambda lane, one=one, plan=plan: trial(one, plan, lane)[0]
         made = jax.jit(jax.vmap(step)).lower(side).compile()
         cost: Any = made.cost_analysis()
-        found[f"operations, {name}"] = round(cost["flops"] / LANES)
-    return found
+        operations[f"operations, {name}"] = round(cost["flops"] / LANES)
+    return operations
 
 
 def work(piece: str) -> None:
@@ -195,16 +195,16 @@ def work(piece: str) -> None:
         first = None
         if name not in made:
             made[name] = ROWS[name]()
-            began = time.process_time()
+            start = time.process_time()
             made[name]()
-            first = time.process_time() - began
-        began = time.perf_counter()
+            first = time.process_time() - start
+        start = time.perf_counter()
         made[name]()
-        print(json.dumps([time.perf_counter() - began, first]), flush=True)
+        print(json.dumps([time.perf_counter() - start, first]), flush=True)
 
 
 class Worker:
-    """A process with one piece switched off, or none if the name is ""."""
+    """A process in which one optimisation is switched off; none if its name is ""."""
 
     def __init__(self, piece: str):
         self.folder = tempfile.TemporaryDirectory()

@@ -34,17 +34,17 @@ import rockjax as rj
 
 from .measure import RESULTS, show, store_rows
 
-WIDTH = 1e-4  # of the range
-SCALE_STEP = 0.25 * WIDTH  # from one scale that is tried to the next
-OVERTURNING_RUN = 64  # scales in a row that overturn: what is above them is no window any more
-BLOCK = 4096  # scales that are tried at once
-INSIDE = 200  # scales in a step at whose ends the outcome changes
-RANGE = 10.0  # scales up to so many g tan α over PGA
-COARSE = 256  # scales that tell from where on the columns lift
+WIDTH = 1e-4  # requested width of the search, divided by the range
+SCALE_STEP = 0.25 * WIDTH  # distance of the scales that are evaluated, divided by the range
+OVERTURNING_RUN = 64  # this many successive scales that overturn end the scan of a record
+BLOCK = 4096  # number of scales in a batch
+INSIDE = 200  # number of scales within a step at whose ends the outcome changes
+RANGE = 10.0  # the range of scales ends where PGA is this multiple of g tan α
+COARSE = 256  # number of scales of the search for uplift
 LOOKING = rj.Options(rtol=1e-7, atol=1e-9, method="tsit5", outputs=("margin",))
-CLOSE_MARGIN = 0.02  # a margin as small is worked out again …
-SHARP = rj.Options(rtol=1e-11, atol=1e-13, outputs=("margin",))  # … at the accuracy of a boundary
-SAMPLES_BEFORE_PEAK, SAMPLES = 400, 1000  # of a record: so many before its peak, and altogether
+CLOSE_MARGIN = 0.02  # scenes with a smaller absolute margin are solved again with `SHARP`
+SHARP = rj.Options(rtol=1e-11, atol=1e-13, outputs=("margin",))  # the accuracy of a boundary
+SAMPLES_BEFORE_PEAK, SAMPLES = 400, 1000  # numbers of samples of a record before its peak, and in total
 SLENDER, STOCKY = math.atan(0.15), 0.25
 STRUCTURES = {
     "solitary column": rj.Podium(0.2, 1.0),
@@ -60,8 +60,10 @@ SHAPES = [
 
 
 def motions(count: int) -> rj.Records:
-    """Noise, noise with a pulse, and a pulse alone in every fifth place; 10 s at 0.02 s, PGA 1 m/s² of the
-    noise."""
+    """Return synthetic motions: noise, noise with a pulse, and every fifth a pulse alone.
+
+    They last 10 s, have a sampling interval of 0.02 s, and the noise has a PGA of 1 m/s².
+    """
     pulses = [rj.MavroeidisPapageorgiou(0.15, *SHAPES[k % len(SHAPES)]) for k in range(count)]
     plain = rj.synthetic_motions(count, seed=11, duration=10.0, dt=0.02, pga=1.0).records()
     mixed = rj.synthetic_motions(count, seed=12, duration=10.0, dt=0.02, pga=1.0, pulse=pulses).records()
@@ -70,10 +72,10 @@ def motions(count: int) -> rj.Records:
 
 
 def read_records(folder: Path, count: int) -> rj.Records:
-    """The records in a folder, around their peaks."""
+    """Return the records in a folder, cut around their peaks."""
     cut = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", rj.RecordWarning)  # of PGA in another unit
+        warnings.simplefilter("ignore", rj.RecordWarning)  # the unit is not known, so the PGA may be unusual
         suite = rj.read_suite(folder, units="m/s2", pattern="*.dat")
     for motion in suite:
         samples = np.asarray(motion.acceleration)
@@ -83,61 +85,66 @@ def read_records(folder: Path, count: int) -> rj.Records:
 
 
 def overturns(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray) -> np.ndarray:
-    """Whether scales of one record overturn; those that are close to it at the full accuracy."""
+    """Return a mask of the scales of record j that overturn; close ones are solved at full accuracy."""
     results = peaks(podium, records, j, scales, LOOKING)
-    over = np.array(results.overturned)
+    overturned = np.array(results.overturned)
     near = np.flatnonzero(np.abs(np.asarray(results.margin)) < CLOSE_MARGIN)
     if near.size:
-        over[near] = np.asarray(peaks(podium, records, j, scales[near], SHARP).overturned)
-    return over
+        overturned[near] = np.asarray(peaks(podium, records, j, scales[near], SHARP).overturned)
+    return overturned
 
 
 def peaks(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, options: rj.Options) -> rj.Peak:
-    """Of one record at some scales."""
+    """Return the peaks under record j at some scales."""
     motion = records.pick(np.full(scales.size, j, np.int32)).scaled(scales)
     return rj.peak_responses(podium, motion, options=options)
 
 
 def largest_resting_scale(podium: rj.Podium, records: rj.Records, j: int, end: float) -> float:
-    """The last of some coarse scales that lifts nothing: columns at rest feel the motion in proportion."""
+    """Return the largest of some coarse scales at which the columns do not lift.
+
+    They do not lift at smaller scales either, because without uplift forces are proportional to the scale.
+    """
     scales = np.linspace(0.0, end, COARSE)
     uplifted = np.asarray(peaks(podium, records, j, scales, LOOKING).uplifted)
     return float(scales[np.argmax(uplifted) - 1] if uplifted.any() else end)
 
 
 def scan_windows(podium: rj.Podium, records: rj.Records, j: int, limit: float) -> dict:
-    """What plain responses tell about one record: `windows` of overturning, (from, to), up to the first wide
-    one, whose end is not looked for."""
-    began = time.process_time()
+    """Return the `windows` of overturning of record j, (from, to), found by plain responses.
+
+    They end with the first wide window, whose end is not searched.
+    """
+    start = time.process_time()
     scales = np.arange(largest_resting_scale(podium, records, j, limit), limit, SCALE_STEP * limit)
-    over = np.zeros(0, bool)
+    overturned = np.zeros(0, bool)
     for first in range(0, scales.size, BLOCK):
-        over = np.append(over, overturns(podium, records, j, scales[first : first + BLOCK]))
-        in_a_row = np.convolve(over, np.ones(OVERTURNING_RUN), mode="valid")
-        wide = np.flatnonzero(in_a_row > OVERTURNING_RUN - 0.5)
+        overturned = np.append(overturned, overturns(podium, records, j, scales[first : first + BLOCK]))
+        run_lengths = np.convolve(overturned, np.ones(OVERTURNING_RUN), mode="valid")
+        wide = np.flatnonzero(run_lengths > OVERTURNING_RUN - 0.5)
         if wide.size:
-            over = over[: wide[0] + OVERTURNING_RUN]
+            overturned = overturned[: wide[0] + OVERTURNING_RUN]
             break
-    found = windows(podium, records, j, scales[: over.size], over)
-    return {"windows": found, "scenes": int(over.size), "cpu_s": time.process_time() - began}
+    edges = windows(podium, records, j, scales[: overturned.size], overturned)
+    return {"windows": edges, "scenes": int(overturned.size), "cpu_s": time.process_time() - start}
 
 
 def windows(
     podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, overturned: np.ndarray
 ) -> list[list[float]]:
-    """Beginnings and ends of the windows that overturn among ascending scales of one record."""
+    """Return (start, end) of each window that overturns among ascending scales of record j."""
     changes = np.flatnonzero(np.diff(np.concatenate([[False], overturned, [False]]).astype(int)))
     edges = []
     for change in changes:
         lo, hi = scales[max(change - 1, 0)], scales[min(change, scales.size - 1)]
         finer = np.linspace(lo, hi, INSIDE)
-        at = np.flatnonzero(np.diff(overturns(podium, records, j, finer).astype(int)))
-        edges.append(float(finer[at[0]] if at.size else lo))
+        change_in = np.flatnonzero(np.diff(overturns(podium, records, j, finer).astype(int)))
+        edges.append(float(finer[change_in[0]] if change_in.size else lo))
     return [edges[k : k + 2] for k in range(0, len(edges), 2)]
 
 
 def cached(path: Path, work: Callable[[], Any]) -> Any:
-    """Return what `work` returns, from the file if it is there; anything that JSON can hold."""
+    """Return the JSON value that `work` returns, from a file if it exists; otherwise write the file."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         unfinished = path.with_suffix(".part")
@@ -149,44 +156,46 @@ def cached(path: Path, work: Callable[[], Any]) -> Any:
 def scan_all(
     name: str, source: str, records: rj.Records, limits: np.ndarray, store: Path | None
 ) -> list[dict]:
-    """`scan_windows` of all records, from a folder where it is kept."""
+    """Return `scan_windows` of all records, stored in a folder."""
     podium, rows = STRUCTURES[name], []
     for j, limit in enumerate(map(float, limits)):
         work = lambda j=j, limit=limit: scan_windows(podium, records, j, limit)
         if store is None:
             rows.append(work())
             continue
-        numbers = [
+        parameters = [
             *jax.tree.leaves(podium),
             *jax.tree.leaves(records.pick(np.int32(j))),
             limit,
             SCALE_STEP,
             OVERTURNING_RUN,
         ]
-        digest = hashlib.sha256(b"".join(np.asarray(y, float).tobytes() for y in numbers)).hexdigest()[:12]
+        digest = hashlib.sha256(b"".join(np.asarray(y, float).tobytes() for y in parameters)).hexdigest()[:12]
         words = "".join(letter if letter.isalnum() else "-" for letter in f"{name}-{source}")
         rows.append(cached(store / f"{words}-{j}-{digest}.json", work))
     return rows
 
 
 def compare_search(name: str, source: str, records: rj.Records, store: Path | None) -> dict:
-    """A row of the table: the boundaries that a search finds, against all scales below them."""
+    """Return a row of the table, which compares the boundaries of a search with all windows below them."""
     podium = STRUCTURES[name]
     limits = RANGE * float(podium.g) * math.tan(float(podium.alpha)) / np.asarray(records.sizes()).max(axis=1)
     truth = scan_all(name, source, records, limits, store)
-    began = time.process_time()
+    start = time.process_time()
 
     def search(which, limit):
         return rj.overturning_boundary(podium, records.pick(which), max_scale=limit, width=WIDTH)
 
-    found = jax.vmap(search)(np.arange(len(records), dtype=np.int32), limits)
-    seconds = time.process_time() - began
-    scale, certain = np.asarray(found.scale), np.asarray(found.certain_width)
+    boundary = jax.vmap(search)(np.arange(len(records), dtype=np.int32), limits)
+    seconds = time.process_time() - start
+    scale, certain = np.asarray(boundary.scale), np.asarray(boundary.certain_width)
     below, doubtful = [], []
     for j, limit in enumerate(limits):
-        top = scale[j] - SCALE_STEP * limit / (INSIDE - 1)  # what begins closer is the boundary itself
+        top = scale[j] - SCALE_STEP * limit / (
+            INSIDE - 1
+        )  # a window that starts above is the boundary itself
         for lo, hi in truth[j]["windows"]:
-            hi = min(hi, scale[j])  # scales between that survive are not seen where they are closer
+            hi = min(hi, scale[j])  # the window may contain the boundary
             if lo < top:
                 below.append(
                     {"motion": j, "from": lo, "width": (hi - lo) / limit, "boundary": float(scale[j])}
@@ -211,23 +220,27 @@ def compare_search(name: str, source: str, records: rj.Records, store: Path | No
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    arguments.add_argument("motions", nargs="?", type=int, default=40)
-    arguments.add_argument("structures", nargs="*", help=", ".join(STRUCTURES))
-    arguments.add_argument(
-        "--records", type=Path, help="a folder of records, *.dat, to take instead of synthetic ones"
+    parser.add_argument("motions", nargs="?", type=int, default=40)
+    parser.add_argument("structures", nargs="*", help=", ".join(STRUCTURES))
+    parser.add_argument(
+        "--records", type=Path, help="a folder of records, *.dat, instead of synthetic motions"
     )
-    arguments.add_argument("--store", type=Path, help="a folder that keeps what the scales tell")
-    given = arguments.parse_args()
-    source = "synthetic" if given.records is None else "recorded"
-    records = motions(given.motions) if given.records is None else read_records(given.records, given.motions)
+    parser.add_argument("--store", type=Path, help="a folder in which the windows are stored")
+    arguments = parser.parse_args()
+    source = "synthetic" if arguments.records is None else "recorded"
+    records = (
+        motions(arguments.motions)
+        if arguments.records is None
+        else read_records(arguments.records, arguments.motions)
+    )
     path = RESULTS / "boundaries.json"
     rows = json.loads(path.read_text())["rows"] if path.exists() else []
-    for name in given.structures or STRUCTURES:
+    for name in arguments.structures or STRUCTURES:
         others = [row for row in rows if (row["structure"], row["source"]) != (name, source)]
-        rows = [*others, compare_search(name, source, records, given.store)]
+        rows = [*others, compare_search(name, source, records, arguments.store)]
         store_rows("boundaries", rows)
     show(rows, [name for name in rows[0] if name != "windows"])
 

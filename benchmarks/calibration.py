@@ -52,8 +52,8 @@ def scale_records(podium: rj.Podium, records: rj.Records, n: int, rng: np.random
     """Return one record for each podium, with a PGA from 0.9 to 8 times the uplift threshold."""
     which = rng.integers(0, len(records), n).astype(np.int32)
     pga = np.asarray(records.sizes()).max(axis=1)[which]
-    lifts = np.asarray(podium.g) * np.tan(np.asarray(podium.alpha))
-    return records.pick(which).scaled(np.exp(rng.uniform(math.log(0.9), math.log(8.0), n)) * lifts / pga)
+    uplift = np.asarray(podium.g) * np.tan(np.asarray(podium.alpha))
+    return records.pick(which).scaled(np.exp(rng.uniform(math.log(0.9), math.log(8.0), n)) * uplift / pga)
 
 
 def options(rtol: float, *more: str) -> rj.Options:
@@ -86,7 +86,7 @@ def compare_errors(source: str, structure: str, records: rj.Records, n: int) -> 
                 row[f"{name}: over {factor} x"] = float(np.mean(ratio > factor))
             row |= {f"{name}: most": float(np.max(ratio)), f"{name}: median error": float(np.median(error))}
             row[f"{name}: largest error"] = float(np.max(error))
-            # Largest error that exceeds ten times its estimate.
+            # The largest error among those that exceed ten times their estimate.
             row[f"{name}: largest beyond 10 x"] = float(np.max(np.where(ratio > 10, error, 0.0)))
         rows.append(row)
     return rows
@@ -119,7 +119,7 @@ def _coverage(bounds, true_value) -> np.ndarray:
 
 
 def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
-    """Return the coverage with `count` records; a fraction `censored` is expected above the limit."""
+    """Return the coverage for `count` records, of which the fraction `censored` is censored on average."""
     rng = np.random.default_rng(seed)
     limit = np.exp(DISPERSION * ndtri(1 - censored)) if censored else 1e6
     is_covered = []
@@ -127,25 +127,28 @@ def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
         drawn = np.exp(DISPERSION * rng.normal(size=(BATCH, count)))
         drawn = np.where(drawn < limit, drawn, np.inf)
         median, dispersion = (np.asarray(y) for y in _fits(drawn, np.full_like(drawn, limit)))
-        good = np.isfinite(median)
+        has_fit = np.isfinite(median)
         z = ndtri(FRACTILES)[:, None]
-        found = profile_intervals(
-            Capacities.of(drawn[good], limit),
-            median[good],
-            dispersion[good],
+        bounds = profile_intervals(
+            Capacities.of(drawn[has_fit], limit),
+            median[has_fit],
+            dispersion[has_fit],
             np.exp(DISPERSION * z),
             CONFIDENCE,
         )
-        truth = zip((found.log_median, found.log_dispersion), (0.0, np.log(DISPERSION)), strict=True)
+        truth = zip((bounds.log_median, bounds.log_dispersion), (0.0, np.log(DISPERSION)), strict=True)
         is_covered.append(
-            np.stack([*(_coverage(y, value) for y, value in truth), *_coverage(found.probit, z)])
+            np.stack([*(_coverage(y, value) for y, value in truth), *_coverage(bounds.probit, z)])
         )
     share = np.concatenate(is_covered, axis=1)
     return _row("capacities", count, f"{censored:.0%} censored", share)
 
 
 def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: int = 0) -> dict:
-    """Return the coverage for counts at `levels` levels, with chance survivals above the capacity."""
+    """Return the coverage for counts of `count` records at `levels` levels.
+
+    Above its capacity, a record survives a level with the probability `survival_chance`.
+    """
     rng = np.random.default_rng(seed)
     x = np.linspace(0.25, 3.0, levels)
 

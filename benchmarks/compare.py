@@ -25,7 +25,10 @@ Solve = Callable[[Family, float], tuple[np.ndarray, np.ndarray]]
 
 
 def loosest(solve: Solve, scenes: Family, target: float) -> float | None:
-    """The loosest tolerance whose error (99th percentile, the largest of a few) is below the target."""
+    """Return the largest tolerance whose error does not exceed the target; None if there is none.
+
+    The error is the 99th percentile, or the largest error if there are fewer than 400 scenes.
+    """
     measure = "p99" if len(scenes) >= 400 else "max"
     for rtol in TOLERANCES:
         if rtol > 1e3 * target:
@@ -37,7 +40,7 @@ def loosest(solve: Solve, scenes: Family, target: float) -> float | None:
 
 
 def segments(scenes: Family, rtol: float) -> tuple[np.ndarray, np.ndarray]:
-    """One `diffeqsolve` with an event per segment, vmapped: what Diffrax's documentation suggests."""
+    """Solve by one vmapped `diffeqsolve` with an event per segment, as in the documentation of Diffrax."""
     settings = options(rtol, engine="segments")
     peaks = _segments(podium(scenes), rj.Ricker(scenes.a_p, scenes.T_p), settings)
     return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
@@ -51,7 +54,7 @@ def _segments(structure: rj.Podium, motions: rj.Ricker, settings: rj.Options) ->
 
 
 def peers() -> dict[str, tuple[Solve, int, int]]:
-    """Name: (solver, how many scenes, how many runs)."""
+    """Return (solver, number of scenes or 0 for all, number of timed runs) by the name of the peer."""
     from .peers import heyoka_events, numba_loop, scipy_events
 
     return {
@@ -77,7 +80,7 @@ def families(points: int, names: list[str]) -> list[dict]:
             for peer in names:
                 solve, count, runs = peers()[peer]
                 if target < 1e-8 and count:
-                    continue  # a run of hours, and the same story
+                    continue  # it would take hours and lead to similar ratios
                 scenes = full_family.some(count) if count else full_family
                 rtol = loosest(solve, scenes, target)
                 row = {"family": name, "error": target, "peer": peer, "rtol": rtol, "us": None, "ratio": None}
@@ -91,8 +94,8 @@ def families(points: int, names: list[str]) -> list[dict]:
     return rows
 
 
-def job() -> list[dict]:
-    """The whole of Fig. 6: 12 panels of 10 000 scenes, against the numba loop on both cores."""
+def compare_fig6() -> list[dict]:
+    """Compare rockjax with the numba loop for all of Fig. 6: 12 panels of 10 000 scenes, on all cores."""
     from .peers import numba_loop
 
     panels = [
@@ -103,16 +106,16 @@ def job() -> list[dict]:
     rows = []
     for target in TARGETS:
 
-        def tolerance(rtol: float):
+        def solve_by_rockjax(rtol: float):
             return rj.rocking_spectra(structures, rj.Ricker, frequency, acceleration, options=options(rtol))
 
-        def theirs(rtol: float):
+        def solve_by_numba(rtol: float):
             return [numba_loop.solve(panel, rtol) for panel in panels]
 
         tolerances = [max_tolerance(solve, panels[8:], target) for solve in (rockjax_peaks, numba_loop.solve)]
         times = [
-            shortest_time(lambda r=tolerances[0]: tolerance(r)),
-            shortest_time(lambda r=tolerances[1]: theirs(r)),
+            shortest_time(lambda r=tolerances[0]: solve_by_rockjax(r)),
+            shortest_time(lambda r=tolerances[1]: solve_by_numba(r)),
         ]
         row = {"error": target, "rtol": tolerances[0], "rockjax [s]": times[0]}
         row |= {"rtol numba": tolerances[1], "numba [s]": times[1], "ratio": times[1] / times[0]}
@@ -125,18 +128,18 @@ def job() -> list[dict]:
 
 
 def max_tolerance(solve: Solve, panels: list[Family], target: float) -> float:
-    """The loosest tolerance that reaches the target on every panel."""
-    found = [loosest(solve, panel, target) for panel in panels]
-    assert all(rtol is not None for rtol in found), (target, found)
-    return min(rtol for rtol in found if rtol is not None)
+    """Return the largest tolerance that reaches the target on every panel."""
+    tolerances = [loosest(solve, panel, target) for panel in panels]
+    assert all(rtol is not None for rtol in tolerances), (target, tolerances)
+    return min(rtol for rtol in tolerances if rtol is not None)
 
 
 def main(points: int = 40, *names: str) -> None:
-    began = time.perf_counter()
+    start = time.perf_counter()
     rows = families(int(points), list(names) or list(peers()))
     report(f"compare-{points}", rows)
-    report("fig6", job())
-    print(f"{time.perf_counter() - began:.0f} s")
+    report("fig6", compare_fig6())
+    print(f"{time.perf_counter() - start:.0f} s")
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ STRUCTURES = {
     "rigid": rj.Podium(ALPHA, 1.5, 10.0, rj.Rigid(100.0)),
     "elastic": rj.Podium(ALPHA, 1.5, 10.0, rj.Elastic(100.0, 0.5)),
 }
-PRESTRESS, STIFFNESS, DAMPING = 0.18, 0.5, 1.4  # of a column's share of the weight
+PRESTRESS, STIFFNESS, DAMPING = 0.18, 0.5, 1.4  # divided by the weight per column
 
 
 def time_restrained(runs: int = 7) -> None:
@@ -87,13 +87,13 @@ def time_restrained(runs: int = 7) -> None:
         return rj.rocking_spectrum(case[0], rj.Ricker, RATIOS, case[1], options=how)
 
     def seconds(case: tuple[rj.Podium, np.ndarray]) -> float:
-        began = time.perf_counter()
+        start = time.perf_counter()
         spectrum(case)
-        return time.perf_counter() - began
+        return time.perf_counter() - start
 
     trials = {key: float(spectrum(case).steps.mean()) for key, case in cases.items()}
     best = dict.fromkeys(cases, math.inf)
-    for _ in range(runs):  # in turn: what slows the machine for a while slows all of them
+    for _ in range(runs):  # the cases alternate, so that other load of the machine affects all of them
         best = {key: min(best[key], seconds(case)) for key, case in cases.items()}
     rows = [
         {
@@ -114,7 +114,7 @@ FORCES = "peak_friction", "axial_force", "peak_foundation_shear", "impact_fricti
 
 
 def time_forces(runs: int = 5) -> None:
-    """Time scenes with the default outputs, and with forces besides them, in turn."""
+    """Time scenes with the default outputs, and with forces as additional outputs."""
     cases: dict[tuple[str, str], tuple[rj.Podium, Any]] = {}
     suite = Suite()
     for name, plain in STRUCTURES.items():
@@ -129,18 +129,18 @@ def time_forces(runs: int = 5) -> None:
     rows = []
     default = rj.Options().outputs
     for (name, motions), (structure, excitations) in cases.items():
-        wanted = {"default": default, **{each: (*default, each) for each in FORCES}}
-        wanted["all"] = (*default, *FORCES)
-        best, trials = dict.fromkeys(wanted, math.inf), {}
-        for run in range(runs + 1):  # in turn: what slows the machine for a while slows all of them
-            for key, outputs in wanted.items():
-                began = time.perf_counter()
+        selections = {"default": default, **{force: (*default, force) for force in FORCES}}
+        selections["all"] = (*default, *FORCES)
+        best, trials = dict.fromkeys(selections, math.inf), {}
+        for run in range(runs + 1):  # the selections alternate, so that other load affects all of them
+            for key, outputs in selections.items():
+                start = time.perf_counter()
                 peaks = rj.peak_responses(structure, excitations, options=rj.Options(outputs=outputs))
                 trials[key] = float(np.mean(peaks.stats.steps + peaks.stats.rejected))
-                if run:  # the first one compiles
-                    best[key] = min(best[key], time.perf_counter() - began)
+                if run:  # the first run compiles
+                    best[key] = min(best[key], time.perf_counter() - start)
         row: dict[str, Any] = {"structure": name, "motions": motions, "ms without": 1e3 * best["default"]}
-        row |= {f"with {key}": best[key] / best["default"] for key in wanted if key != "default"}
+        row |= {f"with {key}": best[key] / best["default"] for key in selections if key != "default"}
         rows.append(row | {"trials without": trials["default"], "trials with": trials["all"]})
         print(rows[-1], flush=True)
     report("forces", rows)
@@ -148,7 +148,7 @@ def time_forces(runs: int = 5) -> None:
 
 # -------------------------------------------------------------------------------- scaling
 def scaling() -> None:
-    resident = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # MiB, the largest so far
+    peak_memory = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # [MiB]
     rows = []
     for name in FAMILIES:
         structure, how = podium(family(name, 2)), options(1e-8)
@@ -157,29 +157,29 @@ def scaling() -> None:
             motions = rj.Ricker(scenes.a_p, scenes.T_p)
             if points == 32:
                 rj.peak_responses(structure, motions, options=how)  # compiles
-            before = resident()
+            before = peak_memory()
             batch, _ = broadcast("scaling", structure, motions, jax.tree.map(np.asarray, rj.State()), None)
             best = np.inf
             for _ in range(1 if points == 1000 else 3):
-                began = time.perf_counter()
+                start = time.perf_counter()
                 _, _, tally = run_batch(batch, how, False)
-                best = min(best, time.perf_counter() - began)
+                best = min(best, time.perf_counter() - start)
             row = {"family": name, "scenes": len(scenes), "us": best / len(scenes) * 1e6}
             rows.append(
-                row | {"occupancy": tally.useful / tally.possible, "growth [MiB]": resident() - before}
+                row | {"occupancy": tally.useful / tally.possible, "growth [MiB]": peak_memory() - before}
             )
             print(rows[-1], flush=True)
     report("scaling", rows)
 
 
 # -------------------------------------------------------------------------------- processors
-POINTS = (100, 316, 1000)  # along both axes
+POINTS = (100, 316, 1000)  # number of points along each axis
 
 
 def time_batches(path: str, devices: str) -> None:
-    """Times and answers of all batches, into a file; by the devices of JAX where one is named."""
+    """Write times and answers of all batches to a file; `devices` is "devices" to use the devices of JAX."""
     local_devices = jax.local_devices()
-    found: dict[str, Any] = {"name": f"{len(local_devices)} × {local_devices[0].device_kind}"}
+    results: dict[str, Any] = {"name": f"{len(local_devices)} × {local_devices[0].device_kind}"}
     device_arguments: dict[str, Any] = {"devices": local_devices} if devices == "devices" else {}
     for name in FAMILIES:
         structure, how = podium(family(name, 2)), options(1e-8)
@@ -187,16 +187,16 @@ def time_batches(path: str, devices: str) -> None:
             scenes = family(name, points)
             pulses = rj.Ricker(scenes.a_p, scenes.T_p)
             solve = lambda: rj.peak_responses(structure, pulses, options=how, **device_arguments)  # noqa: B023
-            found[f"{name} {points} s"] = shortest_time(solve, 2)
+            results[f"{name} {points} s"] = shortest_time(solve, 2)
             peaks = solve()
-            found[f"{name} {points} peaks"] = peaks.peak_rotation
-            found[f"{name} {points} overturned"] = peaks.overturned
-    np.savez(path, **found)
+            results[f"{name} {points} peaks"] = peaks.peak_rotation
+            results[f"{name} {points} overturned"] = peaks.overturned
+    np.savez(path, **results)
 
 
-def processors(option: str = "", parts: str = "") -> None:
-    """Both in processes of their own, which differ in what JAX finds."""
-    host = {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": parts} if option == "--host-devices" else {}
+def processors(option: str = "", count: str = "") -> None:
+    """Compare CPU threads with the devices of JAX, each in a process with its own environment."""
+    host = {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": count} if option == "--host-devices" else {}
     sides = {"threads": {"JAX_PLATFORMS": "cpu"}, "devices": host}
     with tempfile.TemporaryDirectory() as folder:
         for side, environment in sides.items():
@@ -212,8 +212,8 @@ def processors(option: str = "", parts: str = "") -> None:
             difference = np.abs(first[f"{key} peaks"] - second[f"{key} peaks"])[same]
             a, b = float(first[f"{key} s"]), float(second[f"{key} s"])
             row = {"family": label, "scenes": points**2, "threads [1/s]": points**2 / a}
-            row |= {"devices [1/s]": points**2 / b, "ratio": a / b, "apart": float(difference.max())}
-            rows.append(row | {"other class": int((~same).sum()), "devices": str(second["name"])})
+            row |= {"devices [1/s]": points**2 / b, "ratio": a / b, "difference": float(difference.max())}
+            rows.append(row | {"outcomes that differ": int((~same).sum()), "devices": str(second["name"])})
     if host:
         show(rows)
     else:

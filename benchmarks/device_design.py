@@ -2,22 +2,21 @@
 
 `python -m benchmarks.device_design [force] [stiffness] [damper] [inerter] [building] [vertical] [figures]`.
 
-(force) the least prestress that keeps the rotation under 0.4 α; (stiffness) the same beside tendons of given
-stiffness, stiffness alone, and both together; (damper) coefficient and exponent for the least rotation under
-a limit of the shear; (inerter) the inertance for the least rotation, and the least inertance for 0.4 α;
-(building) width and prestress of the columns under a five-storey building for the least drift and the least
-base shear, beside the building fixed at its base.
+- force: the least prestress that keeps the rotation below 0.4 α
+- stiffness: the same for given stiffnesses of the tendons, for stiffness alone, and for both together
+- damper: coefficient and exponent for the least rotation, with a limit on the shear
+- inerter: the inertance for the least rotation, and the least inertance for 0.4 α
+- building: width of the columns and prestress under a five-storey building, for the least drift and the least
+  base shear, compared with the building on a fixed base
+- vertical: needs `--records FOLDER` with horizontal and vertical components of stations, which
+  `rockjax.read_suite(FOLDER).paired()` reads. Every pair is scaled so that its horizontal PGA is a multiple
+  of g tan α. The table has peak rotations with the vertical component divided by those without it. For the
+  shorter pairs it also has the least prestress for 0.4 α with and without the vertical component, compared
+  with a scan over the prestress
+- figures: draws the pictures of `device-design.md` from the other tables
 
-(vertical) needs `--records FOLDER` with horizontal and vertical components of stations, as
-`rockjax.read_suite(FOLDER).paired()` reads them. Every pair is scaled so that its horizontal PGA is a
-multiple of g tan α. Peak rotations with the vertical component over those without it; then, for the shorter
-pairs, the least prestress that keeps all of them under 0.4 α, with and without, beside a scan of the
-prestress.
-
-(figures) draws the pictures of `device-design.md` from the tables of the others.
-
-Every answer is simulated anew by `rockjax.peak_responses` at rtol = 1e-12, with central differences for
-whether it is optimal.
+Every design is simulated again by `rockjax.peak_responses` at rtol = 1e-12. Central differences check that it
+is optimal.
 """
 
 from __future__ import annotations
@@ -49,35 +48,35 @@ from .measure import IMAGES, report, show, store_rows, stored_rows
 from .studies import OPTIONS, shaking
 
 STARTS = 10
-LIMIT = 0.4  # of max|θ|/α
-COLUMN, WEIGHT = 1500.0, 1500.0 * 9.80665  # of a column [kg], [N]
+LIMIT = 0.4  # largest max|θ|/α
+COLUMN, WEIGHT = 1500.0, 1500.0 * 9.80665  # mass [kg] and weight [N] of a column
 RIGID: dict[str, Any] = {"width": 0.45, "height": 3.0, "column_mass": COLUMN, "beam_mass": 30e3}
 ELASTIC: dict[str, Any] = RIGID | {"top_mass": 300e3, "period": 0.5}
-ABOVE = 190e3  # [N]: with a little less than that the records rotate the columns further
-STIFFNESSES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 4.0)  # over the critical one
+ABOVE = 190e3  # lower bound of a prestress [N]; slightly below it the rotation exceeds the limit
+STIFFNESSES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 4.0)  # divided by the critical stiffness
 SHEARS = (0.35, 0.36, 0.38, 0.4)
 LARGEST_INERTANCE = 900e3  # [kg], 600 masses of a column
 CHECK_OPTIONS = rj.Options(
     rtol=1e-12, atol=1e-14, outputs=("peak_rotation", "margin", "peak_shear"), throw=False, max_steps=100_000
 )
-DAMPED = OPTIONS.replace(rtol=1e-7, atol=1e-9)  # with ν < 1 each digit costs steps
-STEP = 1e-6  # of central differences, in scaled variables
+DAMPED = OPTIONS.replace(rtol=1e-7, atol=1e-9)  # with ν < 1 tighter tolerances need many more steps
+STEP = 1e-6  # step of central differences, in scaled variables
 Motions = list[rj.AbstractExcitation]
 
 
 def records() -> Motions:
-    """Ten synthetic near-fault records of 7 s with a peak of 4 m/s²."""
+    """Return ten synthetic near-fault records of 7 s with a PGA of 4 m/s²."""
     return [shaking(k, 4.0) for k in range(10)]
 
 
 def pulses(count: int = 8) -> Motions:
-    """Symmetric Ricker pulses, the longer the weaker."""
+    """Return symmetric Ricker pulses; longer pulses are weaker."""
     pairs = zip(np.linspace(4.5, 2.5, count), np.linspace(0.5, 1.6, count), strict=True)
     return [rj.Ricker(float(a), float(T)) for a, T in pairs]
 
 
 def short_pulses() -> Motions:
-    """Six symmetric Ricker pulses that do not overturn the podium with the superstructure."""
+    """Return six symmetric Ricker pulses that do not overturn the podium with the superstructure."""
     pairs = zip((5.0, 4.5, 4.0, 3.7, 3.4, 3.2), (0.5, 0.65, 0.8, 0.95, 1.1, 1.2), strict=True)
     return [rj.Ricker(a, T) for a, T in pairs]
 
@@ -86,17 +85,17 @@ SUITES: dict[str, Callable[[], Motions]] = {"records": records, "pulses": pulses
 
 
 def prestress(podium: rj.Podium):
-    """τ = P₀/(m_c g)."""
+    """Return τ = P₀/(m_c g)."""
     return podium.restrainers[0].prestress
 
 
 def stiffness(podium: rj.Podium):
-    """κ = K R/(m_c g), over the critical one."""
+    """Return κ = K R/(m_c g) divided by its critical value."""
     return podium.restrainers[0].stiffness / podium.critical_stiffness
 
 
 def force_at(podium: rj.Podium, rotation):
-    """Force of a tendon over m_c g at a rotation over α."""
+    """Return the force of a tendon divided by m_c g; `rotation` is divided by α."""
     tendon, half = podium.restrainers[0], rotation * podium.alpha / 2
     return tendon.prestress + 4 * tendon.stiffness * jnp.sin(podium.alpha) * jnp.sin(half)
 
@@ -106,19 +105,19 @@ def force_at_limit(podium: rj.Podium):
 
 
 def inertance(podium: rj.Podium):
-    """μ = b/m_c."""
+    """Return μ = b/m_c."""
     return podium.restrainers[0].inertance
 
 
 class Problem(NamedTuple):
-    """A design problem: what `optimise.design` takes, and the motions by themselves."""
+    """Arguments of `optimise.design`, and the motions of the targets."""
 
     base: optimise.Dimensions
     vary: dict[str, tuple[float, float]]
     minimise: AbstractObjective
     targets: tuple[optimise.AbstractTarget, ...]
     motions: Motions
-    options: rj.Options = OPTIONS  # of the search
+    options: rj.Options = OPTIONS  # options of the search
 
     def solve(self) -> optimise.Design:
         return optimise.design(
@@ -127,15 +126,17 @@ class Problem(NamedTuple):
 
 
 def fresh_peaks(podium: rj.Podium, motions: Motions, options: rj.Options = CHECK_OPTIONS) -> rj.Peak:
-    """Peak responses to motions of one kind, one scene each."""
+    """Return the peak responses to motions of one kind."""
     (group,) = Suite.of(motions).groups
     return rj.peak_responses(podium, group, options=options)
 
 
 def fresh(problem: Problem, podium: rj.Podium) -> tuple[np.ndarray, np.ndarray, rj.Peak]:
-    """Values of the objective, margins of the targets, and the responses that they are of."""
-    read_off = [item for item in (problem.minimise, *problem.targets) if isinstance(item, AbstractResponses)]
-    outputs = {*CHECK_OPTIONS.outputs, *(name for item in read_off for name in item.outputs)}
+    """Return the values of the objective, the margins of the targets, and the peak responses."""
+    from_peaks = [
+        item for item in (problem.minimise, *problem.targets) if isinstance(item, AbstractResponses)
+    ]
+    outputs = {*CHECK_OPTIONS.outputs, *(name for item in from_peaks for name in item.outputs)}
     tight = CHECK_OPTIONS.replace(outputs=tuple(sorted(outputs)))
     peaks = fresh_peaks(podium, problem.motions, tight)
 
@@ -148,15 +149,14 @@ def fresh(problem: Problem, podium: rj.Podium) -> tuple[np.ndarray, np.ndarray, 
 
 
 class Check(NamedTuple):
-    """A design simulated anew: worst margin, largest rotation over α and shear, motion of that rotation;
-    shadow prices and the `residual` of the optimality conditions by central differences."""
+    """Results of a design that is simulated again."""
 
-    margin: float
-    rotation: float
-    shear: float
-    motion: int
-    price: float
-    residual: float
+    margin: float  # the smallest one
+    rotation: float  # largest max|θ|/α
+    shear: float  # largest shear
+    motion: int  # index of the motion with the largest rotation
+    price: float  # shadow price, by central differences
+    residual: float  # of the optimality conditions, by central differences
 
 
 def check(problem: Problem, answer: optimise.Design) -> Check:
@@ -167,29 +167,29 @@ def check(problem: Problem, answer: optimise.Design) -> Check:
     for k in range(len(x)):
         ends = [np.clip(x + side * STEP * np.eye(len(x))[k], 0, 1) for side in (-1, 1)]
         below, above = (fresh(problem, varied.podium(jnp.asarray(y))) for y in ends)
-        for found, a, b in zip(slopes, below, above, strict=False):
-            found.append((b - a) / (ends[1][k] - ends[0][k]))
+        for column, a, b in zip(slopes, below, above, strict=False):
+            column.append((b - a) / (ends[1][k] - ends[0][k]))
     scale = max(abs(float(f.max())), 1e-12)
     current = Evaluation(f / scale, c, np.stack(slopes[0], -1) / scale, np.stack(slopes[1], -1))
-    found = optimality(x, current, [], 1.0, 1e3, 0.0)
+    conditions = optimality(x, current, [], 1.0, 1e3, 0.0)
     return Check(
         float(c.min(initial=np.inf)),
         float(np.max(peaks.peak_rotation)),
         float(np.max(peaks.peak_shear)),
         int(np.argmax(peaks.peak_rotation)),
-        scale * float(found.multipliers.sum()),
-        found.residual,
+        scale * float(conditions.multipliers.sum()),
+        conditions.residual,
     )
 
 
 def row_of(name: str, problem: Problem) -> dict:
-    """A design from ten starts as a row: where they ended, what it took, what holds of it."""
-    began = time.process_time()
+    """Return the row of a design from ten starts: results of the starts, cost, and checks."""
+    start_time = time.process_time()
     answer = problem.solve()
     good = [start.objective for start in answer.starts if start.satisfied]
     same = [abs(y - answer.objective) <= 1e-4 * abs(answer.objective) for y in good]
     at = {name: low for name, (low, high) in problem.vary.items()}
-    found = check(problem, answer)
+    checked = check(problem, answer)
     row = {
         "study": name,
         **answer.variables,
@@ -202,11 +202,11 @@ def row_of(name: str, problem: Problem) -> dict:
         "evaluations": answer.stats.evaluations,
         "scenes": answer.stats.scenes,
         "result": str(optimise.RESULTS[answer.result]),
-        **{f"fresh {key}": value for key, value in found._asdict().items()},
+        **{f"fresh {key}": value for key, value in checked._asdict().items()},
     }
-    row["cpu s"] = time.process_time() - began
+    row["cpu s"] = time.process_time() - start_time
     print({key: value for key, value in row.items() if key != "ends"}, flush=True)
-    return row | tendon_of(answer.podium, found.rotation)
+    return row | tendon_of(answer.podium, checked.rotation)
 
 
 def _at_bound(problem: Problem, answer: optimise.Design, name: str) -> bool:
@@ -216,7 +216,7 @@ def _at_bound(problem: Problem, answer: optimise.Design, name: str) -> bool:
 
 
 def tendon_of(podium: rj.Podium, rotation: float) -> dict:
-    """What the tendon of a column has to carry, in m_c g; nothing without one."""
+    """Return parameters and largest force of the tendon of a column, divided by m_c g; empty without one."""
     if not any(isinstance(device, rj.Tendon) for device in podium.restrainers):
         return {}
     return {
@@ -228,8 +228,12 @@ def tendon_of(podium: rj.Podium, rotation: float) -> dict:
 
 
 def least_force(motions: Motions, over_critical: float = 0.0, from_force: float = 0.0) -> Problem:
-    """The least prestress [N], from one on, with which no motion rotates the columns by more than 0.4 α,
-    beside a stiffness of the tendons over the critical one."""
+    """Return the problem of the least prestress with max|θ| ≤ 0.4 α.
+
+    - `motions`: the motions
+    - `over_critical`: stiffness of the tendons divided by the critical one
+    - `from_force`: lower bound of the prestress [N]
+    """
     plain = rj.Podium.from_dimensions(**RIGID)
     slope = over_critical * float(plain.critical_stiffness) * WEIGHT / float(plain.R)
     base = optimise.Dimensions(**RIGID, tendon_force=50e3, tendon_stiffness=slope)
@@ -243,14 +247,14 @@ def least_force(motions: Motions, over_critical: float = 0.0, from_force: float 
 
 
 def least_stiffness(motions: Motions) -> Problem:
-    """The same by stiffness alone."""
+    """Return the problem of the least stiffness of tendons without prestress."""
     base = optimise.Dimensions(**RIGID, tendon_stiffness=20e6)
     vary, target = {"tendon_stiffness": (1e5, 1e9)}, optimise.PeakRotation(LIMIT, motions)
     return Problem(base, vary, OfPodium(stiffness), (target,), motions)
 
 
 def least_largest_force(motions: Motions) -> Problem:
-    """Prestress and stiffness together, for the least force at the limit of rotation."""
+    """Return the problem of prestress and stiffness for the least force at the limit of the rotation."""
     base = optimise.Dimensions(**RIGID, tendon_force=50e3, tendon_stiffness=1e6)
     vary = {"tendon_force": (0.0, 400e3), "tendon_stiffness": (0.0, 5e6)}
     target = optimise.PeakRotation(LIMIT, motions)
@@ -258,7 +262,7 @@ def least_largest_force(motions: Motions) -> Problem:
 
 
 def least_rotation(shear: float) -> Problem:
-    """Coefficient and exponent of the dampers for the least rotation under a limit of the shear."""
+    """Return the problem of the damper coefficient and exponent for the least rotation with limited shear."""
     motions = short_pulses()
     base = optimise.Dimensions(**ELASTIC, damper_coefficient=2e6, damper_exponent=0.8)
     vary = {"damper_coefficient": (1e5, 3e7), "damper_exponent": (0.6, 1.0)}
@@ -267,14 +271,14 @@ def least_rotation(shear: float) -> Problem:
 
 
 def best_inertance(motions: Motions, law: str | float) -> Problem:
-    """The inertance for the least rotation, by a law of restitution."""
+    """Return the problem of the inertance for the least rotation, with a law of restitution."""
     base = optimise.Dimensions(**RIGID, inertance=100e3, restitution=law)
     vary = {"inertance": (0.0, LARGEST_INERTANCE)}
     return Problem(base, vary, optimise.WorstRotation(motions), (), motions)
 
 
 def least_inertance(motions: Motions, law: str | float) -> Problem:
-    """The least inertance that keeps the rotation under 0.4 α."""
+    """Return the problem of the least inertance with max|θ| ≤ 0.4 α."""
     problem = best_inertance(motions, law)
     target = optimise.PeakRotation(LIMIT, problem.motions)
     return problem._replace(minimise=OfPodium(inertance), targets=(target,))
@@ -293,10 +297,10 @@ def force_rows() -> list[dict]:
 def stiffness_rows() -> list[dict]:
     rows = []
     for suite, motions in SUITES.items():
-        given = motions()
-        problems = {"prestress alone": least_force(given)}
-        problems |= {f"κ = {part:g} κ_cr": least_force(given, part) for part in STIFFNESSES}
-        problems |= {"stiffness alone": least_stiffness(given), "both": least_largest_force(given)}
+        suite = motions()
+        problems = {"prestress alone": least_force(suite)}
+        problems |= {f"κ = {ratio:g} κ_cr": least_force(suite, ratio) for ratio in STIFFNESSES}
+        problems |= {"stiffness alone": least_stiffness(suite), "both": least_largest_force(suite)}
         rows += [row_of(name, problem) | {"suite": suite} for name, problem in problems.items()]
     return rows
 
@@ -329,7 +333,7 @@ SEARCH = OPTIONS.replace(rtol=1e-7, atol=1e-9)
 
 
 def demands(podium: rj.Podium, motions: Motions) -> dict[str, float]:
-    """The largest demands of the motions on a building."""
+    """Return the largest demands of the motions on a building."""
     outputs = ("peak_rotation", "peak_drift", "peak_shear", "peak_floor_acceleration")
     peak = fresh_peaks(podium, motions, SEARCH.replace(outputs=outputs))
     return {
@@ -353,29 +357,29 @@ def building_rows() -> list[dict]:
         sized = BUILDING.replace(width=row["width"], tendon_force=row["tendon_force"])
         rows.append(row | demands(sized.podium(), motions))
     drawn = BUILDING.podium()
-    fixed = drawn.replace(alpha=1.5)  # columns so stocky that they never lift
+    fixed = drawn.replace(alpha=1.5)  # columns that do not lift
     return rows + [{"study": n} | demands(p, motions) for n, p in (("as drawn", drawn), ("fixed", fixed))]
 
 
-DT = 0.02  # of all motions [s]
-PART = (0.01, 0.97)  # of the Arias intensity of the horizontal component, that is kept
+DT = 0.02  # sampling interval of all motions [s]
+PART = (0.01, 0.97)  # retained part of the Arias intensity of the horizontal component
 RATIOS = (1.5, 2.0, 3.0)  # PGA divided by g tan α
-SIZES = (0.5, 1.0, 2.0)  # of the columns, over those of the other studies
-DESIGN = 2.0  # of the ratios, for the design
-UNMOVED = 1e-3  # of α: smaller rotations say nothing
-SHORT_LENGTH = 2000  # samples; of the design
-SCAN = np.linspace(60e3, 130e3, 701)  # prestress [N]: below no design stands, above all do
+SIZES = (0.5, 1.0, 2.0)  # size of the columns divided by that of the other studies
+DESIGN = 2.0  # the ratio for designs
+UNMOVED = 1e-3  # smaller max|θ|/α are not compared
+SHORT_LENGTH = 2000  # designs use pairs with fewer samples
+SCAN = np.linspace(60e3, 130e3, 701)  # prestress [N], from no satisfied design to all satisfied
 SCANNED = "least of the scan [N]", "throughout from [N]", "satisfied between", "changes"
 Pairs = list[rj.GroundMotion]
 
 
 def read(folder: Path) -> rj.Motions:
-    """The pairs of a folder, at one interval and without what comes before and after the strong shaking."""
+    """Return the pairs of a folder, resampled to `DT` and cut to the strong motion."""
     return rj.read_suite(folder).paired().map(lambda pair: pair.resampled(DT).trimmed(*PART))
 
 
 def pairs_of(motions: rj.Motions, pga: float) -> Pairs:
-    """Pairs of records of one length, filled up with zeros, each scaled to a horizontal PGA [m/s²]."""
+    """Return pairs of equal length, padded with zeros and scaled to a horizontal PGA [m/s²]."""
     size = max(len(y) for motion in motions for y in (motion, motion.vertical))
 
     def record(samples: np.ndarray, scale: float) -> rj.Record:
@@ -395,7 +399,7 @@ def horizontal(pairs: Pairs) -> list[rj.AbstractExcitation]:
 
 
 def compare_components(motions: rj.Motions, size: float, ratio: float) -> list[dict]:
-    """A row for every pair: largest rotations with and without the vertical component, and its PGA."""
+    """Return a row for every pair: rotations with and without the vertical component, and PGAs."""
     podium = rj.Podium.from_dimensions(**RIGID)
     podium = podium.replace(R=size * podium.R)
     pairs = pairs_of(motions, ratio * float(podium.g * jnp.tan(podium.alpha)))
@@ -418,7 +422,8 @@ def compare_components(motions: rj.Motions, size: float, ratio: float) -> list[d
 
 
 def summary(rows: list[dict]) -> dict:
-    """What the vertical component does to the rotations of those that rock and stand in both cases."""
+    """Return statistics of the effect of the vertical component, for pairs that rock and survive with and
+    without it."""
     stood = [row for row in rows if not (row["overturned with"] or row["overturned without"])]
     pairs = np.array([[row["with"], row["without"]] for row in stood if row["without"] > UNMOVED])
     logs = np.log(pairs[:, 0] / pairs[:, 1])
@@ -436,8 +441,8 @@ def summary(rows: list[dict]) -> dict:
 
 
 def scan_prestress(case: list[rj.AbstractExcitation]) -> dict[str, float]:
-    """Where the prestress of a scan satisfies the limit: from its least value there, and from which one on
-    throughout."""
+    """Return results of a scan over the prestress: the least value that satisfies the limit, the value above
+    which all do, the share that does between them, and the number of changes."""
     podiums = rj.Podium.from_dimensions(**RIGID, tendon_force=jnp.asarray(SCAN))
     peaks = [rj.peak_responses(podiums, motion, options=OPTIONS) for motion in case]
     satisfied = np.all([(p.peak_rotation <= LIMIT) & ~p.overturned for p in peaks], axis=0)
@@ -448,7 +453,7 @@ def scan_prestress(case: list[rj.AbstractExcitation]) -> dict[str, float]:
 
 
 def designs(motions: rj.Motions) -> list[dict]:
-    """The least prestress for the shorter pairs, with and without the vertical component."""
+    """Return designs of the least prestress for the shorter pairs, with and without vertical component."""
     podium = rj.Podium.from_dimensions(**RIGID)
     short = rj.Motions(tuple(motion for motion in motions if len(motion) < SHORT_LENGTH))
     print(f"{len(short)} pairs of less than {SHORT_LENGTH} samples", flush=True)
@@ -464,20 +469,20 @@ def vertical(folder: Path) -> None:
     rows = [row for table in tables for row in table]
     report("device-vertical", rows)
     show([{"R [m]": t[0]["R [m]"], "ratio": t[0]["ratio"]} | summary(t) for t in (*tables, rows)])
-    found = designs(motions)
-    store_rows("device-vertical-design", found)
-    show(found, [name for name in (*COLUMNS, *SCANNED) if name in found[0]])
+    rows = designs(motions)
+    store_rows("device-vertical-design", rows)
+    show(rows, [name for name in (*COLUMNS, *SCANNED) if name in rows[0]])
 
 
 # -------------------------------------------------------------------------------- pictures
 ROTATION_LABEL = r"largest $|\theta|\,/\,\alpha$ of all motions"
 FORCE_LABEL = r"$P_0\,/\,(m_c g)$"
 NAMES = {"records": "ten records", "pulses": "eight pulses"}
-ALL = CHECK_OPTIONS.replace(rtol=1e-8, atol=1e-10)  # the programs are those of the checks
+ALL = CHECK_OPTIONS.replace(rtol=1e-8, atol=1e-10)  # the checks have compiled these programs
 
 
 def rotations(podiums: list[rj.Podium], motions) -> np.ndarray:
-    """Peak rotations of every podium (rows) under every motion."""
+    """Return the peak rotations of podiums (rows) under motions (columns)."""
     return np.stack([np.asarray(fresh_peaks(one, motions, ALL).peak_rotation) for one in podiums])
 
 
@@ -486,16 +491,16 @@ def mark_limit(ax) -> None:
 
 
 def draw_force() -> Figure:
-    """Peak rotations over the prestress, and histories without and with the least one."""
+    """Draw peak rotations over the prestress, and histories without and with the least prestress."""
     figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     design, above = (row for row in stored_rows("device-force") if row["suite"] == "records")
     sizes = np.linspace(0, 250e3, 251)
-    found = rotations(
+    peaks = rotations(
         [rj.Podium.from_dimensions(**RIGID, tendon_force=jnp.asarray(P)) for P in sizes], records()
     )
-    left.plot(sizes / 1e3, found, color="0.75", lw=0.7, ls="-")
-    left.plot(sizes / 1e3, found.max(axis=1), color=plots.COLOURS[0], ls="-", label="largest of ten records")
+    left.plot(sizes / 1e3, peaks, color="0.75", lw=0.7, ls="-")
+    left.plot(sizes / 1e3, peaks.max(axis=1), color=plots.COLOURS[0], ls="-", label="largest of ten records")
     for k, row in enumerate((design, above)):
         label = ("least prestress", "from 190 kN on")[k]
         force, rotation = row["tendon_force"] / 1e3, row["fresh rotation"]
@@ -527,7 +532,7 @@ def draw_force() -> Figure:
 
 
 def draw_stiffness() -> Figure:
-    """Least prestress and largest force over the stiffness beside it."""
+    """Draw the least prestress and the largest force over the stiffness."""
     figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for k, suite in enumerate(SUITES):
@@ -558,13 +563,13 @@ def draw_stiffness() -> Figure:
 
 
 def draw_damper() -> Figure:
-    """Largest rotation and shear over coefficient and exponent of the dampers, with the designs."""
+    """Draw the largest rotation and shear over coefficient and exponent of the dampers, with the designs."""
     figure = plt.figure(figsize=(6.2, 4.2), layout="constrained")
     ax = figure.subplots()
     sizes, powers = np.geomspace(2e6, 3e7, 10), np.linspace(0.6, 1.0, 5)
-    found = [[fresh_peaks(_damped(C, power), short_pulses(), ALL) for C in sizes] for power in powers]
-    worst = np.array([[float(np.max(one.peak_rotation)) for one in row] for row in found])
-    shear = np.array([[float(np.max(one.peak_shear)) for one in row] for row in found])
+    responses = [[fresh_peaks(_damped(C, power), short_pulses(), ALL) for C in sizes] for power in powers]
+    worst = np.array([[float(np.max(one.peak_rotation)) for one in row] for row in responses])
+    shear = np.array([[float(np.max(one.peak_shear)) for one in row] for row in responses])
     filled = ax.contourf(sizes / 1e6, powers, worst, levels=np.arange(0, 0.71, 0.05))
     figure.colorbar(filled, ax=ax, label=r"largest $|\theta|\,/\,\alpha$ of six pulses")
     rows = stored_rows("device-damper")
@@ -596,7 +601,7 @@ def _damped(C: float, power: float) -> rj.Podium:
 
 
 def draw_inerter() -> Figure:
-    """Largest rotation over the inertance, by both laws of restitution, and the designs."""
+    """Draw the largest rotation over the inertance for both laws of restitution, with the designs."""
     figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
     rows = stored_rows("device-inerter")
     ratios = np.linspace(0, LARGEST_INERTANCE / COLUMN, 61)
@@ -630,7 +635,7 @@ def draw_inerter() -> Figure:
 
 
 def draw_vertical() -> Figure:
-    """Peak rotations with the vertical component over those without."""
+    """Draw peak rotations with the vertical component divided by those without it."""
     figure = plt.figure(figsize=(4.6, 4.2), layout="constrained")
     ax = figure.subplots()
     rows = stored_rows("device-vertical")

@@ -121,7 +121,7 @@ def random_records(n: int, elastic: bool) -> np.ndarray:
 
 def compare_modes(name: str, function, y: np.ndarray) -> dict:
     program = jax.jit(jax.vmap(function))
-    began = time.process_time()
+    start = time.process_time()
 
     def solved(y: np.ndarray) -> list[np.ndarray]:
         parts = [program(y[k : k + PART]) for k in range(0, len(y), PART)]
@@ -145,7 +145,7 @@ def compare_modes(name: str, function, y: np.ndarray) -> dict:
         moved = _moved(solved, y[bad], forward[bad]) / np.where(size > 0, size, 1.0)[bad]
         row["of these rotation"], row["its time"], row["shear"] = map(int, over.sum(axis=0))
         row["unexplained"] = int((difference[bad] > np.maximum(CLOSE, 10 * moved)).sum())
-    return row | {"cpu s": time.process_time() - began}
+    return row | {"cpu s": time.process_time() - start}
 
 
 def _moved(solved, y: np.ndarray, forward: np.ndarray) -> np.ndarray:

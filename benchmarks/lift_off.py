@@ -26,7 +26,7 @@ FLOORS = (1, 5, 10)  # η/γ: all floors weigh as much as the beam
 BAY, STORY, DEPTH = 6.0, 3.2, 0.6  # [m]: between columns, between floors, of the beam
 COLUMNS = (2, 3, 5)
 OUTPUTS = ("peak_rotation", "axial_force", "peak_friction", "impact_friction")
-PRESSED = 0.1  # least axial force over the dead load from which on friction is reported
+PRESSED = 0.1  # friction is reported if the least axial force, divided by the dead load, is at least this
 STRUCTURES = [(floors, T_s) for floors in FLOORS for T_s in PERIODS.values()]
 
 
@@ -73,7 +73,7 @@ class Surviving:
         )
 
     def row(self) -> dict[str, Any]:
-        """Return the verdict: from which amplitude on a joint opens, and in which share of the scenes."""
+        """Return the row: least amplitude at which a joint opens, and share of scenes with an open joint."""
         opens, pressed = self.share < 0, self.share >= PRESSED
         return {
             "least N": float(self.share.min()),
@@ -86,7 +86,7 @@ class Surviving:
 
 
 def static_distance(floors: int) -> float:
-    """h̄ tan α + B [m]: the core distance at which the far joint of a rigid structure opens at uplift."""
+    """Return h̄ tan α + B [m], the core distance at which a joint of a rigid structure opens at uplift."""
     structure = podium(floors, 0.0, np.array([-3.0, 3.0]))
     tan, eta = math.tan(float(structure.alpha)), float(structure.eta)
     height = (10.0 * DEPTH / 2 + eta * (DEPTH + STORY * (floors + 1) / 2)) / (10.0 + eta)
@@ -112,10 +112,10 @@ def needed_distances(points: int, steps: int = 6) -> list[float]:
     assert np.all(above < 0)
     for _ in range(steps):
         middle = low + (high - low) * below / (below - above)
-        found = least(middle)
-        closed = found >= 0
-        low, below = np.where(closed, middle, low), np.where(closed, found, below)
-        high, above = np.where(closed, high, middle), np.where(closed, above, found)
+        margin = least(middle)
+        closed = margin >= 0
+        low, below = np.where(closed, middle, low), np.where(closed, margin, below)
+        high, above = np.where(closed, high, middle), np.where(closed, above, margin)
     return list(map(float, 1 / low))
 
 
@@ -123,11 +123,11 @@ def main(points: int = 60, restitution: str = "paper") -> None:
     rows = [{"η/γ": floors, "T_s": T_s, "static ℓ_p": static_distance(floors)} for floors, T_s in STRUCTURES]
     for count in COLUMNS:
         positions = BAY * (np.arange(count) - (count - 1) / 2)
-        found = spectra([podium(*each, positions, restitution) for each in STRUCTURES], points)
+        datasets = spectra([podium(*each, positions, restitution) for each in STRUCTURES], points)
         if restitution == "paper":
-            panels = combine_panels(found, list(map(float, FLOORS)), list(PERIODS.values()), 0.05)
+            panels = combine_panels(datasets, list(map(float, FLOORS)), list(PERIODS.values()), 0.05)
             write_figure(IMAGES / f"lift-off-{count}.png", plots.lift_off_spectra(panels))
-        for row, data in zip(rows, found, strict=True):
+        for row, data in zip(rows, datasets, strict=True):
             row |= {f"{count}: {name}": value for name, value in Surviving.of(data).row().items()}
     if restitution == "paper":
         for row, distance in zip(rows, needed_distances(points), strict=True):

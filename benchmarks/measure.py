@@ -43,7 +43,7 @@ class Family:
         return len(self.a_p)
 
     def some(self, count: int) -> Family:
-        """Return evenly spaced scenes of the family, for solvers that need seconds for each."""
+        """Return `count` evenly spaced scenes of the family, for slow solvers."""
         chosen = np.linspace(0, len(self) - 1, count).round().astype(int)
         return dataclasses.replace(self, a_p=self.a_p[chosen], T_p=self.T_p[chosen])
 
@@ -72,13 +72,13 @@ def some(
 
 
 def shortest_time(function: Callable[[], Any], runs: int = 5) -> float:
-    """Return the wall time of the shortest of several runs [s], after one that compiles."""
+    """Return the shortest wall time of several runs [s], after one run that compiles."""
     function()
     times = []
     for _ in range(runs):
-        began = time.perf_counter()
+        start = time.perf_counter()
         function()
-        times.append(time.perf_counter() - began)
+        times.append(time.perf_counter() - start)
     return min(times)
 
 
@@ -100,7 +100,7 @@ def rockjax_peaks(
     return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
 
 
-_known: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+_references: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
 
 
 def reference(family: Family) -> tuple[np.ndarray, np.ndarray]:
@@ -108,23 +108,23 @@ def reference(family: Family) -> tuple[np.ndarray, np.ndarray]:
     from .peers import numba_loop
 
     key = (family.T_s, family.eta, family.a_p.tobytes(), family.T_p.tobytes())
-    if key not in _known:
-        _known[key] = numba_loop.solve(family, 1e-13)
-    return _known[key]
+    if key not in _references:
+        _references[key] = numba_loop.solve(family, 1e-13)
+    return _references[key]
 
 
-def errors(found: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, float]:
-    """Return quantiles of the error of max|θ|/α over the scenes, and the number of scenes with another
-    outcome (overturned or not)."""
-    return difference_quantiles(found, reference(family))
+def errors(results: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, float]:
+    """Return the median, 99th percentile and maximum of the error of max|θ|/α, and the number of scenes whose
+    outcome differs from the reference (`flips`)."""
+    return difference_quantiles(results, reference(family))
 
 
 def difference_quantiles(
-    found: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray]
+    results: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray]
 ) -> dict[str, float]:
     """Return the quantiles of `errors` for two pairs (peaks, overturned)."""
-    same = found[1] == expected[1]
-    error = np.abs(found[0] - expected[0])[same]
+    same = results[1] == expected[1]
+    error = np.abs(results[0] - expected[0])[same]
     return {
         "median": float(np.median(error)),
         "p99": float(np.quantile(error, 0.99)),
@@ -160,7 +160,7 @@ def _cores() -> int:
 
 
 def show(rows: list[dict], columns: Iterable[str] = ()) -> None:
-    """Print rows as a Markdown table; all columns of the first row unless some are named."""
+    """Print rows as a Markdown table, with the given columns or all columns of the first row."""
     columns = list(columns or rows[0])
     print("| " + " | ".join(columns) + " |\n|" + "---|" * len(columns))
     for row in rows:

@@ -48,7 +48,7 @@ Answer = tuple[np.ndarray, np.ndarray]  # peaks and overturned, shape (records, 
 
 
 class Suite:
-    """The records, and the scales that bring each to its levels."""
+    """The records, and the scales that bring each record to its levels."""
 
     def __init__(self):
         motions = rj.synthetic_motions(RECORDS, seed=1, dt=DT)
@@ -67,16 +67,16 @@ class Suite:
 def by_peer(peer: ModuleType, suite: Suite, scenes: Family, rtol: float) -> Answer:
     params = {"alpha": scenes.alpha, "R": scenes.R, "gamma": scenes.gamma, "eta": scenes.eta}
     params |= {"T_s": scenes.T_s, "zeta": scenes.zeta}
-    found = []
+    rows = []
     for samples, scales in zip(suite.samples, suite.scales, strict=True):
         record = DT * np.arange(SAMPLES), samples
         how = {"rtol": rtol, "atol": 0.01 * rtol, "cert": True, "track": False, "parallel": True}
-        found.append(peer.sweep(params, "record", scales, np.ones(scales.size), record=record, **how))
-    return np.stack([row["peak"] for row in found]), np.stack([row["overturned"] for row in found])
+        rows.append(peer.sweep(params, "record", scales, np.ones(scales.size), record=record, **how))
+    return np.stack([row["peak"] for row in rows]), np.stack([row["overturned"] for row in rows])
 
 
 def precision(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
-    """Time per scene and error, per method and tolerance."""
+    """Return the time per scene and the error for each method and tolerance."""
     rows = []
     for name, period in PERIODS.items():
         scenes = Family(period, np.zeros(0), np.zeros(0))
@@ -102,7 +102,7 @@ def _ours(suite: Suite, structure: rj.Podium, method: str, rtol: float) -> Answe
 
 
 def side_by_side(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
-    """At rtol = 1e-8: rotation alone, all three peaks, an analysis with certain boundaries; and the peer."""
+    """Return times at rtol = 1e-8 of: the rotation alone, three peaks, a complete analysis, and the peer."""
     rows = []
     for name, period in PERIODS.items():
         scenes = Family(period, np.zeros(0), np.zeros(0))
@@ -115,12 +115,13 @@ def side_by_side(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
         }
         if peer is not None:
             times["numba [ms]"] = functools.partial(by_peer, peer, suite, scenes, 1e-8)
-        # In turn: the machine is not the same from one minute to the next.
-        found = dict.fromkeys(times, math.inf)
+        # The cases alternate, so that other load of the machine affects all of them.
+        shortest = dict.fromkeys(times, math.inf)
         for _ in range(3):
-            for what, work in times.items():
-                found[what] = min(found[what], 1e3 * shortest_time(work, 1 if "analysis" in what else 4))
-        rows.append({"family": name} | found)
+            for case, work in times.items():
+                time = 1e3 * shortest_time(work, 1 if "analysis" in case else 4)
+                shortest[case] = min(shortest[case], time)
+        rows.append({"family": name} | shortest)
         print(rows[-1], flush=True)
     return rows
 

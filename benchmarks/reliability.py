@@ -87,7 +87,7 @@ PROBLEMS = {
 
 
 class Run(NamedTuple):
-    """What a method says; `evaluations` of G, nan where it has no answer."""
+    """Result of a method: probability and number of evaluations of G; NaN if it has no result."""
 
     probability: float
     evaluations: float
@@ -95,12 +95,12 @@ class Run(NamedTuple):
 
 def ours(problem: Problem, method: str, seed: int) -> Run:
     try:
-        found = rj.reliability(
+        estimate = rj.reliability(
             problem.G, problem.dimension, method=method, cov=COV, seed=seed, max_scenes=300_000
         )
     except ValueError:
         return Run(math.nan, math.nan)
-    return Run(found.probability, found.scenes)
+    return Run(estimate.probability, estimate.scenes)
 
 
 def openturns(problem: Problem, method: str, seed: int) -> Run:
@@ -112,7 +112,7 @@ def openturns(problem: Problem, method: str, seed: int) -> Run:
     def sample(x):
         u = np.asarray(x)
         calls[0] += len(u)
-        size = 1 << (len(u) - 1).bit_length()  # few sizes are compiled
+        size = 1 << (len(u) - 1).bit_length()  # powers of two, so that few programs are compiled
         padded = np.concatenate([u, np.repeat(u[-1:], size - len(u), axis=0)])
         return np.asarray(batched(padded))[: len(u), None]
 

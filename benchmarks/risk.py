@@ -30,20 +30,19 @@ from rockjax._risk.structure import OPTIONS
 
 from .measure import RESULTS, report, stored_rows_if_any
 
-BATCH = 20_000  # scenes counted between two looks at the clock
+BATCH = 20_000  # number of scenes of a batch; the time is checked after each
 COV = 0.1
-MAX_SCENES = 1_000_000  # of a repetition
+MAX_SCENES = 1_000_000  # largest number of scenes of a repetition
 
 
 class Case(NamedTuple):
-    """A structure, the density S₀ of its motions [m²/s³], the scenes that are counted here, and the
-    repetitions of subset simulation with their coefficient of variation."""
+    """A structure under motions of a spectral density."""
 
     podium: rj.Podium
-    S_0: float
-    scenes: int
-    repetitions: int = 20
-    cov: float = COV
+    S_0: float  # spectral density [m²/s³]
+    scenes: int  # number of scenes for counting failures
+    repetitions: int = 20  # number of repetitions of subset simulation
+    cov: float = COV  # their coefficient of variation
 
 
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
@@ -67,7 +66,7 @@ def motion_of(case: Case) -> rj.GaussianMotion:
 
 
 def count_batch(case: Case, results: dict[str, Any]) -> None:
-    """Count a batch more; the next one has a seed of its own."""
+    """Count the failures of one more batch; each batch has a different seed."""
     limit = limit_state("benchmark", case.podium, motion_of(case), "overturning")
     number = results.setdefault("batches", 0)
     u = np.random.default_rng([11, number]).standard_normal((BATCH, limit.dimension))
@@ -76,9 +75,9 @@ def count_batch(case: Case, results: dict[str, Any]) -> None:
 
 
 def repeat_estimate(case: Case, results: dict[str, Any]) -> None:
-    """One repetition more."""
+    """Add a repetition of subset simulation."""
     runs = results.setdefault("runs", [])
-    found = rj.failure_probability(
+    estimate = rj.failure_probability(
         case.podium,
         motion_of(case),
         method="subset",
@@ -86,7 +85,7 @@ def repeat_estimate(case: Case, results: dict[str, Any]) -> None:
         seed=100 + len(runs),
         max_scenes=MAX_SCENES,
     )
-    runs.append([found.probability, found.standard_error, *found.interval, found.scenes])
+    runs.append([estimate.probability, estimate.standard_error, *estimate.interval, estimate.scenes])
 
 
 def _is_repeated(case: Case, results: dict[str, Any]) -> bool:
@@ -98,7 +97,7 @@ def _is_counted(case: Case, results: dict[str, Any]) -> bool:
 
 
 def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
-    """Go on with all cases in turn, until the time is used up or nothing is left."""
+    """Continue the cases one after another until the time is used up, and return all results."""
     path, end = RESULTS / "risk-runs.json", time.process_time() + 60 * minutes
     results: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
     for name in names:
@@ -111,11 +110,12 @@ def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
 
 
 def row(name: str, results: dict[str, Any]) -> dict[str, Any]:
-    """What is known of a case. `held`: the share of the repetitions whose intervals hold what is counted."""
+    """Return the row of a case. `held` is the share of repetitions whose interval contains the counted
+    probability."""
     runs = np.array(results.get("runs", [])).reshape(-1, 5)
     scenes, failures = results.get("batches", 0) * BATCH, results.get("failures", 0)
     of_sweep = [row for row in stored_rows_if_any("risk-sweep") if row["case"] == name]
-    if of_sweep:  # other motions
+    if of_sweep:  # the sweep has other motions, so its counts can be added
         scenes, failures = scenes + of_sweep[0]["motions"], failures + of_sweep[0]["failures"]
     count_batch = failures / scenes if scenes else math.nan
     low, high = binomtest(failures, scenes).proportion_ci(0.95) if scenes else (math.nan, math.nan)
@@ -148,18 +148,18 @@ def subset(minutes: str = "0", *names: str) -> None:
 
 
 COUNTED_CASES = ("block 1e-4", "block 1e-5")
-BLOCKS = 100_000  # motions that are drawn at once
+BLOCKS = 100_000  # number of motions that are drawn at once
 
 
 def scenes(motions: int) -> rj.Record:
-    """So many motions times the densities of the cases, shape (motions, densities)."""
+    """Return motions, scaled to the densities of the cases, shape (motions, densities)."""
     first = motion_of(CASES[COUNTED_CASES[0]])
     samples = np.empty((motions, 1, first.n))
     for k, start in enumerate(range(0, motions, BLOCKS)):
         size = min(BLOCKS, motions - start)
         u = np.random.default_rng([13, k]).standard_normal((size, first.dimension))
         samples[start : start + size, 0] = first.acceleration(jnp.asarray(u))
-    # Motions are linear in √S₀.
+    # Motions are proportional to √S₀.
     scale = np.sqrt([CASES[name].S_0 / CASES[COUNTED_CASES[0]].S_0 for name in COUNTED_CASES])
     return rj.Record(samples, first.dt, scale)
 
@@ -198,17 +198,17 @@ STARTS, SEED = 8, 0
 
 
 def rows_of(structure: str) -> list[dict]:
-    """The cases of one structure, from the design points of its P ≈ 1e-4."""
+    """Return first-order results for the cases of one structure, from the design points of P ≈ 1e-4."""
     name = f"{structure} 1e-4"
     case = CASES[name]
     limit = limit_state("benchmark", case.podium, motion_of(case), "overturning")
-    found = find_design_points("benchmark", limit, starting_directions(limit, STARTS, SEED))
+    points = find_design_points("benchmark", limit, starting_directions(limit, STARTS, SEED))
     rows = []
     for other, of in CASES.items():
         if not other.startswith(structure):
             continue
         factor = math.sqrt(case.S_0 / of.S_0)
-        scaled_points = found._replace(u=found.u * factor, beta=found.beta * factor)
+        scaled_points = points._replace(u=points.u * factor, beta=points.beta * factor)
         nearest = float(scaled_points.beta.min())
         rows.append(
             {

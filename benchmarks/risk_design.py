@@ -33,29 +33,29 @@ from .studies import OPTIONS, shaking
 STARTS = 10
 HAZARD = rj.Hazard([0.5, 1, 2, 4, 8, 16], [3.5e-2, 1.2e-2, 3.4e-3, 7.5e-4, 1.2e-4, 1.1e-5])  # over PGA
 MOTION = rj.GaussianMotion(101, 0.05, 0.02)
-FREQUENCY, PROBABILITY = 4e-4, 1e-3  # limits: [1/year], [–]
-WIDTHS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.95)  # of the curves [m]
-RECORDS, INDEPENDENT_RECORDS = 6, 200  # of the suite, and independent ones
-STEPS = 120  # of Adam
-WIDTH = 1e-3  # of the windows of overturning that may be missed, over the largest intensity
+FREQUENCY, PROBABILITY = 4e-4, 1e-3  # limits [1/year], [–]
+WIDTHS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.95)  # widths of the columns in the curves [m]
+RECORDS, INDEPENDENT_RECORDS = 6, 200  # number of records of the suite, and of independent records
+STEPS = 120  # number of steps of Adam
+WIDTH = 1e-3  # width of overturning windows that may be missed, divided by the largest intensity
 COLUMN: dict[str, Any] = {"height": 3.0, "column_mass": 1.5e3, "beam_mass": 30e3}
 VARY = {"width": (0.3, 1.5)}
-NARROW = {"width": (0.3, 1.0)}  # all of these are overturned by the last intensity of the hazard, or nearly
-LOSS = 1e3  # of one overturning, where a year of a column of 1 m × 3 m costs 1
+NARROW = {"width": (0.3, 1.0)}  # the largest intensity of the hazard overturns nearly all of these columns
+LOSS = 1e3  # cost of overturning divided by the annual cost of a column of 1 m × 3 m
 
 
 def slenderness(podium: rj.Podium):
-    """tan α."""
+    """Return tan α."""
     return jnp.tan(podium.alpha)
 
 
 def cost(podium: rj.Podium):
-    """Of the column in a year: by its width, as the height is given."""
+    """Return the annual cost of a column, which is proportional to its width at constant height."""
     return podium.width
 
 
 def records(first: int, count: int) -> list[rj.AbstractExcitation]:
-    """Synthetic near-fault records of 7 s; one number, one record."""
+    """Return synthetic near-fault records of 7 s with the numbers from `first` on."""
     return [shaking(first + k, n=175, dt=0.04) for k in range(count)]
 
 
@@ -76,7 +76,7 @@ def least(target, vary: dict[str, tuple[float, float]], starts: int = 1, **how: 
 
 
 def capacities(podium: rj.Podium, motions: list[rj.AbstractExcitation]) -> np.ndarray:
-    """Least overturning PGA under each of some records [m/s²], inf above the last point of the hazard."""
+    """Return the least overturning PGA of each record [m/s²]; inf beyond the last point of the hazard."""
     target = optimise.AnnualFrequency(1e-3, HAZARD, motions, width=WIDTH)
     return np.asarray(_least_scales(target, options_as_arrays(OPTIONS), podium))
 
@@ -87,30 +87,30 @@ def _frequency(capacities: jnp.ndarray) -> jnp.ndarray:
     return rj.annual_frequency(curve, HAZARD).frequency
 
 
-def frequency_of(found: np.ndarray) -> float:
-    """λ_f by capacities."""
-    return float(_frequency(jnp.asarray(found)))
+def frequency_of(capacity: np.ndarray) -> float:
+    """Return the annual frequency λ_f from capacities."""
+    return float(_frequency(jnp.asarray(capacity)))
 
 
 def sampled_frequency(podium: rj.Podium) -> dict[str, float]:
-    """λ_f by records that took no part in a design, and the interval of it by 300 samples of them."""
+    """Return λ_f from records that a design has not used, with an interval from 300 bootstrap samples."""
     parts = [capacities(podium, records(1000 + first, 50)) for first in range(0, INDEPENDENT_RECORDS, 50)]
-    found = np.concatenate(parts)
+    capacity = np.concatenate(parts)
     rng = np.random.default_rng(3)
 
-    resampled = [frequency_of(rng.choice(found, found.size)) for _ in range(300)]
+    resampled = [frequency_of(rng.choice(capacity, capacity.size)) for _ in range(300)]
     low, high = np.quantile(resampled, (0.025, 0.975))
-    return {"sampled": frequency_of(found), "from": float(low), "to": float(high)}
+    return {"sampled": frequency_of(capacity), "from": float(low), "to": float(high)}
 
 
 def sampled_probability(podium: rj.Podium) -> dict[str, float]:
-    """P by subset simulation from a seed that took no part in a design."""
-    found = rj.failure_probability(podium, MOTION, method="subset", cov=0.1, seed=77)
-    return {"sampled": found.probability, "from": found.interval[0], "to": found.interval[1]}
+    """Return P by subset simulation with a seed that a design has not used."""
+    estimate = rj.failure_probability(podium, MOTION, method="subset", cov=0.1, seed=77)
+    return {"sampled": estimate.probability, "from": estimate.interval[0], "to": estimate.interval[1]}
 
 
-def row_of(answer: optimise.Design, began: float) -> dict[str, Any]:
-    """A design as a row: where its starts ended, what it took."""
+def row_of(answer: optimise.Design, start_time: float) -> dict[str, Any]:
+    """Return the row of a design: results of its starts, numbers of evaluations and time."""
     ends = [start.objective for start in answer.starts if start.satisfied]
     (price,) = [float(np.sum(y)) for y in answer.multipliers.values()] or [None]
     return {
@@ -125,7 +125,7 @@ def row_of(answer: optimise.Design, began: float) -> dict[str, Any]:
         "result": str(optimise.RESULTS[answer.result]),
         "evaluations": answer.stats.evaluations,
         "scenes": answer.stats.scenes,
-        "cpu s": time.process_time() - began,
+        "cpu s": time.process_time() - start_time,
     }
 
 
@@ -133,13 +133,13 @@ Row = Callable[[], dict[str, Any]]
 
 
 def frequency_row() -> dict[str, Any]:
-    began = time.process_time()
+    start_time = time.process_time()
     answer = least(of_frequency(FREQUENCY), NARROW, STARTS)
-    return row_of(answer, began) | {"limit": FREQUENCY} | sampled_frequency(answer.podium)
+    return row_of(answer, start_time) | {"limit": FREQUENCY} | sampled_frequency(answer.podium)
 
 
 def probability_row() -> dict[str, Any]:
-    began = time.process_time()
+    start_time = time.process_time()
     answer = least(of_probability(PROBABILITY), VARY, STARTS)
     (inner,) = answer.probabilities.values()
     own = {
@@ -147,19 +147,19 @@ def probability_row() -> dict[str, Any]:
         "verified from": inner.interval[0],
         "verified to": inner.interval[1],
     }
-    return row_of(answer, began) | {"limit": PROBABILITY} | own | sampled_probability(answer.podium)
+    return row_of(answer, start_time) | {"limit": PROBABILITY} | own | sampled_probability(answer.podium)
 
 
 def loss_row() -> dict[str, Any]:
-    began = time.process_time()
+    start_time = time.process_time()
     objective = optimise.ExpectedLoss(cost, LOSS, of_frequency(FREQUENCY))
     answer = optimise.design(drawing(), NARROW, objective, starts=STARTS, options=OPTIONS)
     risk_of_suite = {"frequency": float(objective.risk.frequency(answer.podium, OPTIONS))}
-    return row_of(answer, began) | risk_of_suite | sampled_frequency(answer.podium)
+    return row_of(answer, start_time) | risk_of_suite | sampled_frequency(answer.podium)
 
 
 def frequency_point(width: float) -> Row:
-    """λ_f of a column by the suite, and by the other records."""
+    """Return a row with λ_f of a column from the suite, and from independent records."""
 
     def row() -> dict[str, Any]:
         podium = drawing().replace(width=width).podium()
@@ -171,7 +171,7 @@ def frequency_point(width: float) -> Row:
 
 
 def probability_point(width: float) -> Row:
-    """P of a column."""
+    """Return a row with P of a column."""
 
     def row() -> dict[str, Any]:
         podium = drawing().replace(width=width).podium()
@@ -181,16 +181,16 @@ def probability_point(width: float) -> Row:
 
 
 def fresh_row(seed: int) -> Row:
-    """By Adam, with records drawn anew in each step: 6 of 400, as many as the suite that stays has."""
+    """Return a row of a design by Adam that draws 6 of 400 records in each step."""
 
     def row() -> dict[str, Any]:
-        began = time.process_time()
+        start_time = time.process_time()
         drawn = optimise.FreshSamples(records(2000, 400), RECORDS, verify=40 * RECORDS, seed=seed)
         target = optimise.AnnualFrequency(FREQUENCY, HAZARD, drawn, width=WIDTH)
         answer = least(target, NARROW, method=optax.adam(0.02), max_iterations=STEPS)
         (error,) = answer.standard_errors.values()
         known = {"limit": FREQUENCY, "error": float(error[0])}
-        return row_of(answer, began) | known | sampled_frequency(answer.podium)
+        return row_of(answer, start_time) | known | sampled_frequency(answer.podium)
 
     return row
 
@@ -210,7 +210,7 @@ COLUMNS = (
 
 
 def missing(names: list[str], rows: list[dict[str, Any]]) -> Iterator[tuple[str, str, Row]]:
-    """What is not in the table yet."""
+    """Yield the cases that the table does not contain yet."""
     known = {(row["study"], row["case"]) for row in rows}
     for study in names:
         for case, row in STUDIES[study].items():
@@ -219,7 +219,7 @@ def missing(names: list[str], rows: list[dict[str, Any]]) -> Iterator[tuple[str,
 
 
 def picture(rows: list[dict[str, Any]]) -> None:
-    """Both risks over the slenderness, by independent samples, with the designs from ten starts."""
+    """Draw both risks over the slenderness, from independent samples, with the designs from ten starts."""
     import matplotlib.pyplot as plt
 
     from rockjax import plots
@@ -240,9 +240,9 @@ def picture(rows: list[dict[str, Any]]) -> None:
             if letter == "λ":
                 own = [row["frequency"] for row in points]
                 ax.plot(x, own, "s--", ms=4, lw=1, color=plots.COLOURS[1], label=f"the suite of {RECORDS}")
-            found = of.get((("frequency", "probability")[letter == "P"], "ten starts"))
-            if found is not None:
-                ax.plot(found["tan α"], limit, "k*", ms=11, label="design, limit")
+            design = of.get((("frequency", "probability")[letter == "P"], "ten starts"))
+            if design is not None:
+                ax.plot(design["tan α"], limit, "k*", ms=11, label="design, limit")
             ax.axhline(limit, color="0.5", lw=0.8, ls="-", zorder=0)
             ax.set(xlabel=r"$\tan\alpha$", ylabel=word, yscale="log")
             ax.legend()

@@ -53,7 +53,7 @@ ANALYSIS = (
     "rj.incremental_dynamic_analysis(podium, [record(k, 1000) for k in range(8)], np.linspace(0.5, 12, 12))"
 )
 
-# What is there before, and what is timed.
+# Row: (code before the timed part, timed code).
 ROWS = {
     "import jax": ("", "import jax"),
     "import rockjax": ("", "import rockjax"),
@@ -103,9 +103,9 @@ print(json.dumps([time.perf_counter() - wall, time.process_time() - cpu]))
 
 
 def run(name: str, folder: str) -> tuple[float, float]:
-    """Wall and CPU seconds of a row in a new process."""
+    """Return wall and CPU time of a row in a new process [s]."""
     environment = os.environ | {"ROCKJAX_CACHE_DIR": folder, "MPLBACKEND": "Agg"}
-    # As users have it: nothing of JAX's own is kept, and Python keeps its bytecode.
+    # As for users by default: without JAX's own cache, and with Python's bytecode.
     for name_of_setting in ("JAX_COMPILATION_CACHE_DIR", "PYTHONDONTWRITEBYTECODE"):
         environment.pop(name_of_setting, None)
     if name in ROWS:

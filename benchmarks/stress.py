@@ -383,8 +383,8 @@ def run(
     store: Path | None = None,
     steps: int = ASKED_STEPS,
 ) -> Findings:
-    found = Findings()
-    began = time.perf_counter()
+    findings = Findings()
+    start = time.perf_counter()
     possible = [rtol for rtol in TOLERANCES if rtol >= METHOD_TOLERANCES.get(group.method, 0.0) * 0.99]
     # Spread over the range, all of them as often over the groups.
     first = number % len(possible)
@@ -405,11 +405,11 @@ def run(
             truth = of.answers(finer, store, f"{name}-truth")
             out = np.isin(peak["result"], OUT_OF_STEPS)
             beyond = vibration(of) > VIBRATION
-            found.beyond += int(beyond.sum())
-            found.within += int((out & ~beyond).sum())
-        judge(found, of, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
-    found.seconds = time.perf_counter() - began
-    return found
+            findings.beyond += int(beyond.sum())
+            findings.within += int((out & ~beyond).sum())
+        judge(findings, of, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
+    findings.seconds = time.perf_counter() - start
+    return findings
 
 
 def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
@@ -469,71 +469,72 @@ def compared_with_reference(seed: int, number: int, among: list[Group]) -> dict[
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    arguments.add_argument("scenes", nargs="?", type=float, default=200_000)
-    arguments.add_argument("seed", nargs="?", type=int, default=0)
-    arguments.add_argument("words", nargs="*", help="run only groups whose names contain all of these words")
-    arguments.add_argument(
+    parser.add_argument("scenes", nargs="?", type=float, default=200_000)
+    parser.add_argument("seed", nargs="?", type=int, default=0)
+    parser.add_argument("words", nargs="*", help="run only groups whose names contain all of these words")
+    parser.add_argument(
         "--every", type=int, default=1, help="run every K-th group only, to compile fewer programs"
     )
-    arguments.add_argument(
+    parser.add_argument(
         "--references", type=int, default=120, help="scenes for the independent implementation"
     )
-    arguments.add_argument(
+    parser.add_argument(
         "--control", action="store_true", help="restrainers, vertical motion and several modes instead"
     )
-    arguments.add_argument("--store", type=Path, help="a folder of sweeps, to go on from")
-    arguments.add_argument(
+    parser.add_argument("--store", type=Path, help="a folder of sweeps, to go on from")
+    parser.add_argument(
         "--steps", type=int, default=ASKED_STEPS, help="trials a scene as asked for is allowed"
     )
-    given = arguments.parse_args()
-    scenes, seed, words = int(given.scenes), given.seed, given.words
-    every_group = control_groups() if given.control else groups()
+    arguments = parser.parse_args()
+    scenes, seed, words = int(arguments.scenes), arguments.seed, arguments.words
+    every_group = control_groups() if arguments.control else groups()
     chosen = [
         group for group in every_group if all(word in group.name.replace(",", "").split() for word in words)
     ]
-    chosen = chosen[:: given.every]
+    chosen = chosen[:: arguments.every]
     per_group = -(-scenes // len(chosen))
-    began = time.perf_counter()
-    found: dict[Group, Findings] = {}
+    start = time.perf_counter()
+    findings: dict[Group, Findings] = {}
     # Two at a time: one compiles while another runs.
     with ThreadPoolExecutor(2) as pool, tqdm(total=len(chosen), unit=" groups") as bar:
 
         def one(number: int, group: Group) -> None:
-            found[group] = run(number, group, per_group, seed, given.store, given.steps)
+            findings[group] = run(number, group, per_group, seed, arguments.store, arguments.steps)
             bar.update()
 
         list(pool.map(one, range(len(chosen)), chosen))
-    parts = {"all": list(found.values())}
-    for top in control.TOPS if given.control else SUPERSTRUCTURES:
-        parts[top] = [f for g, f in found.items() if g.top == top and g.method == "dopri8"]
+    parts = {"all": list(findings.values())}
+    for top in control.TOPS if arguments.control else SUPERSTRUCTURES:
+        parts[top] = [f for g, f in findings.items() if g.top == top and g.method == "dopri8"]
     for added in control.ADDED:
-        parts["all devices" if added == "all" else added] = [f for g, f in found.items() if g.added == added]
+        name = "all devices" if added == "all" else added
+        parts[name] = [f for g, f in findings.items() if g.added == added]
     for motion in MOTIONS:
-        parts[motion] = [f for g, f in found.items() if g.motion == motion and g.method == "dopri8"]
+        parts[motion] = [f for g, f in findings.items() if g.motion == motion and g.method == "dopri8"]
     for method in METHOD_TOLERANCES:
-        parts[method] = [f for g, f in found.items() if g.method == method]
+        parts[method] = [f for g, f in findings.items() if g.method == method]
     rows = table({name: some for name, some in parts.items() if some})
     show(rows)
     failures: dict[str, int] = {}
-    for f in found.values():
+    for f in findings.values():
         for cause, count in f.failures.items():
             failures[cause] = failures.get(cause, 0) + count
     print("\nfailures by cause:", failures or "none")
     for cause in failures:
-        lines = [line for f in found.values() for what, line in f.examples if what == cause]
+        lines = [line for f in findings.values() for what, line in f.examples if what == cause]
         print(f"  {cause}: from benchmarks import stress as s")
         for line in lines[:6]:
             print(f"    {line}")
-    compared = chosen if given.control else list(groups())
-    beside = compared_with_reference(seed, given.references if not words else 0, compared)
-    slowest = sorted(found, key=lambda g: -found[g].seconds)[:5]
-    print("slowest groups:", ", ".join(f"{g.name}: {found[g].seconds:.0f} s" for g in slowest))
-    print(f"{time.perf_counter() - began:.0f} s")
+    compared = chosen if arguments.control else list(groups())
+    beside = compared_with_reference(seed, arguments.references if not words else 0, compared)
+    slowest = sorted(findings, key=lambda g: -findings[g].seconds)[:5]
+    print("slowest groups:", ", ".join(f"{g.name}: {findings[g].seconds:.0f} s" for g in slowest))
+    print(f"{time.perf_counter() - start:.0f} s")
     if not words:
-        store_rows("stress" + "-control" * given.control, [*rows, {"failures": failures, **beside}])
+        store_rows("stress" + "-control" * arguments.control, [*rows, {"failures": failures, **beside}])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the stress campaign has with `--control`: restrainers, vertical motion, three modes."""
+"""Scenes of the stress campaign with `--control`: restrainers, vertical motion, three modes."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ ADDED = (
 MOTIONS = ("Ricker", "OneCosine", "record")
 LAWS = ("paper", "compatible", "given")
 MODES = 3
-WIDEST = 0.5  # of α: overturning may then be at three times that
-RATIOS = (1.0, 1.0, 0.5, 3.0)  # of overturning
+WIDEST = 0.5  # largest α, because `overturn_ratio` may be 3
+RATIOS = (1.0, 1.0, 0.5, 3.0)  # values of `overturn_ratio`
 
 
 def groups() -> Iterator[tuple[str, str, str, str]]:
-    """(superstructure, law, motion, what is added); a law for each."""
+    """Yield (superstructure, law, motion, additions), with one law for each combination of the others."""
     for k, top in enumerate(TOPS):
         for j, added in enumerate(ADDED if top != "modes" else ("", *ADDED)):
             for i, motion in enumerate(MOTIONS):
@@ -41,7 +41,7 @@ def groups() -> Iterator[tuple[str, str, str, str]]:
 
 
 def modes(rng: np.random.Generator, eta: np.ndarray, T_s: np.ndarray, zeta: np.ndarray) -> rj.Modes:
-    """The mass of a superstructure over modes of T_s and less: some of them equal, some without mass."""
+    """Return modes with periods up to T_s: in some scenes two are equal or one has no mass."""
     n = len(eta)
     shares = rng.dirichlet(np.ones(MODES + 1), n)
     shares[rng.random(n) < 0.1, 1] = 0.0
@@ -54,23 +54,26 @@ def modes(rng: np.random.Generator, eta: np.ndarray, T_s: np.ndarray, zeta: np.n
 
 
 def restrained_podium(rng: np.random.Generator, podium: rj.Podium, added: str) -> rj.Podium:
-    """With devices: prestress up to ten times the weight, stiffness from 0 to twice the critical one, dampers
-    up to some times of critical damping, exponents from .3 on, inertances up to a thousand columns."""
+    """Return the podium with devices.
+
+    Prestress is up to ten times the weight, stiffness up to twice the critical one, dampers up to several
+    times critical damping with exponents from 0.3, and inertances up to a thousand masses of a column.
+    """
     alpha = np.asarray(podium.alpha)
     n = len(alpha)
     weight = np.asarray(podium.gamma + podium.eta) + 0.5
-    every = "all" in added
+    has_all = "all" in added
     devices: list[Any] = []
-    if every or "tendon" in added:
+    if has_all or "tendon" in added:
         kappa = some(rng, rng.uniform(0.0, 2.0, n), (0.0, 1 - 1e-9, 1.0, 1 + 1e-9), 0.3)
         tau = some(rng, weight * log_uniform(rng, 1e-3, 10.0, n), (0.0,))
         devices.append(rj.Tendon(tau, kappa * np.asarray(podium.critical_stiffness)))
-    if every or "damper" in added:
+    if has_all or "damper" in added:
         nu = rng.uniform(0.3, 0.999, n) if "power" in added else np.ones(n)
         strength = some(rng, log_uniform(rng, 1e-3, 10.0, n), (0.0,))
         delta = strength * weight / (2 * np.sin(alpha) * alpha) ** nu
         devices.append(rj.Damper(delta, nu if "power" in added else 1.0))
-    if every or "inerter" in added:
+    if has_all or "inerter" in added:
         devices.append(rj.Inerter(some(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0,))))
     return podium.replace(restrainers=tuple(devices))
 
@@ -78,7 +81,7 @@ def restrained_podium(rng: np.random.Generator, podium: rj.Podium, added: str) -
 def with_vertical(
     rng: np.random.Generator, motion: rj.AbstractExcitation, T: np.ndarray, g: np.ndarray
 ) -> rj.GroundMotion:
-    """With a vertical component of nearly g at most, of shorter or longer periods."""
+    """Return the motion with a vertical component of less than g and with other periods."""
     n = len(T)
     size = g * some(rng, rng.uniform(-0.95, 0.95, n), (0.0, -0.999999, 0.999999))
     T = T * log_uniform(rng, 0.1, 3.0, n)
@@ -91,7 +94,7 @@ def with_vertical(
 def by_scipy(
     podium: rj.Podium, motion: rj.AbstractExcitation, initial: rj.State, end: float, limit: float
 ) -> restrained.Answer:
-    """The scene by an implementation that shares nothing with the project, to |θ| = `limit`."""
+    """Solve a scene by an independent implementation, up to |θ| = `limit`."""
     frame, start = restrained.frame_of(podium), float(motion.support[0])
     parts = [motion.horizontal, motion.vertical] if isinstance(motion, rj.GroundMotion) else [motion]
     breaks = [float(b) for part in parts for b in np.asarray(part.breakpoints)]
@@ -112,7 +115,7 @@ def _acceleration(motion: rj.AbstractExcitation):
 
 
 def longest_vibration(podium: rj.Podium) -> tuple[np.ndarray, np.ndarray]:
-    """The longest period of modes, and the largest ζ_iω_up/ω_i."""
+    """Return the longest period of the modes, and the largest ζ_iω_up/ω_i."""
     top = podium.superstructure
     assert isinstance(top, rj.Modes)
     damping = (
@@ -125,7 +128,7 @@ def longest_vibration(podium: rj.Podium) -> tuple[np.ndarray, np.ndarray]:
 
 
 def over_parts(motion: rj.AbstractExcitation, pick) -> rj.AbstractExcitation:
-    """A motion whose numbers are picked out of a batch, samples of records left as they are."""
+    """Return one motion of a batch; samples of records have no batch axis and are not changed."""
     if isinstance(motion, rj.GroundMotion):
         return rj.GroundMotion(*(over_parts(part, pick) for part in (motion.horizontal, motion.vertical)))
     if isinstance(motion, rj.Record):

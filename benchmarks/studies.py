@@ -32,8 +32,10 @@ G = 9.80665
 
 
 def shaking(seed: int, peak: float = 3.0, n: int = 350, dt: float = 0.02) -> rj.Record:
-    """A synthetic near-fault record of 7 s: a velocity pulse in enveloped noise, `peak` the largest |ü_g|
-    [m/s²]."""
+    """Return a synthetic near-fault record of 7 s: noise with an envelope and a velocity pulse.
+
+    `peak` is the PGA [m/s²].
+    """
     rng = np.random.default_rng([7, seed])
     t = dt * np.arange(n)
     period, centre = rng.uniform(0.7, 1.4), rng.uniform(2.0, 3.0)
@@ -59,7 +61,7 @@ def _random(rng: np.random.Generator, vary: dict[str, tuple[float, float]]) -> d
 
 
 def pulses(count: int) -> list[rj.AbstractExcitation]:
-    """Symmetric Ricker pulses and full sines by turns, the longer the weaker."""
+    """Return symmetric Ricker pulses and full sines alternately; longer pulses are weaker."""
     periods = np.linspace(0.6, 1.4, (count + 1) // 2)
     amplitudes = np.linspace(4.0, 2.5, len(periods))
     pairs = zip(amplitudes, periods, strict=True)
@@ -67,7 +69,7 @@ def pulses(count: int) -> list[rj.AbstractExcitation]:
 
 
 def slimmest(seed: int = 0, count: int = 6, starts: int = 1, **how) -> optimise.Design:
-    """(a) The slimmest 3 m column that keeps the peak rotation under 0.4 α for a set of pulses."""
+    """Return problem (a): the slimmest 3 m column whose peak rotation stays below 0.4 α under all pulses."""
     vary = {"width": (0.2, 1.5)}
     start = optimise.Dimensions(
         height=3.0,
@@ -86,8 +88,11 @@ def slimmest(seed: int = 0, count: int = 6, starts: int = 1, **how) -> optimise.
 def lightest(
     seed: int = 0, frequencies: int = 13, ratio: float = 3.2, starts: int = 1, **how
 ) -> optimise.Design:
-    """(b) The least γ with which no symmetric Ricker pulse with 3.5 ≤ ω_p/p ≤ 5 overturns a rigid frame below
-    a multiple of g tan α. Of 3.5 there is no design."""
+    """Return problem (b): the least γ of a rigid frame that symmetric Ricker pulses do not overturn.
+
+    The pulses have 3.5 ≤ ω_p/p ≤ 5 and amplitudes up to a multiple of g tan α. A multiple of 3.5 has no
+    solution.
+    """
     vary = {"gamma": (0.0, 100.0)}
     frame = rj.Podium(alpha=math.atan(0.15), R=1.5, **_random(np.random.default_rng(seed), vary))
     T_p = 2 * math.pi / (float(frame.p) * np.linspace(3.5, 5.0, frequencies))
@@ -96,13 +101,15 @@ def lightest(
 
 
 def infeasible(seed: int = 0, **how) -> optimise.Design:
-    """(b) asked for what cannot be had."""
+    """Return problem (b) with a multiple that has no solution."""
     return lightest(seed, ratio=3.5, **how)
 
 
 def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **how) -> optimise.Design:
-    """(c) The least worst shear with a factor of 1.5 to overturning on every record, over slenderness and
-    beam mass."""
+    """Return problem (c): the least peak shear under all records, over slenderness and beam mass.
+
+    1.5 times each record must not overturn the podium.
+    """
     motions = [shaking(k) for k in range(records)]
     vary = {"width": (0.3, 0.9), "beam_mass": (5e3, 100e3)}
     start = optimise.Dimensions(
@@ -121,8 +128,10 @@ def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **how) -> opti
 def slimmest_for_suite(
     seed: int = 0, records: int = 50, starts: int = 1, **how
 ) -> tuple[optimise.Design, float, float]:
-    """(d) The slimmest column of which under 5 % of a suite overturn; and the smoothed and the counted
-    probability."""
+    """Return problem (d), and its smoothed and counted probabilities of overturning.
+
+    The problem is the slimmest column that at most 5 % of a suite overturn.
+    """
     target = optimise.OverturningProbability(
         0.05, [shaking(k) for k in range(records)], intensity=1.3, smoothing=0.05
     )
@@ -137,8 +146,7 @@ def slimmest_for_suite(
 
 
 def measured(seed: int = 0, noise: float = 0.01) -> tuple[rj.Podium, rj.Ricker, np.ndarray, np.ndarray]:
-    """A podium, a motion and the rotation of the one under the other, with noise of a part of its largest
-    value."""
+    """Return a podium, a motion and its rotation history with noise, a share of the largest rotation."""
     truth = rj.Podium(alpha=0.2, R=1.8, gamma=2.0, restitution=0.93)
     motion = rj.Ricker(4.5, 1.1)
     times = np.arange(-1.5, 7.0, 0.02)
@@ -148,7 +156,7 @@ def measured(seed: int = 0, noise: float = 0.01) -> tuple[rj.Podium, rj.Ricker, 
 
 
 def measured_fit(seed: int = 0, noise: float = 0.01, starts: int = 4) -> optimise.Fit:
-    """(e) Slenderness and restitution factor from a noisy rotation, from a random start."""
+    """Return problem (e): slenderness and restitution factor from a noisy rotation, from a random start."""
     truth, motion, times, theta = measured(seed, noise)
     vary = {"alpha": (0.12, 0.3), "restitution": (0.8, 1.0)}
     first = truth.replace(**_random(np.random.default_rng(seed), vary))
@@ -167,7 +175,7 @@ STUDIES: dict[str, Callable] = {
 
 
 def is_wrong_fit(answer: optimise.Fit) -> bool:
-    """Whether it is more than five of its standard errors from the truth."""
+    """Return True if an estimate deviates from the true value by more than five standard errors."""
     truth = measured()[0]
     true_values = {"alpha": float(truth.alpha), "restitution": float(truth.restitution_factor)}
     return any(
@@ -176,10 +184,10 @@ def is_wrong_fit(answer: optimise.Fit) -> bool:
 
 
 def one_run(name: str, seed: int, solver_options: dict) -> dict:
-    """A study from one random start; a fit is by least squares, whatever the method."""
-    began = time.process_time()
+    """Solve a study from one random start; fits use least squares for every method."""
+    start_time = time.process_time()
     answer = STUDIES[name](seed) if name == "measured_fit" else STUDIES[name](seed, **solver_options)
-    seconds = time.process_time() - began
+    seconds = time.process_time() - start_time
     if isinstance(answer, optimise.Fit):
         return {"failed": is_wrong_fit(answer), "answer": answer.rms, "cpu s": seconds}
     if isinstance(answer, tuple):
@@ -199,7 +207,7 @@ def one_run(name: str, seed: int, solver_options: dict) -> dict:
 
 
 def row_of(name: str, method: str, runs: list[dict]) -> dict:
-    """The runs of a study as a row; the first one compiles, or loads what is kept."""
+    """Return the row of a study; its first run includes compilation or loading of programs."""
     mean = lambda key: float(np.mean([run.get(key, 0) for run in runs]))
     later = [run["cpu s"] for run in runs[1:]] or [runs[0]["cpu s"]]
     return {
@@ -218,7 +226,7 @@ def row_of(name: str, method: str, runs: list[dict]) -> dict:
 
 
 class Compared(NamedTuple):
-    """Least slenderness α under a limit of the peak rotation over α, for a set of pulses."""
+    """The least slenderness α with max|θ|/α ≤ `limit` under all pulses."""
 
     vary: dict[str, tuple[float, float]]
     limit: float  # 1 is overturning itself
@@ -243,7 +251,7 @@ PROBLEMS = {
 
 
 class CountedRotations:
-    """Peak rotations over α as a user of SciPy would write them, counted."""
+    """Peak rotations divided by α as functions for SciPy, which count their scenes."""
 
     def __init__(self, problem: Compared):
         self.problem, self.scenes = problem, 0
@@ -254,8 +262,8 @@ class CountedRotations:
         if self.last is None or self.last[0] != key:
             podium = self.problem.structure(values).podium()
             self.scenes += len(MOTIONS)
-            found = [rj.peak_response(podium, motion, options=ROTATION).peak_rotation for motion in MOTIONS]
-            self.last = key, np.array([float(y) for y in found])
+            peaks = [rj.peak_response(podium, motion, options=ROTATION).peak_rotation for motion in MOTIONS]
+            self.last = key, np.array([float(y) for y in peaks])
         return self.last[1]
 
     def alpha(self, values: np.ndarray) -> float:
@@ -264,7 +272,7 @@ class CountedRotations:
 
 def slsqp(problem: Compared, start: np.ndarray) -> tuple[np.ndarray, int]:
     counted = CountedRotations(problem)
-    # Overturning is a peak rotation of exactly 1: stay a little below.
+    # Overturning means a peak rotation of 1, so the limit is slightly smaller.
     limit = problem.limit if problem.limit < 1 else 0.999
     answer = optimize.minimize(
         counted.alpha,
@@ -306,7 +314,7 @@ def ours(problem: Compared, start: np.ndarray, seed: int) -> tuple[np.ndarray, i
 
 
 def check_design_limit(problem: Compared, values: np.ndarray) -> tuple[bool, float]:
-    """Whether a design keeps its limit in an accurate simulation, and its α."""
+    """Return whether a design satisfies its limit in an accurate simulation, and its α."""
     fine = ROTATION.replace(rtol=1e-11, atol=1e-13)
     podium = problem.structure(values).podium()
     peaks = [rj.peak_response(podium, motion, options=fine) for motion in MOTIONS]
@@ -333,22 +341,22 @@ def compare_with_scipy(runs: int) -> None:
             solve(problem, starts[0], 0)  # compiles
             answers[method] = []
             for seed, start in enumerate(starts[:count]):
-                began = time.perf_counter()
+                start_time = time.perf_counter()
                 values, scenes = solve(problem, start, seed)
                 answers[method].append(
-                    (*check_design_limit(problem, values), scenes, time.perf_counter() - began)
+                    (*check_design_limit(problem, values), scenes, time.perf_counter() - start_time)
                 )
         best = min(
-            (alpha for found in answers.values() for is_satisfied, alpha, *_ in found if is_satisfied),
+            (alpha for outcomes in answers.values() for is_satisfied, alpha, *_ in outcomes if is_satisfied),
             default=math.nan,
         )
-        for method, found in answers.items():
-            row = {"problem": name, "method": method, "runs": len(found)}
-            row["limit broken"] = sum(not is_satisfied for is_satisfied, *_ in found)
+        for method, outcomes in answers.items():
+            row = {"problem": name, "method": method, "runs": len(outcomes)}
+            row["limit broken"] = sum(not is_satisfied for is_satisfied, *_ in outcomes)
             row["over 1 % worse"] = sum(
-                is_satisfied and alpha > 1.01 * best for is_satisfied, alpha, *_ in found
+                is_satisfied and alpha > 1.01 * best for is_satisfied, alpha, *_ in outcomes
             )
-            row["scenes"], row["seconds"] = (float(np.median([run[k] for run in found])) for k in (2, 3))
+            row["scenes"], row["seconds"] = (float(np.median([run[k] for run in outcomes])) for k in (2, 3))
             rows.append(row | {"best alpha": best})
             print(rows[-1], flush=True)
     report("design", rows)

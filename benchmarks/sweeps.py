@@ -30,7 +30,7 @@ RUNS = 3
 
 
 def grid(alphas: int, points: int) -> rj.Grid:
-    """Rigid podiums of many proportions under Ricker pulses."""
+    """Return a grid of rigid podiums under Ricker pulses."""
     podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0, superstructure=rj.Rigid(50.0))
     return rj.grid(
         podium,
@@ -42,18 +42,18 @@ def grid(alphas: int, points: int) -> rj.Grid:
 
 
 def sweep(scenes: rj.Grid, folder: Path, **more: Any) -> float:
-    """Wall time [s] of a sweep into a new store, without its pilot: created first, and then gone on with."""
+    """Return the wall time of a sweep [s] without its pilot, by resuming a store that contains no chunk."""
     store = folder / "a.zarr"
     shutil.rmtree(store, ignore_errors=True)
     call = {"store": store, "outputs": OUTPUTS, "progress": False} | more
-    _created(scenes, call)
-    began = time.perf_counter()
+    _create_store(scenes, call)
+    start = time.perf_counter()
     rj.sweep(*scenes, **call)
-    return time.perf_counter() - began
+    return time.perf_counter() - start
 
 
-def _created(scenes: rj.Grid, call: dict[str, Any]) -> None:
-    """The store with its pilot, and nothing solved."""
+def _create_store(scenes: rj.Grid, call: dict[str, Any]) -> None:
+    """Create a store without solved chunks."""
     from rockjax._sweep.chunks import Job
 
     solve = Job.solve
@@ -71,7 +71,7 @@ def _created(scenes: rj.Grid, call: dict[str, Any]) -> None:
 
 
 def overhead(folder: Path) -> list[dict]:
-    """A sweep in this process against the batch path, over the size of its chunks."""
+    """Compare a sweep in this process with one batch, for several sizes of its chunks."""
     from rockjax._sweep.store import Store
 
     scenes = grid(150, 100)  # 1 500 000
@@ -80,7 +80,7 @@ def overhead(folder: Path) -> list[dict]:
     solve_batch()
     sizes = 10_000, 100_000, None
     best, batch, number = dict.fromkeys(sizes, np.inf), np.inf, {}
-    for _ in range(RUNS):  # in turn: what slows the machine for a while slows all of them
+    for _ in range(RUNS):  # the cases alternate, so that other load of the machine affects all of them
         batch = min(batch, timed(solve_batch))
         for chunk in sizes:
             best[chunk] = min(best[chunk], sweep(scenes, folder, chunk=chunk))
@@ -99,13 +99,13 @@ def overhead(folder: Path) -> list[dict]:
 
 
 def timed(function) -> float:
-    began = time.perf_counter()
+    start = time.perf_counter()
     function()
-    return time.perf_counter() - began
+    return time.perf_counter() - start
 
 
 def processes(folder: Path) -> list[dict]:
-    """The same sweep on 1, 2 and more local processes than there are cores."""
+    """Time the same sweep on 1, 2 and 5 local processes."""
     from distributed import Client, LocalCluster
 
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder / "programs")
@@ -134,7 +134,7 @@ print(json.dumps(memory_of(int(sys.argv[1]), Path(sys.argv[2]))))
 
 
 def memory_of(alphas: int, folder: Path) -> dict:
-    """Resident memory while a sweep runs: its largest in each tenth of the run [MiB]."""
+    """Return the largest resident memory in each tenth of a sweep [MiB]."""
     import psutil
 
     samples: list[tuple[float, float]] = []
@@ -147,7 +147,9 @@ def memory_of(alphas: int, folder: Path) -> dict:
 
     thread = threading.Thread(target=watch)
     scenes = grid(alphas, 100)
-    _created(scenes, {"store": folder / "m.zarr", "outputs": OUTPUTS, "progress": False, "chunk": 50_000})
+    _create_store(
+        scenes, {"store": folder / "m.zarr", "outputs": OUTPUTS, "progress": False, "chunk": 50_000}
+    )
     thread.start()
     rj.sweep(*scenes, store=folder / "m.zarr", outputs=OUTPUTS, progress=False, chunk=50_000)
     over.set()
@@ -179,7 +181,7 @@ def memory(folder: Path) -> list[dict]:
 
 
 def large(scenes: int, store: Path) -> list[dict]:
-    """So many rigid scenes into a store: processor time, disk and memory."""
+    """Return processor time, disk space and memory of a sweep of `scenes` rigid scenes."""
     import psutil
 
     points = 1000

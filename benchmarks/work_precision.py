@@ -37,7 +37,7 @@ from .measure import (
 
 METHODS = ("dopri8", "tsit5", "dopri5", "bosh3")
 NUMBA = "numba DOP853"
-# Down to which tolerance: below it, methods of low order take hours and say nothing.
+# Smallest tolerance of each method; below it, methods of low order take hours.
 LIMITS = {"dopri5": 1e-11, "bosh3": 1e-7}
 
 
@@ -90,11 +90,11 @@ def control(points: int = 20) -> None:
         for method, limit in CONTROL_LIMITS.items():
             operations = operations_of_trial(structure, motion_of(name, 3.0, 1.0), options(1e-8, method))
             for rtol in (rtol for rtol in TOLERANCES if rtol >= 0.99 * limit):
-                found = solve(options=options(rtol, method))
-                trials = float(np.mean(found.stats.steps + found.stats.rejected))
+                peaks = solve(options=options(rtol, method))
+                trials = float(np.mean(peaks.stats.steps + peaks.stats.rejected))
                 row = {"family": name, "method": method, "rtol": rtol, "trials": trials}
-                row |= {"operations": operations} | difference_quantiles(answer(found), truth)
-                error = np.abs(answer(found)[0] - truth[0])[answer(found)[1] == truth[1]]
+                row |= {"operations": operations} | difference_quantiles(answer(peaks), truth)
+                error = np.abs(answer(peaks)[0] - truth[0])[answer(peaks)[1] == truth[1]]
                 rows.append(row | {"median": float(np.median(error[error > 0]))})
                 print(rows[-1], flush=True)
         store_rows("work_precision_control", rows)
@@ -110,7 +110,7 @@ def draw_control() -> None:
 def draw(
     rows: list[dict[str, Any]], work: str, grid: tuple[int, int], size: Sequence[float], axis: str, name: str
 ) -> None:
-    """A panel of work over error for each family, a line for each method."""
+    """Draw the work over the error: a panel for each family, a line for each method."""
     import matplotlib
 
     matplotlib.use("Agg")

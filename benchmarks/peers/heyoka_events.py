@@ -19,24 +19,24 @@ from scipy.special import lambertw
 from ..measure import Family, G  # noqa: TID252
 
 FALLING, RISING = hy.event_direction.negative, hy.event_direction.positive
-UPLIFT = IMPACT = -1  # outcomes of a propagation: the first terminal event, and the second
-OVERTURNED = -2
-SUPPORT = 2.2  # the pulse is zero beyond ± SUPPORT·T_p
-# Longest step in full contact over T_p: from rest before the pulse, the series sees nothing coming.
+UPLIFT = IMPACT = -1  # outcome of a propagation that ends at the first terminal event
+OVERTURNED = -2  # outcome of a propagation that ends at the second terminal event
+SUPPORT = 2.2  # the pulse is zero beyond ±SUPPORT·T_p
+# Longest step in full contact, divided by T_p. Without it, steps from rest would pass over the pulse.
 STRIDE = 0.25
-# For θ, θ̇ = 0 at the start of a phase: a root of an event right there hides the next one.
+# Replace θ, θ̇ = 0 at the start of a phase, because a root of the event function there hides the next one.
 TINY, FAINT = 1e-40, 1e-20
 
 
 def _acceleration(a_p: hy.expression, rate: hy.expression) -> hy.expression:
-    """Symmetric Ricker pulse at the time of the integrator, rate = (π/T_p)²."""
+    """Return the symmetric Ricker pulse at the time of the integrator; rate = (π/T_p)²."""
     x = rate * hy.time * hy.time
     return a_p * (1.0 - 2.0 * x) * hy.exp(-x)
 
 
 @functools.cache
 def _contact(tol: float) -> hy.taylor_adaptive_dbl:
-    """Full contact of the elastic superstructure: pars a_p, rate, ω_s², 2ζω_s, 2η/(1+2γ), q_up²."""
+    """Return the integrator for full contact with parameters a_p, rate, ω_s², 2ζω_s, 2η/(1+2γ), q_up²."""
     u, w = hy.make_vars("u", "w")
     a_p, rate, stiffness, damping, ratio, q_up2 = (hy.par[i] for i in range(6))
     a = _acceleration(a_p, rate)
@@ -50,8 +50,10 @@ def _contact(tol: float) -> hy.taylor_adaptive_dbl:
 
 @functools.cache
 def _rocking(rigid: bool, tol: float) -> tuple[hy.taylor_adaptive_dbl, list[float]]:
-    """Rocking to the side σ: pars σ, σα, α, a_p, rate and the coefficients; with the list that peaks of σθ go
-    into."""
+    """Return the integrator for rocking to the side σ, and the list to which it adds peaks of σθ.
+
+    Its parameters are σ, σα, α, a_p, rate and the coefficients.
+    """
     theta, v, u, w = hy.make_vars("theta", "v", "u", "w")
     par = [hy.par[i] for i in range(14)]
     side, side_alpha, alpha, a_p, rate = par[:5]
@@ -87,10 +89,9 @@ def _rocking(rigid: bool, tol: float) -> tuple[hy.taylor_adaptive_dbl, list[floa
 
 
 def _rigid_uplifts(family: Family, q_up: float) -> np.ndarray:
-    """Times at which |ü_g| rises through q_up on the three lobes of every pulse, shape (n, 3); nan where it
-    does not.
+    """Return the times at which |ü_g| rises through q_up on the three lobes of every pulse, shape (n, 3).
 
-    With x = (πt/T_p)², (1 - 2x) exp(-x) = ±q_up/a_p is solved by Lambert's W.
+    NaN for lobes that stay below. With x = (πt/T_p)², (1 − 2x) exp(−x) = ±q_up/a_p is solved by Lambert's W.
     """
     level = 0.5 * math.exp(0.5) * q_up / family.a_p
     outer, inner, centre = (lambertw(z, branch) for z, branch in ((-level, -1), (-level, 0), (level, 0)))
@@ -102,7 +103,7 @@ def _rigid_uplifts(family: Family, q_up: float) -> np.ndarray:
 
 
 class _Podium:
-    """What the scenes of a family share, and the walk through the phases of one scene."""
+    """The podium of a family, and the solution of its scenes phase by phase."""
 
     def __init__(self, family: Family, rtol: float) -> None:
         alpha, R, lam = family.alpha, family.R, family.lam
@@ -119,8 +120,8 @@ class _Podium:
         restitution_loss = self.sin_alpha**2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
         self.restitution = max(0.0, 1 - restitution_loss)
         self.rest_speed = rtol * self.p * alpha
-        # A flight far shorter than the step is lost to the root finder of the events: slow ones start with
-        # short steps.
+        # The root finder misses flights that are much shorter than the step, so after slow impacts the first
+        # step is short.
         self.slow, self.hop = 1e-2 * self.p * alpha, 2 / (p2 * alpha)
         self.inertia = 0.5 * (1 + lam + 4 * gamma) * R * R
         self.lift = 2 * R * G * (eta + gamma + 0.5)
@@ -141,23 +142,23 @@ class _Podium:
             self.contact.pars[2:] = self.stiffness, self.damping, self.ratio, self.q_up**2
 
     def potential(self, theta: float) -> float:
-        """Of the weights, over N m_c."""
+        """Return the potential energy of the weights, divided by N m_c."""
         return self.lift * (math.cos(self.alpha - abs(theta)) - self.cos_alpha)
 
     def energy(self, side: float, theta: float, v: float, u: float, w: float) -> float:
-        """Kinetic and potential, over N m_c."""
+        """Return the total energy, divided by N m_c."""
         sin, cos = math.sin(side * self.alpha - theta), math.cos(side * self.alpha - theta)
         stretch, rise = u - 2 * self.R * (side * self.sin_alpha - sin), 2 * self.R * v * sin
         top = 0.5 * self.eta * (w * w + rise * rise + self.stiffness * stretch * stretch)
         return top + self.inertia * v * v + self.lift * (cos - self.cos_alpha)
 
     def stays(self, u: float, w: float) -> bool:
-        """Free in full contact: the decaying energy can no longer lift the columns."""
+        """Return True if the energy of free vibration in full contact is too small to lift the columns."""
         swing = (self.stiffness + self.damping**2) * (self.stiffness * u * u + w * w)
         return self.ratio**2 * swing < self.q_up**2
 
     def scene(self, a_p: float, T_p: float, uplifts: list[float]) -> tuple[float, bool]:
-        """(largest |θ|, overturned); uplifts are the times of `_rigid_uplifts`, unused where elastic."""
+        """Return (largest |θ|, overturned). `uplifts`: times of `_rigid_uplifts`, for rigid scenes only."""
         rocking, state, pars, peaks = self.rocking, self.rocking.state, self.rocking.pars, self.peaks
         rate, excitation_end = (math.pi / T_p) ** 2, SUPPORT * T_p
         end = excitation_end + 30 / self.p
@@ -224,8 +225,7 @@ class _Podium:
 
 
 def solve(family: Family, rtol: float) -> tuple[np.ndarray, np.ndarray]:
-    """(peak rotation max|theta|/alpha, capped at 1; overturned) of every scene, one after another on one
-    core."""
+    """Return (max|θ|/α, at most 1; overturned) of every scene, solved one after another on one core."""
     podium = _Podium(family, rtol)
     uplifts = _rigid_uplifts(family, podium.q_up).tolist() if podium.rigid else [[]] * len(family)
     scenes = zip(family.a_p.tolist(), family.T_p.tolist(), uplifts, strict=True)

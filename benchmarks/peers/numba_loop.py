@@ -1,20 +1,18 @@
-"""A scalar loop over the scenes, compiled with Numba: about as quick as this model gets on a core.
+"""A scalar loop over the scenes, compiled by Numba and optimised for this model.
 
-What makes it quick
-  * one scene after another, each with its own steps: no scene waits for another, nothing is allocated; * a
-  Runge–Kutta step is straight-line code, written out by a small generator with the tableau's numbers in
-  place; * Nyström form: only θ̈ and ü_t are kept per stage, the stages of θ and u_t use A·A; * sin ψ and cos
-  ψ from inlined polynomials (|ψ| < 0.8, good to 1e-17), and sums that may be contracted; * a rigid
-  superstructure has its own two-state code, and its uplift is a root of the pulse, without integration; * an
-  impact is found from the quintic Hermite polynomial of the step, then by Newton on the length of the
-  re-taken step
-    (usually once); a peak likewise, and only where it can beat the recorded one;
-  * after an impact the first step is sized by the flight time 2θ̇/|θ̈|; * a scene ends as soon as its energy,
-  plus all that the rest of the pulse can still put in (a closed form), proves that
-    the recorded peak stands, or that no uplift can follow.
+- Scenes are solved one after another, each with its own steps, without allocations.
+- A small generator writes each Runge–Kutta step as straight-line code with the coefficients of the tableau.
+- Steps have Nyström form: only θ̈ and ü_t are stored per stage, and the stages of θ and u_t use A·A.
+- sin ψ and cos ψ are inlined polynomials (|ψ| < 0.8, error 1e-17).
+- A rigid superstructure has separate code with two states, and its uplift is a root of the pulse.
+- An impact is located by the quintic Hermite polynomial of the step, and then by Newton's method on the
+  length of a repeated step (usually one). A peak is located likewise, if it can exceed the recorded one.
+- After an impact the length of the first step follows from the flight time 2θ̇/|θ̈|.
+- A scene ends as soon as its energy, plus the largest energy that the rest of the pulse can add (a closed
+  form), proves that the recorded peak is final or that no uplift can follow.
 
-A state is (θ, θ̇) or (θ, θ̇, u_t, u̇_t), its accelerations (θ̈,) or (θ̈, ü_t); in full contact (u_t, u̇_t)
-and (ü_t,). `side` is the sign of θ. Times are counted from the middle of the pulse.
+A state is (θ, θ̇) or (θ, θ̇, u_t, u̇_t), with accelerations (θ̈,) or (θ̈, ü_t). In full contact it is (u_t,
+u̇_t) with (ü_t,). `side` is the sign of θ. Times are relative to the middle of the pulse.
 """
 
 from __future__ import annotations
@@ -31,8 +29,8 @@ from scipy.integrate import DOP853
 
 from ..measure import Family, G  # noqa: TID252
 
-REST_VELOCITY = 1e-6  # in p α: slower after an impact is at rest
-MAX_STEPS = 2_000_000  # of one phase
+REST_VELOCITY = 1e-6  # a slower podium after an impact is at rest [p α]
+MAX_STEPS = 2_000_000  # largest number of steps of a phase
 MAX_PHASES = 100_000
 
 _jit = numba.njit(fastmath={"contract", "nsz", "arcp"}, error_model="numpy")
@@ -41,7 +39,7 @@ _inline = numba.njit(fastmath={"contract", "nsz", "arcp"}, error_model="numpy", 
 
 # ------------------------------------------------------------------------------------------- podium and pulse
 class Podium(NamedTuple):
-    """Numbers of the podium, the same for every scene; energies are over N m_c."""
+    """Constants of the podium; energies are divided by N m_c."""
 
     alpha: float
     sin_alpha: float
@@ -50,16 +48,16 @@ class Podium(NamedTuple):
     p: float
     restitution: float
     uplift: float  # demand that lifts the columns
-    feedback: float  # 2η/(1+2γ), of the superstructure's force on the demand
+    feedback: float  # 2η/(1+2γ), effect of the superstructure's force on the demand
     omega: float
     omega2: float  # ω_s²
     damping: float  # 2ζω_s
     damped: float  # √(1+4ζ²)
-    eta: float  # 0 for rigid, whose mass is in γ
-    coupling: float  # the inertia of θ̈ is 1 + coupling sin²ψ, and that unit is 3γ + ¾(1+λ)
+    eta: float  # 0 if rigid; the mass is then in γ
+    coupling: float  # the inertia of θ̈ is 1 + coupling sin²ψ, in units of 3γ + ¾(1+λ)
     gravity: float
     shaking: float
-    pull: float  # of the superstructure's force
+    pull: float  # factor of the superstructure's force
     rotation: float  # R²(4γ+1+λ)
     translation: float  # 4ηR²
     weight: float  # 2Rg(η+γ+½)
@@ -99,7 +97,7 @@ def _podium(family: Family) -> Podium:
 
 
 class Ricker(NamedTuple):
-    """a_p (1 − 2x) exp(−x) with x = (rate·t)²."""
+    """Return a_p (1 − 2x) exp(−x) with x = (rate·t)²."""
 
     a_p: float
     rate: float
@@ -119,7 +117,7 @@ def ground_rate(t, pulse):
 
 @_inline
 def remaining_pulse(t, pulse):
-    """∫|ü_g| from t on where the pulse no longer changes sign, −1 before."""
+    """Return ∫|ü_g| from t on if the pulse no longer changes sign; else −1."""
     x = (pulse.rate * t) * (pulse.rate * t)
     if t <= 0.0 or x < 0.5:
         return -1.0
@@ -128,7 +126,7 @@ def remaining_pulse(t, pulse):
 
 @_jit
 def _level(r, low, high, x, rising):
-    """x in [low, high] with |1 − 2x| exp(−x) = r, by Newton within a bracket."""
+    """Return x in [low, high] with |1 − 2x| exp(−x) = r, by Newton's method within a bracket."""
     sign = 1.0 if high <= 0.5 else -1.0
     for _ in range(200):
         f = sign * (1.0 - 2.0 * x) * exp(-x) - r
@@ -148,7 +146,7 @@ def _level(r, low, high, x, rising):
 
 @_jit
 def lifting_times(pulse, threshold):
-    """|ü_g| > threshold while |t| < t1 and while t2 < |t| < t3; −1 where it never is."""
+    """Return t1, t2, t3 with |ü_g| > threshold for |t| < t1 and for t2 < |t| < t3; −1 for empty intervals."""
     r = threshold / abs(pulse.a_p) if pulse.a_p != 0.0 else 2.0
     t1 = t2 = t3 = -1.0
     if r < 1.0:
@@ -161,8 +159,10 @@ def lifting_times(pulse, threshold):
 
 @_jit
 def next_lift(t, a_p, times):
-    """First time from t on at which |ü_g| exceeds the threshold, and the sign of ü_g; (inf, 0) where none
-    follows."""
+    """Return the first time from t on at which |ü_g| exceeds the threshold, and the sign of ü_g.
+
+    (inf, 0) if there is none.
+    """
     t1, t2, t3 = times
     sign = 1.0 if a_p > 0.0 else -1.0
     if t2 > 0.0 and t < -t2:
@@ -248,7 +248,7 @@ def elastic_energy(y, side, c):
 
 @_inline
 def rigid_weights(y, rtol, atol, c):
-    """One over the error allowed to each component."""
+    """Return 1 divided by the allowed error of each component."""
     th, v = y
     return 1.0 / (atol * c.alpha + rtol * abs(th)), 1.0 / (atol * c.p * c.alpha + rtol * abs(v))
 
@@ -270,7 +270,7 @@ def elastic_weights(y, rtol, atol, c):
 
 @_inline
 def shift2(y, k, dt):
-    """The state a short dt later."""
+    """Return the state after a short time dt."""
     return y[0] + dt * y[1] + 0.5 * dt * dt * k[0], y[1] + dt * k[0]
 
 
@@ -299,7 +299,7 @@ class Tableau(NamedTuple):
     A: np.ndarray
     b: np.ndarray
     c: np.ndarray
-    errors: list[np.ndarray]  # each with one more weight, for the end of the step
+    errors: list[np.ndarray]  # weights of the errors, with one more entry for the end of the step
     order: int
 
 
@@ -396,7 +396,7 @@ def _step(
 # --------------------------------------------------------------------------------------- events within a step
 @_jit
 def quintic(x0, v0, a0, x1, v1, a1, h, z):
-    """Hermite polynomial through position, velocity and acceleration of both ends, at 0 ≤ z ≤ 1."""
+    """Return the Hermite polynomial through position, velocity and acceleration at both ends, 0 ≤ z ≤ 1."""
     v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
     d = x1 - x0 - v0 - 0.5 * a0
     dv = v1 - v0 - a0
@@ -407,8 +407,7 @@ def quintic(x0, v0, a0, x1, v1, a1, h, z):
 
 @_jit
 def quintic_root(x0, v0, a0, x1, v1, a1, h):
-    """Where that polynomial, negative at the end, falls through zero; −1 where it is found positive
-    nowhere."""
+    """Return z where this polynomial, negative at the end, falls through zero; −1 if it is not > 0."""
     v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
     d = x1 - x0 - v0 - 0.5 * a0
     dv = v1 - v0 - a0
@@ -442,14 +441,14 @@ def quintic_root(x0, v0, a0, x1, v1, a1, h):
 
 @_inline
 def cubic(x0, v0, x1, v1):
-    """Last two coefficients of the Hermite polynomial x0 + v0 z + c2 z² + c3 z³ on 0 ≤ z ≤ 1."""
+    """Return c2 and c3 of the Hermite polynomial x0 + v0 z + c2 z² + c3 z³ on 0 ≤ z ≤ 1."""
     d = x1 - x0
     return 3.0 * d - 2.0 * v0 - v1, v0 + v1 - 2.0 * d
 
 
 @_jit
 def cubic_zero(v0, a0, v1, a1, h):
-    """Where the cubic Hermite polynomial of the velocity, of different signs at both ends, is zero."""
+    """Return the zero of the cubic Hermite polynomial of the velocity, which changes its sign."""
     a0, a1 = a0 * h, a1 * h
     c2, c3 = cubic(v0, a0, v1, a1)
     low, high, z = 0.0, 1.0, v0 / (v0 - v1)
@@ -471,7 +470,7 @@ def cubic_zero(v0, a0, v1, a1, h):
 
 @_jit
 def land(step, shift, z, t, h, y, k, side, pulse, c, rtol):
-    """Length of the step that ends at θ = 0, near z h, with its end."""
+    """Return the length of the step that ends at θ = 0, close to z h, and the state at its end."""
     low, high, dt = 0.0, h, z * h
     new, rate = y, k
     for _ in range(40):
@@ -494,7 +493,7 @@ def land(step, shift, z, t, h, y, k, side, pulse, c, rtol):
 
 @_jit
 def crest(step, z, t, h, y, k, side, pulse, c):
-    """Largest |θ| inside a step, near z h, by Newton on θ̇ = 0."""
+    """Return the largest |θ| inside a step, close to z h, by Newton's method for θ̇ = 0."""
     dt, top = z * h, 0.0
     for _ in range(6):
         new, rate = step(t, dt, y, k, side, pulse, c)
@@ -508,14 +507,14 @@ def crest(step, z, t, h, y, k, side, pulse, c):
 
 @_inline
 def contact_demand(t, y, k, pulse, c):
-    """Demand of an elastic superstructure in full contact, and its rate."""
+    """Return the demand of an elastic superstructure in full contact, and its rate."""
     q = ground(t, pulse) - c.feedback * (c.omega2 * y[0] + c.damping * y[1])
     return q, ground_rate(t, pulse) - c.feedback * (c.omega2 * y[1] + c.damping * k[0])
 
 
 @_jit
 def highest_demand(step, z, sign, t, h, y, k, pulse, c):
-    """Largest demand inside a step, near z h, by Newton on its rate: (length, demand, rate)."""
+    """Return (length, demand, rate) at the largest demand inside a step, close to z h, by Newton's method."""
     dt = z * h
     for _ in range(4):
         new, rate = step(t, dt, y, k, 0.0, pulse, c)
@@ -537,7 +536,7 @@ def highest_demand(step, z, sign, t, h, y, k, pulse, c):
 
 @_jit
 def lift(step, t, h, y, k, sign, q0, d0, q1, d1, pulse, c, rtol):
-    """Length of the step that ends where the demand rises to the uplift's, with its end."""
+    """Return the length of the step that ends at uplift, and the state at its end."""
     c2, c3 = cubic(q0, d0 * h, q1, d1 * h)
     low, high = 0.0, 1.0
     for _ in range(60):
@@ -575,8 +574,10 @@ def new_length(h, error, order, most):
 
 @_jit
 def contact_of_rigid(step, step_error, order, t, t_end, h, y, times, pulse, c, rtol, atol, well, stuck):
-    """Full contact from t on: (time of uplift, next step, state, sign of the demand; 0 where the scene is
-    over)."""
+    """Solve full contact of a rigid superstructure from t on.
+
+    Returns (time of uplift, next step, state, sign of the demand); the sign is 0 if the scene is over.
+    """
     if stuck:
         t += 1e-9 * math.pi / pulse.rate
     t, sign = next_lift(t, pulse.a_p, times)
@@ -585,7 +586,7 @@ def contact_of_rigid(step, step_error, order, t, t_end, h, y, times, pulse, c, r
 
 @_jit
 def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c, rtol, atol, well, stuck):
-    """The same; `well` is the energy that reaches the recorded peak."""
+    """Solve full contact of an elastic superstructure; `well` is the energy at the recorded peak."""
     z = (y[2], y[3])
     k = elastic_contact(t, z, 0.0, pulse, c)
     q, d = contact_demand(t, z, k, pulse, c)
@@ -607,7 +608,7 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
         if up or max(abs(q), abs(q1)) > 0.5 * c.uplift:
             sign = math.copysign(1.0, q1 if up else q + q1)
             q0, d0, qtop, dtop = sign * q, sign * d, sign * q1, sign * d1
-            if not up and d0 > 0.0 and dtop < 0.0:  # it may rise above and fall below inside the step
+            if not up and d0 > 0.0 and dtop < 0.0:  # the demand may exceed the limit inside the step only
                 c2, c3 = cubic(q0, d0 * dt, qtop, dtop * dt)
                 x = d0 * dt / (sqrt(c2 * c2 - 3.0 * c3 * d0 * dt) - c2)  # the cubic's maximum
                 if q0 + x * (d0 * dt + x * (c2 + x * c3)) > 0.95 * c.uplift:
@@ -640,7 +641,7 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
 # --------------------------------------------------------------------------------------------------- the loop
 @functools.cache
 def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
-    """sweep(a_p, T_p, c, rtol, atol, peak, overturned) → None, written into the last two."""
+    """Return the function sweep(a_p, T_p, c, rtol, atol, peak, overturned), which fills the last two."""
     tableau = _tableau(method)
     order = float(tableau.order)
     accelerations = rigid_rocking if rigid else elastic_rocking
@@ -713,7 +714,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                 x0, v0, a0 = 0.0 if first else side * y[0], side * y[1], side * k[0]
                 x1, v1, a1 = side * y1[0], side * y1[1], side * k1[0]
                 landing = x1 < 0.0
-                if not landing and v0 < 0.0 and v1 > 0.0:  # it may dip below and return inside the step
+                if not landing and v0 < 0.0 and v1 > 0.0:  # θ may change its sign inside the step only
                     z = cubic_zero(v0, a0, v1, a1, dt)
                     if quintic(x0, v0, a0, x1, v1, a1, dt, z) < 1e-3 * c.alpha:
                         low, klow = step(t, z * dt, y, k, side, pulse, c)
@@ -785,7 +786,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
 def solve(
     family: Family, rtol: float, method: str = "dop853", parallel: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(peak rotation max|θ|/α, capped at 1; overturned) of every scene; atol = rtol/100.
+    """Return (max|θ|/α, at most 1; overturned) of every scene; atol = rtol/100.
 
     `method` is "dop853" or "tsit5"; the first call of each kind compiles. atol is in units of α, p α, 2R sin
     α, ….

@@ -1,16 +1,16 @@
-r"""What a SciPy user would write: `solve_ivp` with terminal events, one phase of contact after another.
+r"""Solution by SciPy: `solve_ivp` with terminal events, one phase of contact after another.
 
 | phase | state | ends by |
 |---|---|---|
 | full contact, rigid | – | uplift, a root of the pulse: nothing is integrated |
-| full contact, elastic | u_t, u̇_t | the demand rising to the uplift's; little energy after the pulse |
+| full contact, elastic | u_t, u̇_t | uplift (the demand reaches its limit); little energy after the pulse |
 | rocking, rigid | θ, θ̇ | θ = 0 (impact), \|θ\| = α (overturned); little energy after the pulse |
 | rocking, elastic | θ, θ̇, u_t, u̇_t | the same |
 
-`solve_ivp` sees an event only where its function changes sign between the ends of a step, and a rocking phase
-starts at the zero of its own event. So the first step of a phase is sized by the flight time, the others are
-limited, and a phase in which θ was negative between two steps, which the event of its extremes tells, is
-repeated up to there.
+`solve_ivp` finds an event only if its function changes sign between the ends of a step, and a rocking phase
+starts at the zero of its event. Therefore the first step of a phase follows from the flight time, and the
+other steps are limited. If an extreme of θ shows that θ changed its sign between two steps, the phase is
+repeated up to this extreme.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 
 from ..measure import Family, G  # noqa: TID252
 
-REST_VELOCITY = 1e-6  # in p α: slower after an impact is at rest
+REST_VELOCITY = 1e-6  # a slower podium after an impact is at rest [p α]
 MAX_PHASES = 10_000
 
 
@@ -34,7 +34,7 @@ def _event(function: Callable, terminal: bool = True, direction: float = -1) -> 
 
 
 class Podium:
-    """The equations of motion and the energy (over N m_c) of one family."""
+    """Equations of motion and energy, divided by N m_c, of a family."""
 
     def __init__(self, family: Family) -> None:
         self.alpha, self.R, self.lam, self.zeta = family.alpha, family.R, family.lam, family.zeta
@@ -84,7 +84,7 @@ class Podium:
         return energy + 0.5 * self.eta * (w**2 + (self.omega * stretch) ** 2)
 
     def well(self, peak: float) -> float:
-        """Energy that reaches this rotation."""
+        """Return the energy that is needed to reach a rotation."""
         return (
             2
             * self.R
@@ -94,13 +94,13 @@ class Podium:
         )
 
     def contact_energy(self) -> float:
-        """Energy of an elastic superstructure below which it lifts nothing by itself."""
+        """Return the energy of an elastic superstructure that can lift the columns without motion."""
         force = self.omega * math.sqrt(1 + 4 * self.zeta**2) * 2 * self.eta / (1 + 2 * self.gamma)
         return 0.5 * self.eta * (self.uplift / force) ** 2
 
 
 def _next_lift(acceleration: Callable, t: float, T_p: float, threshold: float) -> float:
-    """First time from t on at which |ü_g| exceeds the threshold; inf where none follows."""
+    """Return the first time from t on at which |ü_g| exceeds the threshold; inf if there is none."""
     if abs(acceleration(t)) > threshold:
         return t
     excess = lambda t: abs(acceleration(t)) - threshold
@@ -173,7 +173,7 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
                 push = podium.rocking(acceleration(t), y, side)[1]
                 first = min(0.01 / p, abs(0.2 * y[1] / push) if push else math.inf)
             first = min(first, options["max_step"], 0.5 * (until - t))
-        events = [  # a phase starts at zeros, which are no events
+        events = [  # zeros at the start of a phase do not count
             _event(lambda t, z, side, start=t: side * z[0] if t > start else 1.0),
             _event(lambda t, z, side: side * z[0] - alpha, direction=1),
             _event(
@@ -200,7 +200,7 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
             ]
             if not dips:
                 break
-            until = dips[0]  # it went below zero and came back inside a step: end a step there
+            until = dips[0]  # θ changed its sign inside a step; end a step at this extreme
             first = first and min(first, 0.5 * (until - t))
         t, y, fresh = s.t[-1], s.y[:, -1].copy(), False
         if len(s.t_events[1]):
@@ -222,7 +222,7 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
 
 
 def solve(family: Family, rtol: float, method: str = "DOP853") -> tuple[np.ndarray, np.ndarray]:
-    """The same, one scene after another; atol = rtol/100 in natural units (α, p α, 2R sin α, …).
+    """Return the same for all scenes, one after another; atol = rtol/100 in units of α, p α, 2R sin α, …
 
     Peak rotation max|θ|/α, capped at 1, and overturned; `method` is "DOP853" or "LSODA".
     """

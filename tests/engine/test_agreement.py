@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from benchmarks import agreement
-from benchmarks.agreement import DEVICES, DIRECTIONS, SAMPLED, TOPS, SceneClass
+from benchmarks.agreement import DEVICES, DIRECTIONS, SAMPLED, TOPS, SceneKind
 
 COUNT = 60
 GROUPS = ["-".join(parts) for parts in itertools.product(TOPS, DEVICES, DIRECTIONS)]
@@ -18,8 +18,8 @@ PULSES = [
 
 
 def faults(group, motion):
-    scene_class = SceneClass(*f"{group}-{motion}".split("-"))
-    deviations = agreement.compare(scene_class, agreement.scenes(scene_class, COUNT, seed=1))
+    kind = SceneKind(*f"{group}-{motion}".split("-"))
+    deviations = agreement.compare(kind, agreement.scenes(kind, COUNT, seed=1))
     return [str(each) for each in deviations if each.name == "FAULT"]
 
 
