@@ -111,10 +111,10 @@ def uplift() -> dict[str, str]:
     gamma, eta = 10.0, 100.0
     podium = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=gamma, superstructure=rj.Elastic(eta=eta, T_s=0.5))
     c = coefficients(podium)
-    assert c.demand is not None
-    assert c.omega2 is not None
-    assert c.damping is not None
-    feedback, omega2, damping = float(c.demand), float(c.omega2), float(c.damping)
+    assert c.vibration is not None
+    feedback, omega2, damping = (
+        float(y) for y in (c.vibration.demand, c.vibration.omega2, c.vibration.damping)
+    )
     unit, R, g = g_tan_alpha(podium), float(podium.R), float(podium.g)
     B, H = R * math.sin(float(podium.alpha)), R * math.cos(float(podium.alpha))
 
