@@ -215,7 +215,7 @@ def _value_and_slopes(
         return _limit_value(floats[limit.output], integers["overturned"], limit)
 
     value, (slope, parameter_slopes) = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))(u, parameters)
-    # Leaves are returned, because a `KeptProgram` cannot return a tree of modules.
+    # Leaves are returned, because a `StoredProgram` cannot return a tree of modules.
     return value, slope, jax.tree.leaves(parameter_slopes)
 
 
