@@ -17,7 +17,7 @@ import numpy as np
 PIECES = 8
 TERMS = 18  # of the series of φ_k; on pieces of an eighth of a period they are exact to rounding
 LANES = 512  # number of oscillators that are computed together
-NEWTON = 6  # iterations to the root of the rate of an answer, from a quarter of a piece
+NEWTON = 5  # iterations to the root of the rate of an answer, from a quarter of a piece
 TIED = 1e-10  # relative difference of equal peaks, of which the first counts
 
 
@@ -177,10 +177,12 @@ def _states(load: Load, pole: np.ndarray) -> _States:
     decay, integrals = _integrals(pole * lengths, load.terms.shape[1] - 1)
     weights = np.stack(integrals, axis=1) * -lengths[..., None]
     starts = np.empty((which.size + 1, pole.size), complex)
-    rows = np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
-    terms = load.terms.astype(complex)
-    for weight, row in zip(weights, rows, strict=True):
-        starts[row + 1] = terms[row] @ weight
+    forced = starts[1:].view(float)  # real and imaginary parts
+    order = np.argsort(which, kind="stable")
+    ends = np.cumsum(np.bincount(which))
+    for weight, first, last in zip(weights.view(float), [0, *ends[:-1]], ends, strict=True):
+        row = slice(None) if last - first == which.size else order[first:last]
+        forced[row] = load.terms[row] @ weight
     kicks = np.flatnonzero((load.kick != 0) | (load.shift != 0))
     jumps = dict(zip(kicks.tolist(), load.kick[kicks, None] - pole * load.shift[kicks, None], strict=True))
     before, z, decayed = [], np.zeros(pole.size, complex), np.empty(pole.size, complex)
@@ -231,21 +233,17 @@ class _Places(NamedTuple):
 def _turns(places: _Places) -> tuple[np.ndarray, np.ndarray]:
     """Return which pieces have a turn of their answer inside a quarter, and the part of the piece where."""
     quarters = np.linspace(0.0, 1.0, 5)
-    rates = [places.value_and_rates(np.full(places.length.shape, part))[1] for part in quarters]
-    which, part = [], []
-    for k, low in enumerate(quarters[:-1]):
-        turned = np.flatnonzero(rates[k] * rates[k + 1] < 0)
-        here, sign = places.chosen(turned), np.sign(rates[k][turned])
-        bounds = np.full(turned.size, low), np.full(turned.size, quarters[k + 1])
-        at = low + 0.25 * rates[k][turned] / (rates[k] - rates[k + 1])[turned]
-        for _ in range(NEWTON):
-            _, rate, second = here.value_and_rates(at)
-            bounds = np.where(sign * rate > 0, at, bounds[0]), np.where(sign * rate > 0, bounds[1], at)
-            step = at - rate / np.where(second == 0, np.inf, second)
-            at = np.where((step >= bounds[0]) & (step <= bounds[1]), step, 0.5 * (bounds[0] + bounds[1]))
-        which.append(turned)
-        part.append(at)
-    return np.concatenate(which), np.concatenate(part)
+    rates = np.array([places.value_and_rates(np.full(places.length.shape, y))[1] for y in quarters])
+    quarter, which = np.nonzero(rates[:-1] * rates[1:] < 0)
+    here, sign = places.chosen(which), np.sign(rates[quarter, which])
+    low, high = quarters[quarter], quarters[quarter + 1]
+    part = low + 0.25 * rates[quarter, which] / (rates[quarter, which] - rates[quarter + 1, which])
+    for _ in range(NEWTON):
+        _, rate, second = here.value_and_rates(part)
+        low, high = np.where(sign * rate > 0, part, low), np.where(sign * rate > 0, high, part)
+        step = part - rate / np.where(second == 0, np.inf, second)
+        part = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
+    return which, part
 
 
 class _Found(NamedTuple):

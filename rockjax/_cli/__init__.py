@@ -3,6 +3,7 @@
 from ._app import app, main
 from ._cache import cache
 from ._design import design
+from ._floors import floors
 from ._fragility import fragility
 from ._motions import motions, synthetic
 from ._overturning import overturning
@@ -17,6 +18,7 @@ for _function in (
     spectrum,
     overturning,
     response,
+    floors,
     fragility,
     risk,
     design,

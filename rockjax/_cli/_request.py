@@ -250,6 +250,20 @@ class Request:
             )
         return members[(number or 1) - 1]
 
+    def motion_or_set(self, podium: rj.Podium) -> Any:
+        """Return all motions of the chosen set, or a single motion if options change or select one."""
+        from rockjax._problem.reading import has_pulses, to_excitation
+
+        sets, name = self.problem.motions, self.settings.motion
+        if (name is None and len(sets) > 1) or self.changes_motion:
+            return to_excitation(self.motion(podium))
+        name = self.set_name(name)
+        if not has_pulses(sets[name]):
+            found: Any = self.reader.records(sets, name)
+        else:
+            found = [to_excitation(member) for member in self.reader.members(sets, name, podium)]
+        return to_excitation(found[0]) if len(found) == 1 else found
+
 
 class Panels(NamedTuple):
     """Podiums of panels: all periods of the first mass ratio, then of the second, …"""

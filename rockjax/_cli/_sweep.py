@@ -20,7 +20,7 @@ from ._request import Request
 from ._run import INTERRUPTED, Report, command
 
 if TYPE_CHECKING:
-    import rockjax as rj
+    pass
 
 
 @command(
@@ -96,7 +96,7 @@ def sweep(
         )
     options = request.options(outputs=tuple(request.settings.outputs))
     with request.reader.at("sweep.axes"):
-        scenes = rj.grid(podium, _excitation(request, podium), **axes)
+        scenes = rj.grid(podium, request.motion_or_set(podium), **axes)
     report.note(repr(scenes))
     call: dict[str, Any] = {
         "store": store,
@@ -163,21 +163,6 @@ def _parse_axis(text: str) -> Any:
     if log not in ([], ["log"]):
         raise ValueError(message)
     return span | {"log": bool(log)}
-
-
-def _excitation(request: Request, podium: rj.Podium) -> Any:
-    """Return all motions of the chosen set, or a single motion if options change or select one."""
-    from rockjax._problem.reading import has_pulses, to_excitation
-
-    sets, name = request.problem.motions, request.settings.motion
-    if (name is None and len(sets) > 1) or request.changes_motion:
-        return to_excitation(request.motion(podium))
-    name = request.set_name(name)
-    if not has_pulses(sets[name]):
-        motions: Any = request.reader.records(sets, name)
-    else:
-        motions = [to_excitation(member) for member in request.reader.members(sets, name, podium)]
-    return to_excitation(motions[0]) if len(motions) == 1 else motions
 
 
 @contextlib.contextmanager

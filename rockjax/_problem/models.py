@@ -421,6 +421,20 @@ class Response(_OneMotion):
     friction: Positive | None = key(None, _FRICTION, STRUCTURE)
 
 
+class Floors(_OneMotion):
+    """Table of `rockjax floors`; without a number, the motions of a set are a suite."""
+
+    levels: list[Label] | None = key(
+        None, "Levels: deck, or numbers of stories; by default the deck and all stories.", GRID
+    )
+    periods: Frequencies = key((0.05, 5.0), "Range of the periods of the oscillators T_e [s].", GRID)
+    points: Points = key(100, "Number of periods, at equal ratios.", GRID)
+    oscillator_damping: NotNegatives = key([0.05], "Damping ratios of the oscillators [–].", GRID)
+    direction: Literal["horizontal", "vertical"] = key("horizontal", "Direction of the motion.", GRID)
+    t_end: Number | None = key(None, "End [s]; by default also 5 T_e after the motion.", GRID)
+    sensitivities: list[str] = key([], "Parameters y for y ∂/∂y of the spectra.", GRID)
+
+
 class _Panels(Keys):
     """Structures with different superstructures, under one kind of pulse."""
 
@@ -523,6 +537,7 @@ class Problem(Keys):
     motions: dict[str, MotionSet] = key({}, "Sets of motions, by names that you choose.")
     options: Options = Field(default_factory=Options)
     response: Response = Field(default_factory=Response)
+    floors: Floors = Field(default_factory=Floors)
     spectrum: Spectrum = Field(default_factory=Spectrum)
     overturning: Overturning = Field(default_factory=Overturning)
     fragility: Fragility = Field(default_factory=Fragility)

@@ -47,6 +47,7 @@ from rockjax._structures import Podium
 if TYPE_CHECKING:
     import xarray
 
+NEVER_LIFTS = 1.57  # slenderness α of columns that no ground motion lifts [rad]
 MORE_PERIODS = 5  # of the longest oscillator, after the end of the ground motion
 
 # name: (unit, description), over levels, dampings and periods, and over levels
@@ -86,6 +87,7 @@ def floor_spectrum(
     initial: State = REST,
     t_end: float | None = None,
     options: Options = Options(),
+    fixed_base: bool = False,
     sensitivities: Sequence[str] = (),
     progress: Any = False,
 ) -> xarray.Dataset:
@@ -103,6 +105,8 @@ def floor_spectrum(
     - `initial`, `options`: of the scenes
     - `t_end`: end of the scenes [s]; by default as for histories, or 5 max T_e after the motion if that is
       later
+    - `fixed_base`: also compute the spectra of the ground, `ground_pseudo_acceleration` …, and of the same
+      floors on a base that never lifts, `fixed_base_pseudo_acceleration` …
     - `sensitivities`: parameters y for which y ∂/∂y of the spectra is computed as well, (L8), as in
       [`rockjax.peak_responses`][]
     - `progress`: `True` for a progress bar over the motions, or anything with `update(number)`
@@ -138,15 +142,28 @@ def floor_spectrum(
     import_in_background(*TABLES)
     stories = {str(y): y for y in levels if y != DECK} if sensitivities else {}
     request = _Request(rows, stories, T, zeta, direction, tuple(sensitivities))
-    found = []
-    with bar(len(members), "motions", progress) as counter:
+    labels = None if not is_suite else list(range(1, len(members) + 1)) if names is None else names
+
+    def solve(podium: Podium, options: Options, request: _Request) -> xarray.Dataset:
+        found = []
         for member in members:
             own_end = _default_end(podium, member, T.max()) if end is None else end
             response = simulate(podium, member, initial=initial, t_end=own_end, options=options)
             found.append(_spectrum(response, start, own_end, request))
             counter.update(1)
-    labels = None if not is_suite else list(range(1, len(members) + 1)) if names is None else names
-    data = _dataset(request, labels, found)
+        return _dataset(request, labels, found)
+
+    with bar(len(members) * (1 + fixed_base), "motions", progress) as counter:
+        data = solve(podium, options, request)
+        if fixed_base:
+            still = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
+            of_ground = request._replace(
+                weights={DECK: 0 * next(iter(rows.values()))} | rows, stories={}, names=()
+            )
+            fixed = solve(still, options.replace(overturn_ratio=1.0), of_ground)
+            for name in SPECTRA:
+                data[f"ground_{name}"] = fixed[name].sel(level=DECK, drop=True)
+                data[f"fixed_base_{name}"] = fixed[name].sel(level=list(rows))
     about = describe_excitation(members[0]) if not is_suite else {}
     data.attrs = {
         "title": "Floor response spectra",

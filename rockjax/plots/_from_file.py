@@ -85,6 +85,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "ida": Picture(plots.incremental_dynamic_analysis, group="analysis"),
     },
     "risk": {"risk": Picture(plots.risk)},
+    "floor-spectrum": {"floors": Picture(plots.floor_spectrum)},
     "record-spectrum": {"record-spectrum": Picture(plots.record_spectrum)},
     "design-chart": {"chart": Picture(_chart)},
 }

@@ -523,10 +523,31 @@ def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
     assert "wrote d-convergence.png" in out
 
 
+def test_floors_writes_spectra_and_their_picture(run, tmp_path):
+    problem = tmp_path / "floors.toml"
+    table = "[floors]\nmotion = 'pulses'\nperiods = [0.1, 1.0]\npoints = 4\nt_end = 4.0\n"
+    problem.write_text(FRAME + table)
+    code, out, _ = run("floors", problem, "--oscillator-damping", "0.02,0.05", "-o", "f.pdf")
+    assert code == 0
+    assert re.search(r"deck +acceleration 0\.\d+ g, velocity jump 0\.\d+ m/s, spectrum", out)
+    with xarray.open_dataset(tmp_path / "f.nc") as data:
+        assert data["pseudo_acceleration"].sizes == {"motion": 2, "level": 2, "damping": 2, "period": 4}
+        assert data["ground_pseudo_acceleration"].dims == ("motion", "damping", "period")
+        np.testing.assert_allclose(data["period"], np.geomspace(0.1, 1.0, 4))
+    assert (tmp_path / "f.pdf").exists()
+    assert run("plot", "f.nc")[0] == 0
+    assert (tmp_path / "f-floors.png").exists()
+    code, out, _ = run("floors", problem, "--number", "1", "--levels", "deck", "--json")
+    assert json.loads(out)["levels"]["deck"]["peak_velocity_jump"] > 0
+    code, _, err = run("floors", problem, "--levels", "3")
+    assert (code, "story from 1 to 1, got level = 3" in err) == (2, True)
+
+
 COMMANDS = (
     "spectrum",
     "overturning",
     "response",
+    "floors",
     "fragility",
     "design",
     "motions",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax import plots
 from rockjax._oscillators import Load, ground_load, largest
 from tests.reference_floors import largest_displacements
 from tests.scenes import shaking
@@ -256,6 +257,36 @@ def test_broadening_is_the_running_maximum_over_log_periods(suite):
     np.testing.assert_allclose(rj.broadened(one, 0.0)["pseudo_acceleration"], one["pseudo_acceleration"])
     with pytest.raises(ValueError, match=r"broadened: ratio must be in \[0, 1\), got ratio = 1"):
         rj.broadened(one, 1.0)
+
+
+def test_spectra_of_the_ground_and_of_a_fixed_base_are_beside_them():
+    pulse, periods = rj.OneSine(2.0, 0.8), np.geomspace(0.1, 2.0, 6)
+    found = spectrum(TOP, pulse, periods, level=["deck", 1], fixed_base=True, t_end=6.0)
+    weak = rj.OneSine(2.0 / 16, 0.8)  # in full contact
+    ground = 16 * spectrum(FRAME, weak, periods, t_end=6.0)
+    fixed = 16 * spectrum(TOP, weak, periods, level=["deck", 1], t_end=6.0)
+    for name in ("pseudo_acceleration", "absolute_acceleration", "relative_displacement"):
+        np.testing.assert_allclose(found[f"ground_{name}"], ground[name][0], rtol=1e-8)
+        np.testing.assert_allclose(found[f"fixed_base_{name}"], fixed[name], rtol=1e-8)
+    figure = plots.floor_spectrum(found, "absolute_acceleration")
+    deck, top = figure.axes
+    assert [line.get_label() for line in top.lines[:3]] == ["ground", "fixed base", "podium"]
+    drawn = np.asarray(top.lines[2].get_ydata()) * float(TOP.g)
+    np.testing.assert_allclose(drawn, found["absolute_acceleration"].sel(level="1")[0])
+    assert [line.get_label() for line in deck.lines] == ["ground", "podium"]
+    with pytest.raises(ValueError, match=r"floor_spectrum: damping must be one of \[0.05\], got 0.1"):
+        plots.floor_spectrum(found, damping=0.1)
+    with pytest.raises(ValueError, match="quantity must be one of"):
+        plots.floor_spectrum(found, "velocity")
+
+
+def test_pictures_of_suites_leave_out_motions_that_overturn(suite):
+    (ax,) = plots.floor_spectrum(suite, "relative_displacement").axes
+    labels = [str(line.get_label()) for line in ax.lines]
+    assert sum(not label.startswith("_") for label in labels) == 1
+    assert len(labels) == 3
+    median = suite["relative_displacement"][:2].median("motion").values.ravel()
+    np.testing.assert_allclose(np.asarray(ax.lines[-1].get_ydata()), median)
 
 
 def test_progress_counts_motions():

@@ -1,0 +1,89 @@
+"""`rockjax floors`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rockjax._problem import models
+
+from ._options import PULSE, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
+from ._outputs import parse_outputs
+from ._request import Request
+from ._run import Report, command
+
+
+@command(
+    structure_options(**SINGLE_DEFAULTS),
+    options_of(models.Pulses, **PULSE),
+    options_of(models.Record),
+    options_of(models.Floors),
+    accuracy(rtol=1e-8, method="dopri8"),
+)
+def floors(request: Request, report: Report, output: Output = "rockjax-floors") -> None:
+    """Floor response spectra of the deck and of stories, beside those of the ground and of the same building
+    fixed at its base.
+
+    A set of several motions is a suite, of which medians are drawn. Writes OUTPUT.nc and OUTPUT.png.
+
+    \b
+    Examples:
+      rockjax floors --acceleration-ratio 2.5 --T-p 1.0 --T-s 0.5
+      rockjax floors --record suite/RSN1.AT2 --levels deck --direction vertical
+      rockjax floors --example floors -o floors.pdf
+      rockjax floors problem.toml --motion records --sensitivities alpha
+    """
+    import numpy as np
+
+    import rockjax as rj
+
+    files = parse_outputs(output, "rockjax-floors").check(("",))
+    podium, settings = request.podium(), request.settings
+    motion = request.motion_or_set(podium)
+    top = podium.superstructure
+    weights = None if top is None else top.story_weights
+    stories = 0 if weights is None else weights.shape[-2]
+    levels: Any = settings.levels or ["deck", *range(1, stories + 1)]
+    levels = [int(y) if str(y).isdigit() else y for y in levels]
+    periods = np.geomspace(settings.periods[0], settings.periods[1], settings.points)
+    with report.progress(len(motion) if isinstance(motion, list | rj.Motions) else 1, "motions") as bar:
+        data = rj.floor_spectrum(
+            podium,
+            motion,
+            periods,
+            damping=settings.oscillator_damping,
+            level=levels,
+            direction=settings.direction,
+            t_end=settings.t_end,
+            fixed_base=True,
+            sensitivities=settings.sensitivities,
+            options=request.options(),
+            progress=bar,
+        )
+    report.write(files.data(), data)
+    report.draw(files.picture(), "floor_spectrum", data)
+    g, overturned = float(podium.g), np.atleast_1d(data["overturned"].values)
+    until = f"; {int(overturned.sum())} of {overturned.size} scenes overturned, values until then"
+    report.say(f"{overturned.size} scenes{until if overturned.any() else ''}; largest values:")
+    facts = {}
+    for level in data["level"].values.tolist():
+        of_level = data.sel(level=level)
+        spectrum = of_level["pseudo_acceleration"].max(
+            [y for y in of_level["pseudo_acceleration"].dims if y != "period"]
+        )
+        place = int(spectrum.argmax("period"))
+        peak, jump = (float(of_level[name].max()) for name in ("peak_acceleration", "peak_velocity_jump"))
+        report.say(
+            f"  {level:<6} acceleration {peak / g:.4g} g, velocity jump {jump:.4g} m/s, spectrum "
+            f"{float(spectrum[place]) / g:.4g} g at {periods[place]:.3g} s"
+        )
+        facts[level] = {
+            "peak_acceleration": peak,
+            "peak_velocity_jump": jump,
+            "spectrum": float(spectrum[place]),
+        }
+    ratio = data["remaining_ratio"].values
+    if np.any(~(ratio <= 1)):
+        report.say(
+            f"  {np.mean(~(ratio <= 1)):.0%} of the values may still grow after the end of their scene"
+        )
+    report.facts |= {"scenes": overturned.size, "overturned": float(overturned.mean()), "levels": facts}

@@ -1,0 +1,103 @@
+"""Plots of floor response spectra."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ._style import COLOURS, label_log_x, plt, styled
+
+if TYPE_CHECKING:
+    import xarray
+
+COLUMNS = 3  # panels in a row
+# prefix of the variable: (label, line)
+CURVES: dict[str, tuple[str, dict[str, Any]]] = {
+    "ground_": ("ground", {"color": "0.55", "linestyle": "--"}),
+    "fixed_base_": ("fixed base", {"color": COLOURS[2], "linestyle": "-."}),
+    "": ("podium", {"color": COLOURS[1], "linestyle": "-"}),
+}
+LABELS = {
+    "pseudo_acceleration": ("pseudo-acceleration [g]", True),
+    "absolute_acceleration": ("absolute acceleration [g]", True),
+    "relative_displacement": ("relative displacement [m]", False),
+}
+
+
+@styled
+def floor_spectrum(
+    dataset: xarray.Dataset, quantity: str = "pseudo_acceleration", damping: float | None = None
+) -> Figure:
+    """Plot floor response spectra, a panel for each level.
+
+    - `dataset`: from [`rockjax.floor_spectrum`][]. With `fixed_base=True` there, the spectra of the ground
+      and of the building fixed at its base are drawn beside
+    - `quantity`: `"pseudo_acceleration"`, `"absolute_acceleration"` or `"relative_displacement"`
+    - `damping`: ζ of the oscillators, by default the first
+
+    Of a suite the median and, thinly, every motion is drawn; motions that overturn the podium are left out of
+    its median. Levels without velocity jumps have a mark at their peak acceleration. Raises `ValueError` for
+    another quantity or damping.
+    """
+    if quantity not in LABELS:
+        raise ValueError(f"plots.floor_spectrum: quantity must be one of {tuple(LABELS)}, got {quantity!r}")
+    dampings = dataset["damping"].values
+    if damping is not None and not np.any(np.isclose(dampings, damping)):
+        raise ValueError(f"plots.floor_spectrum: damping must be one of {dampings}, got {damping!r}")
+    data = dataset.isel(damping=0 if damping is None else int(np.argmin(np.abs(dampings - damping))))
+    label, in_g = LABELS[quantity]
+    unit = float(data.attrs["g_m_s2"]) if in_g else 1.0
+    levels = data["level"].values
+    columns = 2 if levels.size == 4 else min(COLUMNS, levels.size)
+    rows = -(-levels.size // columns)
+    figure = plt.figure(figsize=(1.2 + 2.7 * columns, 0.6 + 2.5 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for ax, level in zip(axes, levels, strict=False):
+        for prefix in CURVES:
+            _draw(ax, data, f"{prefix}{quantity}", prefix, level, unit)
+        of_level = data.sel(level=level)
+        if in_g and not np.any(of_level["peak_velocity_jump"]):
+            peak = float(np.median(of_level["peak_acceleration"])) / unit
+            ax.plot([0, 0.03], [peak, peak], color=COLOURS[1], lw=2, transform=ax.get_yaxis_transform())
+        ax.set_title(f"story {level}" if str(level).isdigit() else str(level))
+        ax.grid(True, alpha=0.3)
+    for k in range(levels.size, axes.size):
+        axes[k].set_visible(False)
+        axes[k - columns].tick_params(labelbottom=True)
+    first, T = axes[0], data["period"].values
+    first.set(xscale="log", yscale="log", xlim=(T[0], T[-1]))
+    label_log_x(first)
+    axes[levels.size - 1].legend(loc="best")
+    zeta = f"{float(data['damping']):.0%}"
+    figure.supxlabel(rf"period of the oscillator $T_e$ [s], $\zeta$ = {zeta}")
+    vertical = "vertical " if data.attrs.get("direction") == "vertical" else ""
+    figure.supylabel(f"{vertical}{label}")
+    return figure
+
+
+def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, unit: float) -> None:
+    """Draw one kind of spectrum at a level, if the dataset has it."""
+    if name not in data or (prefix == "fixed_base_" and level == "deck"):
+        return
+    label, line = CURVES[prefix]
+    values = data[name].sel(level=level) if "level" in data[name].dims else data[name]
+    if "motion" in values.dims:
+        fallen = data["overturned"].values if not prefix else np.zeros(values.sizes["motion"], bool)
+        if not prefix:
+            ax.plot(
+                data["period"],
+                values.values[~fallen].T / unit,
+                color=line["color"],
+                ls="-",
+                lw=0.4,
+                alpha=0.5,
+            )
+        if fallen.all():
+            return
+        values, label = values[~fallen].median("motion"), f"{label}, median"
+    elif not prefix and bool(data["overturned"]):
+        label = f"{label}, until overturning"
+    ax.plot(data["period"], values.values / unit, label=label, **line)
