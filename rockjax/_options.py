@@ -48,6 +48,7 @@ class Options(Module):
     - `max_steps`: limit of trial steps of a scene, accepted and rejected together
     - `outputs`: requested outputs, out of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`,
       `"peak_drift"` and `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"`,
+      of the deck `"peak_deck_acceleration"` and `"peak_velocity_jump"`,
       and of the joints `"peak_friction"`, `"axial_force"`, `"peak_foundation_shear"`, `"impact_friction"`.
       The scene ends as soon as none of the requested outputs can change; other outputs are not computed
       (NaN). Impacts are counted completely only if `"impacts"` is requested or the columns overturn.

@@ -35,6 +35,7 @@ class Bounds:
     - `ground`, `vertical`: bounds of the remaining |ü_g| and |v̈_g| [m/s²]; `vertical` is 0.0 without vertical
       motion
     - `energy`: bound of the energy per N m_c, (C19) [m²/s²]
+    - `min_impact_speed`: |θ̇| before an impact up to which it leads to rest [rad/s]
     - `stays_inside`: the rotation stays inside the well
     - `rests`: the columns rest for good
     - `demand`: bound of the demand |q| of Eq. (9) of columns that rest for good [m/s²]
@@ -47,6 +48,7 @@ class Bounds:
     ground: Value
     vertical: Value | float
     energy: Value
+    min_impact_speed: Value
     stays_inside: Flag
     rests: Flag | bool
     demand: Value
@@ -75,7 +77,7 @@ class Bounds:
         self._made = {}
         scene, state = jax.lax.stop_gradient((scene, state))
         c = self.c = scene.c
-        self.overturn_angle = scene.overturn_angle
+        self.overturn_angle, self.min_impact_speed = scene.overturn_angle, scene.min_impact_speed
         x, v, t, sigma = state.x, state.v, state.t, state.sigma
         impulse = scene.lookahead.impulse(t, piece)
         self.ground = scene.lookahead.peak(t, piece, horizontal(ground))

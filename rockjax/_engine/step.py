@@ -41,7 +41,7 @@ from .fast_forward.samples import may_pass, past_all
 from .guard import Guard, watch
 from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
-from .transitions import past_breakpoint, restart, transition
+from .transitions import after_impact, past_breakpoint, restart, transition
 
 # A maximum of the demand in full contact above this fraction of the uplift threshold is landed on.
 NEAR_UPLIFT = 0.95
@@ -219,7 +219,9 @@ def _advance(
     x, v, mode = barrier((x, v, mode))
     uplifts = accepted & ~rocking & (mode != 0)
 
-    impact = Impact(scene.c, sigma, now, ground, *at_impact, v, mode)
+    # Skipped bounces put the columns to rest; the velocity after the impact itself is another.
+    theta_dot_after, _ = after_impact(scene, sigma, at_impact[1][0], guard.end_value)
+    impact = Impact(scene.c, sigma, now, ground, *at_impact, (theta_dot_after, *v[1:]), mode)
     end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact)
     followed = zip(plan.outputs, state.records, state.notes, outcome.largest, strict=True)
     updated = [output.update(end, record, note, largest) for output, record, note, largest in followed]

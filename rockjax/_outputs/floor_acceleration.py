@@ -22,7 +22,11 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 @dataclasses.dataclass(frozen=True)
 class PeakFloorAcceleration(AbstractStoryOutput):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
-    building have the acceleration of the beam, which `PeakShear` follows."""
+    building have the acceleration of the beam, which `PeakShear` follows.
+
+    With modes left out, floors also have a share 1 − ΣΓ_iφ_ji of the impulses of impacts on the deck, (L2),
+    (L3), which is left out.
+    """
 
     name = "peak_floor_acceleration"
     unit = "m s-2"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .axial_force import AxialForce
 from .base import AbstractOutput, Variable
+from .deck_acceleration import PeakDeckAcceleration
 from .deformation import PeakDeformation
 from .drift import PeakDrift
 from .floor_acceleration import PeakFloorAcceleration
@@ -14,6 +15,7 @@ from .impacts import EnergeticImpacts, Impacts
 from .margin import Margin
 from .rotation import PeakRotation
 from .shear import PeakShear
+from .velocity_jump import PeakVelocityJump
 
 REGISTRY: dict[str, AbstractOutput] = {
     output.name: output
@@ -29,6 +31,8 @@ REGISTRY: dict[str, AbstractOutput] = {
         AxialForce(),
         PeakFoundationShear(),
         ImpactFriction(),
+        PeakDeckAcceleration(),
+        PeakVelocityJump(),
         EnergeticImpacts(),
     )
 }

@@ -21,7 +21,10 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakShear(AbstractOutput):
-    """The peak shear of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7)."""
+    """The peak shear of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7).
+
+    Mass that is in no mode moves with the deck; the impulses of impacts on it are left out.
+    """
 
     name = "peak_shear"
     unit = "1"
@@ -59,10 +62,10 @@ class PeakShear(AbstractOutput):
         return larger(rest.largest_ground_acceleration / rest.scene.c.g, record)
 
     def over_sample(self, sample: Sample, record: Value) -> Flag:
-        return _stays_below(sample, record)
+        return stays_below(sample, record)
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        return _beam_bound(bounces) < record * bounces.c.g
+        return beam_bound(bounces) < record * bounces.c.g
 
     def is_final(self, bounds: Bounds, record: Value) -> Flag:
         modal = bounds.c.modal
@@ -75,7 +78,7 @@ class PeakShear(AbstractOutput):
         return {self.name: absent}
 
 
-def _stays_below(sample: Sample, record: Value) -> Flag:
+def stays_below(sample: Sample, record: Value) -> Flag:
     """Return whether the shear stays below its record over a sample.
 
     With a second derivative of at most C, the shear lies at most C z(1 − z) h²/2 above the straight line
@@ -109,7 +112,7 @@ def _curvature_bound(sample: Sample) -> Value:
     return c.two_R * (by_angle + by_ground + by_rotation) / (h * h)
 
 
-def _beam_bound(bounces: Bounces) -> Value:
+def beam_bound(bounces: Bounces) -> Value:
     """Bound the absolute acceleration of the beam over bounces [m/s²].
 
     The bound is the acceleration at uplift, Eqs. (14), (24), plus the contributions of θ and θ̇.

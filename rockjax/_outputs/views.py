@@ -66,6 +66,11 @@ class Moment(NamedTuple):
         return self.x[1] - beam(self.c, self.sigma, self.x[0], self.v[0])[0]
 
 
+def deck_acceleration(moment: Moment) -> Value:
+    """Return the absolute horizontal acceleration of the deck a_b, (L1) [m/s²]."""
+    return beam_absolute(moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a)
+
+
 Quantity = Callable[[Moment], Values]
 
 
@@ -219,7 +224,7 @@ class Step:
         modal = self.c.modal
         if modal is None or modal.residual is None:
             return None
-        of_beam = self.course(lambda m: beam_absolute(m.c, m.sigma, m.ground, m.x, m.v, m.a))
+        of_beam = self.course(deck_acceleration)
         zero = jnp.zeros_like(self.span.h)
         path = of_beam.path
         return of_beam._replace(path=Quintic(path.c0, path.c1, path.c2, path.c3, zero, zero))
@@ -317,7 +322,8 @@ class Impact(NamedTuple):
     - `t`: time of the impact, with its derivative [s]
     - `ground`: ü_g, or ü_g and v̈_g, after the impact [m/s²]
     - `x`, `v`: positions and velocities before the impact; θ = 0
-    - `v_after`, `sigma_after`: velocities and mode after the impact
+    - `v_after`: velocities after the impact, also where the bounces that follow it are skipped
+    - `sigma_after`: mode after the impact
     """
 
     c: Coefficients
@@ -412,6 +418,7 @@ class Bounces(NamedTuple):
     - `ground`: bound of |ü_g| [m/s²]
     - `height`: bound of |θ| [rad]
     - `speed`: bound of |θ̇| [rad/s]
+    - `min_impact_speed`: |θ̇| before an impact up to which it leads to rest [rad/s]
     """
 
     c: Coefficients
@@ -419,6 +426,7 @@ class Bounces(NamedTuple):
     ground: Value
     height: Value
     speed: Value
+    min_impact_speed: Value
 
 
 class Ended(NamedTuple):

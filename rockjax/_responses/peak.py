@@ -76,6 +76,9 @@ class AbstractPeak(Module):
     - `peak_drift`: largest drift of each story of a building [m]; `peak_floor_acceleration`: largest absolute
       horizontal acceleration of each floor [m/s²]. Both are None without stories, and have a last axis of
       stories from the bottom. All peaks of a scene that overturned cover only the time until overturning
+    - `peak_deck_acceleration`: peak absolute horizontal acceleration of the deck sup|a_b|, (L1) [m/s²];
+      `peak_velocity_jump`: largest jump of its velocity at an impact max|Δv_b|, (L3) [m/s], an impulse that
+      no peak acceleration contains. Both are None unless requested
     - `peak_friction`: largest friction demand max|T|/N of the joints [–], inf if a joint would open;
       `least_axial_force`, `peak_axial_force`: least and largest N/(m_c g) of the joints [–];
       `peak_foundation_shear`: max|V| divided by the total weight [–]; `peak_impact_friction`: max|J_T|/J_N at

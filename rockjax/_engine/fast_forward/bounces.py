@@ -103,7 +103,7 @@ def _bounces_to_rest(
     # From θ = 0 to the top, sin ψ decreases by at most |θ|, and cos ψ increases by at most |θ| sin α.
     moment_at_top = moment - height * (c.gravity + c.ground * max_ground * c.sin_alpha)
     rests = (moment > 0) & (moment_at_top > 0.5 * moment) & (momentum < span * moment_at_top * loss)
-    bounces = Bounces(c, scene.overturn_angle, max_ground, height, speed)
+    bounces = Bounces(c, scene.overturn_angle, max_ground, height, speed, scene.min_impact_speed)
     for output, record in zip(plan.outputs, state.records, strict=True):
         rests &= output.over_bounces(bounces, record)
     return rests

@@ -1,0 +1,56 @@
+"""The largest absolute horizontal acceleration of the deck."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds
+from rockjax._outputs.maxima import END_ZONE_CUBIC, Maximum
+from rockjax._types import Flag, Value
+
+from .base import AbstractOutput, larger
+from .shear import beam_bound, stays_below
+from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step, deck_acceleration
+
+
+@dataclasses.dataclass(frozen=True)
+class PeakDeckAcceleration(AbstractOutput):
+    """The peak absolute horizontal acceleration of the deck sup|a_b|, (L1) [m/s²], with the limits from both
+    sides of events, and without the impulses of impacts. A rigid superstructure moves with the deck.
+
+    The bound of `is_final` is |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|), where the remaining energy E limits θ̇² to 2E
+    divided by the inertia, and by Cauchy–Schwarz the spring forces that act on θ̈ in Eq. (24).
+    """
+
+    name = "peak_deck_acceleration"
+    unit = "m s-2"
+    description = "peak absolute horizontal acceleration of the deck"
+    symbol = "|a_b|"
+
+    def quantity(self, moment: Moment) -> Value:
+        return deck_acceleration(moment)
+
+    def start(self, start: Start) -> tuple[Value, None]:
+        return jnp.zeros((), start.t.dtype), None
+
+    def over_step(self, step: Step, record: Value) -> Maximum:
+        return step.largest(step.course(deck_acceleration), record, END_ZONE_CUBIC)
+
+    def over_rest(self, rest: Rest, record: Value) -> Value:
+        return larger(rest.largest_ground_acceleration, record)
+
+    def over_sample(self, sample: Sample, record: Value) -> Flag:
+        return stays_below(sample, record / sample.c.g)
+
+    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
+        return beam_bound(bounces) < record
+
+    def is_final(self, bounds: Bounds, record: Value) -> Flag:
+        return bounds.beam < record
+
+    def absent(self, ended: Ended) -> dict[str, Any]:
+        del ended
+        return {}

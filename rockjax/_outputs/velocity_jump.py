@@ -1,0 +1,61 @@
+"""The largest jump of the deck's velocity at an impact."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds
+from rockjax._engine.coefficients import Coefficients
+from rockjax._types import Flag, Value
+
+from .base import AbstractEventOutput
+from .views import Bounces, Ended, Impact, Start, Step
+
+
+@dataclasses.dataclass(frozen=True)
+class PeakVelocityJump(AbstractEventOutput):
+    """The largest jump of the horizontal velocity of the deck at an impact, max|Δv_b|, (L3) [m/s].
+
+    The bound of `is_final` is that of the fastest impact to come. At θ = 0 the potential energy is zero, and
+    columns, beam and superstructure have at least the kinetic energy ½(spin + η(2R sin α)²)θ̇², which cannot
+    exceed the remaining energy.
+    """
+
+    name = "peak_velocity_jump"
+    unit = "m s-1"
+    description = "largest jump of the horizontal velocity of the deck at an impact"
+    symbol = "|Δv_b|"
+    needs_flat = True
+
+    def start(self, start: Start) -> tuple[Value, None]:
+        return jnp.zeros((), start.t.dtype), None
+
+    def over_step(self, step: Step, record: Value) -> None:
+        del step, record
+
+    def at_impact(self, impact: Impact) -> Value:
+        c = impact.c
+        return c.two_R * c.cos_alpha * jnp.abs(impact.v_after[0] - impact.v[0])
+
+    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
+        return _jump_bound(bounces.c, bounces.speed, bounces.min_impact_speed) <= record
+
+    def is_final(self, bounds: Bounds, record: Value) -> Flag:
+        c = bounds.c
+        inertia = c.spin + c.eta * (c.two_R * c.sin_alpha) ** 2
+        speed = jnp.sqrt(2 * bounds.energy / inertia)
+        return bounds.rests | (_jump_bound(c, speed, bounds.min_impact_speed) <= record)
+
+    def absent(self, ended: Ended) -> dict[str, Any]:
+        del ended
+        return {}
+
+
+def _jump_bound(c: Coefficients, speed: Value, min_impact_speed: Value) -> Value:
+    """Bound the jumps of impacts with |θ̇⁻| ≤ `speed` [m/s]. An impact with |θ̇⁻| ≤ `min_impact_speed` leads to
+    rest, and its jump is the whole velocity."""
+    lost = jnp.maximum(jnp.minimum(1 - c.restitution, 1.0) * speed, jnp.minimum(speed, min_impact_speed))
+    return c.two_R * c.cos_alpha * lost
