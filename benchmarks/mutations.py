@@ -60,7 +60,12 @@ STAGES = (
         "engine/test_accuracy.py",
         "engine/test_hard_cases.py",
     ),
-    ("engine/test_restrainers.py", "engine/test_vertical.py", "engine/test_modes.py"),
+    (
+        "engine/test_restrainers.py",
+        "engine/test_vertical.py",
+        "engine/test_modes.py",
+        "engine/test_floors.py",
+    ),
 )
 # The tests closest to a file: part of its path → (test files, the `-k` expression of pytest). Most of them
 # solve no scene, so they take seconds. They run before the stages; `--stages 0` runs nothing else.

@@ -8,7 +8,7 @@ import pytest
 
 import rockjax as rj
 from rockjax import plots
-from rockjax._oscillators import Load, ground_load, largest
+from rockjax._oscillators import Load, largest
 from tests.reference_floors import largest_displacements
 from tests.scenes import shaking
 
@@ -66,6 +66,25 @@ def test_full_contact_passes_the_ground_motion_on():
     of_record = spectrum(FRAME, record, [0.1, 1.0])["pseudo_acceleration"][0, 0]
     exact = rj.intensity_measures(record, periods=(0.1, 1.0))["Sa"]
     np.testing.assert_allclose(of_record, exact, rtol=1e-9)
+
+
+def test_the_ground_moves_the_deck_vertically():
+    pair = rj.GroundMotion(rj.OneSine(1.0, 0.8), rj.OneSine(2.0, 0.8))
+    found = spectrum(FRAME, pair, [0.5], direction="vertical")
+    np.testing.assert_allclose(found["relative_displacement"], 2 * 0.01459471099265536, rtol=1e-11)
+    assert found["peak_velocity_jump"] == 0
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.3])
+def test_what_follows_stays_below_its_bound(damping):
+    more = {"damping": damping, "initial": rj.State(theta=0.1)}
+    at_end = spectrum(FRAME, rj.Rest(), [0.1, 0.5, 2.0], t_end=40.0, **more)["relative_displacement"]
+    for end in (0.5, 1.5, 6.0):
+        found = spectrum(FRAME, rj.Rest(), [0.1, 0.5, 2.0], t_end=end, **more)
+        bound = found["relative_displacement"] * np.maximum(1.0, found["remaining_ratio"])
+        assert (found["remaining_ratio"] > 1).all()
+        assert (at_end <= bound).all()
+        assert (bound < 200 * at_end).all()
 
 
 def test_an_elastic_top_in_full_contact_has_its_closed_form():
@@ -334,12 +353,3 @@ def test_envelopes_refuse_other_datasets_and_dims(suite):
         rj.envelope(None)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="must ascend"):
         rj.broadened(suite.isel(period=slice(None, None, -1)))
-
-
-def test_ground_loads_divide_without_change():
-    a = np.random.default_rng(1).normal(size=30)
-    load = ground_load(a, 0.1)
-    parts = load.divided(0.03)
-    assert parts.start.size == 4 * 29
-    np.testing.assert_allclose(parts.terms[:, 0], np.interp(parts.start, 0.1 * np.arange(30), a), atol=1e-14)
-    assert parts.end == pytest.approx(load.end)
