@@ -16,6 +16,7 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import AnyMotions, single_motions
 from rockjax._motions.motion import Motion, Motions
+from rockjax._motions.provenance import describe_origin
 from rockjax._motions.records import Records
 from rockjax._options import Options
 from rockjax._oscillators import largest
@@ -164,7 +165,7 @@ def floor_spectrum(
             for name in SPECTRA:
                 data[f"ground_{name}"] = fixed[name].sel(level=DECK, drop=True)
                 data[f"fixed_base_{name}"] = fixed[name].sel(level=list(rows))
-    about = describe_excitation(members[0]) if not is_suite else {}
+    about = {} if is_suite else describe_excitation(members[0]) | dict(describe_origin(excitation))
     data.attrs = {
         "title": "Floor response spectra",
         "kind": "floor-spectrum",
