@@ -9,6 +9,8 @@ from ._explore import explore as explore
 from ._failure import FailureProbability as FailureProbability
 from ._fit import Fit as Fit
 from ._fit import fit as fit
+from ._floor_targets import ContentsRotation as ContentsRotation
+from ._floor_targets import FloorSpectrum as FloorSpectrum
 from ._fresh import FreshSamples as FreshSamples
 from ._objectives import AbstractObjective as AbstractObjective
 from ._objectives import ExpectedLoss as ExpectedLoss

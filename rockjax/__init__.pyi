@@ -36,6 +36,8 @@ from ._outputs.base import Variable as Variable
 from ._responses.estimate import Errors as Errors
 from ._responses.floor import FloorMotion as FloorMotion
 from ._responses.history import Energies as Energies
+from ._responses.on_floors import ContentsAnswer as ContentsAnswer
+from ._responses.on_floors import OscillatorAnswer as OscillatorAnswer
 from ._responses.peak import Peak as Peak
 from ._responses.response import Response as Response
 from ._responses.sensitivities import Sensitivities as Sensitivities
@@ -63,9 +65,11 @@ from ._risk.reliability import reliability as reliability
 from ._risk.rocking import DesignPoint as DesignPoint
 from ._risk.rocking import design_points as design_points
 from ._risk.rocking import failure_probability as failure_probability
+from ._structures import Contents as Contents
 from ._structures import Elastic as Elastic
 from ._structures import Elevation as Elevation
 from ._structures import Modes as Modes
+from ._structures import Oscillator as Oscillator
 from ._structures import Podium as Podium
 from ._structures import Rigid as Rigid
 from ._structures import ShearBuilding as ShearBuilding

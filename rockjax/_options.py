@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import TYPE_CHECKING, Any, Literal
 
 import equinox as eqx
+import jax
 
 from rockjax._tree import Module
 
@@ -13,6 +15,7 @@ from ._checks import as_strings, require
 from ._engine.methods import EXPLICIT, solver_of
 from ._outputs.base import AbstractOutput
 from ._outputs.registry import REGISTRY, name_if_registered
+from ._structures import Podium
 from ._text.cards import card
 
 if TYPE_CHECKING:
@@ -147,3 +150,26 @@ class Options(Module):
     def replace(self, **changes) -> Options:
         """Return the options with some fields changed."""
         return dataclasses.replace(self, **changes)
+
+
+def as_compiled(podium: Podium, options: Options) -> Options:
+    """Return the options with defaults for everything that does not affect the program.
+
+    This is the order of outputs, outputs that do not apply to the podium, `history` and `throw`. Equivalent
+    requests then share one program.
+    """
+    parameters, structure = jax.tree.flatten(options)
+    applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
+    return jax.tree.unflatten(_as_compiled(structure, applicable), parameters)
+
+
+@functools.lru_cache(maxsize=256)
+def _as_compiled(structure, applicable: frozenset[str]):
+    """Return the tree structure of the options for `as_compiled`."""
+    options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
+    user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
+    select = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
+    outputs = select(options.outputs) or (() if user_outputs else options.outputs)
+    if outputs == select(PEAKS):
+        outputs = PEAKS
+    return jax.tree.structure(options.replace(outputs=(*outputs, *user_outputs), history=HISTORY, throw=True))

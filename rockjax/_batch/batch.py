@@ -21,15 +21,15 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._checks import float_type
-from rockjax._engine.scene import as_compiled
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._machine.threads import submit
 from rockjax._motions.convert import AnyMotions, as_batch
-from rockjax._options import Options
+from rockjax._options import Options, as_compiled
 from rockjax._parameters.variants import place_of
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import companion, errors
+from rockjax._responses.on_floors import Things, checked
 from rockjax._responses.peak import Peak, peak_fields
 from rockjax._responses.sensitivities import of_scenes, sensitivities_of
 from rockjax._results import REST, Interrupted, State
@@ -39,6 +39,7 @@ from .chunk import LaneLayout
 from .edge_distance import SCALE
 from .exchange import Done
 from .executors import AbstractExecutor, executor_for
+from .on_floors import answers_on_floors
 from .scenes import NOTHING, Numbers, SceneBatch, broadcast
 
 # Number of lanes per core: they fill the vector unit, and their data fit into the first-level cache.
@@ -70,6 +71,7 @@ def peak_responses(
     sensitivities: Sequence[str] = (),
     devices: Sequence[jax.Device] | None = None,  # pyright: ignore[reportInvalidTypeForm]
     threads: int | None = None,
+    on_floors: Things = (),
 ) -> Peak:
     """Compute peak responses of a batch of scenes, in parallel on all cores or devices (host).
 
@@ -97,6 +99,8 @@ def peak_responses(
       default all accelerators; without accelerators, threads on the CPU
     - `threads`: number of threads on a CPU, ≥ 1; by default one for each core that this process may use.
       It excludes `devices`
+    - `on_floors`: light things on the floors of every scene, as for [`rockjax.peak_response`][]; they have no
+      `sensitivities`
 
     Raises `ValueError` for invalid inputs, and for `options.engine` other than `"flat"`.
     """
@@ -112,6 +116,7 @@ def peak_responses(
         devices,
         threads,
         sensitivities,
+        on_floors,
     )
     warn_of_failures(peaks, stacklevel=3)
     return peaks
@@ -141,11 +146,12 @@ def responses(
     devices: Sequence | None = None,
     threads: int | None = None,
     sensitivities: Sequence[str] = (),
+    on_floors: Things = (),
 ) -> Peak:
     """Compute [`peak_responses`][rockjax.peak_responses] without warnings; another thread can stop it.
 
     - `podiums`, `excitations`, `initial`, `t_end`, `options`, `progress`, `devices`, `threads`,
-      `sensitivities`: as in `peak_responses`
+      `sensitivities`, `on_floors`: as in `peak_responses`
     - `stop`: event that stops the batch once it is set
 
     Raises [`rockjax.Interrupted`][] with the answers so far if it is stopped, and `ValueError` for
@@ -164,6 +170,7 @@ def responses(
         podiums = podiums.without_idle_restrainers()
     if not options.of_joints and "elevation" not in varied:
         podiums = podiums.without_elevation()
+    things = checked("peak_responses", podiums, on_floors)
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     solution_count = 2 if "errors" in options.outputs else 1
     require_memory("peak_responses", scenes.total, solution_count * BYTES + len(names) * BYTES_OF_SLOPES)
@@ -187,7 +194,13 @@ def responses(
         message = f"stopped with {scenes.total - unsolved} of {scenes.total} scenes solved"
         fields = peak_fields(floats, integers, options)
         raise Interrupted(message, Peak(**fields, errors=estimates, sensitivities=slopes))
-    return Peak(**peak_fields(floats, integers, options), errors=estimates, sensitivities=slopes)
+    found = (
+        answers_on_floors(scenes, shape, options, things, progress, stop, lane_executor.hosts)
+        if things
+        else ()
+    )
+    fields = peak_fields(floats, integers, options)
+    return Peak(**fields, errors=estimates, sensitivities=slopes, on_floors=found)
 
 
 def bare_responses(

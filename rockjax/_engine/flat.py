@@ -34,6 +34,7 @@ class Nodes(NamedTuple):
     sigma: Float[Array, " n"]  # modes
     piece: Array  # pieces of the excitation
     impact_time: Float[Array, " n"]  # time of the impact [s]; NaN unless the node is an impact
+    event_time: Float[Array, " n"]  # the time with the derivative of the event or breakpoint there [s]
     used: Index  # number of nodes; may exceed the capacity n
 
 
@@ -47,6 +48,7 @@ def blank_nodes(state: LoopState, capacity: int) -> Nodes:
         sigma=zeros,
         piece=jnp.zeros((capacity,), state.piece.dtype),
         impact_time=jnp.full_like(zeros, jnp.nan),
+        event_time=jnp.full_like(zeros, jnp.inf),
         used=jnp.zeros((), jnp.int32),
     )
 
@@ -58,7 +60,9 @@ def _put(buffers, at: Index, values):
 
 def _append(nodes: Nodes, state: LoopState, impact_time: Value, valid: Array) -> Nodes:
     """Append the state as a node if `valid` is True."""
-    row = Nodes(state.t, state.x, state.v, state.sigma, state.piece, impact_time, nodes.used)
+    row = Nodes(
+        state.t, state.x, state.v, state.sigma, state.piece, impact_time, state.event_time, nodes.used
+    )
     at = jnp.where(valid, nodes.used, nodes.t.shape[0])
     filled = _put(nodes._replace(used=None), at, row._replace(used=None))
     return filled._replace(used=nodes.used + valid.astype(jnp.int32))

@@ -16,7 +16,7 @@ from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
 from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.sampled import AbstractSampled
-from rockjax._options import HISTORY, PEAKS, Options
+from rockjax._options import Options
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.registry import REGISTRY
 from rockjax._outputs.rotation import PeakRotation
@@ -64,29 +64,6 @@ def plan_for(
         to_the_end=history,
         fast_forwards=tuple(name for name in names if name == "rest" or "rest" in names),
     )
-
-
-def as_compiled(podium: Podium, options: Options) -> Options:
-    """Return the options with defaults for everything that does not affect the program.
-
-    This is the order of outputs, outputs that do not apply to the podium, `history` and `throw`. Equivalent
-    requests then share one program.
-    """
-    parameters, structure = jax.tree.flatten(options)
-    applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
-    return jax.tree.unflatten(_as_compiled(structure, applicable), parameters)
-
-
-@functools.lru_cache(maxsize=256)
-def _as_compiled(structure, applicable: frozenset[str]):
-    """Return the tree structure of the options for `as_compiled`."""
-    options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
-    user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
-    select = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
-    outputs = select(options.outputs) or (() if user_outputs else options.outputs)
-    if outputs == select(PEAKS):
-        outputs = PEAKS
-    return jax.tree.structure(options.replace(outputs=(*outputs, *user_outputs), history=HISTORY, throw=True))
 
 
 # The rest velocity is lower in the closer solution, by the factor e³ (three impacts later), limited to

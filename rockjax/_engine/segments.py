@@ -111,6 +111,7 @@ def _append(
         sigma=put(nodes.sigma, state.sigma if sigma is None else sigma),
         piece=put(nodes.piece, state.piece if piece is None else piece),
         impact_time=put(nodes.impact_time, jnp.nan if impact_time is None else impact_time),
+        event_time=put(nodes.event_time, ts),
         used=nodes.used + jnp.sum(valid, dtype=jnp.int32),
     )
 

@@ -11,23 +11,20 @@ from __future__ import annotations
 from typing import Any
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 from jax.core import Tracer
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._options import Options
+from rockjax._options import Options, as_compiled
 from rockjax._outputs.views import Ended
-from rockjax._programs.derivatives import differentiable, is_concrete, pushed
+from rockjax._programs.derivatives import differentiable, is_concrete, with_jacobian, with_jacobian_rule
 from rockjax._programs.program import StoredProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
 from .flat import Nodes, record_decisions, replay, run, run_with_history
-from .scene import as_compiled, plan_for, prepare
+from .scene import plan_for, prepare
 from .state import LoopState, Plan, Scene
 
 
@@ -75,7 +72,7 @@ def _solve(
     function, recorded = _functions(
         structure, plan_for(podium, options, history is not None), options, history
     )
-    return _differentiable(function, recorded, options.engine == "flat")(*leaves)
+    return with_jacobian_rule(function, recorded, options.engine == "flat")(*leaves)
 
 
 def _solve_with_slopes(
@@ -91,7 +88,7 @@ def _solve_with_slopes(
     `numbers`, one row per leaf."""
     leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
     function, _ = _functions(structure, plan_for(podium, options, history is not None), options, history)
-    floats, jacobian, integers = _with_jacobian(function, leaves, numbers)
+    floats, jacobian, integers = with_jacobian(function, leaves, numbers)
     return (floats, integers), jacobian
 
 
@@ -167,66 +164,3 @@ def _with_nodes(answer, nodes: Nodes | None):
     if nodes is None:
         return (floats, None), (integers, None)
     return (floats, nodes._replace(piece=None, used=None)), (integers, (nodes.piece, nodes.used))
-
-
-def _differentiable(function, for_arrays, has_derivatives: bool):
-    """Return `function`, leaves ↦ (floats, integers), with the derivative rule of this module.
-
-    - `for_arrays`: the form of the function for derivatives with respect to arrays
-    - `has_derivatives`: whether the engine supports derivatives
-    """
-    evaluate = jax.custom_jvp(function)
-
-    def rule(primals, tangents):
-        if not has_derivatives:
-            raise NotImplementedError("rockjax: derivatives need Options(engine='flat')")
-        varied = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
-        directions = tuple(tangents[i] for i in varied)
-        if any(jnp.ndim(primals[i]) for i in varied):
-            point, of_varied = _of_some(for_arrays, primals, varied)
-            floats, floats_dot, integers = jax.jvp(of_varied, point, directions, has_aux=True)
-        else:
-            floats, jacobian, integers = _with_jacobian(function, primals, varied)
-            direction = jnp.stack(directions)
-            floats_dot = jax.tree.map(lambda J: jnp.tensordot(direction, J, axes=1), jacobian)
-        no_tangent = jax.tree.map(lambda y: np.zeros(jnp.shape(y), jax.dtypes.float0), integers)
-        return (floats, integers), (floats_dot, no_tangent)
-
-    evaluate.defjvp(rule, symbolic_zeros=True)
-    return evaluate
-
-
-def _of_some(function, leaves, varied):
-    """Return the leaves with the indices `varied`, and the function of these leaves alone."""
-
-    def of_varied(*values):
-        changed = list(leaves)
-        for i, value in zip(varied, values, strict=True):
-            changed[i] = value
-        return function(*changed)
-
-    return tuple(_first_order_only(leaves[i]) for i in varied), of_varied
-
-
-def _with_jacobian(function, leaves, varied):
-    """Return floats, their derivatives with respect to the leaves with the indices `varied` (one row per
-    leaf), and integers, in one pass."""
-    point = [_first_order_only(y) if i in varied else y for i, y in enumerate(leaves)]
-    unit_tangents: list[Any] = [None] * len(point)
-    for k, i in enumerate(varied):
-        unit_tangents[i] = jnp.eye(len(varied), dtype=point[i].dtype)[k]
-    return pushed(function, point, unit_tangents, loops=True)
-
-
-@jax.custom_jvp
-def _first_order_only(x):
-    """Return x. Second derivatives raise an error, since the treatment of event times is exact to first order
-    only."""
-    return x
-
-
-@_first_order_only.defjvp
-def _first_order_only_jvp(primals, tangents):
-    raise NotImplementedError(
-        "rockjax has first derivatives only; second derivatives through events are not available"
-    )

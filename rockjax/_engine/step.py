@@ -41,7 +41,7 @@ from .fast_forward.samples import may_pass, past_all
 from .guard import Guard, watch
 from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
-from .transitions import after_impact, past_breakpoint, restart, transition
+from .transitions import after_impact, jolt, past_breakpoint, restart, transition
 
 # A maximum of the demand in full contact above this fraction of the uplift threshold is landed on.
 NEAR_UPLIFT = 0.95
@@ -215,6 +215,11 @@ def _advance(
     x, v, mode = transition(
         scene, sigma, x, v, ground, hit, lifted, guard.end_value, false_uplift, skipped.to_rest
     )
+    jump, shaken = scene.excitation.velocity_jump(state.piece), None
+    if jump is not None:
+        jump = jax.tree.map(lambda y: jnp.where(at_breakpoint & ~toppled, y, 0.0), jump)
+        shaken = jolt(scene, mode, x, v, ground, jump)
+        v, mode = shaken.v, shaken.sigma
     mode = constant(mode) if replayed is None else replayed.mode
     x, v, mode = barrier((x, v, mode))
     uplifts = accepted & ~rocking & (mode != 0)
@@ -222,11 +227,14 @@ def _advance(
     # Skipped bounces put the columns to rest; the velocity after the impact itself is another.
     theta_dot_after, _ = after_impact(scene, sigma, at_impact[1][0], guard.end_value)
     impact = Impact(scene.c, sigma, now, ground, *at_impact, (theta_dot_after, *v[1:]), mode)
-    end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact)
+    end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact, shaken)
     followed = zip(plan.outputs, state.records, state.notes, outcome.largest, strict=True)
     updated = [output.update(end, record, note, largest) for output, record, note, largest in followed]
     records, notes = (tuple(pair[k] for pair in updated) for k in (0, 1))
     raises_peak = records[0] > state.peak
+    impacts = hit.astype(jnp.int32) + skipped.impacts
+    if shaken is not None:
+        impacts += shaken.strikes
     is_first_uplift = uplifts & ~state.uplifted
     advanced = state._replace(
         t=stamp,
@@ -242,7 +250,7 @@ def _advance(
         uplifted=state.uplifted | uplifts,
         uplift_time=jnp.where(is_first_uplift, now, state.uplift_time),
         overturn_time=jnp.where(toppled, now, state.overturn_time),
-        impacts=state.impacts + hit.astype(jnp.int32) + skipped.impacts,
+        impacts=state.impacts + impacts,
         min_impact_speed=jnp.where(
             accepted & hit,
             jnp.minimum(state.min_impact_speed, skipped.min_impact_speed),

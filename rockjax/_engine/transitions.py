@@ -15,7 +15,7 @@ from rockjax._excitations.ground import GroundMotion
 from rockjax._types import Flag, Index, Value, Vector
 
 from .coefficients import Coefficients
-from .model import acceleration, impact, uplift_demand
+from .model import acceleration, horizontal, impact, uplift_demand
 from .state import Scene
 
 
@@ -88,6 +88,45 @@ def after_impact(
     theta_dot_after = impact(scene.c, theta_dot)
     rocks_on = (jnp.abs(theta_dot_after) > scene.rest_speed) & ~jnp.asarray(to_rest)
     return jnp.where(rocks_on, theta_dot_after, 0.0), jnp.where(rocks_on, -sigma, contact_mode(scene.c, q))
+
+
+class Jolt(NamedTuple):
+    """A jump of the ground's velocity, and the state after it."""
+
+    jump: Value | Shaking  # velocity jump of the ground [m/s]; zero where there is none
+    side: Value  # mode about whose pivot the velocities change
+    change: Vector  # changes of the velocities, before an impact that follows
+    lifts: Flag  # columns at rest lift
+    strikes: Flag  # columns at θ = 0 are driven into the ground, which is another impact
+    v: Vector  # velocities after it
+    sigma: Value  # mode after it
+
+
+def jolt(
+    scene: Scene, sigma: Value, x: Vector, v: Vector, ground: Value | Shaking, jump: Value | Shaking
+) -> Jolt:
+    """Return the effect of a jump of the ground's velocity, (L13), (L14).
+
+    - `scene`: the prepared scene
+    - `sigma`, `x`, `v`: mode, positions and velocities before the jump
+    - `ground`: ground acceleration after the jump, ü_g, or ü_g and v̈_g [m/s²]
+    - `jump`: velocity jump of the ground, horizontal, or horizontal and vertical [m/s]
+
+    Accelerations are linear in those of the ground, so the equation of motion also maps jumps. Columns at
+    rest lift to the side −sign Δv if their speed then exceeds the rest velocity; otherwise they keep their
+    mode.
+    """
+    c, at_rest = scene.c, (x[0] == 0) & (v[0] == 0)
+    side = jnp.where(at_rest, -jnp.sign(horizontal(jump)), sigma)
+    none = jax.tree.map(jnp.zeros_like, jump)
+    change = jax.tree.map(jnp.subtract, acceleration(c, side, jump, x, v), acceleration(c, side, none, x, v))
+    v = tuple(map(jnp.add, v, change))
+    lifts = at_rest & (side * v[0] > scene.rest_speed)
+    strikes = ~at_rest & (x[0] == 0) & (side * v[0] < 0)
+    struck, mode = after_impact(scene, side, v[0], uplift_demand(c, ground, x, v))
+    theta_dot = jnp.where(strikes, struck, jnp.where(at_rest & ~lifts, 0.0, v[0]))
+    mode = jnp.where(strikes, mode, jnp.where(at_rest & ~lifts, sigma, side))
+    return Jolt(jump, side, change, lifts, strikes, (theta_dot, *v[1:]), mode)
 
 
 def past_breakpoint(

@@ -125,6 +125,12 @@ class AbstractExcitation(Module):
         """Return the previous piece if `by` is 1, the same piece if it is 0."""
         return index - by
 
+    def velocity_jump(self, index: Index) -> Value | Shaking | None:
+        """Return the jump of the ground's velocity at the end of a piece [m/s]; None for a motion without
+        jumps."""
+        del index
+        return None
+
     def curvature(self) -> Value:
         """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴]. The components of a `GroundMotion`
         need it."""

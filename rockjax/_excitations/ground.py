@@ -165,6 +165,18 @@ class GroundMotion(AbstractExcitation):
         retreats = lambda flag, k: (flag & (k > 0) & (jnp.asarray(by) != 0)).astype(index.dtype)
         return self._combined_index(i - retreats(first >= other, i), j - retreats(other >= first, j))
 
+    def velocity_jump(self, index: Index) -> Shaking | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        i, j = self.parts(index)
+        of_horizontal: Any = self.horizontal.velocity_jump(i)
+        of_vertical: Any = self.vertical.velocity_jump(j)
+        if of_horizontal is None and of_vertical is None:
+            return None
+        first, other = self._ends(index)
+        return Shaking(
+            jnp.where(first <= other, 0.0 if of_horizontal is None else of_horizontal, 0.0),
+            jnp.where(other <= first, 0.0 if of_vertical is None else of_vertical, 0.0),
+        )
+
     def tie(self, index: Index) -> tuple[Value, Index]:
         """Return the difference of breakpoints that coincide at the end of a piece, and the piece between
         them.

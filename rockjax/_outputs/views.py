@@ -22,6 +22,7 @@ from rockjax._engine.hermite import Quintic, is_long, quintic
 from rockjax._engine.model import acceleration, beam, beam_absolute, beam_acceleration
 from rockjax._engine.ratio import safe_ratio
 from rockjax._engine.state import LoopState, Scene
+from rockjax._engine.transitions import Jolt
 from rockjax._excitations.base import Shaking
 from rockjax._outputs.maxima import (
     END_ZONE,
@@ -351,6 +352,7 @@ class StepEnd(NamedTuple):
     - `now`: time of the end, with its derivative [s]; `stamp`: its stamp [s]
     - `x`, `v`: positions and velocities after the transition
     - `impact`: the impact, valid where `hit`
+    - `jolt`: the jump of the ground's velocity at its end; None for motions without jumps
     """
 
     step: Step
@@ -364,6 +366,7 @@ class StepEnd(NamedTuple):
     x: Vector
     v: Vector
     impact: Impact
+    jolt: Jolt | None
 
 
 class Rest:

@@ -1,7 +1,9 @@
-"""Derivatives of one scene with concrete parameters: one stored program serves all requested derivatives.
+"""Derivatives of programs, in forward mode together with the value.
 
-The program computes the answers and their derivatives with respect to every scalar parameter of the
-podium and the excitation, in one pass. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
+Inside a traced program derivatives with respect to scalars are a Jacobian (`with_jacobian_rule`). For one
+scene with concrete parameters one stored program serves all requested derivatives (`differentiable`): it
+computes the answers and their derivatives with respect to every scalar parameter of the podium and the
+excitation, in one pass. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
 """
 
 from __future__ import annotations
@@ -39,13 +41,7 @@ def pushed(
     tangents = jax.tree.leaves(tuple(slopes), is_leaf=is_none)
     varied = [i for i, tangent in enumerate(tangents) if tangent is not None]
     point = [leaves[i] for i in varied]
-
-    def of_varied(*values):
-        changed = list(leaves)
-        for i, value in zip(varied, values, strict=True):
-            changed[i] = value
-        return function(*jax.tree.unflatten(structure, changed))
-
+    of_varied = _of_some(lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), leaves, varied)
     directions = [tangents[i] for i in varied]
     if loops:
         push = lambda *direction: jax.jvp(of_varied, point, list(direction), has_aux=True)
@@ -55,6 +51,75 @@ def pushed(
     coefficients, form = jax.tree.flatten(linear)
     linear = jax.tree.unflatten(form, barrier(coefficients))
     return floats, jax.vmap(linear)(*directions), rest
+
+
+def _of_some(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) -> Callable:
+    """Return the function of the leaves with the indices `varied` alone."""
+
+    def of_varied(*values):
+        changed = list(leaves)
+        for i, value in zip(varied, values, strict=True):
+            changed[i] = value
+        return function(*changed)
+
+    return of_varied
+
+
+def with_jacobian(function: Callable, leaves: Sequence[Any], varied: Sequence[int]):
+    """Return floats, their derivatives with respect to the leaves with the indices `varied` (one row per
+    leaf), and integers, in one pass."""
+    point = [_first_order_only(y) if i in varied else y for i, y in enumerate(leaves)]
+    unit_tangents: list[Any] = [None] * len(point)
+    for k, i in enumerate(varied):
+        unit_tangents[i] = jnp.eye(len(varied), dtype=point[i].dtype)[k]
+    return pushed(function, point, unit_tangents, loops=True)
+
+
+def with_jacobian_rule(function: Callable, for_arrays: Callable, has_derivatives: bool):
+    """Return `function`, leaves ↦ (floats, integers), with a rule for derivatives inside a program. They are
+    a Jacobian, computed in one pass together with the value.
+
+    - `for_arrays`: the form of the function for derivatives with respect to arrays
+    - `has_derivatives`: whether the engine supports derivatives
+    """
+    evaluate = jax.custom_jvp(function)
+
+    def rule(primals, tangents):
+        if not has_derivatives:
+            raise NotImplementedError("rockjax: derivatives need Options(engine='flat')")
+        varied = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
+        directions = tuple(tangents[i] for i in varied)
+        if any(jnp.ndim(primals[i]) for i in varied):
+            point = tuple(_first_order_only(primals[i]) for i in varied)
+            of_varied = _of_some(for_arrays, primals, varied)
+            floats, floats_dot, integers = jax.jvp(of_varied, point, directions, has_aux=True)
+        else:
+            floats, jacobian, integers = with_jacobian(function, primals, varied)
+            direction = jnp.stack(directions)
+            floats_dot = jax.tree.map(lambda J: jnp.tensordot(direction, J, axes=1), jacobian)
+        return (floats, integers), (floats_dot, _no_tangent(integers))
+
+    evaluate.defjvp(rule, symbolic_zeros=True)
+    return evaluate
+
+
+def _no_tangent(integers: Any) -> Any:
+    """Return the tangents of integers, which have none."""
+    return jax.tree.map(lambda y: np.zeros(np.shape(y), jax.dtypes.float0), integers)
+
+
+@jax.custom_jvp
+def _first_order_only(x):
+    """Return x. Second derivatives raise an error, since the treatment of event times is exact to first order
+    only."""
+    return x
+
+
+@_first_order_only.defjvp
+def _first_order_only_jvp(primals, tangents):
+    raise NotImplementedError(
+        "rockjax has first derivatives only; second derivatives through events are not available"
+    )
 
 
 def find_dependent_outputs(function: Callable, argument: Any) -> Any:
@@ -119,10 +184,7 @@ def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: 
         directions = {numbers.index(i): tangents[i] for i in varied}
         _, integers = answer
         floats_dot = jax.tree.map(lambda slope: directional_derivative(np.asarray(slope), directions), slopes)
-        return answer, (
-            floats_dot,
-            jax.tree.map(lambda y: np.zeros(np.shape(y), jax.dtypes.float0), integers),
-        )
+        return answer, (floats_dot, _no_tangent(integers))
 
     evaluate.defjvp(rule, symbolic_zeros=True)
     return evaluate
@@ -155,11 +217,6 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
 def _traced(program: StoredProgram, structure: Any, history: int | None, primals, tangents, varied):
     """Differentiate the traced program with respect to the leaves `varied`: samples or initial states, or
     inside another transformation."""
-
-    def of_varied(*values):
-        leaves = list(primals)
-        for i, value in zip(varied, values, strict=True):
-            leaves[i] = value
-        return program.traced(*jax.tree.unflatten(structure, leaves), history=history)
-
+    traced = lambda *leaves: program.traced(*jax.tree.unflatten(structure, leaves), history=history)
+    of_varied = _of_some(traced, primals, varied)
     return jax.jvp(of_varied, [primals[i] for i in varied], [tangents[i] for i in varied])

@@ -118,6 +118,7 @@ def padded(nodes: Nodes) -> Nodes:
     return padded_nodes._replace(
         t=np.pad(np.asarray(nodes.t), (0, padding), constant_values=np.inf),
         impact_time=np.pad(np.asarray(nodes.impact_time), (0, padding), constant_values=np.nan),
+        event_time=np.pad(np.asarray(nodes.event_time), (0, padding), constant_values=np.inf),
     )
 
 

@@ -91,6 +91,8 @@ class AbstractPeak(Module):
       Derivatives of the motion after an impact grow like its inverse
     - `values`: answers of all outputs by name. Each is also an attribute: `peak.peak_shear` is
       `peak.values["peak_shear"]`
+    - `on_floors`: answers of light things on the floors, [`rockjax.ContentsAnswer`][] and
+      [`rockjax.OscillatorAnswer`][], in the order in which they were given
     - `errors`: estimated errors, an [`rockjax.Errors`][]; None unless requested
     - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
     """
@@ -107,6 +109,7 @@ class AbstractPeak(Module):
     result: RESULTS
     stats: Stats
     user_outputs: tuple[AbstractOutput, ...] = eqx.field(static=True, default=(), kw_only=True)
+    on_floors: tuple[Any, ...] = eqx.field(default=(), kw_only=True)
 
     def __getattr__(self, name: str) -> Any:
         return by_name(self, name)

@@ -23,6 +23,7 @@ from rockjax._structures import Podium
 
 from .arguments import as_end, as_start, check_range, check_types, doubt_amplitude
 from .estimate import Errors, companion, errors
+from .on_floors import Things, answers_on_floors
 from .peak import Peak, peak_fields
 from .response import Response
 
@@ -36,6 +37,7 @@ def peak_response(
     initial: State = REST,
     t_end: float | Array | None = None,
     options: Options = Options(),
+    on_floors: Things = (),
 ) -> Peak:
     """Compute the peak response of one scene, without history.
 
@@ -48,6 +50,8 @@ def peak_response(
     - `t_end`: latest end of the scene [s]; by default the end of the support plus 30/p, or 10 T_s if that is
       longer
     - `options`: accuracy, requested outputs and limits
+    - `on_floors`: light things on its floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][]s; their
+      answers are the field `on_floors` of the result, and nothing else changes
 
     If values are concrete, raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError`
     for a scene that does not finish. Under `jit` check `result`.
@@ -57,6 +61,7 @@ def peak_response(
     return Peak(
         **peak_fields(floats, integers, options, throw=options.throw),
         errors=_errors(arguments, floats, integers),
+        on_floors=answers_on_floors("peak_response", *arguments, on_floors),
     )
 
 
@@ -67,12 +72,13 @@ def simulate(
     initial: State = REST,
     t_end: float | Array | None = None,
     options: Options = Options(),
+    on_floors: Things = (),
 ) -> Response:
     """Compute the response history of one scene, to `t_end`, overturning, or the final rest of a rigid
     podium.
 
-    - `podium`, `excitation`, `initial`, `t_end`, `options`: as for [`rockjax.peak_response`][]; under `jit`
-      the history has a capacity of `options.history` steps, otherwise it grows as needed
+    - `podium`, `excitation`, `initial`, `t_end`, `options`, `on_floors`: as for [`rockjax.peak_response`][];
+      under `jit` the history has a capacity of `options.history` steps, otherwise it grows as needed
 
     The peaks equal those of `peak_response` within the tolerance, unless rocking is chaotic; the output
     `"errors"` detects that. Impacts are counted to the end of the history. Errors are those of
@@ -95,6 +101,7 @@ def simulate(
     return Response(
         **peak_fields(floats, integers, options, throw=options.throw, history=True),
         errors=_errors(arguments, floats, integers),
+        on_floors=answers_on_floors("simulate", *arguments, on_floors),
         impact_times=impact_times,
         podium=podium,
         excitation=arguments[1],

@@ -4,6 +4,7 @@ from rockjax._units import STANDARD_GRAVITY
 
 from .building import ShearBuilding, superstructure_of
 from .column import g_tan_alpha, slenderness_and_size
+from .contents import Contents, Oscillator
 from .elevation import Elevation
 from .modes import Modes
 from .podium import Podium
@@ -19,10 +20,12 @@ __all__ = [
     "STANDARD_GRAVITY",
     "SUPERSTRUCTURES",
     "AbstractSuperstructure",
+    "Contents",
     "Elastic",
     "Elevation",
     "GivenRestitution",
     "Modes",
+    "Oscillator",
     "Podium",
     "Rigid",
     "ShearBuilding",

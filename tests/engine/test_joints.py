@@ -741,14 +741,19 @@ def reference_slopes(scene: Scene, y: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("place", PLACES)
 def test_derivatives(place):
-    """Forward, in reverse and as sensitivities of a batch, against differences of the independent peaks."""
+    """Forward, in reverse and as sensitivities of a batch, against differences of the independent peaks.
+
+    The largest friction of the last scene ends a hop of microseconds. The derivative of its time has an error
+    of 2e-5 at rtol = 1e-10, which falls with the tolerance.
+    """
     scene = PLACES[place]
+    tight = TIGHT.replace(rtol=1e-12, atol=1e-14) if place == "inside a step" else TIGHT
     y = numbers_of(scene)
     motion: Any = scene.motion
 
     def values(y):
         podium, shaking = changed(scene.podium, y), dataclasses.replace(motion, a_p=y[2])
-        return in_a_row(rj.peak_response(podium, shaking, t_end=scene.end, options=TIGHT))
+        return in_a_row(rj.peak_response(podium, shaking, t_end=scene.end, options=tight))
 
     expected = reference_slopes(scene, y)
     size = np.where(y == 0, 1.0, np.abs(y))
@@ -761,7 +766,7 @@ def test_derivatives(place):
     names = "alpha", "gamma", "a_p", "beam_depth", "top_height", "position_1"
     pulses = dataclasses.replace(motion, a_p=np.array([y[2], 0.9 * y[2]]))
     batch: Any = rj.peak_responses(
-        scene.podium, pulses, t_end=scene.end, options=TIGHT, sensitivities=names
+        scene.podium, pulses, t_end=scene.end, options=tight, sensitivities=names
     ).sensitivities
     found = [np.asarray(getattr(batch, name)[0]) for name in JOINT_PEAKS]
     rows = np.concatenate([y.reshape(-1, len(names)) for y in found])

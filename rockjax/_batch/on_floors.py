@@ -1,0 +1,96 @@
+"""Light things on the floors of a batch of scenes."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import Any
+
+import jax
+import numpy as np
+
+from rockjax import _results as results
+from rockjax._machine.threads import submit
+from rockjax._options import Options
+from rockjax._programs.program import StoredProgram
+from rockjax._progress import bar as bar_of
+from rockjax._responses import on_floors as of_scene
+from rockjax._results import Interrupted
+
+from .scenes import Numbers, SceneBatch
+
+CHUNK = 16  # number of scenes that are solved together
+
+
+@StoredProgram
+def _chunk(leaves, things, options, *, structure, axes, history: int):
+    """Return the answers of things on the floors of a chunk of scenes."""
+
+    def one(*leaves):
+        podium, *scene = jax.tree.unflatten(structure, leaves)
+        podium = podium.without_elevation()
+        return of_scene.on_floors((podium, things), *scene, options, history=history)
+
+    return jax.vmap(one, in_axes=axes)(*leaves)
+
+
+def answers_on_floors(
+    scenes: SceneBatch,
+    shape: tuple[int, ...],
+    options: Options,
+    things: tuple,
+    progress: Any,
+    stop: threading.Event,
+    threads: int,
+) -> tuple[Any, ...]:
+    """Return the answers of things on the floors of a batch, as arrays of its shape (host).
+
+    - `scenes`, `shape`, `options`: the batch
+    - `things`: what stands on the floors of every scene
+    - `progress`: as in `peak_responses`; `threads`: number of threads
+    - `stop`: event that stops the batch
+
+    Raises [`rockjax.Interrupted`][] without answers if it is stopped.
+    """
+    options = of_scene.floor_options(options)
+    todo, found = deque(range(0, scenes.total, CHUNK)), {}
+
+    def solve(first: int) -> Any:
+        count, history = min(CHUNK, scenes.total - first), options.history
+        leaves = scenes.part(Numbers(first, 1, count), CHUNK)
+        while True:
+            static = {"structure": scenes.structure, "axes": scenes.axes, "history": history}
+            answer = jax.tree.map(np.asarray, _chunk(leaves, things, options, **static))
+            full = np.any(answer[1][1][:count] == results.HISTORY_FULL)
+            if not full or history >= options.max_steps + 2:
+                return jax.tree.map(lambda y: y[:count] if y.ndim else np.full(count, y), answer)
+            history *= 4
+
+    with bar_of(scenes.total, "scenes with floors", progress, unit_scale=True) as bar:
+
+        def work() -> None:
+            while not stop.is_set():
+                try:
+                    first = todo.popleft()
+                except IndexError:
+                    return
+                found[first] = solve(first)
+                bar.update(found[first][1][1].size)
+
+        count = min(threads, len(todo))
+        futures = [submit(work) for _ in range(count - 1)]
+        try:
+            work()
+            for future in futures:
+                future.result()
+        except KeyboardInterrupt:
+            stop.set()
+    if stop.is_set():
+        raise Interrupted("stopped while things on floors were solved", None)
+    # Scenes in the order of the grid.
+    place = np.argsort(scenes.in_grid(np.arange(scenes.total)))
+    joined = jax.tree.map(
+        lambda *y: np.concatenate(y)[place].reshape(shape), *(found[k] for k in sorted(found))
+    )
+    floats, (integers, _) = joined
+    return of_scene.named(things, floats, integers)

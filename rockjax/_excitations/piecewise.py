@@ -1,0 +1,100 @@
+"""Motions that are polynomials between breakpoints, with jumps of the velocity at them: those of a floor."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from rockjax._types import Index, Number, Value
+
+from .base import AbstractExcitation, AbstractLookahead
+
+DEGREE = 7  # of the polynomials: over a step of the solver their error is below that of the step
+# Chebyshev nodes z ∈ [−1, 1], both ends among them, and the coefficients in powers of z from values there.
+NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
+FROM_VALUES = np.linalg.inv(np.vander(NODES, increasing=True))
+FINE = 33  # points of a piece at which its least value is looked for
+
+
+class PiecewiseMotion(AbstractExcitation):
+    """A motion that is a polynomial between breakpoints and zero outside, with jumps of its velocity.
+
+    - `times`: breakpoints, ascending; the last ones may be inf [s]
+    - `coefficients`: coefficients of the motion from each breakpoint to the next, in powers of z ∈ [−1, 1]
+      over that interval [m/s²]
+    - `jumps`: jump of the velocity at each breakpoint [m/s]
+    """
+
+    times: Float[Array, " n"]
+    coefficients: Float[Array, " n degree+1"]
+    jumps: Float[Array, " n"]
+
+    @classmethod
+    def through(cls, times: Array, values: Array, jumps: Array) -> Self:
+        """Return the motion from its values (n, DEGREE + 1) at the `NODES` of each interval."""
+        return cls(times, values @ jnp.asarray(FROM_VALUES.T, values.dtype), jumps)
+
+    @property
+    def support(self) -> tuple[Number, Number]:
+        finite = jnp.isfinite(self.times)
+        last = jnp.max(jnp.where(finite, self.times, -jnp.inf))
+        return self.times[0], last
+
+    @property
+    def breakpoints(self) -> Float[Array, " n"]:
+        return self.times
+
+    def breakpoint(self, index: Index) -> Value:
+        count = self.times.shape[-1]
+        return jnp.where(index < count, self.times[jnp.clip(index, 0, count - 1)], jnp.inf)
+
+    def locate(self, t: Value) -> Index:
+        return jnp.searchsorted(self.times, t, side="right").astype(jnp.int32)
+
+    def piece(self, index: Index) -> Callable[[Value], Value]:
+        start, end = jax.lax.stop_gradient((self.breakpoint(index - 1), self.breakpoint(index)))
+        inside = (index > 0) & jnp.isfinite(end)
+        middle, half = (jnp.where(inside, y, 1.0) for y in (0.5 * (start + end), 0.5 * (end - start)))
+        row = self.coefficients[jnp.clip(index - 1, 0, self.times.shape[-1] - 1)]
+        row = jnp.where(inside, row, 0.0)
+        return lambda t: functools.reduce(
+            lambda total, k: total * ((t - middle) / half) + row[k], reversed(range(DEGREE)), row[DEGREE]
+        )
+
+    def velocity_jump(self, index: Index) -> Value:
+        count = self.times.shape[-1]
+        return jnp.where(index < count, self.jumps[jnp.clip(index, 0, count - 1)], 0.0)
+
+    def lowest(self) -> tuple[Value, Value]:
+        z = jnp.linspace(-1.0, 1.0, FINE, dtype=self.times.dtype)
+        values = self.coefficients @ jnp.vander(z, DEGREE + 1, increasing=True).T
+        ends = jnp.append(self.times[1:], jnp.inf)
+        values = jnp.where(jnp.isfinite(ends)[:, None], values, jnp.inf)
+        k = jnp.argmin(values)
+        start, end = self.times[k // FINE], ends[k // FINE]
+        return values.ravel()[k], start + 0.5 * (1 + z[k % FINE]) * (end - start)
+
+    def lookahead(self, threshold: Value | None) -> AbstractLookahead:
+        return NoLookahead()
+
+
+class NoLookahead(AbstractLookahead):
+    """Lookahead of a motion without bounds: scenes are followed to their end."""
+
+    def next_exceedance(self, t: Value, piece: Index) -> Value:
+        raise NotImplementedError("a motion without a lookahead has no search for exceedances")
+
+    def impulse(self, t: Value, piece: Index) -> Value:
+        return jnp.full_like(t, jnp.inf)
+
+    def peak(self, t: Value, piece: Index, now: Value) -> Value:
+        return jnp.full_like(t, jnp.inf)
+
+    def highest_time(self, start: Value, end: Value) -> Value:
+        raise NotImplementedError("a motion without a lookahead has no search for maxima")

@@ -1,0 +1,123 @@
+"""Light things on the floors of a structure, which do not act back on it."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+import equinox as eqx
+import numpy as np
+
+from rockjax._checks import as_number, as_numpy_unless_traced, require, require_not_negative, require_positive
+from rockjax._text.cards import card, format_call
+from rockjax._tree import Module
+from rockjax._types import Number
+
+from .column import slenderness_and_size
+from .podium import Podium
+from .restitution import Restitution, as_restitution
+
+DECK = "deck"  # the level of the cap beam
+Level = int | Literal["deck"]
+
+
+def as_level(level) -> Level:
+    """Return a level: `"deck"`, or the number of a story ≥ 1, counted from the bottom. Raises `ValueError`
+    for anything else."""
+    if level == DECK:
+        return DECK
+    if isinstance(level, bool) or not isinstance(level, int | np.integer) or level < 1:
+        raise ValueError(f"level must be 'deck' or the number of a story ≥ 1, got {level!r}")
+    return int(level)
+
+
+def _restitution(value) -> Restitution:
+    try:
+        return as_restitution(value)
+    except ValueError as error:
+        raise ValueError(str(error).replace("Podium", "Contents")) from None
+
+
+class Contents(Module):
+    """A light free-standing block on a floor, such as a cabinet: it rocks, and neither slides nor bounces.
+
+    - `alpha`: slenderness α_c = atan(width/height), 0 < α_c < π/2 [rad]
+    - `R`: half diagonal R_c, > 0 [m]
+    - `lam`: inertia factor λ_c = I/(m R_c²), ≥ 0 [–]; 1/3 for a uniform block
+    - `restitution`: `"paper"`, e_c = 1 − 2 sin²α_c/(1+λ_c), or a velocity factor in [0, 1]
+    - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
+    - `vertical`: whether the vertical motion of the floor acts; False is the usual practice
+    - `overturn_ratio`: |φ|/α_c at which the block counts as overturned, in (0, π/(2α_c)] [–]
+
+    Raises `ValueError` for concrete numbers outside these ranges.
+    """
+
+    alpha: Number = eqx.field(converter=as_number("Contents: alpha"))
+    R: Number = eqx.field(converter=as_number("Contents: R"))
+    lam: Number = eqx.field(converter=as_number("Contents: lam"), default=1 / 3)
+    restitution: Restitution = eqx.field(converter=_restitution, default="paper")
+    level: Level = eqx.field(static=True, converter=as_level, default=DECK)
+    vertical: bool = eqx.field(static=True, default=True)
+    overturn_ratio: Number = eqx.field(converter=as_number("Contents: overturn_ratio"), default=1.0)
+
+    def __check_init__(self):
+        owner, half_turn = "Contents", np.pi / 2
+        require(owner, "alpha", self.alpha, lambda v: (v > 0) & (v < half_turn), "in (0, π/2) rad")
+        require_positive(owner, R=self.R)
+        require_not_negative(owner, lam=self.lam)
+        if not isinstance(self.vertical, bool):
+            raise ValueError(f"Contents: vertical must be True or False, got {self.vertical!r}")
+        angle = self.overturn_ratio * self.alpha
+        in_range = lambda v: (v > 0) & (v <= half_turn * (1 + 1e-12))
+        require(owner, "overturn_ratio times alpha", angle, in_range, "in (0, π/2] rad")
+
+    @classmethod
+    def from_dimensions(cls, width, height, **fields) -> Self:
+        """Return a block of full width and full height [m], both > 0.
+
+        `fields` are `lam`, `restitution`, `level`, `vertical` and `overturn_ratio` of [`rockjax.Contents`][].
+        Raises `ValueError` for numbers out of range.
+        """
+        require_positive("Contents.from_dimensions", width=width, height=height)
+        alpha, R = slenderness_and_size(*map(as_numpy_unless_traced, (width, height)))
+        return cls(alpha, R, **fields)
+
+    def block(self, g: Number) -> Podium:
+        """Return the solitary block that rocks like it, under the acceleration of gravity g [m/s²]."""
+        return Podium(self.alpha, self.R, lam=self.lam, restitution=self.restitution, g=g)
+
+    def __repr__(self):
+        return format_call(self)
+
+    def _repr_html_(self):
+        return card(self)
+
+
+class Oscillator(Module):
+    """A light linear oscillator on a floor: a pipe, a ceiling, a rack.
+
+    - `period`: natural period T_e, > 0 [s]
+    - `damping`: damping ratio ζ in [0, 1) [–]
+    - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
+    - `direction`: `"horizontal"` or `"vertical"`
+
+    Raises `ValueError` for concrete numbers outside these ranges.
+    """
+
+    period: Number = eqx.field(converter=as_number("Oscillator: period"))
+    damping: Number = eqx.field(converter=as_number("Oscillator: damping"), default=0.05)
+    level: Level = eqx.field(static=True, converter=as_level, default=DECK)
+    direction: Literal["horizontal", "vertical"] = eqx.field(static=True, default="horizontal")
+
+    def __check_init__(self):
+        require_positive("Oscillator", period=self.period)
+        require("Oscillator", "damping", self.damping, lambda v: (v >= 0) & (v < 1), "in [0, 1)")
+        if self.direction not in ("horizontal", "vertical"):
+            raise ValueError(
+                f"Oscillator: direction must be 'horizontal' or 'vertical', got {self.direction!r}"
+            )
+
+    def __repr__(self):
+        return format_call(self)
+
+    def _repr_html_(self):
+        return card(self)

@@ -1,0 +1,254 @@
+"""Blocks and oscillators on floors: closed forms, an independent integrator, derivatives, bad input."""
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.transitions import jolt
+from rockjax._excitations.base import Shaking
+from rockjax._excitations.piecewise import DEGREE, PiecewiseMotion
+from rockjax._responses.on_floors import _solve
+from tests import reference_contents, restrained
+from tests.scenes import shaking
+
+FINE = rj.Options(rtol=1e-11, atol=1e-13)
+FRAME = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
+TOP = FRAME.replace(superstructure=rj.Elastic(30.0, 0.5, 0.05))
+HEAVY = TOP.replace(restitution="compatible")
+BLOCK = rj.Contents(0.2, 0.5)
+PULSE = rj.Ricker(3.0, 1.0)
+
+
+def started_by(jump: float, alpha=0.2, R=0.5):
+    """Peak of a block at rest whose floor moves by one jump and then rests; its rotation in radians."""
+    times = jnp.array([0.0, 0.5, 6.0])
+    motion = PiecewiseMotion(times, jnp.zeros((3, DEGREE + 1)), jnp.array([0.0, jump, 0.0]))
+    block = rj.Podium(alpha, R)
+    floats, integers = _solve(block, motion, times[-1], FINE.replace(outputs=("peak_rotation",)))
+    return float(floats["peak_rotation"]) * alpha, bool(integers["overturned"])
+
+
+def test_a_jump_starts_a_block():
+    """Fact 14: the peak after one jump, and the jump that overturns."""
+    np.testing.assert_allclose(started_by(0.3)[0], 0.03658828377247352, rtol=1e-9)
+    limit = 0.5209128360247842
+    assert not started_by(limit * (1 - 1e-6))[1]
+    assert started_by(limit * (1 + 1e-6))[1]
+
+
+def test_a_jump_moves_a_rocking_block():
+    """Facts 14 and 15, and that a jump upwards alone never lifts a block at rest."""
+    block = rj.Podium(0.2, 0.5)
+    still = rj.GroundMotion(rj.Rest(), rj.Rest())
+    scene, _ = prepare(block.split(), still, rj.State(), None, FINE, plan_for(block, FINE, False))
+
+    def after(theta, side, across, up):
+        x, v = (jnp.asarray(theta),), (jnp.zeros(()),)
+        still = Shaking(jnp.zeros(()), jnp.zeros(()))
+        return jolt(scene, jnp.asarray(side), x, v, still, Shaking(jnp.asarray(across), jnp.asarray(up)))
+
+    np.testing.assert_allclose(float(after(0.05, 1.0, 0.3, 0.1).v[0]), -0.4673627049422589, rtol=1e-12)
+    lifted = after(0.0, 0.0, 0.3, 0.0)
+    np.testing.assert_allclose(float(lifted.v[0]), -0.3 * 1.470099866761862, rtol=1e-12)
+    assert float(lifted.sigma) == -1
+    for up, sigma in ((0.3 / math.tan(0.2) * (1 + 1e-9), 0), (0.3 / math.tan(0.2) * (1 - 1e-6), -1)):
+        assert float(after(0.0, 0.0, 0.3, up).sigma) == sigma
+    assert float(after(0.0, 0.0, 0.0, 0.3).sigma) == 0
+
+
+def test_one_impact_starts_a_block():
+    """Facts 16 and 19: a frame that comes to rest at its first impact, with and without its vertical part."""
+    podium = FRAME.replace(restitution=0.0)
+    things = rj.Contents(0.3, 0.4), rj.Contents(0.3, 0.4, vertical=False)
+    found = rj.peak_response(
+        podium, rj.Rest(), initial=rj.State(theta=0.05), t_end=4.0, options=FINE, on_floors=things
+    ).on_floors
+    for each, peak in zip(found, (0.1221296327300025, 0.1393632265028351), strict=True):
+        np.testing.assert_allclose(each.peak_rotation, peak / 0.3, rtol=1e-9)
+        np.testing.assert_allclose(each.uplift_time, 0.5285930092632813, rtol=1e-9)
+        assert each.started_by_impulse
+    np.testing.assert_allclose(found[0].friction_demand, 0.9844854941904820, rtol=1e-9)
+
+
+def test_an_impact_of_a_building_starts_a_block():
+    """Fact 18."""
+    (found,) = rj.peak_response(
+        HEAVY, rj.Ricker(2.4, 1.0), t_end=8.0, options=FINE, on_floors=rj.Contents(0.4, 0.5)
+    ).on_floors
+    np.testing.assert_allclose(found.uplift_time, 0.61680535044807, rtol=1e-9)
+    np.testing.assert_allclose(found.peak_rotation, 0.0504477897294 / 0.4, rtol=1e-8)
+    assert found.started_by_impulse
+
+
+def test_oscillators_agree_with_their_closed_form():
+    """Fact 9, and every level of a building against floor spectra, which are another method."""
+    periods = np.array([0.05, 0.5, 2.0])
+    things = [rj.Oscillator(T) for T in periods] + [rj.Oscillator(T, direction="vertical") for T in periods]
+    found = rj.peak_response(FRAME, rj.Ricker(3.2, 1.0), t_end=8.0, options=FINE, on_floors=things).on_floors
+    values = [float(each.pseudo_acceleration) for each in found]
+    reference = [5.42355969, 5.68864346, 8.75070007, 21.63090363, 2.85445778]
+    np.testing.assert_allclose(values[:5], reference, rtol=1e-8)
+    building = FRAME.replace(superstructure=rj.ShearBuilding([3, 3, 2], [900, 700, 500], modes=2))
+    levels = "deck", 1, 3
+    things = [rj.Oscillator(T, 0.02, level) for level in levels for T in periods]
+    options = rj.Options(rtol=1e-9, atol=1e-11)
+    found = rj.peak_response(building, rj.OneSine(3.0, 0.9), t_end=6.0, options=options, on_floors=things)
+    exact = [
+        rj.floor_spectrum(
+            building, rj.OneSine(3.0, 0.9), periods, damping=0.02, level=level, t_end=6.0, options=options
+        )
+        for level in levels
+    ]
+    for name in ("relative_displacement", "absolute_acceleration"):
+        values = [float(getattr(each, name)) for each in found.on_floors]
+        expected = np.concatenate([np.ravel(each[name]) for each in exact])
+        np.testing.assert_allclose(values, expected, rtol=1e-6)
+
+
+def test_on_a_podium_that_never_lifts_a_block_stands_on_the_ground():
+    """Fact 21, with and without vertical motion."""
+    stocky = rj.Podium(0.6, 2.0, gamma=5.0)
+    pulse = rj.OneSine(2.6, 0.8)
+    pair = rj.GroundMotion(pulse, rj.OneSine(1.5, 0.5))
+    for motion, vertical in ((pulse, True), (pair, True), (pair, False)):
+        block = dataclasses.replace(BLOCK, vertical=vertical)
+        (found,) = rj.peak_response(stocky, motion, options=FINE, on_floors=block).on_floors
+        ground = rj.peak_response(rj.Podium(0.2, 0.5), motion if vertical else pulse, options=FINE)
+        np.testing.assert_allclose(found.peak_rotation, ground.peak_rotation, rtol=1e-8)
+        np.testing.assert_allclose(found.uplift_time, ground.uplift_time, rtol=1e-9)
+        assert found.impacts > 0
+        assert not found.started_by_impulse
+
+
+SCENES = {
+    "rigid deck": (FRAME, ("ricker", 3.2, 1.0), 0.0, rj.Contents(0.12, 0.4), ()),
+    "deck under a building": (HEAVY, ("one_sine", 3.0, 0.9), 0.0, rj.Contents(0.1, 0.8), (0.0,)),
+    "top of a building": (TOP, ("one_sine", 3.0, 0.9), 0.0, rj.Contents(0.18, 0.6, level=1), (1.0,)),
+    "vertical motion": (
+        TOP, ("ricker", 3.0, 0.8), 0.5, rj.Contents(0.15, 0.5, level=1, restitution=0.7), (1.0,)
+    ),
+    "without vertical motion": (
+        HEAVY, ("ricker", 2.6, 1.0), 0.4, rj.Contents(0.3, 0.6, vertical=False), (0.0,)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_blocks_agree_with_an_independent_integrator(name):
+    podium, (kind, a_p, T_p), up, block, weights = SCENES[name]
+    pulse = {"ricker": rj.Ricker, "one_sine": rj.OneSine}[kind](a_p, T_p)
+    support = [float(y) for y in pulse.support]
+    horizontal = restrained.ricker(a_p, T_p) if kind == "ricker" else restrained.one_sine(a_p, T_p)
+    motion = rj.GroundMotion(pulse, pulse.scaled(up)) if up else pulse
+    end = support[0] + 3.5
+    (found,) = rj.peak_response(podium, motion, t_end=end, options=FINE, on_floors=block).on_floors
+    numbers = float(block.alpha), float(block.R), 1 / 3, block.vertical
+    e = float(block.block(podium.g).restitution_factor)
+    reference = reference_contents.block_on_floor(
+        restrained.frame_of(podium), reference_contents.Block(*numbers, e), end,
+        horizontal, lambda t: up * horizontal(t), weights=np.array(weights), breaks=support, start=support[0],
+    )  # fmt: skip
+    np.testing.assert_allclose(found.peak_rotation, reference.peak, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.uplift_time, reference.uplift_time, rtol=1e-6)
+    np.testing.assert_allclose(found.overturn_time, reference.overturn_time, rtol=1e-6)
+    assert bool(found.started_by_impulse) == reference.by_impulse
+
+
+def test_derivatives_agree_with_differences():
+    """With respect to the podium, the motion and the things themselves, forward and reverse."""
+
+    def values(y):
+        podium = HEAVY.replace(alpha=y[0], R=y[1])
+        things = rj.Contents(y[4], y[5]), rj.Contents(0.25, 0.3, level=1), rj.Oscillator(y[6])
+        found = rj.peak_response(podium, rj.Ricker(y[2], y[3]), t_end=6.0, options=FINE, on_floors=things)
+        block, other, oscillator = found.on_floors
+        of_block = block.peak_rotation, block.uplift_time, block.peak_rotation_time
+        of_others = other.peak_rotation, oscillator.relative_displacement, oscillator.absolute_acceleration
+        return jnp.stack([*of_block, *of_others])
+
+    y = np.array([0.15, 1.5, 2.4, 1.0, 0.4, 0.5, 0.2])
+    base = np.asarray(values(jnp.asarray(y)))
+    forward, reverse = (np.asarray(way(values)(jnp.asarray(y))) for way in (jax.jacfwd, jax.jacrev))
+    np.testing.assert_allclose(forward, reverse, rtol=1e-12, atol=1e-12)
+    for k, number in enumerate(y):
+        h, unit = 1e-4 * number, np.eye(y.size)[k]
+        at = lambda step, unit=unit: np.asarray(values(jnp.asarray(y + step * unit)))
+        slope = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
+        np.testing.assert_allclose(forward[:, k], slope, rtol=1e-5, atol=1e-6 * np.abs(base / number).max())
+
+
+def test_nothing_acts_back_and_batches_agree_with_single_scenes():
+    """Fact 23: the podium's answers are the same bits; mirrored motions and another order change nothing."""
+    things = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5, vertical=False)
+    amplitudes = np.array([[2.0, 3.2], [-3.2, 9.0]])
+    batch = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0, on_floors=things)
+    plain = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0)
+    assert np.array_equal(batch.peak_rotation, plain.peak_rotation)
+    assert plain.on_floors == ()
+    for index in ((0, 0), (0, 1), (1, 1)):
+        single = rj.peak_response(FRAME, rj.Ricker(amplitudes[index], 1.0), t_end=6.0, on_floors=things)
+        assert float(single.peak_rotation) == batch.peak_rotation[index]
+        for one, many in zip(single.on_floors, batch.on_floors, strict=True):
+            for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(many), strict=True):
+                np.testing.assert_allclose(a, b[index], rtol=1e-7)
+    blocks = batch.on_floors[0]
+    np.testing.assert_allclose(blocks.peak_rotation[1, 0], blocks.peak_rotation[0, 1], rtol=1e-9)
+    assert batch.overturned[1, 1]
+    assert list(blocks.until_overturning.ravel()) == [False, False, False, True]
+    turned = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0, on_floors=things[::-1])
+    for one, other in zip(batch.on_floors, turned.on_floors[::-1], strict=True):
+        for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+
+
+def test_histories_and_records_have_things_on_floors():
+    record = shaking(n=300)
+    peak = rj.peak_response(FRAME, record, on_floors=BLOCK).on_floors[0]
+    response = rj.simulate(FRAME, record, on_floors=(BLOCK,))
+    np.testing.assert_allclose(response.on_floors[0].peak_rotation, peak.peak_rotation, rtol=1e-9)
+    capacity = rj.Options(history=64)  # outside jit a history grows
+    grown = rj.peak_response(FRAME, record, options=capacity, on_floors=BLOCK).on_floors[0]
+    np.testing.assert_allclose(grown.peak_rotation, peak.peak_rotation, rtol=1e-12)
+
+
+def test_a_floor_that_falls_faster_than_gravity_is_named():
+    pair = rj.GroundMotion(rj.OneSine(2.0, 0.8), rj.OneSine(8.0, 0.8))
+    top = FRAME.replace(superstructure=rj.Elastic(30.0, 0.5, 0.05))
+    (found,) = rj.peak_response(top, pair, on_floors=BLOCK, options=rj.Options(throw=False)).on_floors
+    assert found.result in (rj.RESULTS.weightless, rj.RESULTS.end_of_time)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: rj.Contents(1.6, 0.5), r"alpha must be in \(0, π/2\)"),
+        (lambda: rj.Contents(0.2, 0.0), "R must be"),
+        (lambda: rj.Contents(0.2, 0.5, lam=-0.1), "lam must be"),
+        (lambda: rj.Contents(0.2, 0.5, restitution=1.2), "Contents: restitution must be"),
+        (lambda: rj.Contents(0.2, 0.5, overturn_ratio=9.0), "overturn_ratio"),
+        (lambda: rj.Contents(0.2, 0.5, level=0), "level must be 'deck'"),
+        (lambda: rj.Contents(0.2, 0.5, vertical="no"), "vertical must be True or False"),
+        (lambda: rj.Oscillator(0.0), "period must be"),
+        (lambda: rj.Oscillator(0.3, 1.0), r"damping must be in \[0, 1\)"),
+        (lambda: rj.Oscillator(0.3, direction="up"), "direction must be"),
+        (lambda: rj.peak_response(FRAME, PULSE, on_floors=rj.Contents(0.2, 0.5, level=1)), "level must be"),
+        (lambda: rj.peak_response(FRAME, PULSE, on_floors=(FRAME,)), "on_floors must hold"),
+        (lambda: rj.peak_responses(TOP, PULSE, on_floors=rj.Oscillator(0.2, level=2)), "level must be"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_named(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_blocks_from_dimensions():
+    block = rj.Contents.from_dimensions(0.4, 1.8, level="deck", vertical=False)
+    np.testing.assert_allclose(float(block.alpha), math.atan(0.4 / 1.8))
+    np.testing.assert_allclose(float(block.R), 0.5 * math.hypot(0.4, 1.8))
+    assert "alpha=0.218669" in repr(block)

@@ -1,0 +1,50 @@
+"""Targets on what stands on floors: margins, their derivatives, bad input."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import optimise
+import rockjax as rj
+
+PODIUM = rj.Podium(0.15, 1.5, 10.0, rj.Elastic(30.0, 0.5), restitution="compatible")
+SUITE = [rj.Ricker(2.4, 1.0), rj.Ricker(3.0, 0.8)]
+BLOCKS = rj.Contents(0.4, 0.5), rj.Contents(0.1, 0.8)
+OSCILLATORS = rj.Oscillator(0.3), rj.Oscillator(0.3, direction="vertical")
+OPTIONS = rj.Options(rtol=1e-10, atol=1e-12)
+TARGETS = optimise.ContentsRotation(0.5, SUITE, BLOCKS), optimise.FloorSpectrum(9.0, SUITE, OSCILLATORS)
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
+def test_margins_and_their_derivatives(target):
+    """Against single scenes, and derivatives against differences; a block that overturns has a slope too."""
+    options = OPTIONS
+
+    def margins(alpha):
+        return target.margins(dataclasses.replace(PODIUM, alpha=alpha), options)
+
+    found = np.asarray(margins(jnp.asarray(0.15)))
+    peaks = [rj.peak_response(PODIUM, motion, options=options, on_floors=target.things) for motion in SUITE]
+    name = "peak_rotation" if isinstance(target, optimise.ContentsRotation) else "pseudo_acceleration"
+    sizes = [float(getattr(each, name)) for peak in zip(*(p.on_floors for p in peaks), strict=True) for each in peak]
+    stands = found > (target.limit - 1) / target.limit if name == "peak_rotation" else np.ones(4, bool)
+    np.testing.assert_allclose(found[stands], (1 - np.array(sizes) / target.limit)[stands], rtol=1e-7)
+    slope = np.asarray(jax.jacfwd(margins)(jnp.asarray(0.15)))
+    h = 1e-5
+    difference = np.asarray(margins(jnp.asarray(0.15 + h)) - margins(jnp.asarray(0.15 - h))) / (2 * h)
+    np.testing.assert_allclose(slope, difference, rtol=2e-4, atol=1e-4)
+    assert np.all(slope != 0)
+
+
+def test_bad_input_is_named():
+    for make, words in (
+        (lambda: optimise.ContentsRotation(1.0, SUITE, BLOCKS), "limit must be"),
+        (lambda: optimise.ContentsRotation(0.5, SUITE, OSCILLATORS), "contents must be"),
+        (lambda: optimise.FloorSpectrum(0.0, SUITE, OSCILLATORS), "limit must be"),
+        (lambda: optimise.FloorSpectrum(3.0, SUITE, ()), "oscillators must be"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            make()
