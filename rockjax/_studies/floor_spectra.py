@@ -11,14 +11,14 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax._checks import as_float, format_value, require, require_number
-from rockjax._engine.scene import as_compiled, default_end
+from rockjax._engine.scene import default_end
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import AnyMotions, single_motions
 from rockjax._motions.motion import Motion, Motions
 from rockjax._motions.provenance import describe_origin
 from rockjax._motions.records import Records
-from rockjax._options import Options
+from rockjax._options import Options, as_compiled
 from rockjax._oscillators import largest
 from rockjax._programs.program import StoredProgram
 from rockjax._progress import bar
