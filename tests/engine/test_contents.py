@@ -192,8 +192,9 @@ def test_nothing_acts_back_and_batches_agree_with_single_scenes():
     assert np.array_equal(batch.peak_rotation, plain.peak_rotation)
     assert plain.on_floors == ()
     for index in ((0, 0), (0, 1), (1, 1)):
-        single = rj.peak_response(FRAME, rj.Ricker(amplitudes[index], 1.0), t_end=6.0, on_floors=things)
-        assert float(single.peak_rotation) == batch.peak_rotation[index]
+        pulse = rj.Ricker(amplitudes[index], 1.0)
+        single = rj.peak_response(FRAME, pulse, t_end=6.0, on_floors=things)
+        assert float(single.peak_rotation) == float(rj.peak_response(FRAME, pulse, t_end=6.0).peak_rotation)
         for one, many in zip(single.on_floors, batch.on_floors, strict=True):
             for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(many), strict=True):
                 np.testing.assert_allclose(a, b[index], rtol=1e-7)
@@ -218,10 +219,10 @@ def test_histories_and_records_have_things_on_floors():
 
 
 def test_a_floor_that_falls_faster_than_gravity_is_named():
-    pair = rj.GroundMotion(rj.OneSine(2.0, 0.8), rj.OneSine(8.0, 0.8))
-    top = FRAME.replace(superstructure=rj.Elastic(30.0, 0.5, 0.05))
-    (found,) = rj.peak_response(top, pair, on_floors=BLOCK, options=rj.Options(throw=False)).on_floors
-    assert found.result in (rj.RESULTS.weightless, rj.RESULTS.end_of_time)
+    """g + v̈_g stays positive on the ground; on the rocking deck it does not."""
+    pair = rj.GroundMotion(rj.OneSine(6.0, 0.8), rj.OneSine(9.7, 0.8))
+    (found,) = rj.peak_response(FRAME, pair, on_floors=BLOCK).on_floors
+    assert found.result == rj.RESULTS.weightless
 
 
 @pytest.mark.parametrize(
