@@ -27,9 +27,9 @@ def _chunk(leaves, things, options, *, structure, axes, history: int):
     """Return the answers of things on the floors of a chunk of scenes."""
 
     def one(*leaves):
-        podium, *scene = jax.tree.unflatten(structure, leaves)
-        podium = podium.without_elevation()
-        return of_scene.on_floors((podium, things), *scene, options, history=history)
+        podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
+        structures = podium.without_elevation(), things
+        return of_scene.on_floors(structures, excitation, initial, t_end, options, history=history)
 
     return jax.vmap(one, in_axes=axes)(*leaves)
 

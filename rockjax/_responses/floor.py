@@ -206,7 +206,7 @@ def motions(found: Bodies, pieces: Pieces) -> Motions:
     values = np.concatenate([found.acceleration, found.rise[:, None]], axis=1)[:count]
     terms = np.einsum("npb,pk->nkb", values.reshape(size, POINTS.size, -1), TO_TERMS)
     velocity = np.concatenate([found.velocity, found.climb[:, None]], axis=1)[count:]
-    ground = found.ground[count:]
+    ground = np.asarray(found.ground)[count:]
     return Motions(terms, velocity[:size], velocity[size:], ground[size:] - ground[:size])
 
 

@@ -29,7 +29,11 @@ def test_margins_and_their_derivatives(target):
     found = np.asarray(margins(jnp.asarray(0.15)))
     peaks = [rj.peak_response(PODIUM, motion, options=options, on_floors=target.things) for motion in SUITE]
     name = "peak_rotation" if isinstance(target, optimise.ContentsRotation) else "pseudo_acceleration"
-    sizes = [float(getattr(each, name)) for peak in zip(*(p.on_floors for p in peaks), strict=True) for each in peak]
+    sizes = [
+        float(getattr(each, name))
+        for peak in zip(*(p.on_floors for p in peaks), strict=True)
+        for each in peak
+    ]
     stands = found > (target.limit - 1) / target.limit if name == "peak_rotation" else np.ones(4, bool)
     np.testing.assert_allclose(found[stands], (1 - np.array(sizes) / target.limit)[stands], rtol=1e-7)
     slope = np.asarray(jax.jacfwd(margins)(jnp.asarray(0.15)))
