@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -40,12 +41,12 @@ class AbstractFloorTarget(AbstractTarget):
 
 def _things(owner: str, name: str, kind: type, things: Any) -> tuple[Any, ...]:
     """Return things as a tuple. Raises `ValueError` for things of another kind, and for none."""
-    found = (things,) if isinstance(things, kind) else tuple(things)
-    if not found or not all(isinstance(each, kind) for each in found):
+    found = (things,) if isinstance(things, kind) else things
+    if not isinstance(found, Sequence) or not found or not all(isinstance(each, kind) for each in found):
         raise ValueError(
             f"{owner}: {name} must be one or several rockjax.{kind.__name__}, got {format_value(things)}"
         )
-    return found
+    return tuple(found)
 
 
 class ContentsRotation(AbstractFloorTarget):

@@ -114,7 +114,7 @@ def block_on_floor(frame: Frame, block: Block, end, horizontal, vertical=lambda 
                     lifts = t
                 elif np.any(values > 0):
                     j = int(np.argmax(values > 0))
-                    lifts = brentq(demand, times[j - 1], times[j], xtol=1e-15)
+                    lifts = float(brentq(demand, times[j - 1], times[j], xtol=1e-15))  # pyright: ignore[reportArgumentType]
                 else:
                     break
                 t, side = lifts, -int(np.sign(motion(lifts)[0]))

@@ -299,10 +299,10 @@ def named(things: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
 
 def checked(owner: str, podium: Podium, on_floors: Any) -> tuple[Any, ...]:
     """Return things on floors as a tuple. Raises `ValueError` as `answers_on_floors` does."""
-    things = (on_floors,) if isinstance(on_floors, tuple(KINDS)) else tuple(on_floors)
+    things = (on_floors,) if isinstance(on_floors, tuple(KINDS)) else on_floors
+    if not isinstance(things, Sequence) or not all(isinstance(thing, tuple(KINDS)) for thing in things):
+        kinds = " or ".join(f"rockjax.{kind.__name__}" for kind in KINDS)
+        raise ValueError(f"{owner}: on_floors must hold {kinds}, got {format_value(on_floors)}")
     for thing in things:
-        if not isinstance(thing, tuple(KINDS)):
-            kinds = " or ".join(f"rockjax.{kind.__name__}" for kind in KINDS)
-            raise ValueError(f"{owner}: on_floors must hold {kinds}, got {format_value(thing)}")
         floor_weights(f"{owner}: on_floors", podium, thing.level)
-    return things
+    return tuple(things)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -234,12 +235,12 @@ def test_a_floor_that_falls_faster_than_gravity_is_named():
         (lambda: rj.Contents(0.2, 0.5, restitution=1.2), "Contents: restitution must be"),
         (lambda: rj.Contents(0.2, 0.5, overturn_ratio=9.0), "overturn_ratio"),
         (lambda: rj.Contents(0.2, 0.5, level=0), "level must be 'deck'"),
-        (lambda: rj.Contents(0.2, 0.5, vertical="no"), "vertical must be True or False"),
+        (lambda: rj.Contents(0.2, 0.5, vertical=cast(Any, "no")), "vertical must be True or False"),
         (lambda: rj.Oscillator(0.0), "period must be"),
         (lambda: rj.Oscillator(0.3, 1.0), r"damping must be in \[0, 1\)"),
-        (lambda: rj.Oscillator(0.3, direction="up"), "direction must be"),
+        (lambda: rj.Oscillator(0.3, direction=cast(Any, "up")), "direction must be"),
         (lambda: rj.peak_response(FRAME, PULSE, on_floors=rj.Contents(0.2, 0.5, level=1)), "level must be"),
-        (lambda: rj.peak_response(FRAME, PULSE, on_floors=(FRAME,)), "on_floors must hold"),
+        (lambda: rj.peak_response(FRAME, PULSE, on_floors=cast(Any, (FRAME,))), "on_floors must hold"),
         (lambda: rj.peak_responses(TOP, PULSE, on_floors=rj.Oscillator(0.2, level=2)), "level must be"),
     ],
 )  # fmt: skip
