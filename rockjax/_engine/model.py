@@ -13,7 +13,7 @@ docs/control.md. A podium without restrainers skips them.
 
 from __future__ import annotations
 
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -214,11 +214,7 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     return theta_ddot, -ground - springs
 
 
-@overload
-def plus(value: Value, addend: Value | float) -> Value: ...
-@overload
-def plus(value: float, addend: float) -> float: ...
-def plus(value: Value | float, addend: Value | float) -> Value | float:
+def plus(value: Any, addend: Value | float) -> Any:
     """Return the sum of an array and an addend. The addend 0.0, a Python float, stands for nothing to
     add: the value itself is returned, and nothing is compiled."""
     return value if isinstance(addend, float) else value + addend
@@ -315,12 +311,6 @@ def _carried(
     if modal.residual is None:
         return of_modes
     return of_modes + (1 - summed(weights)) * beam_absolute(c, sigma, ground, x, v, a)
-
-
-def drift_weights(floors: Values) -> Values:
-    """Return Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, from Γ_iφ_ji of each floor j. The drift of a
-    story is the sum of these weights times the deformations of the modes."""
-    return jnp.concatenate([floors[:1], floors[1:] - floors[:-1]])
 
 
 def floor_accelerations(

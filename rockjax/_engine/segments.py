@@ -27,6 +27,7 @@ from jaxtyping import Array, Float
 from rockjax import _results as results
 from rockjax._options import Options
 from rockjax._outputs.views import Moment
+from rockjax._roots import bisect
 from rockjax._types import Flag, Index, Value, Values, Vector
 
 from .attempt import natural_units
@@ -55,48 +56,33 @@ def run_segments(
 
     Returns the final state, and the accepted steps as nodes or None.
     """
-    nodes = None
-    if capacity is not None:
-        nodes = blank_nodes(state, capacity)
-        nodes = _append(
-            nodes,
-            state,
-            jnp.full((1,), state.t),
-            tuple(y[None] for y in state.x),
-            tuple(y[None] for y in state.v),
-        )
-
-    def condition(carry):
-        state, _ = carry
-        return is_running(state, options.max_steps)
+    nodes = None if capacity is None else _append(blank_nodes(state, capacity), state, *_row(state))
 
     def body(carry):
-        state, nodes = carry
         if plan.follows_contact:
-            return _segment(scene, plan, options, state, nodes)
+            return _segment(scene, plan, options, *carry)
+        return jax.lax.cond(carry[0].sigma == 0, advance, lambda c: _segment(scene, plan, options, *c), carry)
 
-        def advance(carry):
-            state, nodes = carry
-            state, _ = advance_to_uplift(scene, plan, state)
-            if nodes is not None:
-                node = (state.t[None], tuple(y[None] for y in state.x), tuple(y[None] for y in state.v))
-                nodes = _append(nodes, state, *node)
-            return state, nodes
+    def advance(carry):
+        state, nodes = carry
+        state, _ = advance_to_uplift(scene, plan, state)
+        return state, None if nodes is None else _append(nodes, state, *_row(state))
 
-        return jax.lax.cond(
-            state.sigma == 0, advance, lambda c: _segment(scene, plan, options, *c), (state, nodes)
-        )
-
-    state, nodes = jax.lax.while_loop(condition, body, (state, nodes))
+    state, nodes = jax.lax.while_loop(
+        lambda carry: is_running(carry[0], options.max_steps), body, (state, nodes)
+    )
     code = closed(scene, state).code
     if nodes is not None:
         code = jnp.where(nodes.used > nodes.t.shape[0], results.HISTORY_FULL, code)
     return state._replace(code=code), nodes
 
 
-def _append(
-    nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, sigma=None, piece=None, impact_time=None
-) -> Nodes:
+def _row(state: LoopState) -> tuple[Any, Rows, Rows]:
+    """Return time, positions and velocities of a state as one row each."""
+    return jax.tree.map(lambda y: y[None], (state.t, state.x, state.v))
+
+
+def _append(nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, impact_time: Any = jnp.nan) -> Nodes:
     """Append nodes at the times `ts`; nodes with the time inf are left out."""
     valid = jnp.isfinite(ts)
     at = jnp.where(valid, nodes.used + jnp.cumsum(valid, dtype=jnp.int32) - 1, nodes.t.shape[0])
@@ -106,11 +92,11 @@ def _append(
 
     return Nodes(
         t=put(nodes.t, ts),
-        x=tuple(put(s, y) for s, y in zip(nodes.x, xs, strict=True)),
-        v=tuple(put(s, y) for s, y in zip(nodes.v, vs, strict=True)),
-        sigma=put(nodes.sigma, state.sigma if sigma is None else sigma),
-        piece=put(nodes.piece, state.piece if piece is None else piece),
-        impact_time=put(nodes.impact_time, jnp.nan if impact_time is None else impact_time),
+        x=tuple(map(put, nodes.x, xs)),
+        v=tuple(map(put, nodes.v, vs)),
+        sigma=put(nodes.sigma, state.sigma),
+        piece=put(nodes.piece, state.piece),
+        impact_time=put(nodes.impact_time, impact_time),
         event_time=put(nodes.event_time, ts),
         used=nodes.used + jnp.sum(valid, dtype=jnp.int32),
     )
@@ -148,10 +134,6 @@ class _Mode(NamedTuple):
         angle = self.sigma * x[0]
         lift = self.scene.c.uplift - jnp.abs(uplift_demand(self.scene.c, self.ground_at(t), x, v))
         return jnp.where(self.rocking, jnp.minimum(angle, self.scene.overturn_angle - angle), lift)
-
-
-def _mode(scene: Scene, state: LoopState) -> _Mode:
-    return _Mode(scene, state.sigma, scene.excitation.piece(state.piece), natural_units(scene.c))
 
 
 def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:
@@ -259,15 +241,9 @@ class _Path(NamedTuple):
         spacing = (self.reached - self.start) / (SAMPLES - 1)
         lo, hi = jnp.maximum(here - spacing, self.start), jnp.minimum(here + spacing, self.reached)
         sign = jnp.sign(at_time(here))
-        inside = (sign * rate(lo) > 0) & (sign * rate(hi) < 0)
-
-        def halve(_, bracket):
-            lo, hi = bracket
-            mid = 0.5 * (lo + hi)
-            up = sign * rate(mid) > 0
-            return jnp.where(up, mid, lo), jnp.where(up, hi, mid)
-
-        lo, _ = jax.lax.fori_loop(0, 40, halve, (lo, hi))
+        rises = lambda t: sign * rate(t) > 0
+        inside = rises(lo) & (sign * rate(hi) < 0)
+        lo, _ = bisect(rises, lo, hi, 40, jnp)
         time = jnp.where(inside, lo, here)
         may_exceed = values[k] > record * (1 - 1e-2)
         value = jax.lax.cond(
@@ -373,9 +349,7 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
         uplift_time=jnp.where(uplifts & ~state.uplifted, end.t, state.uplift_time),
         overturn_time=jnp.where(end.toppled, end.t, state.overturn_time),
         impacts=state.impacts + end.hit.astype(jnp.int32),
-        min_impact_speed=jnp.where(
-            end.hit, jnp.minimum(state.min_impact_speed, end.speed), state.min_impact_speed
-        ),
+        min_impact_speed=jnp.minimum(state.min_impact_speed, jnp.where(end.hit, end.speed, jnp.inf)),
         min_impact_speed_before_peak=jnp.where(
             raises_peak, state.min_impact_speed, state.min_impact_speed_before_peak
         ),
@@ -390,7 +364,8 @@ def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes
     If the guard broke and no event was reported, the state stays, and its `cut` is the time up to which the
     segment is solved next.
     """
-    path = _path(_mode(scene, state), options, state)
+    ground_at = scene.excitation.piece(state.piece)
+    path = _path(_Mode(scene, state.sigma, ground_at, natural_units(scene.c)), options, state)
     missed, cut = path.missed()
     end = _arrival(path, state)
     advanced = _advanced(path, plan, state, end)
@@ -410,11 +385,9 @@ def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes
         inner = jnp.where((ts < end.t) & (ts > state.t) & ~missed, ts, jnp.inf)
         xs, vs = jax.vmap(path.mode.natural)(path.solution.ys)
         nodes = _append(nodes, state, inner, xs, vs)
-        at = jnp.where(missed, jnp.inf, end.t)[None]
-        at_end = (tuple(y[None] for y in advanced.x), tuple(y[None] for y in advanced.v))
-        nodes = _append(
-            nodes, state, at, *at_end, end.sigma, advanced.piece, jnp.where(end.hit, end.t, jnp.nan)
-        )
+        t, x, v = _row(advanced)
+        struck = jnp.where(end.hit, end.t, jnp.nan)
+        nodes = _append(nodes, advanced, jnp.where(missed, jnp.inf, t), x, v, struck)
         full = (nodes.used >= nodes.t.shape[0]) & (after.code == results.RUNNING)
         after = after._replace(
             code=jnp.where(full, results.HISTORY_FULL, after.code).astype(state.code.dtype)

@@ -9,11 +9,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
-
 from rockjax._excitations.base import AbstractExcitation, AbstractLookahead
+from rockjax._programs.derivatives import with_tangents
 from rockjax._types import Flag, Index, Value, Vector
 
 from .coefficients import Coefficients
@@ -126,37 +123,12 @@ DIFFERENTIATED = ("event_time", "x", "v", "records")
 _REPORTED = ("notes", "uplift_time", "overturn_time", "min_impact_speed", "min_impact_speed_before_peak")
 
 
-@jax.custom_jvp
-def _with_tangents(values):
-    return values
-
-
-def _with_tangents_jvp(primals, tangents):
-    """Replace symbolic zeros by zero tangents that are batched like the existing tangents."""
-    is_absent = lambda y: isinstance(y, SymbolicZero)
-    existing = next(y for y in jax.tree.leaves(tangents[0], is_leaf=is_absent) if not is_absent(y))
-    zero = jax.lax.select(False, existing, jnp.zeros_like(existing))[(0,) * existing.ndim]
-
-    def zeros(tangent):
-        shape = tangent.aval.shape
-        return jnp.broadcast_to(zero, shape) if shape else zero
-
-    tangent = jax.tree.map(lambda y: zeros(y) if is_absent(y) else y, tangents[0], is_leaf=is_absent)
-    return primals[0], tangent
-
-
-_with_tangents.defjvp(_with_tangents_jvp, symbolic_zeros=True)
-
-
 def ready_for_tangents(state: LoopState) -> LoopState:
     """Return the state with a tangent, possibly zero, for every field that may get one in the loop. A state
     without any tangent stays as it is.
-
-    JAX transforms the body of a loop again whenever it finds another field with a tangent. If all tangents
-    exist from the start, it does so only once.
     """
     fields = {name: getattr(state, name) for name in (*DIFFERENTIATED, *_REPORTED)}
-    return state._replace(**_with_tangents(fields))
+    return state._replace(**with_tangents(fields))
 
 
 def differentiated_fields(state: LoopState) -> dict[str, Any]:

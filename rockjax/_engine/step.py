@@ -23,6 +23,7 @@ import jax.numpy as jnp
 from rockjax import _results as results
 from rockjax._outputs.views import Impact, Step, StepEnd
 from rockjax._programs.barrier import barrier
+from rockjax._types import Flag, Index, Value, Vector
 
 from .attempt import (
     SHRINK,
@@ -41,7 +42,7 @@ from .fast_forward.samples import may_pass, past_all
 from .guard import Guard, watch
 from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
-from .transitions import after_impact, jolt, past_breakpoint, restart, transition
+from .transitions import Jolt, after_impact, jolt, past_breakpoint, restart, transition
 
 # A maximum of the demand in full contact above this fraction of the uplift threshold is landed on.
 NEAR_UPLIFT = 0.95
@@ -189,24 +190,14 @@ def _advance(
     the updated records of the outputs."""
     constant = jax.lax.stop_gradient
     trial, guard = view.trial, view.guard
-    t, h, sigma, rocking = state.t, trial.h, state.sigma, state.sigma != 0
+    h, sigma, rocking = trial.h, state.sigma, state.sigma != 0
     accepted, lands, false_uplift = outcome.accepted, outcome.lands, outcome.false_uplift
-    hit, toppled, lifted = (
-        lands & rocking & ~guard.rising_at_end,
-        lands & rocking & guard.rising_at_end,
-        lands & ~rocking,
-    )
-
-    # The state at the end of the step or at the event. `now` is the time with its derivative, `stamp` its
-    # fixed value, and `shift` their difference: zero in value, with the derivative.
+    rises = guard.rising_at_end
+    hit, toppled, lifted = lands & rocking & ~rises, lands & rocking & rises, lands & ~rocking
+    # The state at the end of the step or at the event.
     x, v = barrier(state_past(scene, state, trial, outcome.after))
     hit, toppled, lifted = barrier((hit, toppled, lifted))
-    now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches_stop, trial.stop, t + h))
-    stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
-    shift = jnp.where(lands | trial.reaches_stop, now - constant(now), 0.0)
-    at_breakpoint = stamp >= constant(scene.excitation.breakpoint(state.piece))
-    piece = scene.excitation.past(state.piece, at_breakpoint)
-    piece, stamp, now, shift = barrier((piece, stamp, now, shift))
+    piece, stamp, now, shift = barrier(_times(scene, state, trial, outcome))
     ground = scene.excitation.piece(piece)(stamp)
 
     at_impact = x, v
@@ -215,10 +206,8 @@ def _advance(
     x, v, mode = transition(
         scene, sigma, x, v, ground, hit, lifted, guard.end_value, false_uplift, skipped.to_rest
     )
-    jump, shaken = scene.excitation.velocity_jump(state.piece), None
-    if jump is not None:
-        jump = jax.tree.map(lambda y: jnp.where(at_breakpoint & ~toppled, y, 0.0), jump)
-        shaken = jolt(scene, mode, x, v, ground, jump)
+    shaken = _shaken(scene, state, (piece != state.piece) & ~toppled, mode, x, v, ground)
+    if shaken is not None:
         v, mode = shaken.v, shaken.sigma
     mode = constant(mode) if replayed is None else replayed.mode
     x, v, mode = barrier((x, v, mode))
@@ -232,10 +221,9 @@ def _advance(
     updated = [output.update(end, record, note, largest) for output, record, note, largest in followed]
     records, notes = (tuple(pair[k] for pair in updated) for k in (0, 1))
     raises_peak = records[0] > state.peak
-    impacts = hit.astype(jnp.int32) + skipped.impacts
-    if shaken is not None:
-        impacts += shaken.strikes
+    impacts = hit.astype(jnp.int32) + skipped.impacts + (0 if shaken is None else shaken.strikes)
     is_first_uplift = uplifts & ~state.uplifted
+    least = jnp.minimum(state.min_impact_speed, skipped.min_impact_speed)
     advanced = state._replace(
         t=stamp,
         event_time=now,
@@ -251,11 +239,7 @@ def _advance(
         uplift_time=jnp.where(is_first_uplift, now, state.uplift_time),
         overturn_time=jnp.where(toppled, now, state.overturn_time),
         impacts=state.impacts + impacts,
-        min_impact_speed=jnp.where(
-            accepted & hit,
-            jnp.minimum(state.min_impact_speed, skipped.min_impact_speed),
-            state.min_impact_speed,
-        ),
+        min_impact_speed=jnp.where(accepted & hit, least, state.min_impact_speed),
         min_impact_speed_before_peak=jnp.where(
             raises_peak, state.min_impact_speed, state.min_impact_speed_before_peak
         ),
@@ -275,6 +259,31 @@ def _advance(
     advanced = advanced._replace(x=x, v=v, code=code, passing=passing)
     decision = Decision(h, trial.reaches_stop, lands, false_uplift, mode)
     return advanced, StepInfo(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
+
+
+def _times(
+    scene: Scene, state: LoopState, trial: Attempt, outcome: StepOutcome
+) -> tuple[Index, Value, Value, Value]:
+    """Return the piece after the step, and the time of its end: fixed stamp, time with its derivative, and
+    their difference, which is zero in value."""
+    constant, t, h, lands = jax.lax.stop_gradient, state.t, trial.h, outcome.lands
+    now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches_stop, trial.stop, t + h))
+    stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
+    shift = jnp.where(lands | trial.reaches_stop, now - constant(now), 0.0)
+    at_breakpoint = stamp >= constant(scene.excitation.breakpoint(state.piece))
+    return scene.excitation.past(state.piece, at_breakpoint), stamp, now, shift
+
+
+def _shaken(
+    scene: Scene, state: LoopState, passed: Flag, mode: Value, x: Vector, v: Vector, ground
+) -> Jolt | None:
+    """Return the effect of a velocity jump of the ground at the end of the piece, if that is `passed`; None
+    for motions without jumps."""
+    jump = scene.excitation.velocity_jump(state.piece)
+    if jump is None:
+        return None
+    jump = jax.tree.map(lambda y: jnp.where(passed, y, 0.0), jump)
+    return jolt(scene, mode, x, v, ground, jump)
 
 
 def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) -> LoopState:

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, every
 from rockjax._engine.coefficients import Coefficients, present
-from rockjax._engine.model import drift_weights
 from rockjax._outputs.maxima import END_ZONE_QUINTIC, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
@@ -49,6 +48,12 @@ class PeakDrift(AbstractStoryOutput):
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         return self.in_all_stories(jnp.full_like(ended.t, jnp.nan if self.elastic else 0.0))
+
+
+def drift_weights(floors: Values) -> Values:
+    """Return Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, from Γ_iφ_ji of each floor j. The drift of a
+    story is the sum of these weights times the deformations of the modes."""
+    return jnp.concatenate([floors[:1], floors[1:] - floors[:-1]])
 
 
 def _weights(c: Coefficients) -> Values:

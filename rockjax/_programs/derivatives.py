@@ -122,6 +122,33 @@ def _first_order_only_jvp(primals, tangents):
     )
 
 
+@jax.custom_jvp
+def with_tangents(values):
+    """Return values with a tangent, possibly zero, for each; values without any tangent stay as they are.
+
+    JAX transforms the body of a loop again whenever it finds another field with a tangent. If all tangents
+    exist from the start, it does so only once.
+    """
+    return values
+
+
+def _with_tangents_jvp(primals, tangents):
+    """Replace symbolic zeros by zero tangents that are batched like the existing tangents."""
+    is_absent = lambda y: isinstance(y, SymbolicZero)
+    existing = next(y for y in jax.tree.leaves(tangents[0], is_leaf=is_absent) if not is_absent(y))
+    zero = jax.lax.select(False, existing, jnp.zeros_like(existing))[(0,) * existing.ndim]
+
+    def zeros(tangent):
+        shape = tangent.aval.shape
+        return jnp.broadcast_to(zero, shape) if shape else zero
+
+    tangent = jax.tree.map(lambda y: zeros(y) if is_absent(y) else y, tangents[0], is_leaf=is_absent)
+    return primals[0], tangent
+
+
+with_tangents.defjvp(_with_tangents_jvp, symbolic_zeros=True)
+
+
 def find_dependent_outputs(function: Callable, argument: Any) -> Any:
     """Return whether each output of a function depends on its argument, as a pytree of booleans. Only
     shapes and types of `argument` are used."""

@@ -14,12 +14,13 @@ from rockjax._checks import concrete
 from rockjax._engine.coefficients import SLIP, Coefficients, coefficients
 from rockjax._engine.energy import energy
 from rockjax._engine.flat import Nodes
-from rockjax._engine.model import acceleration, beam, drift_weights, floor_accelerations, shear
+from rockjax._engine.model import acceleration, beam, floor_accelerations, shear
 from rockjax._engine.runge_kutta import step
 from rockjax._engine.tableaus import tableau_for
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._excitations.sampled import common_size
+from rockjax._outputs.drift import drift_weights
 from rockjax._programs.program import StoredProgram
 from rockjax._responses.work import damper_power, power, restoring_moment
 from rockjax._structures import Podium
