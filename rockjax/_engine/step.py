@@ -42,7 +42,7 @@ from .fast_forward.samples import may_pass, past_all
 from .guard import Guard, watch
 from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
-from .transitions import Jolt, after_impact, jolt, past_breakpoint, restart, transition
+from .transitions import after_impact, jolt, past_breakpoint, restart, transition
 
 # A maximum of the demand in full contact above this fraction of the uplift threshold is landed on.
 NEAR_UPLIFT = 0.95
@@ -274,9 +274,7 @@ def _times(
     return scene.excitation.past(state.piece, at_breakpoint), stamp, now, shift
 
 
-def _shaken(
-    scene: Scene, state: LoopState, passed: Flag, mode: Value, x: Vector, v: Vector, ground
-) -> Jolt | None:
+def _shaken(scene: Scene, state: LoopState, passed: Flag, mode: Value, x: Vector, v: Vector, ground):
     """Return the effect of a velocity jump of the ground at the end of the piece, if that is `passed`; None
     for motions without jumps."""
     jump = scene.excitation.velocity_jump(state.piece)

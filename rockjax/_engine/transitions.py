@@ -118,8 +118,8 @@ def jolt(
     """
     c, at_rest = scene.c, (x[0] == 0) & (v[0] == 0)
     side = jnp.where(at_rest, -jnp.sign(horizontal(jump)), sigma)
-    none = jax.tree.map(jnp.zeros_like, jump)
-    change = jax.tree.map(jnp.subtract, acceleration(c, side, jump, x, v), acceleration(c, side, none, x, v))
+    field = lambda jump: acceleration(c, side, jump, x, v)
+    change = jax.tree.map(jnp.subtract, field(jump), field(jax.tree.map(jnp.zeros_like, jump)))
     v = tuple(map(jnp.add, v, change))
     lifts = at_rest & (side * v[0] > scene.rest_speed)
     strikes = ~at_rest & (x[0] == 0) & (side * v[0] < 0)
