@@ -16,7 +16,7 @@ from rockjax import _results as results
 from rockjax._checks import concrete, format_value
 from rockjax._engine.coefficients import present
 from rockjax._engine.flat import run
-from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.scene import default_end, plan_for, prepare
 from rockjax._engine.solve import answers
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
@@ -36,6 +36,7 @@ from .floor import DECK, DIRECTIONS, floor_weights, with_beam
 from .floor_course import FloorCourse, floor_course, followed
 
 BOTTOM = 0  # the joint of a block with the floor
+PERIODS = 5  # of an oscillator that a scene lasts at least after the excitation
 # Slenderness of columns that never lift [rad], a rest velocity that no jolt exceeds, and the factor on `atol`
 # that makes it one of short oscillators.
 FLAT, NEVER, FINER = 1.57, 1e300, 1e-4
@@ -193,8 +194,9 @@ def on_floors(structures, excitation, initial, t_end, options: Options, *, histo
     leaves, structure = jax.tree.flatten((structures, excitation, initial, t_end, options))
 
     def function(*leaves):
-        (podium, things), *scene, options = jax.tree.unflatten(structure, leaves)
-        course, code = floor_course(podium, *scene, options=options, capacity=history)
+        (podium, things), excitation, initial, t_end, options = jax.tree.unflatten(structure, leaves)
+        t_end = _end(podium, things, excitation) if t_end is None else t_end
+        course, code = floor_course(podium, excitation, initial, t_end, options, history)
         groups: dict[Any, list[int]] = {}  # things of the same kind are solved together
         for k, thing in enumerate(things):
             groups.setdefault((type(thing), getattr(thing, "direction", None)), []).append(k)
@@ -210,6 +212,14 @@ def on_floors(structures, excitation, initial, t_end, options: Options, *, histo
         return floats, (integers, code)
 
     return with_jacobian_rule(function, function, True)(*leaves)
+
+
+def _end(podium: Podium, things: tuple[Any, ...], excitation: AbstractExcitation) -> Value:
+    """Return the default end of a scene [s]: that of histories, or five of the longest periods of oscillators
+    after the end of the excitation, if that is later."""
+    periods = [thing.period for thing in things if isinstance(thing, Oscillator)]
+    after = [excitation.support[1] + PERIODS * period for period in periods]
+    return functools.reduce(jnp.maximum, after, default_end(podium.resolved(), excitation))
 
 
 def _of_group(podium: Podium, things: list[Any], course: FloorCourse, options: Options) -> list[Any]:
