@@ -72,9 +72,12 @@ def floor_spectrum(
     label_log_x(first)
     axes[levels.size - 1].legend(loc="best")
     zeta = f"{float(data['damping']):.0%}"
-    figure.supxlabel(rf"period of the oscillator $T_e$ [s], $\zeta$ = {zeta}")
     vertical = "vertical " if data.attrs.get("direction") == "vertical" else ""
-    figure.supylabel(f"{vertical}{label}")
+    for k in range(levels.size):
+        if k + columns >= levels.size:
+            axes[k].set_xlabel(rf"period of the oscillator $T_e$ [s], $\zeta$ = {zeta}")
+        if k % columns == 0:
+            axes[k].set_ylabel(f"{vertical}{label}")
     return figure
 
 

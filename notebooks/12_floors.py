@@ -1,0 +1,126 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # What the floors feel
+#
+# Eight stories, once on a podium whose columns rock, once fixed at the base: floor response spectra, and a
+# cabinet and a bookshelf on several floors. [Floors](../docs/floors.md) has the equations.
+
+# %%
+import os
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import rockjax as rj
+
+REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # fewer motions and levels, for the tests
+
+# %% [markdown]
+# ## Two buildings
+#
+# The podium has columns of 0.45 m by 3 m. Columns that are almost as wide as high never lift under these
+# motions, so the same building on them is fixed at its base.
+
+# %%
+podium = rj.Podium.from_dimensions(
+    width=0.45,
+    height=3.0,
+    column_mass=1500.0,
+    beam_mass=60e3,
+    top_mass=400e3,
+    period=0.8,
+    stories=8,
+)
+fixed = podium.replace(alpha=1.0)
+motion = rj.Ricker(3.5, 0.7)
+rocking = rj.peak_response(podium, motion)
+rocking, bool(rj.peak_response(fixed, motion).uplifted)
+
+# %% [markdown]
+# ## Floor response spectra
+#
+# Impacts of the columns change the velocity of the deck in an instant. The spectra contain these impulses
+# exactly. Stories of a building with all its modes have no impulses horizontally; vertically all floors have
+# those of the deck.
+
+# %%
+periods = np.geomspace(0.05, 4.0, 40 if REDUCED else 200)
+levels = ("deck", 8) if REDUCED else ("deck", 1, 4, 8)
+spectra = rj.floor_spectrum(podium, motion, periods, level=levels, fixed_base=True)
+rj.plots.floor_spectrum(spectra)
+
+# %% [markdown]
+# ## The vertical kick
+#
+# The vertical jump of the deck's velocity at an impact is several times the horizontal one. Under a rigid
+# building it exceeds the horizontal spectrum below 0.07 s only: the last hops, ever shorter, change the sign
+# of the deck's acceleration at every impact and so sweep through all frequencies, which makes the horizontal
+# spectrum flat, eight times the peak acceleration of 1.5 m/s². Eight stories leave a light deck, which they
+# shake between the impacts.
+
+# %%
+stiff = rj.Podium.from_dimensions(
+    width=0.45, height=3.0, column_mass=1500.0, beam_mass=60e3, top_mass=400e3
+)  # without a period the building is rigid
+fig, axes = plt.subplots(1, 2, sharey=True, figsize=(8, 4), layout="constrained")
+for ax, structure, title in zip(axes, (stiff, podium), ("rigid building", "eight stories"), strict=True):
+    for direction in ("horizontal", "vertical"):
+        spectrum = rj.floor_spectrum(structure, motion, periods, level="deck", direction=direction)
+        ax.loglog(periods, np.squeeze(spectrum.pseudo_acceleration), label=direction)
+    ax.set(xlabel="period $T_e$ [s]", title=f"deck, {title}")
+axes[0].set_ylabel("pseudo-acceleration [m/s²]")
+axes[0].legend()
+
+# %% [markdown]
+# ## A cabinet and a bookshelf on each floor
+#
+# Both are light blocks that rock and do not slide. Their rotation is a fraction of the angle at which they
+# overturn, 1 if they do. `friction_demand` says how much friction it takes that they do not slide.
+
+# %%
+stories = (1, 8) if REDUCED else tuple(range(1, 9))
+things = [
+    rj.Contents.from_dimensions(width=width, height=height, level=level)
+    for width, height in ((0.6, 1.8), (0.35, 2.0))
+    for level in stories
+]
+answers = {
+    name: rj.peak_response(structure, motion, on_floors=things).on_floors
+    for name, structure in (("podium", podium), ("fixed base", fixed))
+}
+rotations = {
+    name: np.array([float(each.peak_rotation) for each in found]).reshape(2, -1)
+    for name, found in answers.items()
+}
+fig, axes = plt.subplots(1, 2, sharey=True, figsize=(8, 4), layout="constrained")
+titles = "cabinet, 0.6 m by 1.8 m", "bookshelf, 0.35 m by 2.0 m"
+for row, (ax, title) in enumerate(zip(axes, titles, strict=True)):
+    for name, mark in (("podium", "o-"), ("fixed base", "s--")):
+        ax.plot(rotations[name][row], stories, mark, label=name)
+    ax.set(xlabel="peak rotation |φ|/α_c", title=title, xlim=(0, 1.05))
+axes[0].set_ylabel("story")
+axes[0].legend()
+
+# %%
+[float(each.friction_demand) for each in answers["podium"]]
+
+# %% [markdown]
+# On the podium cabinets stand that would overturn in the building with a fixed base, but hardly any
+# bookshelf does. Impacts shake the stories at short periods, while the podium keeps the long periods away
+# that overturn large blocks. The friction demand is below common friction coefficients for most of them.
+#
+# ## Next
+#
+# - [Floors](../docs/floors.md): equations, suites, derivatives, and the limits of these spectra
+# - [`11_joints`](11_joints.py): forces in the joints of the columns
