@@ -18,6 +18,7 @@ OPTIONS = rj.Options(rtol=1e-10, atol=1e-12)
 TARGETS = optimise.ContentsRotation(0.5, SUITE, BLOCKS), optimise.FloorSpectrum(9.0, SUITE, OSCILLATORS)
 
 
+@pytest.mark.slow(but=["ContentsRotation"])
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
 def test_margins_and_their_derivatives(target):
     """Against single scenes, and derivatives against differences; a block that overturns has a slope too."""
