@@ -13,7 +13,6 @@ from rockjax import _results as results
 from rockjax._machine.threads import submit
 from rockjax._options import Options
 from rockjax._programs.program import StoredProgram
-from rockjax._progress import bar as bar_of
 from rockjax._responses import on_floors as of_scene
 from rockjax._results import Interrupted
 
@@ -52,6 +51,8 @@ def answers_on_floors(
 
     Raises [`rockjax.Interrupted`][] without answers if it is stopped.
     """
+    from rockjax._progress import bar as bar_of
+
     options = of_scene.floor_options(options)
     todo, found = deque(range(0, scenes.total, CHUNK)), {}
 
