@@ -24,13 +24,12 @@ from rockjax._motions.record import Record
 from rockjax._oscillators import Load
 from rockjax._programs.program import StoredProgram, nans_allowed
 from rockjax._structures import Podium
+from rockjax._structures.contents import DECK, DIRECTIONS
 from rockjax._tree import Module
 from rockjax._types import Value
 
 from . import history
 
-DECK = "deck"
-DIRECTIONS = "horizontal", "vertical"
 WHOLE = 1e-12  # 1 − ΣW_i below this is rounding: all of the floor's motion is in the modes
 
 # Degree of the polynomials, their points in a piece, and the largest share of the last Chebyshev polynomial.
@@ -57,6 +56,16 @@ class Bodies(NamedTuple):
     climb: Array
     rise: Array
     ground: Array
+
+    @property
+    def accelerations(self) -> Any:
+        """All accelerations, the vertical one of the beam last."""
+        return array_module(self.rise).concatenate([self.acceleration, self.rise[:, None]], axis=1)
+
+    @property
+    def velocities(self) -> Any:
+        """All velocities, the vertical one of the beam last."""
+        return array_module(self.climb).concatenate([self.velocity, self.climb[:, None]], axis=1)
 
 
 def bodies(scene: history.Solved, t, left, node) -> Bodies:
@@ -105,9 +114,14 @@ def landmarks(excitation: AbstractExcitation) -> tuple[Array, tuple[Any, Any]]:
 
 def evaluated(evaluate: Callable, t: np.ndarray, left: np.ndarray, node: np.ndarray) -> Bodies:
     """Return the motion at times (n,), padded to one of a few sizes for the program `evaluate`."""
+    return jax.tree.map(lambda y: np.asarray(y)[: t.size], evaluate(*padded_places(t, left, node)))
+
+
+def padded_places(t: np.ndarray, left: np.ndarray, node: np.ndarray) -> tuple[Any, Any, np.ndarray]:
+    """Return times, flags and nodes (n,), padded to one of a few sizes by repeating the last."""
     times, flags = history.filled(t, left)
     nodes = np.pad(node, (0, times.size - t.size), mode="edge") if t.size else node
-    return jax.tree.map(lambda y: np.asarray(y)[: t.size], evaluate(times, flags, nodes.astype(np.int32)))
+    return times, flags, nodes.astype(np.int32)
 
 
 def floor_weights(owner: str, podium: Podium, level: Any, weights: Any = None) -> Array:
@@ -203,9 +217,8 @@ def motions(found: Bodies, pieces: Pieces) -> Motions:
     """Return the motion of modes and beam in pieces, from `found`, that at `pieces.places`."""
     size = pieces.start.size
     count = size * POINTS.size
-    values = np.concatenate([found.acceleration, found.rise[:, None]], axis=1)[:count]
+    values, velocity = found.accelerations[:count], found.velocities[count:]
     terms = np.einsum("npb,pk->nkb", values.reshape(size, POINTS.size, -1), TO_TERMS)
-    velocity = np.concatenate([found.velocity, found.climb[:, None]], axis=1)[count:]
     ground = np.asarray(found.ground)[count:]
     return Motions(terms, velocity[:size], velocity[size:], ground[size:] - ground[:size])
 
@@ -227,8 +240,7 @@ def pieces_of(scene: history.Solved, end: float) -> Pieces:
     for _ in range(ROUNDS):
         t, node = left.points
         found = evaluated(functools.partial(along, scene), t, np.zeros(t.size, bool), node)
-        values = np.concatenate([found.acceleration, found.rise[:, None]], axis=1)
-        values = values.reshape(left.start.size, POINTS.size, -1)
+        values = found.accelerations.reshape(left.start.size, POINTS.size, -1)
         scale = np.maximum(scale, np.abs(values).max(axis=(0, 1)))
         rough = (np.abs(np.einsum("npb,p->nb", values, TO_LAST)) > ROUGH * scale).any(axis=1)
         done.append(left.chosen(~rough))
@@ -255,12 +267,13 @@ def load_of(pieces: Pieces, found: Motions, weights: np.ndarray) -> Load:
     return Load(pieces.start, pieces.length, found.terms @ weights, jumps, none, none)
 
 
-def in_direction(weights: np.ndarray, direction: str) -> np.ndarray:
+def in_direction(weights: Any, direction: str) -> Any:
     """Return weights of modes and beam with that of the vertical motion, in which all floors move with the
     beam."""
+    xp = array_module(weights)
     if direction == "horizontal":
-        return np.append(weights, 0.0)
-    return np.append(np.zeros_like(weights), 1.0)
+        return xp.append(weights, 0.0)
+    return xp.append(xp.zeros_like(weights), 1.0)
 
 
 def check_direction(owner: str, direction: Any) -> str:

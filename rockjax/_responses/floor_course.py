@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from rockjax._engine.flat import run_with_history
-from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.scene import default_end, plan_for, prepare
 from rockjax._engine.state import Plan
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.piecewise import NODES, PiecewiseMotion
@@ -21,6 +21,15 @@ from rockjax._types import Values
 
 from . import history
 from .floor import bodies
+
+NEVER_LIFTS = 1.57  # slenderness α of columns that no ground motion lifts [rad]
+PERIODS = 5  # of the longest oscillator on a floor, that a scene lasts at least after the ground motion
+
+
+def end_with_oscillators(podium: Podium, excitation: AbstractExcitation, longest: Any) -> Any:
+    """Return the default end of a scene with oscillators on its floors [s]: that of histories, or `PERIODS`
+    times the `longest` period [s] after the ground motion, if that is later."""
+    return jnp.maximum(default_end(podium.resolved(), excitation), excitation.support[1] + PERIODS * longest)
 
 
 class FloorCourse(NamedTuple):
@@ -51,7 +60,6 @@ def course_of(scene: history.Solved) -> FloorCourse:
     left = jnp.broadcast_to(at_end, t.shape)
     node = jnp.broadcast_to(jnp.where(valid, rows, 0)[:, None], t.shape)
     inner = bodies(scene, t.ravel(), left.ravel(), node.ravel())
-    accelerations = jnp.concatenate([inner.acceleration, inner.rise[:, None]], axis=-1)
     # An impact multiplies the rate of rotation by e, and its vertical part changes sign, (L3). The velocities
     # of modes do not jump.
     struck = jnp.isfinite(nodes.impact_time) & valid
@@ -59,11 +67,11 @@ def course_of(scene: history.Solved) -> FloorCourse:
     before = bodies(scene, times[which], jnp.ones(rows.shape, bool), jnp.maximum(which - 1, 0))
     e = jnp.where(struck & (nodes.v[0] != 0), jnp.maximum(scene[0].restitution_factor, 0.0), 0.0)
     across, up = (1 - e) * -before.velocity[:, -1], (1 + e) * -before.climb
-    of_modes = jnp.zeros((rows.size, accelerations.shape[-1] - 2))
+    of_modes = jnp.zeros((rows.size, inner.acceleration.shape[-1] - 1))
     jumps = jnp.concatenate([of_modes, across[:, None], up[:, None]], axis=-1)
     jumps = jnp.where(struck[:, None], jumps, 0.0)
     finite = jnp.where(valid, times, jnp.inf)
-    return FloorCourse(finite, accelerations.reshape(*t.shape, -1), jumps, times[-1])
+    return FloorCourse(finite, inner.accelerations.reshape(*t.shape, -1), jumps, times[-1])
 
 
 def followed(plan: Plan) -> Plan:

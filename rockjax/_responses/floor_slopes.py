@@ -22,7 +22,7 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 from . import history
-from .floor import Bodies, Motions, Pieces, bodies, in_direction, motions, with_beam
+from .floor import Bodies, Motions, Pieces, bodies, in_direction, motions, padded_places, with_beam
 from .sensitivities import moved
 
 
@@ -122,11 +122,9 @@ def motions_with_slopes(
     - `levels`: those of `solution.weights`, as keys of `Slopes.weights`
     """
     node_slopes, breaks, start, weights = jax.tree.map(np.asarray, solution.slopes)
-    times, left, node = pieces.places
-    count = times.size
-    times, flags = history.filled(times, left)
-    node = np.pad(node, (0, times.size - count), mode="edge").astype(np.int32)
-    found, slopes = along_with_slopes(scene, node_slopes, times, flags, node, names=names)
+    places = pieces.places
+    count = places[0].size
+    found, slopes = along_with_slopes(scene, node_slopes, *padded_places(*places), names=names)
     found = jax.tree.map(lambda y: np.asarray(y)[:count], found)
     slopes = jax.tree.map(lambda y: np.asarray(y)[:, :count], slopes)
     moved_times = np.zeros((len(names), pieces.start.size))

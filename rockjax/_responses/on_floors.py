@@ -16,7 +16,7 @@ from rockjax import _results as results
 from rockjax._checks import concrete, format_value
 from rockjax._engine.coefficients import present
 from rockjax._engine.flat import run
-from rockjax._engine.scene import default_end, plan_for, prepare
+from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.solve import answers
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
@@ -32,14 +32,12 @@ from rockjax._structures import Contents, Elastic, GivenRestitution, Oscillator,
 from rockjax._tree import Module
 from rockjax._types import Value, Values
 
-from .floor import DECK, DIRECTIONS, floor_weights, with_beam
-from .floor_course import FloorCourse, floor_course, followed
+from .floor import DECK, DIRECTIONS, floor_weights, in_direction, with_beam
+from .floor_course import NEVER_LIFTS, FloorCourse, end_with_oscillators, floor_course, followed
 
 BOTTOM = 0  # the joint of a block with the floor
-PERIODS = 5  # of an oscillator that a scene lasts at least after the excitation
-# Slenderness of columns that never lift [rad], a rest velocity that no jolt exceeds, and the factor on `atol`
-# that makes it one of short oscillators.
-FLAT, NEVER, FINER = 1.57, 1e300, 1e-4
+# A rest velocity that no jolt exceeds, and the factor on `atol` that makes it one of short oscillators.
+NEVER, FINER = 1e300, 1e-4
 
 
 class ContentsAnswer(Module):
@@ -148,7 +146,7 @@ def _vibrate(oscillator: Oscillator, g: Value, weights: Values, course: FloorCou
     It is the superstructure without mass of a podium that never lifts: its columns are almost flat, and the
     rest velocity keeps jolts from lifting them.
     """
-    flat = Podium(FLAT, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g)
+    flat = Podium(NEVER_LIFTS, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g)
     outputs = "peak_rotation", "peak_deformation", "peak_shear"
     finer = options.replace(
         outputs=outputs,
@@ -195,7 +193,9 @@ def on_floors(structures, excitation, initial, t_end, options: Options, *, histo
 
     def function(*leaves):
         (podium, things), excitation, initial, t_end, options = jax.tree.unflatten(structure, leaves)
-        t_end = _end(podium, things, excitation) if t_end is None else t_end
+        if t_end is None:
+            periods = [thing.period for thing in things if isinstance(thing, Oscillator)]
+            t_end = end_with_oscillators(podium, excitation, functools.reduce(jnp.maximum, periods, 0.0))
         course, code = floor_course(podium, excitation, initial, t_end, options, history)
         groups: dict[Any, list[int]] = {}  # things of the same kind are solved together
         for k, thing in enumerate(things):
@@ -214,14 +214,6 @@ def on_floors(structures, excitation, initial, t_end, options: Options, *, histo
     return with_jacobian_rule(function, function, True)(*leaves)
 
 
-def _end(podium: Podium, things: tuple[Any, ...], excitation: AbstractExcitation) -> Value:
-    """Return the default end of a scene [s]: that of histories, or five of the longest periods of oscillators
-    after the end of the excitation, if that is later."""
-    periods = [thing.period for thing in things if isinstance(thing, Oscillator)]
-    after = [excitation.support[1] + PERIODS * period for period in periods]
-    return functools.reduce(jnp.maximum, after, default_end(podium.resolved(), excitation))
-
-
 def _of_group(podium: Podium, things: list[Any], course: FloorCourse, options: Options) -> list[Any]:
     """Return the answers of things of one kind, computed in lanes."""
     answer, _ = KINDS[type(things[0])]
@@ -234,8 +226,8 @@ def _of_group(podium: Podium, things: list[Any], course: FloorCourse, options: O
 def _weights_of(podium: Podium, thing: Any) -> Values:
     """Return the weights of the bodies in the motion of a thing's floor, horizontally and vertically."""
     modes = with_beam(jnp.asarray(floor_weights("on_floors", podium, thing.level)))
-    acts = float(getattr(thing, "vertical", True))
-    return jnp.stack([jnp.append(modes, 0.0), jnp.append(jnp.zeros_like(modes), acts)])
+    across, up = (in_direction(modes, direction) for direction in DIRECTIONS)
+    return jnp.stack([across, float(getattr(thing, "vertical", True)) * up])
 
 
 def _uniform(thing: Any) -> Any:

@@ -17,6 +17,7 @@ from .podium import Podium
 from .restitution import Restitution, as_restitution
 
 DECK = "deck"  # the level of the cap beam
+DIRECTIONS = "horizontal", "vertical"
 Level = int | Literal["deck"]
 
 
@@ -111,7 +112,7 @@ class Oscillator(Module):
     def __check_init__(self):
         require_positive("Oscillator", period=self.period)
         require("Oscillator", "damping", self.damping, lambda v: (v >= 0) & (v < 1), "in [0, 1)")
-        if self.direction not in ("horizontal", "vertical"):
+        if self.direction not in DIRECTIONS:
             raise ValueError(
                 f"Oscillator: direction must be 'horizontal' or 'vertical', got {self.direction!r}"
             )

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax._checks import as_float, format_value, require, require_number
-from rockjax._engine.scene import default_end
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import AnyMotions, single_motions
@@ -37,6 +36,7 @@ from rockjax._responses.floor import (
     pieces_of,
     with_beam,
 )
+from rockjax._responses.floor_course import NEVER_LIFTS, end_with_oscillators
 from rockjax._responses.floor_end import Ending, ending, remaining
 from rockjax._responses.floor_slopes import capacity_for, motions_with_slopes, slope_of_load, solved
 from rockjax._responses.response import Response
@@ -47,9 +47,6 @@ from rockjax._structures import Podium
 
 if TYPE_CHECKING:
     import xarray
-
-NEVER_LIFTS = 1.57  # slenderness α of columns that no ground motion lifts [rad]
-MORE_PERIODS = 5  # of the longest oscillator, after the end of the ground motion
 
 # name: (unit, description), over levels, dampings and periods, and over levels
 SPECTRA = {
@@ -71,9 +68,7 @@ OF_SCENES = {
 }
 
 
-@StoredProgram
-def _ends(podium: Podium, excitation: AbstractExcitation):
-    return default_end(podium, excitation), excitation.support[1]
+_end = StoredProgram(end_with_oscillators)
 
 
 def floor_spectrum(
@@ -148,7 +143,9 @@ def floor_spectrum(
     def solve(podium: Podium, options: Options, request: _Request) -> xarray.Dataset:
         found = []
         for member in members:
-            own_end = _default_end(podium, member, T.max()) if end is None else end
+            own_end = end
+            if own_end is None:
+                own_end = float(_end(podium.split(), member.common_form(), T.max()))
             response = simulate(podium, member, initial=initial, t_end=own_end, options=options)
             found.append(_spectrum(response, start, own_end, request))
             counter.update(1)
@@ -205,11 +202,6 @@ def _axis(owner: str, name: str, values: Any) -> np.ndarray:
             f"{owner}: {name} must be a number or a 1-D array with values, got shape {found.shape}"
         )
     return found
-
-
-def _default_end(podium: Podium, excitation: AbstractExcitation, longest: float) -> float:
-    end, of_motion = _ends(podium.split(), excitation.common_form())
-    return max(float(end), float(of_motion) + MORE_PERIODS * longest)
 
 
 def _spectrum(response: Response, start: State, t_end: float, request: _Request) -> _Spectrum:
