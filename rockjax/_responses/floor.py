@@ -324,11 +324,11 @@ class FloorMotion(Module):
         return self._at(t, left, lambda found: found.rise)
 
     def velocity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the horizontal velocity relative to the ground at times t [s] [m/s]."""
+        """Return the horizontal velocity relative to the ground [m/s] at times t [s]."""
         return self._at(t, left, lambda found: self._combined(found.velocity))
 
     def displacement(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the horizontal displacement relative to the ground at times t [s] [m]."""
+        """Return the horizontal displacement relative to the ground [m] at times t [s]."""
         return self._at(t, False, lambda found: self._combined(found.displacement))
 
     @property
