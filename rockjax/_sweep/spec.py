@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import inspect
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -59,8 +61,22 @@ class SweepSpec(NamedTuple):
                 name: y if isinstance(y, str) else repr(_to_python_number(y)) for name, y in values.items()
             },
             "sensitivities": list(self.sensitivities),
+            "user_outputs": [_source_of(type(y)) for y in self.options.outputs if not isinstance(y, str)],
         }
         return entries | {"fingerprint": fingerprint(entries)}
+
+
+def _source_of(output_class: type) -> str:
+    """Return a digest of the source of a user's output and of its base classes, to notice changed code.
+
+    It is "" for classes without a source file.
+    """
+    sources = []
+    for y in output_class.__mro__:
+        if not y.__module__.startswith(("rockjax.", "builtins")):
+            with contextlib.suppress(OSError, TypeError):
+                sources.append(inspect.getsource(y))
+    return fingerprint({"source": sources}) if sources else ""
 
 
 def _to_python_number(y: Any) -> Any:

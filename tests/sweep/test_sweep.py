@@ -2,7 +2,9 @@
 signals."""
 
 import contextlib
+import importlib.util
 import json
+import linecache
 import math
 import os
 import shutil
@@ -348,6 +350,8 @@ def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
     solve = _chunks.solve_scenes
 
     def replaced(*args):
+        if not store.exists():  # the pilot run
+            return solve(*args)
         monkeypatch.setattr(_chunks, "solve_scenes", solve)
         peaks = solve(*args)
         shutil.rmtree(store)
@@ -749,3 +753,46 @@ def test_a_path_that_cannot_be_is_refused_before_anything_is_solved(tmp_path, mo
     with pytest.raises(OSError, match=r"could not be written|too long"):
         sweep(f"{tmp_path}/{name}", SMALL_GRID)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+# ---------------------------------------------------------------------------------- outputs of the user's own
+BEAM_SPEED = """
+import jax.numpy as jnp
+import rockjax as rj
+
+
+class PeakBeamSpeed(rj.AbstractOutput):
+    name, unit, description = "peak_beam_speed", "m s-1", "peak horizontal speed of the beam"
+
+    def quantity(self, moment):
+        psi = moment.sigma * moment.c.alpha - moment.x[0]
+        return moment.c.two_R * moment.v[0] * jnp.cos(psi)
+"""
+
+
+def beam_speed(path, source):
+    """Return the output of a file with this source."""
+    path.write_text(source)
+    spec = importlib.util.spec_from_file_location("users_output", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["users_output"] = module
+    linecache.clearcache()
+    spec.loader.exec_module(module)
+    return module.PeakBeamSpeed()
+
+
+def test_sweeps_have_outputs_of_users(tmp_path, monkeypatch):
+    """The answers are those of the batch, with units; a later run goes on; changed code is another sweep."""
+    monkeypatch.setitem(sys.modules, "users_output", None)
+    outputs, store = ("peak_rotation", beam_speed(tmp_path / "a.py", BEAM_SPEED)), tmp_path / "own"
+    data = sweep(store, SMALL_GRID, outputs=outputs, chunk=1)
+    batch = rj.peak_responses(*SMALL_GRID[:2], options=rj.Options(outputs=outputs))
+    np.testing.assert_array_equal(data["peak_beam_speed"], batch.peak_beam_speed)
+    assert data["peak_beam_speed"].attrs["units"] == "m s-1"
+    outputs = ("peak_rotation", beam_speed(tmp_path / "b.py", BEAM_SPEED))
+    np.testing.assert_array_equal(
+        sweep(store, SMALL_GRID, outputs=outputs, chunk=1).peak_beam_speed, data.peak_beam_speed
+    )
+    changed = "peak_rotation", beam_speed(tmp_path / "c.py", BEAM_SPEED.replace("two_R", "g"))
+    with pytest.raises(ValueError, match="another sweep"):
+        sweep(store, SMALL_GRID, outputs=changed, chunk=1)
