@@ -1,0 +1,329 @@
+"""Contents of a report: a page of sections, and the blocks that sections consist of.
+
+The evaluation of a problem file writes them; `page.py` and the formats show them. Numbers are in SI, and all
+numbers in texts are `Quantity` parts, so that they follow the units of the page.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator, Mapping
+from typing import TypeAlias
+
+from .tables import Column, Formula, Link, Quantity, Table, Text, Word, checked_text
+from .units import KINDS
+
+# Results of a check, with the state of the word and its sign on the page.
+RESULTS = {
+    "PASS": ("pass", "✓"),
+    "FAIL": ("fail", "✗"),
+    "UNDECIDED": ("undecided", "?"),
+    "NOT VALID": ("not valid", "!"),
+    "NOT MADE": ("not made", "–"),
+    "BY OTHERS": ("by others", "→"),
+}
+_ID = re.compile(r"[^\W\d][\w.:-]*")
+
+
+@dataclasses.dataclass(frozen=True)
+class Paragraph:
+    """A paragraph. `is_note` makes it small, for explanations."""
+
+    text: Text
+    is_note: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the text."""
+        object.__setattr__(self, "text", checked_text(self.text, "Paragraph.text"))
+
+
+@dataclasses.dataclass(frozen=True)
+class Verbatim:
+    """A text with its line breaks and spaces, such as a problem file."""
+
+    text: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Equation:
+    """A row of `Equations`.
+
+    - `formula`: the equation in symbols
+    - `numbers`: its right-hand side with numbers; "" without
+    - `result`: the result; None without
+    - `label`: number of the equation, such as "F8"; "" without
+    """
+
+    formula: Formula
+    numbers: Text = ""
+    result: Quantity | Word | None = None
+    label: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Equations:
+    """Equations below each other, at least one."""
+
+    rows: tuple[Equation, ...]
+
+    def __post_init__(self) -> None:
+        """Check the number of rows."""
+        if not self.rows:
+            raise ValueError("Equations: rows must not be empty")
+
+
+@dataclasses.dataclass(frozen=True)
+class Figure:
+    """A picture.
+
+    - `svg`: the result of `pictures.to_svg`, which holds `title` and `description`
+    - `caption`: text below it
+    - `title`: what it shows, in a few words
+    - `description`: what a reader who cannot see it must know, with the number that matters
+    - `is_narrow`: whether it is a drawing that is not stretched to the width of the page
+    """
+
+    svg: str
+    caption: Text
+    title: str
+    description: str
+    is_narrow: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the texts and the kind of markup."""
+        if not self.svg.startswith("<svg"):
+            raise ValueError("Figure: svg must be the result of pictures.to_svg, and start with '<svg'")
+        for name in ("caption", "title", "description"):
+            checked_text(getattr(self, name), f"Figure.{name}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Pair:
+    """Two figures beside each other."""
+
+    left: Figure
+    right: Figure
+
+
+@dataclasses.dataclass(frozen=True)
+class Limit:
+    """The limit of a check.
+
+    - `sign`: "≤" (at most) or "≥" (at least)
+    - `quantity`: the limit [SI]
+    - `unit`: unit in which the file gives it; the page names it where it differs from its own; None: SI
+    - `note`: where it comes from, such as a key of the file
+    """
+
+    sign: str
+    quantity: Quantity
+    unit: str | None = None
+    note: Text = ""
+
+    def __post_init__(self) -> None:
+        """Check sign and unit."""
+        if self.sign not in ("≤", "≥"):
+            raise ValueError(f"Limit: sign must be '≤' or '≥', got {self.sign!r}")
+        if self.unit is not None and self.unit not in KINDS[self.quantity.kind].units:
+            raise ValueError(f"Limit: {self.unit!r} is no unit of {self.quantity.kind}")
+
+
+@dataclasses.dataclass(frozen=True)
+class SummaryRow:
+    """A check in the summary.
+
+    - `id`: id of the check, such as "C1"; also its anchor on the page: a letter, then letters, digits and
+      "-", "_", ".", ":"
+    - `name`: what is checked
+    - `scope`: set and statistic, such as "design, largest of 11"
+    - `value`: its value with the numerical error, or the word in its place
+    - `limit`: the limit, or a word where there is none
+    - `utilisation`: U, of kind "utilisation", or a word such as "> 1" or "no value"
+    - `result`: one of `RESULTS`
+    - `governs`: motion, story and time
+    - `sensitivities`: the largest d ln U/d ln y
+    - `spread`: U of the whole set with each parameter ± spread
+    - `reason`: why there is no result; it takes the place of the three texts above
+    - `section`: number of the section with the details, 1 … 13
+    - `assumptions`: names of the violated assumptions, such as "A7", which are anchors in section 10
+    - `flags`: other short marks beside the result
+    - `clause`: what asks for the check
+    - `is_target`: whether it is a design target
+
+    Raises `ValueError` for an unknown result, an id that cannot be an anchor, and missing texts.
+    """
+
+    id: str
+    name: Text
+    scope: Text
+    value: Quantity | Word
+    limit: Limit | Word
+    utilisation: Quantity | Word
+    result: str
+    governs: Text = ""
+    sensitivities: Text = ""
+    spread: Text = ""
+    reason: Text = ""
+    section: int = 10
+    assumptions: tuple[str, ...] = ()
+    flags: tuple[Link, ...] = ()
+    clause: str = ""
+    is_target: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the id, the result and the texts."""
+        owner = f"SummaryRow {self.id}"
+        if not _ID.fullmatch(self.id):
+            raise ValueError(
+                "SummaryRow: id must be a letter followed by letters, digits, '-', '_', '.' or ':', "
+                f"got {self.id!r}"
+            )
+        if self.result not in RESULTS:
+            raise ValueError(f"{owner}: result must be one of {', '.join(RESULTS)}, got {self.result!r}")
+        texts = ("reason",) if self.reason else ("governs", "sensitivities", "spread")
+        for name in ("name", "scope", *texts):
+            object.__setattr__(self, name, checked_text(getattr(self, name), f"{owner}: {name}"))
+        if isinstance(self.utilisation, Quantity) and self.utilisation.kind != "utilisation":
+            raise ValueError(f"{owner}: utilisation must be of kind 'utilisation'")
+
+    @property
+    def state(self) -> str:
+        """State of the word of the result, one of `tables.STATES`."""
+        return RESULTS[self.result][0]
+
+    @property
+    def sign(self) -> str:
+        """Sign of the result on the page."""
+        return RESULTS[self.result][1]
+
+
+@dataclasses.dataclass(frozen=True)
+class Summary:
+    """The summary of checks, with at least one row. `note` explains its columns."""
+
+    rows: tuple[SummaryRow, ...]
+    note: Text
+
+    def __post_init__(self) -> None:
+        """Check that the ids differ."""
+        ids = [row.id for row in self.rows]
+        if not ids:
+            raise ValueError("Summary: rows must not be empty")
+        if len(set(ids)) < len(ids):
+            double = sorted({name for name in ids if ids.count(name) > 1})
+            raise ValueError(f"Summary: ids must differ, got {', '.join(double)} more than once")
+
+    def table(self) -> Table:
+        """Return the summary as a table, for files."""
+        heads = ("No.", "Check", "Motions", "Value", "Comparison", "Limit", "U", "Result", "Reason")
+        heads += ("Governs", "Changes with", "U with spread", "Clause")
+        return Table("summary", "Summary of checks", tuple(map(Column, heads)), tuple(map(_cells, self.rows)))
+
+
+def _cells(row: SummaryRow) -> tuple[Quantity | Word, ...]:
+    """Return a row of the summary as cells of a table."""
+    none = Word("not made" if row.reason else "none given", "none")
+    reasons = [*row.assumptions, *(flag.text for flag in row.flags)]
+    reason = row.reason or ", ".join(reasons)
+    return (
+        Word(row.id),
+        Word(row.name),
+        Word(row.scope),
+        row.value,
+        Word({"≤": "at most", "≥": "at least"}[row.limit.sign])
+        if isinstance(row.limit, Limit)
+        else row.limit,
+        row.limit.quantity if isinstance(row.limit, Limit) else row.limit,
+        row.utilisation,
+        Word(row.result, row.state),
+        Word(reason) if reason else Word("none", "none"),
+        *(Word(text) if text else none for text in (row.governs, row.sensitivities, row.spread)),
+        Word(row.clause) if row.clause.strip() else Word("none given", "none"),
+    )
+
+
+Block: TypeAlias = Paragraph | Verbatim | Equations | Figure | Pair | Summary | Table
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """A section of the page; its anchor is "s" and its number.
+
+    - `number`: 1 … 13
+    - `title`: its heading
+    - `blocks`: at least one block
+    - `is_numbered`: whether the number is shown; the annex has none
+    """
+
+    number: int
+    title: str
+    blocks: tuple[Block, ...]
+    is_numbered: bool = True
+
+    def __post_init__(self) -> None:
+        """Check title and blocks."""
+        checked_text(self.title, f"Section {self.number}: title")
+        if not self.blocks:
+            raise ValueError(f"Section {self.number}: blocks must not be empty")
+
+    @property
+    def heading(self) -> str:
+        """Title with its number."""
+        return f"{self.number} {self.title}" if self.is_numbered else self.title
+
+
+@dataclasses.dataclass(frozen=True)
+class Page:
+    """The content of a report.
+
+    - `title`: title of the project: the first heading
+    - `head`: label → text, such as "Project", "Revision", "Author", "Date"
+    - `verdict`: the first sentence: what is verified
+    - `notices`: what the reader must know; paragraphs below the verdict
+    - `sections`: the sections in their order
+    - `is_verified`: whether all checks pass
+    - `subject`: line below the title
+    - `origin`: label → text in a second block, such as "Problem file" and "Command"
+    - `footer`: text at the foot of printed pages
+
+    Raises `ValueError` for double numbers of sections, names of tables and ids of rows.
+    """
+
+    title: str
+    head: Mapping[str, Text]
+    verdict: str
+    notices: tuple[Text, ...]
+    sections: tuple[Section, ...]
+    is_verified: bool = False
+    subject: str = ""
+    origin: Mapping[str, Text] = dataclasses.field(default_factory=dict)
+    footer: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that names and anchors are unique."""
+        checked_text(self.title, "Page.title")
+        checked_text(self.verdict, "Page.verdict")
+        names = [table.name for table in self.tables()]
+        anchors = [f"s{section.number}" for section in self.sections]
+        for block in self.blocks():
+            if isinstance(block, Summary):
+                anchors += [row.id for row in block.rows]
+            elif isinstance(block, Table):
+                anchors += block.ids
+        for what, values in {"names of tables": names, "anchors": anchors}.items():
+            if double := sorted({name for name in values if values.count(name) > 1}):
+                raise ValueError(f"Page: {what} must differ, got {', '.join(double)} more than once")
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield the blocks of all sections."""
+        for section in self.sections:
+            yield from section.blocks
+
+    def tables(self) -> tuple[Table, ...]:
+        """Return all tables; the first is the summary of checks."""
+        return tuple(
+            block.table() if isinstance(block, Summary) else block
+            for block in self.blocks()
+            if isinstance(block, Summary | Table)
+        )

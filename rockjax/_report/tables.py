@@ -1,0 +1,441 @@
+"""Tables of a report: cells, columns, and the one place that formats numbers.
+
+Values are in SI. All formats (HTML, JSON, CSV, XLSX) read the same `Table`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal, TypeAlias
+
+from . import formulas
+from .units import KINDS, NO_UNIT, Units
+
+# Words in the place of a number, and how they look: good, bad, open (not verified, missing), or plain.
+Tone: TypeAlias = Literal["plain", "good", "bad", "open"]
+STATES: dict[str, Tone] = {
+    "text": "plain",  # names, sources and other texts
+    "pass": "good",
+    "fail": "bad",
+    "undecided": "open",
+    "not valid": "open",
+    "not made": "open",
+    "by others": "open",
+    "overturned": "bad",
+    "joint opens": "bad",
+    "violated": "bad",
+    "holds": "good",
+    "not tested": "open",
+    "unsafe": "bad",
+    "unanswered": "open",  # no answer of the solver
+    "no source": "open",
+    "not asked": "plain",
+    "none": "plain",  # "no impact", "no derivative"
+}
+# A cell that is blank, a dash, or a name of a missing number.
+_EMPTY = re.compile(r"[\s\-–—−.…]*|None|[-+−]?\s*(?i:nan|inf|infinity|∞|null|nat)")
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+SPACE = "\N{NO-BREAK SPACE}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """A number with a unit.
+
+    - `value`: finite number [SI]
+    - `kind`: what it measures, one of `units.KINDS`
+    - `error`: estimate of the numerical error [SI]; None if there is none
+    - `given`: whether it is a number of the input, which is shown without trailing zeros
+    - `note`: a second line below it in tables, such as its time
+
+    Raises `ValueError` for an unknown kind, a value that is not finite (`Word` is for what is no number), and
+    an error that is negative or not finite.
+    """
+
+    value: float
+    kind: str
+    error: float | None = None
+    given: bool = False
+    note: Text = ""
+
+    def __post_init__(self) -> None:
+        """Check the kind and the numbers, and convert scalars of arrays."""
+        if self.kind not in KINDS:
+            raise ValueError(f"Quantity: kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
+        object.__setattr__(self, "value", _finite(self.value, "value"))
+        if self.error is not None:
+            object.__setattr__(self, "error", _finite(self.error, "error"))
+            if self.error < 0:
+                raise ValueError(f"Quantity: error must not be negative, got error = {self.error}")
+        object.__setattr__(self, "note", checked_text(self.note, "Quantity.note", empty=True))
+
+
+@dataclasses.dataclass(frozen=True)
+class Word:
+    """A text in a cell: a name, or the word in the place of a number.
+
+    - `text`: what is shown; not empty, not a bare dash, and not the name of a missing number such as "nan"
+    - `state`: its meaning for programs, one of `STATES`
+    - `note`: a second line below it in tables
+
+    Raises `ValueError` for such texts and for unknown states.
+    """
+
+    text: Text
+    state: str = "text"
+    note: Text = ""
+
+    def __post_init__(self) -> None:
+        """Check text and state."""
+        object.__setattr__(self, "text", checked_text(self.text, "Word.text"))
+        object.__setattr__(self, "note", checked_text(self.note, "Word.note", empty=True))
+        if self.state not in STATES:
+            raise ValueError(f"Word: state must be one of {', '.join(STATES)}, got {self.state!r}")
+
+    @property
+    def tone(self) -> Tone:
+        """Colour of the word."""
+        return STATES[self.state]
+
+
+@dataclasses.dataclass(frozen=True)
+class Series:
+    """Numbers of one kind in a cell, such as the masses of all stories: shown as "7 × 260, 220".
+
+    - `values`: finite numbers [SI], at least one
+    - `kind`: what they measure, one of `units.KINDS`
+    - `given`: whether they are numbers of the input, which are shown without trailing zeros
+    - `note`: a second line below them in tables
+
+    Raises `ValueError` as `Quantity` does, and without values.
+    """
+
+    values: tuple[float, ...]
+    kind: str
+    given: bool = False
+    note: Text = ""
+
+    def __post_init__(self) -> None:
+        """Check kind and values."""
+        object.__setattr__(self, "values", tuple(Quantity(value, self.kind).value for value in self.values))
+        if not self.values:
+            raise ValueError("Series: values must not be empty")
+        object.__setattr__(self, "note", checked_text(self.note, "Series.note", empty=True))
+
+
+@dataclasses.dataclass(frozen=True)
+class Formula:
+    """A formula of `formulas.json`, by its name. Raises `ValueError` for an unknown name."""
+
+    name: str
+
+    def __post_init__(self) -> None:
+        """Check the name."""
+        formulas.latex(self.name)
+
+
+@dataclasses.dataclass(frozen=True)
+class Strong:
+    """A part of a text that stands out. `tone` is its colour."""
+
+    text: str
+    tone: Tone = "plain"
+
+
+@dataclasses.dataclass(frozen=True)
+class Code:
+    """A key of a file, a command, or another part of a text in the letters of a typewriter."""
+
+    text: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """A part of a text that leads to an anchor of the page: "s4" is section 4, "C1" a check, "A7" an
+    assumption."""
+
+    text: str
+    target: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Bare:
+    """A quantity in a text without its unit, for equations with numbers."""
+
+    quantity: Quantity
+
+
+Part: TypeAlias = str | Quantity | Strong | Code | Link | Bare | Formula
+Text: TypeAlias = str | tuple[Part, ...]  # quantities in it follow the units of the page
+Cell: TypeAlias = Quantity | Series | Word | Formula
+_PARTS = (str, Quantity, Strong, Code, Link, Bare, Formula)
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    - `head`: its heading, without a unit
+    - `kind`: what its numbers measure, which puts their unit into the heading; None for texts and for mixed
+      kinds, where every cell shows its unit
+    - `note`: a second line below the heading
+    """
+
+    head: str
+    kind: str | None = None
+    note: Text = ""
+
+    def __post_init__(self) -> None:
+        """Check heading and kind."""
+        checked_text(self.head, "Column.head")
+        if self.kind is not None and self.kind not in KINDS:
+            raise ValueError(f"Column: kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
+        object.__setattr__(self, "note", checked_text(self.note, "Column.note", empty=True))
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table of a report.
+
+    - `name`: name of its file, sheet and entry in JSON: lower-case letters, digits, "-"; unique in a report
+    - `caption`: what it shows
+    - `columns`: the columns; the cells of the first are the headings of the rows
+    - `rows`: at least one row, each with a cell for every column; a string is a `Word`
+    - `governing`: numbers of the rows that stand out, from 0
+    - `ids`: an anchor for every row, such as "A7", or none at all
+
+    Raises `ValueError` for a table without rows, a row of another length, a quantity in the column of another
+    kind, and what the cells refuse.
+    """
+
+    name: str
+    caption: Text
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    governing: tuple[int, ...] = ()
+    ids: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that rows and columns belong together."""
+        if not re.fullmatch(r"[a-z][a-z0-9-]*", self.name):
+            raise ValueError(f"Table: name must have lower-case letters, digits and '-', got {self.name!r}")
+        caption = checked_text(self.caption, f"Table {self.name}: caption")
+        columns = tuple(self.columns)
+        rows = tuple(tuple(_cell(cell) for cell in row) for row in self.rows)
+        if not rows or not columns:
+            raise ValueError(f"Table {self.name}: needs at least one row and one column")
+        for number, row in enumerate(rows):
+            if len(row) != len(columns):
+                raise ValueError(
+                    f"Table {self.name}: row {number} has {len(row)} cells for {len(columns)} columns"
+                )
+            for cell, column in zip(row, columns, strict=True):
+                if column.kind and isinstance(cell, Quantity | Series) and cell.kind != column.kind:
+                    raise ValueError(
+                        f"Table {self.name}: row {number} has {KINDS[cell.kind].article} {cell.kind} in the "
+                        f"column {column.head!r} of kind {column.kind}"
+                    )
+        if self.ids and len(self.ids) != len(rows):
+            raise ValueError(f"Table {self.name}: {len(self.ids)} ids for {len(rows)} rows")
+        if not all(0 <= number < len(rows) for number in self.governing):
+            raise ValueError(f"Table {self.name}: governing must be numbers of rows, got {self.governing}")
+        for name, value in {"caption": caption, "columns": columns, "rows": rows}.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        caption: Text,
+        columns: Mapping[str, str | None],
+        rows: Iterable[Sequence[Any]],
+        **options: Any,
+    ) -> Table:
+        """Return a table from headings with kinds and rows of cells.
+
+        - `name`, `caption`, `options`: fields of the table
+        - `columns`: heading → kind
+        - `rows`: cells; a plain number is a `Quantity` of the column's kind, a string is a `Word`
+
+        Raises `ValueError` as the constructor does, and for a number in a column without a kind.
+        """
+        heads = tuple(Column(head, kind) for head, kind in columns.items())
+        made = tuple(
+            tuple(
+                _cell(cell)
+                if isinstance(cell, str | tuple | Quantity | Series | Word | Formula)
+                else Quantity(cell, column.kind or "")
+                for cell, column in zip(row, heads, strict=True)
+            )
+            for row in rows
+        )
+        return cls(name, caption, heads, made, **options)
+
+
+def shown(quantity: Quantity, units: Units) -> str:
+    """Return the digits of a quantity in the units of a page, without unit and error.
+
+    Four significant digits, never more than the error allows; numbers of the input without trailing zeros;
+    utilisations with two decimals, or as many as keep them apart from 1.
+    """
+    value = units.show(quantity.value, quantity.kind)
+    digits = KINDS[quantity.kind].digits
+    if quantity.kind == "utilisation":
+        return _signed(_utilisation(value))
+    if digits is None:
+        return _signed(f"{value:.0f}")
+    if quantity.given:
+        return _signed(_scientific(float(f"{value:.6g}"), f"{value:.6g}"))
+    error = quantity.error and units.show(quantity.error, quantity.kind)
+    return _signed(_significant(value, digits, error))
+
+
+def shown_error(quantity: Quantity, units: Units) -> str:
+    """Return the error of a quantity with one digit, without unit; an empty string if there is none."""
+    if quantity.error is None:
+        return ""
+    return _signed(_significant(units.show(quantity.error, quantity.kind), 1))
+
+
+def with_unit(digits: str, kind: str, units: Units) -> str:
+    """Return digits with the unit of a kind: "6.14°", "0.558 %", "0.467"."""
+    symbol = units.symbol(kind)
+    return digits if symbol == NO_UNIT else digits + ("" if symbol == "°" else SPACE) + symbol
+
+
+def shown_series(series: Series, units: Units) -> str:
+    """Return the numbers of a series in the units of a page, without unit: "7 × 260, 220"."""
+    digits = [shown(Quantity(value, series.kind, given=series.given), units) for value in series.values]
+    runs: list[tuple[int, str]] = []
+    for number in digits:
+        if runs and runs[-1][1] == number:
+            runs[-1] = runs[-1][0] + 1, number
+        else:
+            runs.append((1, number))
+    return ", ".join(number if times == 1 else f"{times} × {number}" for times, number in runs)
+
+
+def head(column: Column, units: Units) -> str:
+    """Return the heading of a column with its unit."""
+    if column.kind is None or units.symbol(column.kind) == NO_UNIT:
+        return column.head
+    return f"{column.head} [{units.symbol(column.kind)}]"
+
+
+def plain(text: Text, units: Units) -> str:
+    """Return a text without markup, its quantities in the units of a page."""
+    if isinstance(text, str):
+        return text
+    return "".join(plain_part(part, units) for part in text)
+
+
+def plain_part(part: Part, units: Units) -> str:
+    """Return a part of a text without markup; a formula by its LaTeX source."""
+    if isinstance(part, Quantity):
+        return with_unit(shown(part, units), part.kind, units)
+    if isinstance(part, Bare):
+        return shown(part.quantity, units)
+    if isinstance(part, Formula):
+        return formulas.latex(part.name)
+    return part if isinstance(part, str) else part.text
+
+
+def plain_cell(cell: Cell, units: Units, *, unit: bool = True) -> str:
+    """Return a cell as text, with its unit or without, and without its note."""
+    if isinstance(cell, Word):
+        return plain(cell.text, units)
+    if isinstance(cell, Formula):
+        return plain_part(cell, units)
+    digits = shown(cell, units) if isinstance(cell, Quantity) else shown_series(cell, units)
+    return with_unit(digits, cell.kind, units) if unit else digits
+
+
+def _significant(value: float, digits: int, error: float | None = None) -> str:
+    """Return a number with at most `digits` significant digits, and none below the first one of `error`."""
+    exponent = _exponent(value, digits)
+    decimals = digits - 1 - exponent if value else 0
+    if error:
+        decimals = min(decimals, -_exponent(error, 1)) if value else -_exponent(error, 1)
+    rounded = round(value, decimals)
+    if not rounded:
+        return "0" if decimals <= 0 else f"{0:.{decimals}f}"
+    return _scientific(rounded, f"{rounded:.{max(decimals, 0)}f}", max(exponent + decimals, 0))
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Return the power of ten of a number that is rounded to significant digits; 0 of 0."""
+    return int(f"{value:.{digits - 1}e}".partition("e")[2]) if value else 0
+
+
+def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
+    """Return `decimal`, or the number as a power of ten if it is very large or small: "1.609·10⁻⁴"."""
+    if value == 0 or 1e-3 <= abs(value) < 1e6:
+        return decimal
+    mantissa, _, exponent = (f"{value:.5e}" if decimals is None else f"{value:.{decimals}e}").partition("e")
+    if decimals is None:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
+
+
+def _utilisation(value: float) -> str:
+    """Return a utilisation with two decimals, or as many as keep it apart from 1; large ones as numbers."""
+    if abs(value) >= 1e3:
+        return _significant(value, 4)
+    decimals = 2
+    while value != 1 and float(f"{value:.{decimals}f}") == 1 and decimals < 17:
+        decimals += 1
+    return f"{value:.{decimals}f}"
+
+
+def _signed(digits: str) -> str:
+    """Return digits with a minus sign, none for zero, and groups of thousands from five digits on."""
+    negative, digits = digits.startswith("-"), digits.removeprefix("-")
+    whole, point, rest = digits.partition(".")
+    if whole.isdecimal() and len(whole) > 4:
+        whole = f"{int(whole):,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+    sign = "−" if negative and digits.strip("0.") else ""
+    return sign + whole + point + rest
+
+
+def _finite(value: Any, name: str) -> float:
+    """Return a finite number as a float. Raises `ValueError` for others."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"Quantity: {name} must be a number, got {value!r}") from None
+    if not math.isfinite(number):
+        raise ValueError(
+            f"Quantity: {name} must be finite, got {name} = {number}; use a Word for what is no number"
+        )
+    return number
+
+
+def checked_text(text: Any, owner: str, *, empty: bool = False) -> Text:
+    """Return a text that is checked: its parts, and that it is not empty unless it may be.
+
+    Raises `ValueError`, which names the owner.
+    """
+    if isinstance(text, str):
+        visible = text
+    elif isinstance(text, tuple | list) and all(isinstance(part, _PARTS) for part in text):
+        text = tuple(text)
+        visible = "".join(
+            part if isinstance(part, str) else getattr(part, "text", "quantity") for part in text
+        )
+    else:
+        raise ValueError(f"{owner} must be a string or a tuple of parts, got {text!r}")
+    if _EMPTY.fullmatch(visible) and not (empty and not text):
+        raise ValueError(f"{owner} must be a word, not empty, a dash, nan, inf or None; got {text!r}")
+    return text
+
+
+def _cell(cell: Any) -> Cell:
+    """Return a cell; strings and texts become words. Raises `ValueError` for anything else."""
+    if isinstance(cell, str | tuple):
+        return Word(cell)
+    if not isinstance(cell, Quantity | Series | Word | Formula):
+        raise ValueError(f"Table: a cell must be a Quantity, Series, Word, Formula or text, got {cell!r}")
+    return cell

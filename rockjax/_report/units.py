@@ -1,0 +1,190 @@
+"""Units in which reports are shown: one table of kinds, with the factors of their units.
+
+Values are in SI everywhere else. A kind is what a number measures, such as "force"; a unit is shown by its
+symbol.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rockjax._units import DEGREE, STANDARD_GRAVITY
+
+NO_UNIT = "–"  # the unit of pure numbers
+
+
+class Kind(NamedTuple):
+    """A kind of numbers."""
+
+    units: dict[str, float]  # name → size in SI; the first is the SI unit
+    usual: str  # the unit in which it is shown unless another one is chosen
+    article: str = "a"  # for messages
+    digits: int | None = 4  # significant digits on a page; None: a whole number
+
+
+_LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+# The size of "g" is the gravity of the problem file; see `Units.factor`.
+KINDS = {
+    "force": Kind({"N": 1.0, "kN": 1e3, "MN": 1e6}, "kN"),
+    "length": Kind(_LENGTHS, "m"),
+    "displacement": Kind(_LENGTHS, "mm"),
+    "angle": Kind({"rad": 1.0, "deg": DEGREE}, "deg", "an"),
+    "acceleration": Kind({"m/s²": 1.0, "g": STANDARD_GRAVITY}, "g", "an"),
+    "velocity": Kind({"m/s": 1.0}, "m/s"),
+    "time": Kind({"s": 1.0}, "s"),
+    "frequency": Kind({"Hz": 1.0}, "Hz"),
+    "angular frequency": Kind({"rad/s": 1.0}, "rad/s", "an"),
+    "mass": Kind({"kg": 1.0, "t": 1e3}, "t"),
+    "density": Kind({"kg/m³": 1.0, "t/m³": 1e3}, "kg/m³"),
+    "stress": Kind({"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}, "MPa"),
+    "moment": Kind({"Nm": 1.0, "kNm": 1e3, "MNm": 1e6}, "kNm"),
+    "impulse": Kind({"Ns": 1.0, "kNs": 1e3, "MNs": 1e6}, "kNs", "an"),
+    "stiffness": Kind({"N/m": 1.0, "kN/m": 1e3, "MN/m": 1e6}, "MN/m"),
+    "rate": Kind({"1/year": 1.0}, "1/year"),
+    "return period": Kind({"years": 1.0}, "years"),
+    "ratio": Kind({NO_UNIT: 1.0, "%": 1e-2}, "%"),
+    "number": Kind({NO_UNIT: 1.0}, NO_UNIT),
+    "count": Kind({NO_UNIT: 1.0}, NO_UNIT, digits=None),
+    "utilisation": Kind({NO_UNIT: 1.0}, NO_UNIT),
+}
+_SYMBOLS = {"deg": "°"}
+_ALIASES = {
+    "°": "deg", "degree": "deg", "degrees": "deg", "-": NO_UNIT, "1": NO_UNIT, "—": NO_UNIT, "m/s2": "m/s²",
+    "kg/m3": "kg/m³", "t/m3": "t/m³", "1/a": "1/year", "1/yr": "1/year", "percent": "%", "year": "years",
+}  # fmt: skip
+_CHOOSABLE = sorted({unit for kind in KINDS.values() if len(kind.units) > 1 for unit in kind.units})
+
+
+@dataclasses.dataclass(frozen=True)
+class Units:
+    """The unit of every kind on a page.
+
+    - `names`: units, at most one of a kind; kinds without one keep their usual unit. Lengths are of two
+      kinds, dimensions ("length") and drifts and other movements ("displacement"). One unit of length is that
+      of both; of two, the larger is that of dimensions and the smaller that of displacements, in whatever
+      order they come. So ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by
+      325 mm.
+    - `g`: gravity [m/s²], the size of the unit "g"
+
+    Raises `ValueError` for unknown units, with the nearest one, and for two units of a kind.
+    """
+
+    names: tuple[str, ...] = ()
+    g: float = STANDARD_GRAVITY
+    _chosen: dict[str, str] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the names, and write them as `KINDS` does."""
+        object.__setattr__(self, "names", tuple(_name(name, "units") for name in self.names))
+        if not (math.isfinite(self.g) and self.g > 0):
+            raise ValueError(f"units: g must be positive and finite, got g = {self.g}")
+        chosen = self._chosen
+        lengths = [name for name in self.names if name in _LENGTHS]
+        if len(set(lengths)) < len(lengths) or len(lengths) > 2:
+            raise ValueError(
+                f"units: at most two different units of length are possible, got {', '.join(lengths)}"
+            )
+        if lengths:
+            chosen["length"] = max(lengths, key=_LENGTHS.__getitem__)
+            chosen["displacement"] = min(lengths, key=_LENGTHS.__getitem__)
+        for name in self.names:
+            if name in lengths:
+                continue
+            kind = next(kind for kind, entry in KINDS.items() if name in entry.units)
+            if kind in chosen:
+                raise ValueError(f"units: {kind} has two units, {chosen[kind]} and {name}; give one of them")
+            chosen[kind] = name
+
+    @classmethod
+    def parse(cls, text: str | Sequence[str], g: float = STANDARD_GRAVITY) -> Units:
+        """Return the units of a string such as "kN,m,deg,g,mm", or of a list of names.
+
+        Raises `ValueError` as the constructor does.
+        """
+        names = text.split(",") if isinstance(text, str) else text
+        return cls(tuple(name.strip() for name in names if name.strip()), g)
+
+    @classmethod
+    def si(cls, g: float = STANDARD_GRAVITY) -> Units:
+        """Return SI units of all kinds: the units of JSON files."""
+        firsts = {kind: next(iter(entry.units)) for kind, entry in KINDS.items() if len(entry.units) > 1}
+        return cls(tuple(unit for kind, unit in firsts.items() if kind != "displacement"), g)
+
+    def unit(self, kind: str) -> str:
+        """Return the name of the unit of a kind. Raises `KeyError` for an unknown kind."""
+        return self._chosen.get(kind, KINDS[kind].usual)
+
+    def symbol(self, kind: str) -> str:
+        """Return the unit of a kind as it is shown: "°" for "deg"."""
+        return _SYMBOLS.get(self.unit(kind), self.unit(kind))
+
+    def factor(self, kind: str) -> float:
+        """Return the size in SI of the unit of a kind: a value in SI is divided by it."""
+        return size_of(self.unit(kind), kind, self.g)
+
+    def show(self, value: float, kind: str) -> float:
+        """Return a value of a kind, given in SI, in the chosen unit."""
+        return in_unit(value, self.unit(kind), kind, self.g)
+
+
+def in_unit(value: float, unit: str, kind: str, g: float = STANDARD_GRAVITY) -> float:
+    """Return a value of a kind, given in SI, in a unit. `g`: gravity [m/s²]."""
+    size = size_of(unit, kind, g)
+    # 1/1000 is no binary number: multiplying by 1000 rounds once, dividing by 0.001 twice.
+    return value * round(1 / size) if size in (1e-2, 1e-3) else value / size
+
+
+def size_of(unit: str, kind: str, g: float = STANDARD_GRAVITY) -> float:
+    """Return the size of a unit of a kind in SI. `g`: gravity [m/s²]."""
+    return g if unit == "g" else KINDS[kind].units[unit]
+
+
+def si_unit(kind: str) -> str:
+    """Return the SI unit of a kind."""
+    return next(iter(KINDS[kind].units))
+
+
+def to_si(
+    value: float, unit: str, kind: str, *, g: float = STANDARD_GRAVITY, owner: str = "unit", subject: str = ""
+) -> float:
+    """Return a value that is given in a unit, in SI.
+
+    - `value`: the number, in `unit`
+    - `unit`: its unit, as written by a user
+    - `kind`: what it measures, one of `KINDS`
+    - `g`: gravity [m/s²]
+    - `owner`: the key that holds the unit, for messages, such as "checks[5].unit"
+    - `subject`: what has the kind, for messages, such as "peak-drift-ratio"; the kind itself by default
+
+    Raises `ValueError` if the unit is unknown or of another kind.
+    """
+    entry = KINDS[kind]
+    name = _alias(unit)
+    if name not in entry.units:
+        choices = " or ".join(repr(choice) for choice in reversed(entry.units))
+        claim = f"{subject or 'the value'} is {entry.article} {kind}"
+        raise ValueError(f"{owner}: {claim}, got {unit!r}; use {choices}")
+    return value * size_of(name, kind, g)
+
+
+def _alias(text: str) -> str:
+    """Return a unit as `KINDS` writes it, as far as it is another spelling of one."""
+    plain = re.sub(r"[\s·*^]", "", text)
+    return _ALIASES.get(plain, plain)
+
+
+def _name(text: str, owner: str) -> str:
+    """Return the name of a unit. Raises `ValueError`, which names the nearest unit, for an unknown one."""
+    name = _alias(text)
+    known = {unit for kind in KINDS.values() for unit in kind.units}
+    if name in known:
+        return name
+    folded = {unit.casefold(): unit for unit in sorted(known)}
+    nearest = difflib.get_close_matches(name.casefold(), folded, 1, 0.5)
+    hint = f"did you mean {folded[nearest[0]]!r}?" if nearest else f"known are {', '.join(_CHOOSABLE)}"
+    raise ValueError(f"{owner}: {text!r} is no known unit; {hint}")
