@@ -21,22 +21,22 @@ T = TypeVar("T")
 
 
 class ModalConstants(NamedTuple):
-    """Constants of several modes, of the residual mass and of the floors."""
+    """Constants of a superstructure with several modes, a residual mass or floors."""
 
     eta: Values  # η_i
-    shares: Values  # η_i over the mass of the superstructure
-    residual: Value | None  # η_r, a part of γ; None where no mode is left out
-    floors: Values | None  # Γ_iφ_ji of the floors j and the modes i; None where there are none
+    shares: Values  # η_i divided by the mass ratio of the whole superstructure
+    residual: Value | None  # η_r, a part of γ; None if the modes contain all the mass
+    floors: Values | None  # Γ_iφ_ji of the floors j and the modes i; None without floors
 
 
 class Vibration(NamedTuple):
-    """Constants of the vibrating superstructure: numbers for one mode, rows for several."""
+    """Constants of the vibrating superstructure: scalars for one oscillator, arrays for several modes."""
 
     coupling: Values  # 3η_i/(2R)
     demand: Values  # 2η_i/(1+2γ), Eq. (9), (C10)
     omega2: Values  # ω_i²
     damping: Values  # 2ζ_iω_i
-    uplifted_frequency: Value  # Eq. (31), the largest of (C15)
+    uplifted_frequency: Value  # of the uplifted structure, Eq. (31); for several modes the largest of (C15)
     modal: ModalConstants | None  # None for a single mode that is the whole superstructure
 
 
@@ -44,24 +44,24 @@ class Restraint(NamedTuple):
     """Constants of the restrainers."""
 
     restrainers: tuple[AbstractRestrainer, ...]
-    slip: Value  # rate of the elongation over Rp below which infinite slopes of forces are rounded
+    slip: Value  # elongation rate divided by Rp, below which infinite slopes of forces are rounded
     well: Value  # θ_w: |θ| at the top of the potential well
-    apparent_mass: Value | None  # μ, None where there is no inerter
-    restrained_frequency: Value | None  # of rocking against the stiffness of tendons alone, None without any
+    apparent_mass: Value | None  # μ; None without inerters
+    restrained_frequency: Value | None  # frequency of rocking against the tendons alone; None without tendons
 
     @property
     def steep(self) -> bool:
         """True if a force has an infinite slope at θ̇ = 0."""
-        return any(each.steep for each in self.restrainers)
+        return any(restrainer.steep for restrainer in self.restrainers)
 
 
 class Joints(NamedTuple):
     """Constants of forces in the joints.
 
-    - `gamma`, `lam`: ratio of the mass that moves with the beam, and inertia factor of a column
+    - `gamma`: ratio γ of the mass that moves with the beam; `lam`: inertia factor λ of a column
     - `dead_load`: N of the mean column at rest at the bottom and the top joint [m_c g]
-    - `impulses`: impulses of an impact divided by its speed, (F12)
-    - `impulse_eccentricity`: their eccentricity ξ_J, (F13)
+    - `impulses`: impulses of an impact divided by its speed |θ̇⁻|, (F12)
+    - `impulse_eccentricity`: eccentricity ξ_J of the impulses, (F13)
     - `arms`: positions of the columns and first moments of the masses; None without an elevation
     """
 
@@ -74,8 +74,11 @@ class Joints(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Constants of the equations of a podium, computed once per scene. Quantities with mass are per N m_c.
-    Parts that the podium does not have are None, known before tracing."""
+    """Constants of the equations of a podium, computed once per scene.
+
+    Masses, moments and energies are divided by N m_c, the mass of all columns. Constants of a part that the
+    podium does not have are None, which is static.
+    """
 
     alpha: Value
     sin_alpha: Value
@@ -92,7 +95,7 @@ class Coefficients(NamedTuple):
     spin: Value  # (1+λ+4γ) R², Eq. (18)
     impulse: Value  # C of the energy bound, see `energy_after`
     g: Value
-    eta: Value  # η of the vibrating mass
+    eta: Value  # η, ratio of the vibrating mass
     vibration: Vibration | None
     restraint: Restraint | None
     tilt: Value | None  # K = tan α (1+2γ+2η)/(1+2γ), (C10); None without vertical ground motion
@@ -109,8 +112,8 @@ class Coefficients(NamedTuple):
 
 
 def over_inertia(c: Coefficients) -> Coefficients:
-    """Return the constants for the equations of motion alone. A constant inertia is divided out, which saves
-    a division in each stage of a step."""
+    """Return the constants for the equations of motion only. For a rigid podium without restrainers, whose
+    inertia is constant, they are divided by it; this saves a division in each stage of a step."""
     if c.vibration is not None or c.restraint is not None:
         return c
     gravity, ground = barrier((c.gravity / c.inertia, c.ground / c.inertia))
@@ -124,7 +127,7 @@ def present(value: T | None) -> T:
 
 
 def summed(values: Values) -> Value:
-    """Return the sum over modes, or the number itself if there is only one."""
+    """Return the sum over the modes; return the value of a single oscillator unchanged."""
     return jnp.sum(values, axis=-1) if jnp.ndim(values) else values
 
 
@@ -133,8 +136,8 @@ def weighted(weights: Values, values: Values) -> Value:
     return summed(weights * values)
 
 
-SLIP = 1e-8  # default tolerance for the rounding of forces with an infinite slope
-ROUNDED = 10.0  # times the tolerance: the rate of rotation over pα below which they are rounded
+SLIP = 1e-8  # default of the tolerance `slip`, below which forces with an infinite slope are rounded
+ROUNDED_BELOW = 10.0  # these forces are rounded where |θ̇|/(pα) is below this multiple of `slip`
 
 
 def coefficients(
@@ -143,7 +146,7 @@ def coefficients(
     """Return the constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; use `vmap` for
     batches).
 
-    - `podium`: the podium, with scalar numbers
+    - `podium`: the podium, with scalar parameters
     - `slip`: relative tolerance; dampers with ν < 1 are rounded below |θ̇|/(pα) = 10 `slip`
     - `vertical`: whether the ground moves vertically as well
     - `joints`: whether forces in the joints are requested
@@ -184,10 +187,10 @@ def _joints(podium: Podium) -> Joints:
     assert arms is None or isinstance(arms, Arms)
     sin, cos = jnp.sin(podium.alpha), jnp.cos(podium.alpha)
     e = jnp.maximum(podium.restitution_factor, 0.0)
-    found = impulses(2 * podium.R, sin, cos, gamma, eta, (bottom, top), e)
-    # μ = μ_2 + μ_1 of the equivalents over both joints, where μ_b = μ_2 + 2μ_1 and μ_t = μ_2.
-    place = impulse_eccentricity(sin**2, gamma, eta, podium.lam, 0.5 * (bottom + top), e)
-    return Joints(gamma, podium.lam, podium.dead_load, found, place, arms)
+    impulses_per_speed = impulses(2 * podium.R, sin, cos, gamma, eta, (bottom, top), e)
+    # μ = μ_2 + μ_1 of inerters across both joints and across one, with μ_b = μ_2 + 2μ_1 and μ_t = μ_2.
+    eccentricity = impulse_eccentricity(sin**2, gamma, eta, podium.lam, 0.5 * (bottom + top), e)
+    return Joints(gamma, podium.lam, podium.dead_load, impulses_per_speed, eccentricity, arms)
 
 
 def _vibration(podium: Podium) -> Vibration | None:
@@ -222,7 +225,7 @@ def _restraint(podium: Podium, slip: Value | float) -> Restraint | None:
     k = None if kappa is None else 4 * kappa * sin_alpha**2 / (3 * gamma + 0.75 * (1 + podium.lam))
     return Restraint(
         restrainers=restrainers,
-        slip=jax.lax.stop_gradient(2 * sin_alpha * ROUNDED * slip * podium.alpha),
+        slip=jax.lax.stop_gradient(2 * sin_alpha * ROUNDED_BELOW * slip * podium.alpha),
         well=jax.lax.stop_gradient(jnp.minimum(podium.stability_angle, 0.5 * math.pi)),
         apparent_mass=apparent_mass(restrainers),
         restrained_frequency=None if k is None else jax.lax.stop_gradient(podium.p * jnp.sqrt(k)),

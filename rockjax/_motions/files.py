@@ -53,16 +53,16 @@ def read(
     except ValueError as error:  # the name contains a NUL
         raise ValueError(f"{path}: cannot be read: {error}") from None
     if not content.strip():
-        raise ValueError(f"{path}: is empty")
+        raise ValueError(f"{path}: the file is empty")
     parsed = parse(path, content, component)
     file_units = parsed.units
     if file_units is None and units is None:
         if parsed.stated_unit:
-            problem = f"gives the unit as {parsed.stated_unit!r}"
+            problem = f"the file gives the unit as {parsed.stated_unit!r}"
         elif parsed.metadata["format"] == "PEER":
-            problem = "its header does not give the unit"
+            problem = "the header does not give the unit"
         else:
-            problem = "does not say in what units"
+            problem = "the file does not state the unit of its samples"
         raise ValueError(
             f"{path}: {problem}; give units (on the command line --units): one of {', '.join(RECORD_UNITS)}"
         )
@@ -79,7 +79,7 @@ def read(
         )
     values = parsed.values
     if len(values) < 2:
-        raise ValueError(f"{path}: holds {len(values)} sample; a record has at least two")
+        raise ValueError(f"{path}: a record needs at least two samples, got {len(values)}")
     if parsed.dt is None and dt is None:
         cause = parsed.dt_statement or f"{path}: the file has one column and no times"
         raise ValueError(f"{cause}; give dt (on the command line --dt), in seconds")

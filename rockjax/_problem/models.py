@@ -1,7 +1,8 @@
-"""Models of problem files, made from the tables of parameters: type, range and description of each key.
+"""Models of problem files: type, range and description of each key.
 
-Error messages, the JSON schema, the page on problem files and the options of the command line are made from
-these models. This module does not import JAX.
+Keys for parameters are generated from `_parameters/table.py`. Error messages, the JSON schema, the page on
+problem files and the options of the command line are generated from these models. This module does not import
+JAX.
 """
 
 from __future__ import annotations
@@ -35,9 +36,10 @@ STATISTICS, CURVE, HAZARD, MACHINES = "Statistics", "Fragility", "Hazard", "Mach
 
 
 class Flag(NamedTuple):
-    """Option of the command line for a key: its panel in the help, and its name if it differs from the key.
+    """A command-line option for a key: its panel in the help, and its name if it differs from the key.
 
-    It is stored as `json_schema_extra` of the field and leaves the schema unchanged.
+    It is stored as `json_schema_extra` of the field, which pydantic calls with the schema; the call leaves
+    the schema unchanged.
     """
 
     panel: str
@@ -128,13 +130,13 @@ class Keys(BaseModel):
         return given
 
     def as_arguments(self, *without: str) -> dict[str, Any]:
-        """Return the keys that the table has, except those of `without`: name → value."""
+        """Return the keys and values that the table has, except the keys in `without`."""
         names = [name for name in type(self).model_fields if name in self.model_fields_set - set(without)]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
 def require_one(given: Mapping[str, Any], *names: str) -> str:
-    """Return the one of several keys that is given. Raises `ValueError` unless exactly one is."""
+    """Return which of the keys `names` is given. Raises `ValueError` unless exactly one is given."""
     present = [name for name in names if given.get(name) is not None]
     if len(present) != 1:
         raise ValueError(f"needs {' or '.join(names)}" + (", not both" if present else ""))
@@ -165,7 +167,8 @@ _NOTES = {
 
 def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
     """Return the type and the field of a parameter; `needed`: whether the key is required."""
-    panel = "" if name == "damping" or entry.place.count(".") > 1 else STRUCTURE  # --zeta serves both
+    # `damping` has no option, because --zeta sets both damping ratios.
+    panel = "" if name == "damping" or entry.place.count(".") > 1 else STRUCTURE
     note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
     kind, meaning = type_of(entry), f"{entry.heading}{note}."
     return (kind, key(..., meaning, panel)) if needed else (kind | None, key(None, meaning, panel))
@@ -178,13 +181,14 @@ def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
 
 
 def _stored_in(*places: str) -> dict[str, table.Parameter]:
-    """Return the parameters of a structure stored under these attributes, except width and height."""
+    """Return the parameters of a structure that are stored in these attributes of a podium or of its parts,
+    except width and height."""
     entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.WIDTH_AND_HEIGHT}
     return {name: entry for name, entry in entries.items() if entry.place.partition(".")[0] in places}
 
 
 class Superstructure(make_model(_stored_in("superstructure") | table.BUILDING, "eta")):
-    """A superstructure: rigid without T_s; with stories, a building of equal stories."""
+    """A superstructure. Without T_s it is rigid; with `stories` its stories are equal."""
 
     @model_validator(mode="after")
     def _check(self) -> Superstructure:
@@ -209,7 +213,7 @@ class Building(Keys):
     masses: Positives = key(..., "Mass ratios of the floors [–].")
     stiffnesses: Positives = key(..., "Stiffnesses of the stories divided by the mass of all columns [1/s²].")
     damping: Shares | None = key(None, "Damping ratios of the modes, or one for all modes [–].")
-    modes: Index | None = key(None, "Number of modes that are kept; by default all.")
+    modes: Index | None = key(None, "Number of modes in the analysis; by default all.")
     heights: Positives | None = key(None, "Heights of the stories [m].")
 
 
@@ -228,8 +232,8 @@ class Elevation(Keys):
 
 
 def _top(given: Any) -> str:
-    kinds = {"masses": "Building", "T": "Modes"}  # these tags are not keys, so messages leave them out
-    return next((kinds[name] for name in kinds if isinstance(given, dict) and name in given), "one")
+    tags = {"masses": "Building", "T": "Modes"}  # tags differ from keys, so that messages omit them
+    return next((tags[name] for name in tags if isinstance(given, dict) and name in given), "one")
 
 
 class ByRatios(
@@ -260,7 +264,7 @@ class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "heigh
     story_masses: Positives | None = key(None, "Masses of the floors of a building from the bottom [kg].")
     story_stiffnesses: Positives | None = key(None, "Stiffnesses of the stories [N/m].")
     story_heights: Positives | None = key(None, "Heights of the stories [m].")
-    modes: Index | None = key(None, "Number of modes that are kept; by default all.")
+    modes: Index | None = key(None, "Number of modes in the analysis; by default all.")
     positions: Numbers | None = key(None, _COLUMNS)
     beam_depth: NotNegative | None = key(None, "Depth of the beam, with positions [m].")
     top_height: OneOrMore | None = key(None, _HEIGHTS)
@@ -281,7 +285,7 @@ Structure = Annotated[
 
 
 class Pulses(Keys):
-    """Pulses: lists must have equal lengths, a single number applies to all."""
+    """Pulses. Lists of amplitudes and periods must have equal lengths; a single value applies to all."""
 
     kind: PulseName = key("ricker", "Kind of the pulse.", MOTION, "--pulse")
     acceleration_ratio: OneOrMore | None = key(None, "Amplitude of the pulse a_p/(g tan α) [–].", MOTION)
@@ -299,7 +303,8 @@ class Pulses(Keys):
         a_p, T_p = (len(y) if isinstance(y, list) else 1 for y in (given[name] for name in pair))
         if a_p > 1 and T_p > 1 and a_p != T_p:
             raise ValueError(
-                f"has {a_p} amplitudes and {T_p} periods; give equal numbers of both, or one of one"
+                f"has {a_p} amplitudes and {T_p} periods; give lists of equal length, or a single value "
+                "of one"
             )
         return self
 
@@ -348,7 +353,7 @@ class Synthetic(Keys):
     """Synthetic motions: filtered noise under an envelope."""
 
     synthetic: Count = key(20, "Number of motions.", MOTION, "--count")
-    seed: Index = key(0, "Seed of the random numbers; equal seeds give equal motions.", MOTION)
+    seed: Index = key(0, "Seed of the random numbers; the same seed gives the same motions.", MOTION)
     dt: Positive = key(0.01, "Sampling interval [s].", MOTION)
     duration: Positive = key(20.0, "Duration [s].", MOTION)
     pga: Positive = key(2.94, "Peak acceleration of the noise [m/s²].", MOTION)
@@ -398,14 +403,14 @@ class Options(Keys):
     engine: str | None = key(None, "Integration loop: flat or segments.")
     overturn_ratio: Positive | None = key(None, "Limit state max|θ|/α [–].", ACCURACY, "--limit")
     rest_velocity: Positive | None = key(None, "Speed at which impacts end [–].")
-    max_steps: Count | None = key(None, "Largest number of trial steps of a scene.")
+    max_steps: Count | None = key(None, "Maximum number of trial steps of a scene.")
     outputs: list[str] | None = key(None, "Requested outputs.")
     history: Count | None = key(None, "Steps that a history can hold under jit.")
     throw: bool | None = key(None, "Raise an error if a scene does not finish.")
 
 
 class _OneMotion(Keys):
-    """The choice of a motion."""
+    """Keys that select a motion."""
 
     motion: str | None = key(None, "Name of the set of motions, if there are several.", MOTION)
     number: Count | None = key(None, "Number of the motion in the set, if there are several.", MOTION)
@@ -422,7 +427,7 @@ class Response(_OneMotion):
 
 
 class Floors(_OneMotion):
-    """Table of `rockjax floors`; without a number, the motions of a set are a suite."""
+    """Table of `rockjax floors`. Without `number`, all motions of a set are used, as a suite."""
 
     levels: list[Label] | None = key(
         None, "Levels: deck, or numbers of stories; by default the deck and all stories.", GRID
@@ -448,7 +453,7 @@ class _Panels(Keys):
 
 
 class Spectrum(_Panels):
-    """Table of `rockjax spectrum`; a structure in the file is the only panel by default."""
+    """Table of `rockjax spectrum`. If the file has a structure, it is the only panel by default."""
 
     acceleration_ratio: Amplitudes = key((1.0, 12.0), "Range of a_p/(g tan α) [–].", GRID, "--acceleration")
     points: Points = key(100, "Points along each axis.", GRID)
@@ -479,7 +484,9 @@ class Fragility(Keys):
     )
     levels: Count = key(20, "Number of levels.", GRID)
     method: Literal["capacities", "stripes"] = key(
-        "capacities", "Fit of the least overturning intensities, or of the counts at the levels.", STATISTICS
+        "capacities",
+        "Fit of the lowest overturning intensities, or of the numbers of overturned records at the levels.",
+        STATISTICS,
     )
     confidence: Share = key(0.9, "Confidence level of intervals and bands, in (0, 1) [–].", STATISTICS)
     seed: Index = key(0, "Seed of --synthetic motions.", STATISTICS)
@@ -494,7 +501,7 @@ class Risk(Keys):
     structure: str | None = key(None, "Name of the structure in a model (.xml), if it has several.", CURVE)
     median: Positive | None = key(None, "Median of the curve, in SI units, instead of a file.", CURVE)
     dispersion: Positive | None = key(None, "Logarithmic standard deviation, with the median [–].", CURVE)
-    hazard: str | None = key(None, "Hazard curve: CSV of two columns, or of OpenQuake.", HAZARD)
+    hazard: str | None = key(None, "Hazard curve: a CSV file with two columns, or one of OpenQuake.", HAZARD)
     site: Index | None = key(None, "Row of an OpenQuake file, from 0, if it has several.", HAZARD)
     years: NotNegative = key(50.0, "Period of the reported probability of failure [years].", OUTPUT)
 
@@ -505,7 +512,7 @@ class Span(Keys):
     low: Number = Field(alias="from", description="First value.")
     high: Number = Field(alias="to", description="Last value.")
     points: Points = key(..., "Number of values.")
-    log: bool = key(False, "Whether the ratios of neighbours are equal, instead of their distances.")
+    log: bool = key(False, "Whether neighbouring values have equal ratios instead of equal distances.")
 
     @model_validator(mode="after")
     def _check(self) -> Span:
@@ -521,12 +528,12 @@ Axis = Annotated[
 
 
 class Sweep(_OneMotion):
-    """Table of `rockjax sweep`; without a number, the motions of a set are an axis."""
+    """Table of `rockjax sweep`. Without `number`, the motions of a set are an axis."""
 
     outputs: list[str] = key(
         ["peak_rotation"], "Requested outputs: peak_rotation, peak_shear, margin …", GRID
     )
-    chunk: Count | None = key(None, "Scenes in a chunk; by default those of some seconds.", MACHINES)
+    chunk: Count | None = key(None, "Scenes in a chunk; by default as many as take some seconds.", MACHINES)
     axes: dict[str, Axis] = key({}, "Axes of the grid: name of a parameter → values, as in `rockjax.grid`.")
 
 
@@ -547,7 +554,7 @@ class Problem(Keys):
     starts: Count | None = key(None, "Number of starting points; by default 1.", ACCURACY)
     seed: Index | None = key(None, "Seed of the starting points; by default 0.", ACCURACY)
     tolerance: Positive | None = key(None, "Tolerance of the optimality conditions [–].")
-    max_iterations: Count | None = key(None, "Largest number of iterations of a start.")
+    max_iterations: Count | None = key(None, "Maximum number of iterations of a start.")
     friction: Positive | None = key(None, _FRICTION, STRUCTURE)
     vary: Any = key(None, "Design variables.")
     minimise: Any = key(None, "Objective.")

@@ -1,4 +1,4 @@
-"""Reading of problem files: check tables by the models, and build structures, motions and options."""
+"""Reading of problem files: check tables against the models, and build structures, motions and options."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def load_table(path: Path) -> dict[str, Any]:
 class Reader:
     """Reader of the tables of a problem file. Errors name the file, the key and the cause.
 
-    - `path`: the file, to whose folder other paths are relative; None for tables without a file
-    - `options`: key → (flag, value) for keys that the command line has set; their errors name the flag
+    - `path`: the file, and the folder to which other paths are relative; None for tables without a file
+    - `options`: key → (flag, value) for keys that the command line has set; errors in them name the flag
     """
 
     def __init__(self, path: Path | None = None, options: Mapping[str, tuple[str, Any]] | None = None):
@@ -56,12 +56,12 @@ class Reader:
         self.set_by_options = options or {}
 
     def chosen(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return the values of these keys that the command line has set."""
+        """Return the values of those keys among `names` that the command line has set."""
         return {name: self.set_by_options[name][1] for name in names if name in self.set_by_options}
 
     @contextlib.contextmanager
     def at(self, key: str) -> Iterator[None]:
-        """Return a context in which errors name the file and a key."""
+        """Return a context that adds the file and the key to errors."""
         try:
             yield
         except LocatedError:
@@ -73,12 +73,12 @@ class Reader:
         """Raise `LocatedError`, which names the file, a key and the reason."""
         raise LocatedError(f"{self.prefix}{key}: {reason}")
 
-    def check(self, model: type[K], given: Any) -> K:
+    def check(self, model: type[K], table: Any) -> K:
         """Return a table as its model. Raises `ValueError` for the first invalid key."""
         try:
-            return model.model_validate(given)
+            return model.model_validate(table)
         except ValidationError as error:
-            key, reason, value = _explain(error, given)
+            key, reason, value = _explain(error, table)
         flag, chosen = self.set_by_options.get(key.rpartition(".")[2], ("", None))
         if flag and chosen == value:
             raise LocatedError(f"{flag}: {reason}")
@@ -86,16 +86,16 @@ class Reader:
 
     def options(self, given: models.Options, **changes: Any) -> Options:
         """Return the options of a file; `changes` are defaults for options that the file does not give."""
-        chosen: dict[str, Any] = {"throw": False} | changes | given.as_arguments()
+        arguments: dict[str, Any] = {"throw": False} | changes | given.as_arguments()
         with self.at("options"):
-            return Options(**chosen)
+            return Options(**arguments)
 
     def structure(
         self,
         given: models.ByRatios | models.ByDimensions,
         by_dimensions: Callable[..., Any] = Podium.from_dimensions,
     ) -> Any:
-        """Return the podium of a table, or the result of `by_dimensions` for a table by dimensions."""
+        """Return the podium of a table by ratios, or the result of `by_dimensions` for one by dimensions."""
         parameters = given.as_arguments("superstructure", "elevation")
         with self.at("structure"):
             if isinstance(given, models.ByDimensions):
@@ -135,16 +135,16 @@ class Reader:
     def motions(
         self, sets: Mapping[str, models.MotionSet], podium: Podium
     ) -> dict[str, list[AbstractExcitation]]:
-        """Return all sets of motions as excitations."""
+        """Return the motions of all sets as excitations, by name of the set."""
         return {name: [to_excitation(y) for y in self.members(sets, name, podium)] for name in sets}
 
     def members(
         self, sets: Mapping[str, models.MotionSet], name: str, podium: Podium | None
     ) -> list[Motion | AbstractExcitation]:
-        """Return the motions of a set: pulses, and records with their names and sources.
+        """Return the motions of a set: pulses as excitations, records as `Motion` with name and source.
 
         - `sets`: all sets by name; `name`: name of the set
-        - `podium`: the structure to which ratios of pulses refer, or None
+        - `podium`: the structure for pulses that are given by ratios, or None
         """
         motions, is_list = [], isinstance(sets[name], list)
         for k, entry in enumerate(entries_of(sets[name])):
@@ -155,7 +155,7 @@ class Reader:
         return motions
 
     def records(self, sets: Mapping[str, models.MotionSet], name: str) -> Motions:
-        """Return a set of records, with their names. Raises `ValueError` for pulses."""
+        """Return the records of a set, with their names. Raises `ValueError` for pulses."""
         if has_pulses(sets[name]):
             self.fail(f"motions.{name}", "must have records (file, suite or synthetic) here, not pulses")
         return Motions(tuple(self.members(sets, name, None)))  # pyright: ignore[reportArgumentType]
@@ -163,7 +163,7 @@ class Reader:
     def require_set(self, sets: Mapping[str, Any], name: str | None, key: str) -> str:
         """Return the name of a set of motions; None stands for the only set.
 
-        Raises `ValueError` if there is no such set. `key` is the key in the error.
+        Raises `ValueError`, which names `key`, if there is no such set.
         """
         if name is None and len(sets) == 1:
             return next(iter(sets))
@@ -197,18 +197,18 @@ class Reader:
         return motion if scale in (None, 1) else motion.scaled(scale)
 
 
-def _explain(error: ValidationError, given: Any) -> tuple[str, str, Any]:
-    """Return the key of the first error of a table, the cause and the value."""
-    first = error.errors(include_url=False)[0]
-    location, value, reason = "", given, first["msg"].removeprefix("Value error, ")
-    for step in first["loc"]:  # steps that are not keys or indices name branches of unions
+def _explain(error: ValidationError, table: Any) -> tuple[str, str, Any]:
+    """Return the key, the cause and the invalid value of the first error of a table."""
+    first_error = error.errors(include_url=False)[0]
+    location, value, reason = "", table, first_error["msg"].removeprefix("Value error, ")
+    for step in first_error["loc"]:  # steps that are not keys or indices name branches of unions
         if isinstance(value, dict) and step in value:
             location, value = f"{location}.{step}".lstrip("."), value[step]
         elif isinstance(value, list) and isinstance(step, int) and step < len(value):
             location, value = f"{location}[{step}]", value[step]
-    error_type, context = first["type"], first.get("ctx", {})
+    error_type, context = first_error["type"], first_error.get("ctx", {})
     if error_type == "missing":
-        return location or "file", f"{first['loc'][-1]} is missing", None
+        return location or "file", f"{first_error['loc'][-1]} is missing", None
     if error_type == "unknown":
         return f"{location}.{context['key']}".lstrip("."), reason, value[context["key"]]
     if error_type == "union_tag_invalid":
@@ -232,12 +232,12 @@ def has_pulses(motions: models.MotionSet) -> bool:
 
 
 def to_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
-    """Return a motion as an excitation."""
+    """Return a member of a set as an excitation."""
     return member.record() if isinstance(member, Motion) else member
 
 
 def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitation]:
-    """Return the pulses of an entry; `podium`: the structure to which ratios refer, or None."""
+    """Return the pulses of an entry; `podium`: the structure for pulses that are given by ratios, or None."""
     pulse_class = PULSES[entry.kind]
     a_p = (
         entry.a_p

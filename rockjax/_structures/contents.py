@@ -1,4 +1,4 @@
-"""Light things on the floors of a structure, which do not act back on it."""
+"""Light things on the floors of a structure, which do not affect its motion: blocks and oscillators."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Contents(Module):
     - `vertical`: whether the vertical motion of the floor acts; False is the usual practice
     - `overturn_ratio`: |φ|/α_c at which the block counts as overturned, in (0, π/(2α_c)] [–]
 
-    Raises `ValueError` for concrete numbers outside these ranges.
+    Raises `ValueError` for concrete values outside these ranges.
     """
 
     alpha: Number = eqx.field(converter=as_number("Contents: alpha"))
@@ -73,17 +73,20 @@ class Contents(Module):
 
     @classmethod
     def from_dimensions(cls, width, height, **fields) -> Self:
-        """Return a block of full width and full height [m], both > 0.
+        """Return a block with the given dimensions.
 
-        `fields` are `lam`, `restitution`, `level`, `vertical` and `overturn_ratio` of [`rockjax.Contents`][].
-        Raises `ValueError` for numbers out of range.
+        - `width`, `height`: full width and full height, > 0 [m]
+        - `fields`: `lam`, `restitution`, `level`, `vertical` and `overturn_ratio` of [`rockjax.Contents`][]
+
+        Raises `ValueError` for values out of range.
         """
         require_positive("Contents.from_dimensions", width=width, height=height)
         alpha, R = slenderness_and_size(*map(as_numpy_unless_traced, (width, height)))
         return cls(alpha, R, **fields)
 
     def block(self, g: Number) -> Podium:
-        """Return the solitary block that rocks like it, under the acceleration of gravity g [m/s²]."""
+        """Return the podium of a single column, without a beam, that rocks like this block under gravity g
+        [m/s²]."""
         return Podium(self.alpha, self.R, lam=self.lam, restitution=self.restitution, g=g)
 
     def __repr__(self):
@@ -101,7 +104,7 @@ class Oscillator(Module):
     - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
     - `direction`: `"horizontal"` or `"vertical"`
 
-    Raises `ValueError` for concrete numbers outside these ranges.
+    Raises `ValueError` for concrete values outside these ranges.
     """
 
     period: Number = eqx.field(converter=as_number("Oscillator: period"))

@@ -265,7 +265,7 @@ WRONG = [  # each message once
     ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
     (
         "response --record record.txt",
-        "record.txt: does not say in what units; give units (on the command line",
+        "record.txt: the file does not state the unit of its samples; give units (on the command line",
     ),
     ("response --record record.txt --T-p 2", "--T-p: unknown key; valid keys are units, dt, component"),
     ("spectrum -o out.csv", "--output out.csv: .csv files are not supported; give a prefix"),
