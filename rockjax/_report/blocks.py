@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Iterator, Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from .tables import Column, Formula, Link, Quantity, Table, Text, Word, checked_text
 from .units import KINDS
@@ -23,7 +23,14 @@ RESULTS = {
     "NOT MADE": ("not made", "–"),
     "BY OTHERS": ("by others", "→"),
 }
-_ID = re.compile(r"[^\W\d][\w.:-]*")
+
+
+def check_anchor(id: str) -> str:
+    """Return the anchor of a check on the page, the target of a `Link` to it.
+
+    `id`: id of the check, any text, such as "C1"
+    """
+    return "check-" + re.sub(r"[^A-Za-z0-9.-]", lambda found: f"_{ord(found[0]):x}", id)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,8 +140,7 @@ class Limit:
 class SummaryRow:
     """A check in the summary.
 
-    - `id`: id of the check, such as "C1"; also its anchor on the page: a letter, then letters, digits and
-      "-", "_", ".", ":"
+    - `id`: id of the check, such as "C1"
     - `name`: what is checked
     - `scope`: set and statistic, such as "design, largest of 11"
     - `value`: its value with the numerical error, or the word in its place
@@ -151,7 +157,7 @@ class SummaryRow:
     - `clause`: what asks for the check
     - `is_target`: whether it is a design target
 
-    Raises `ValueError` for an unknown result, an id that cannot be an anchor, and missing texts.
+    Raises `ValueError` for an unknown result, an id that is no word, and missing texts.
     """
 
     id: str
@@ -173,12 +179,8 @@ class SummaryRow:
 
     def __post_init__(self) -> None:
         """Check the id, the result and the texts."""
+        checked_text(self.id, "SummaryRow.id")
         owner = f"SummaryRow {self.id}"
-        if not _ID.fullmatch(self.id):
-            raise ValueError(
-                "SummaryRow: id must be a letter followed by letters, digits, '-', '_', '.' or ':', "
-                f"got {self.id!r}"
-            )
         if self.result not in RESULTS:
             raise ValueError(f"{owner}: result must be one of {', '.join(RESULTS)}, got {self.result!r}")
         texts = ("reason",) if self.reason else ("governs", "sensitivities", "spread")
@@ -191,6 +193,11 @@ class SummaryRow:
     def state(self) -> str:
         """State of the word of the result, one of `tables.STATES`."""
         return RESULTS[self.result][0]
+
+    @property
+    def anchor(self) -> str:
+        """Anchor on the page."""
+        return check_anchor(self.id)
 
     @property
     def sign(self) -> str:
@@ -287,7 +294,8 @@ class Page:
     - `origin`: label → text in a second block, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages
 
-    Raises `ValueError` for double numbers of sections, names of tables and ids of rows.
+    Raises `ValueError` for double numbers of sections, names of tables and ids of rows, and for links that
+    lead nowhere.
     """
 
     title: str
@@ -301,19 +309,21 @@ class Page:
     footer: str = ""
 
     def __post_init__(self) -> None:
-        """Check that names and anchors are unique."""
+        """Check that names and anchors are unique, and that links lead to anchors."""
         checked_text(self.title, "Page.title")
         checked_text(self.verdict, "Page.verdict")
         names = [table.name for table in self.tables()]
         anchors = [f"s{section.number}" for section in self.sections]
         for block in self.blocks():
             if isinstance(block, Summary):
-                anchors += [row.id for row in block.rows]
+                anchors += [row.anchor for row in block.rows]
             elif isinstance(block, Table):
                 anchors += block.ids
         for what, values in {"names of tables": names, "anchors": anchors}.items():
             if double := sorted({name for name in values if values.count(name) > 1}):
                 raise ValueError(f"Page: {what} must differ, got {', '.join(double)} more than once")
+        if dead := sorted(set(_targets(self)) - set(anchors)):
+            raise ValueError(f"Page: no section, check or row has the anchor {', '.join(dead)}")
 
     def blocks(self) -> Iterator[Block]:
         """Yield the blocks of all sections."""
@@ -327,3 +337,19 @@ class Page:
             for block in self.blocks()
             if isinstance(block, Summary | Table)
         )
+
+
+def _targets(content: Any) -> Iterator[str]:
+    """Yield the targets of all links within blocks, texts and cells."""
+    if isinstance(content, Link):
+        yield content.target
+    elif isinstance(content, SummaryRow):
+        yield f"s{content.section}"
+        yield from content.assumptions
+    if dataclasses.is_dataclass(content):
+        content = [getattr(content, field.name) for field in dataclasses.fields(content)]
+    if isinstance(content, Mapping):
+        content = list(content.values())
+    if isinstance(content, list | tuple):
+        for part in content:
+            yield from _targets(part)

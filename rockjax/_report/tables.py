@@ -154,8 +154,8 @@ class Code:
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """A part of a text that leads to an anchor of the page: "s4" is section 4, "C1" a check, "A7" an
-    assumption."""
+    """A part of a text that leads to an anchor of the page: "s4" is section 4, `blocks.check_anchor("C1")` a
+    check, and "A7" the row of a table with this id."""
 
     text: str
     target: str
@@ -200,12 +200,13 @@ class Column:
 class Table:
     """A table of a report.
 
-    - `name`: name of its file, sheet and entry in JSON: lower-case letters, digits, "-"; unique in a report
+    - `name`: name of its file, sheet and entry in JSON: up to 31 lower-case letters, digits and "-"; unique
+      in a report
     - `caption`: what it shows
     - `columns`: the columns; the cells of the first are the headings of the rows
     - `rows`: at least one row, each with a cell for every column; a string is a `Word`
     - `governing`: numbers of the rows that stand out, from 0
-    - `ids`: an anchor for every row, such as "A7", or none at all
+    - `ids`: an anchor for every row, such as "A7", of letters, digits, "-" and "."; or none at all
 
     Raises `ValueError` for a table without rows, a row of another length, a quantity in the column of another
     kind, and what the cells refuse.
@@ -220,8 +221,10 @@ class Table:
 
     def __post_init__(self) -> None:
         """Check that rows and columns belong together."""
-        if not re.fullmatch(r"[a-z][a-z0-9-]*", self.name):
-            raise ValueError(f"Table: name must have lower-case letters, digits and '-', got {self.name!r}")
+        if not re.fullmatch(r"[a-z][a-z0-9-]{0,30}", self.name):
+            raise ValueError(
+                f"Table: name must have up to 31 lower-case letters, digits and '-', got {self.name!r}"
+            )
         caption = checked_text(self.caption, f"Table {self.name}: caption")
         columns = tuple(self.columns)
         rows = tuple(tuple(_cell(cell) for cell in row) for row in self.rows)
@@ -240,6 +243,10 @@ class Table:
                     )
         if self.ids and len(self.ids) != len(rows):
             raise ValueError(f"Table {self.name}: {len(self.ids)} ids for {len(rows)} rows")
+        if not all(re.fullmatch(r"[A-Za-z][A-Za-z0-9.-]*", anchor) for anchor in self.ids):
+            raise ValueError(
+                f"Table {self.name}: ids must have letters, digits, '-' and '.', got {', '.join(self.ids)}"
+            )
         if not all(0 <= number < len(rows) for number in self.governing):
             raise ValueError(f"Table {self.name}: governing must be numbers of rows, got {self.governing}")
         for name, value in {"caption": caption, "columns": columns, "rows": rows}.items():

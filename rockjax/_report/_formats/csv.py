@@ -1,0 +1,38 @@
+"""CSV: a file for each table, in UTF-8 with a byte order mark, as spreadsheets expect it."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+
+from rockjax._report.blocks import Page
+from rockjax._report.tables import Table
+from rockjax._report.units import Units
+
+from .grid import Number, grid
+
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+
+
+def encode(page: Page, units: Units) -> dict[str, bytes]:
+    """Return the tables of a page as CSV files, named after the tables.
+
+    Numbers are in the chosen units, not rounded. Texts that a spreadsheet would take for a formula begin with
+    an apostrophe.
+    """
+    return {f"{table.name}.csv": _content(table, units) for table in page.tables()}
+
+
+def _content(table: Table, units: Units) -> bytes:
+    made, target = grid(table, units), io.StringIO(newline="")
+    writer = csv.writer(target)
+    writer.writerow(map(_field, made.heads))
+    writer.writerows([_field(cell) for cell in row] for row in made.rows)
+    return codecs.BOM_UTF8 + target.getvalue().encode()
+
+
+def _field(cell: Number | str) -> str:
+    if isinstance(cell, Number):
+        return repr(cell.value)
+    return "'" + cell if cell.startswith(_FORMULA_STARTS) else cell

@@ -1,0 +1,82 @@
+"""Tables as rows of numbers and texts, for files of spreadsheets."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rockjax._report.tables import (
+    Cell,
+    Column,
+    Formula,
+    Quantity,
+    Series,
+    Table,
+    Word,
+    plain,
+    plain_cell,
+    shown,
+)
+from rockjax._report.units import NO_UNIT, Units
+
+NONE = "none"  # in the column of errors or notes, for a cell without one
+
+
+class Number(NamedTuple):
+    """A number in a unit, and the digits that a page shows."""
+
+    value: float
+    digits: str
+
+
+class Grid(NamedTuple):
+    """A table with a column for units wherever there are numbers, and for errors and notes where some are."""
+
+    heads: list[str]
+    rows: list[list[Number | str]]
+
+
+def grid(table: Table, units: Units) -> Grid:
+    """Return a table as rows of numbers, in the chosen units and not rounded, and texts."""
+    heads: list[str] = []
+    rows: list[list[Number | str]] = [[] for _ in table.rows]
+    for k, column in enumerate(table.columns):
+        cells = [row[k] for row in table.rows]
+        parts = [_main(cells, column, units), *_extra(cells, column, units)]
+        for name, values in parts:
+            heads.append(name)
+            for row, content in zip(rows, values, strict=True):
+                row.append(content)
+    return Grid(heads, rows)
+
+
+def _main(cells: list[Cell], column: Column, units: Units) -> tuple[str, list[Number | str]]:
+    note = plain(column.note, units)
+    name = f"{column.head} ({note})" if note else column.head
+    return name, [
+        Number(units.show(cell.value, cell.kind), shown(cell, units))
+        if isinstance(cell, Quantity)
+        else plain_cell(cell, units, unit=False)
+        for cell in cells
+    ]
+
+
+def _extra(cells: list[Cell], column: Column, units: Units) -> list[tuple[str, list[Number | str]]]:
+    """Return the columns of errors, units and notes."""
+    extra: list[tuple[str, list[Number | str]]] = []
+    errors: list[Number | str] = []
+    for cell in cells:
+        error = cell.error if isinstance(cell, Quantity) else None
+        errors.append(NONE if error is None else Number(units.show(error, _kind(cell)), ""))
+    if any(isinstance(error, Number) for error in errors):
+        extra.append((f"{column.head}: error", errors))
+    if any(isinstance(cell, Quantity | Series) for cell in cells):
+        shown_units = [units.unit(_kind(cell)) if _kind(cell) else NO_UNIT for cell in cells]
+        extra.append((f"{column.head}: unit", [*shown_units]))
+    notes = [NONE if isinstance(cell, Formula) else plain(cell.note, units) or NONE for cell in cells]
+    if set(notes) != {NONE}:
+        extra.append((f"{column.head}: note", [*notes]))
+    return extra
+
+
+def _kind(cell: Cell) -> str:
+    return "" if isinstance(cell, Word | Formula) else cell.kind

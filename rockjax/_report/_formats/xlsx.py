@@ -1,0 +1,76 @@
+"""XLSX: a sheet for each table, with numbers as numbers and texts as texts."""
+
+from __future__ import annotations
+
+import datetime
+import io
+import re
+from typing import Any
+
+from rockjax._report.blocks import Page
+from rockjax._report.tables import plain
+from rockjax._report.units import Units
+
+from .grid import Number, grid
+
+_CREATED = datetime.datetime(2000, 1, 1)  # fixed, so that the same tables give the same bytes
+_WIDTHS = (8, 60)  # least and largest width of a column, in characters
+_LONGEST = 32_767  # characters in a cell of a spreadsheet
+
+
+def require_library() -> Any:
+    """Return the module `xlsxwriter`. Raises `ValueError`, which names the command to install it."""
+    try:
+        import xlsxwriter
+    except ImportError:
+        raise ValueError(
+            "XLSX files need XlsxWriter, which is missing; run `pip install XlsxWriter`"
+        ) from None
+    return xlsxwriter
+
+
+def encode(page: Page, units: Units) -> dict[str, bytes]:
+    """Return the tables of a page as a workbook.
+
+    Numbers are in the chosen units, not rounded, and shown with the digits of the page. Raises `ValueError`
+    if XlsxWriter is missing.
+    """
+    target = io.BytesIO()
+    options = {"in_memory": True, "strings_to_numbers": False, "strings_to_formulas": False}
+    workbook = require_library().Workbook(target, {**options, "strings_to_urls": False})
+    workbook.set_properties({"title": page.title[:255], "created": _CREATED})
+    bold, top = workbook.add_format({"bold": True}), workbook.add_format({"valign": "top"})
+    formats: dict[str, Any] = {}
+    for table in page.tables():
+        sheet = workbook.add_worksheet(table.name)
+        sheet.write_string(0, 0, plain(table.caption, units)[:_LONGEST], bold)
+        made = grid(table, units)
+        for column, name in enumerate(made.heads):
+            sheet.write_string(1, column, name, bold)
+            longest = max(len(_text(row[column])) for row in [made.heads, *made.rows])
+            sheet.set_column(column, column, min(max(longest + 2, _WIDTHS[0]), _WIDTHS[1]))
+        for line, row in enumerate(made.rows, 2):
+            for column, cell in enumerate(row):
+                if isinstance(cell, Number):
+                    style = _number_format(cell.digits)
+                    if style not in formats:
+                        formats[style] = workbook.add_format({"num_format": style, "valign": "top"})
+                    sheet.write_number(line, column, cell.value, formats[style])
+                else:
+                    sheet.write_string(line, column, cell[:_LONGEST], top)
+        sheet.freeze_panes(2, 1)
+    workbook.close()
+    return {"report.xlsx": target.getvalue()}
+
+
+def _text(cell: Number | str) -> str:
+    return cell.digits if isinstance(cell, Number) else cell
+
+
+def _number_format(digits: str) -> str:
+    """Return the format of a cell that shows a number like the page does; two digits of an error."""
+    mantissa, power, _ = digits.partition("·")
+    _, point, decimals = re.sub(r"\s", "", mantissa).partition(".")
+    if not digits or power:
+        return f"0{point or '.'}{'0' * len(decimals) or '0'}E+00"
+    return f"0{point}{'0' * len(decimals)}"

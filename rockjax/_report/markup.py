@@ -1,0 +1,143 @@
+"""HTML of texts, cells and tables. Everything that comes from a file is escaped here or by the template."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from markupsafe import Markup, escape
+
+from . import formulas
+from .tables import (
+    Bare,
+    Cell,
+    Code,
+    Column,
+    Formula,
+    Link,
+    Part,
+    Quantity,
+    Series,
+    Strong,
+    Table,
+    Text,
+    Tone,
+    Word,
+    head,
+    shown,
+    shown_error,
+    shown_series,
+    with_unit,
+)
+from .units import Units
+
+# Classes of page.css by tone.
+CLASSES: Final[dict[Tone, str]] = {"plain": "", "good": "good", "bad": "bad", "open": "miss"}
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffe\uffff\ud800-\udfff]")
+SCROLLS = Markup('<div class="scroll" tabindex="0" role="group" aria-label="table, scrolls sideways">')
+
+
+def safe(text: str) -> Markup:
+    """Return a string as HTML, with characters that HTML does not allow replaced by U+FFFD."""
+    return escape(_CONTROL.sub("\N{REPLACEMENT CHARACTER}", text))
+
+
+def text(content: Text, units: Units) -> Markup:
+    """Return a text as HTML, its quantities in the units of the page."""
+    parts = (content,) if isinstance(content, str) else content
+    return Markup("").join(_part(part, units) for part in parts)
+
+
+def _part(part: Part, units: Units) -> Markup:
+    if isinstance(part, Quantity):
+        return safe(with_unit(shown(part, units), part.kind, units))
+    if isinstance(part, Bare):
+        return safe(shown(part.quantity, units))
+    if isinstance(part, Formula):
+        return formula(part).replace('display="block"', 'display="inline"')
+    if isinstance(part, Code):
+        return Markup("<code>{}</code>").format(safe(part.text))
+    if isinstance(part, Link):
+        return Markup('<a href="#{}">{}</a>').format(part.target, safe(part.text))
+    if isinstance(part, Strong):
+        return emphasised(safe(part.text), part.tone)
+    return safe(part)
+
+
+def emphasised(content: Markup, tone: Tone) -> Markup:
+    """Return HTML in bold letters in the colour of a tone."""
+    name = CLASSES[tone]
+    return (
+        Markup('<b class="{}">{}</b>').format(name, content) if name else Markup("<b>{}</b>").format(content)
+    )
+
+
+def formula(part: Formula) -> Markup:
+    """Return the MathML of a formula."""
+    return Markup(formulas.mathml(part.name).replace("&ApplyFunction;", "\N{FUNCTION APPLICATION}"))
+
+
+def small(content: Text, units: Units) -> Markup:
+    """Return a text as a second line of a cell; nothing for an empty text."""
+    return Markup("<small>{}</small>").format(text(content, units)) if content else Markup("")
+
+
+def value(cell: Cell, units: Units, *, unit: bool = True) -> Markup:
+    """Return the content of a cell: its first line, its error and its note.
+
+    `unit`: whether a number has its unit; in columns of one kind the heading has it
+    """
+    if isinstance(cell, Formula):
+        return formula(cell)
+    if isinstance(cell, Word):
+        first = text(cell.text, units)
+        if cell.tone != "plain":
+            first = emphasised(first, cell.tone)
+        return first + small(cell.note, units)
+    if isinstance(cell, Series):
+        digits, error = shown_series(cell, units), Markup("")
+    else:
+        digits, error = shown(cell, units), shown_error(cell, units)
+        error = Markup("<small>± {}</small>").format(error) if error else Markup("")
+    return safe(with_unit(digits, cell.kind, units) if unit else digits) + error + small(cell.note, units)
+
+
+def table(content: Table, units: Units) -> Markup:
+    """Return a table as HTML, with scope of the headings, caption, and units in the headings of columns."""
+    is_number = [
+        all(isinstance(row[k], Quantity) for row in content.rows) or column.kind is not None
+        for k, column in enumerate(content.columns)
+    ]
+    heads = Markup("").join(
+        Markup('<th scope="col"{}>{}{}</th>').format(
+            _right(right), safe(head(column, units)), small(column.note, units)
+        )
+        for column, right in zip(content.columns, is_number, strict=True)
+    )
+    rows = Markup("\n").join(_row(content, number, is_number, units) for number in range(len(content.rows)))
+    return Markup("<table><caption>{}</caption><thead><tr>{}</tr></thead><tbody>{}</tbody></table>").format(
+        text(content.caption, units), heads, rows
+    )
+
+
+def _row(content: Table, number: int, is_number: list[bool], units: Units) -> Markup:
+    anchor = Markup(' id="{}"').format(content.ids[number]) if content.ids else Markup("")
+    if number in content.governing:
+        anchor += Markup(' class="gov"')
+    cells = Markup("").join(
+        _cell(cell, column, k, is_number[k], units)
+        for k, (cell, column) in enumerate(zip(content.rows[number], content.columns, strict=True))
+    )
+    return Markup("<tr{}>{}</tr>").format(anchor, cells)
+
+
+def _cell(cell: Cell, column: Column, k: int, right: bool, units: Units) -> Markup:
+    shown_value = value(cell, units, unit=column.kind is None)
+    if k == 0:
+        return Markup('<th scope="row">{}</th>').format(shown_value)
+    attributes = Markup(' class="eq"') if isinstance(cell, Formula) else _right(right)
+    return Markup("<td{}>{}</td>").format(attributes, shown_value)
+
+
+def _right(right: bool) -> Markup:
+    return Markup(' class="r"' if right else "")

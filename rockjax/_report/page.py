@@ -1,0 +1,126 @@
+"""The page of a report: one HTML file without scripts and without requests.
+
+The template is `page.html.jinja`, the style `page.css`. The same page gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import re
+from importlib.resources import files
+
+import jinja2
+from markupsafe import Markup
+
+from . import markup
+from .blocks import Limit, Page
+from .tables import SPACE, Quantity, Word, shown, with_unit
+from .units import Units, in_unit
+
+# Colours of rows and words of the summary, as classes of page.css, by result.
+COLOURS = {
+    "PASS": "pass",
+    "FAIL": "fail",
+    "UNDECIDED": "inv",
+    "NOT VALID": "inv",
+    "NOT MADE": "none",
+    "BY OTHERS": "none",
+}
+_LARGEST_U = 1.5  # utilisation at the right end of the bar
+
+
+def render(page: Page, units: Units) -> str:
+    """Return the HTML of a page.
+
+    - `page`: its content [SI]
+    - `units`: units in which numbers are shown
+
+    All texts are escaped. Limits are in the unit of the page, and below it in the unit in which they were
+    given, if that is another one.
+    """
+    in_units = {
+        name: functools.partial(function, units=units)
+        for name, function in {
+            "text": markup.text,
+            "value": markup.value,
+            "table": markup.table,
+            "checked_value": _value,
+            "limit": _limit,
+            "utilisation": _utilisation,
+        }.items()
+    }
+    return _template().render(
+        page=page,
+        css=Markup(_read("page.css")),
+        font=_font(),
+        footer=Markup(css_string(page.footer or page.title)),
+        colours=COLOURS,
+        scrolls=markup.SCROLLS,
+        formula=markup.formula,
+        kind_of=lambda block: type(block).__name__,
+        **in_units,
+    )
+
+
+def css_string(text: str) -> str:
+    """Return a text for a string of CSS: every character but letters, digits and spaces as its code point."""
+    return re.sub(r"[^\w ]", lambda found: f"\\{ord(found[0]) or 0xFFFD:06x} ", text)
+
+
+def _limit(limit: Limit | Word, units: Units) -> Markup:
+    """Return the limit of a check, with the number of the file if its unit is another one."""
+    if isinstance(limit, Word):
+        return markup.value(limit, units)
+    quantity = limit.quantity
+    digits = with_unit(shown(quantity, units), quantity.kind, units)
+    content = Markup("{}{}{}").format(limit.sign, SPACE, _breakable(digits))
+    if limit.unit is not None and limit.unit != units.unit(quantity.kind):
+        given = f"{in_unit(quantity.value, limit.unit, quantity.kind, units.g):.6g} {limit.unit}"
+        content += Markup("<small>given as {}</small>").format(given)
+    return content + markup.small(limit.note, units)
+
+
+def _value(cell: Quantity | Word, units: Units) -> Markup:
+    """Return the value of a check with its error."""
+    return Markup(_breakable(markup.value(cell, units)))
+
+
+def _breakable(content: str) -> str:
+    """Return a number whose unit may stand on the next line, for narrow columns."""
+    return content.replace(SPACE, " ")
+
+
+def _utilisation(cell: Quantity | Word, units: Units) -> Markup:
+    """Return a utilisation with its bar, in which a line marks 1; a word without a bar."""
+    if isinstance(cell, Word):
+        return Markup('<span class="nb">{}</span>').format(markup.text(cell.text, units))
+    share = 100 * min(max(cell.value, 0.0), _LARGEST_U) / _LARGEST_U
+    name = ' class="above"' if cell.value > 1 else ""
+    bar = Markup('<span class="bar"><i{} style="width:{:.0f}%"></i><b></b></span>').format(
+        Markup(name), share
+    )
+    return Markup('<span class="u">{}<span>{}</span></span>').format(bar, shown(cell, units))
+
+
+@functools.cache
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        finalize=lambda shown: shown if isinstance(shown, Markup | int | float) else markup.safe(str(shown)),
+    )
+    return environment.from_string(_read("page.html.jinja"))
+
+
+@functools.cache
+def _font() -> str:
+    """Return the font of formulas in base 64."""
+    return base64.b64encode(files("rockjax._report").joinpath("formulas.woff").read_bytes()).decode()
+
+
+def _read(name: str) -> str:
+    return files("rockjax._report").joinpath(name).read_text(encoding="utf-8")
