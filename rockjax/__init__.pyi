@@ -74,6 +74,9 @@ from ._structures import Podium as Podium
 from ._structures import Rigid as Rigid
 from ._structures import ShearBuilding as ShearBuilding
 from ._studies.curve import fragility as fragility
+from ._studies.empirical import Comparison as Comparison
+from ._studies.ensemble import Ensemble as Ensemble
+from ._studies.ensemble import ensemble as ensemble
 from ._studies.floor_spectra import broadened as broadened
 from ._studies.floor_spectra import envelope as envelope
 from ._studies.floor_spectra import floor_spectrum as floor_spectrum

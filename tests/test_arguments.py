@@ -67,6 +67,7 @@ VALID = {
     rj.Contents: {"alpha": 0.2, "R": 0.5},
     rj.Contents.from_dimensions: {"width": 0.4, "height": 1.8},
     rj.Oscillator: {"period": 0.3},
+    rj.ensemble: {"podium": PODIUM, "motions": pulse(), "spread": {"R": 1.0}, "n": 2},
     rj.grid: {"structure": PODIUM, "excitation": pulse()},
     rj.sweep: {"structures": PODIUM, "excitations": pulse(), "store": "there_is_none"},
     optimise.PeakRotation: {"limit": 0.3, "excitations": pulse()},

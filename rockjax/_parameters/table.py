@@ -210,6 +210,14 @@ MOTION = _by_name(
     Parameter("t_start", "t_0", "s", ANY, "time of the first sample"),
 )
 
+# Parameters of the state at the start of a scene, fields of `rockjax.State`; names begin with `initial.`.
+INITIAL = _by_name(
+    Parameter("initial.theta", "θ_0", "rad", ANY, "initial rotation of the columns", "theta"),
+    Parameter("initial.theta_dot", "θ̇_0", "rad s-1", ANY, "initial rate of the rotation", "theta_dot"),
+    Parameter("initial.u_t", "u_0", "m", ANY, "initial displacement of the superstructure", "u_t"),
+    Parameter("initial.u_t_dot", "u̇_0", "m s-1", ANY, "initial velocity of the superstructure", "u_t_dot"),
+)
+
 
 def attribute_name(parameter: Parameter) -> str:
     """Return the name of a parameter in the attributes of a file: its name and unit."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,20 +12,14 @@ from jaxtyping import ArrayLike, Float
 
 from rockjax._checks import as_float, require_instance
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._excitations.ground import GroundMotion
-from rockjax._excitations.pulses import AbstractPulse
-from rockjax._motions.convert import AnyMotions, as_records, combine_motions, single_motions
-from rockjax._motions.motion import Motion
-from rockjax._motions.records import RecordPairs, Records
-from rockjax._parameters.table import MOTION, find_clash
-from rockjax._parameters.variants import (
-    check_values,
-    parameters_of,
-    pulse_acceleration,
-    pulse_period,
-    with_values,
+from rockjax._motions.convert import AnyMotions
+from rockjax._responses.variants import (
+    check_names,
+    labelled_motion,
+    pick_motions,
+    variable_parameters,
+    with_parameters,
 )
-from rockjax._responses.sensitivities import number_fields, with_numbers
 from rockjax._structures import Podium
 
 Coords = dict[str, np.ndarray]
@@ -93,7 +86,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
         raise ValueError(
             f"grid: structure must have scalar parameters, got arrays of shape {shapes}; give them as axes"
         )
-    motion, labels = _as_motion(excitation)
+    motion, labels = labelled_motion("grid", excitation)
     coords: Coords = {} if labels is None else {"motion": labels}
     for name, values in axes.items():
         values = np.asarray(as_float(values, f"grid: {name}"))
@@ -102,67 +95,12 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
                 f"grid: {name} must be one-dimensional with at least one value, got shape {values.shape}"
             )
         coords[name] = values
-    _check_names(structure, motion, tuple(axes), single=labels is None)
+    check_names("grid", "axes", tuple(axes), variable_parameters(structure, motion, labels is None))
     axis_values = {
         name: values.reshape(tuple(-1 if k == j else 1 for k in range(len(coords))))
         for j, (name, values) in enumerate(coords.items())
     }
     if labels is not None:
         shape = axis_values.pop("motion").shape
-        if isinstance(motion, Records | RecordPairs):
-            motion = motion.pick(np.arange(len(labels), dtype=np.int32).reshape(shape))
-        else:
-            motion = jax.tree.map(lambda y: y.reshape(shape), motion)
-    podium_values = {name: axis_values[name] for name in parameters_of(structure) if name in axis_values}
-    check_values("grid", podium_values)
-    podium = with_values(structure, podium_values)
-    return Grid(podium, _vary_motion(motion, podium, axis_values), coords)
-
-
-def _as_motion(excitation) -> tuple[AbstractExcitation, np.ndarray | None]:
-    """Return a motion and None, or a batch of motions and the labels of its axis `motion`."""
-    if isinstance(excitation, Records) and excitation.which.ndim:
-        records, _ = as_records("grid", excitation, "excitation")
-        return records, np.arange(len(records))
-    if isinstance(excitation, AbstractExcitation | Motion):
-        members, _ = single_motions("grid", excitation, "excitation")
-        return members[0], None
-    members, names = single_motions("grid", excitation, "excitation")
-    labels = np.arange(len(members)) if names is None else np.array(names)
-    return combine_motions("grid", members, "excitation"), labels
-
-
-_RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)
-
-
-def _check_names(structure: Podium, motion: AbstractExcitation, names: Sequence[str], single: bool) -> None:
-    motion_parameters = number_fields(motion) if single else {}
-    pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
-    ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
-    valid = [*parameters_of(structure), *motion_parameters, *ratios, "scale"]
-    for name in names:
-        if name not in valid:
-            raise ValueError(
-                f"grid: axes must be some of {', '.join(valid)} for this podium and motion, got {name!r}"
-            )
-    clash = find_clash(names)
-    if clash is not None:
-        raise ValueError(
-            f"grid: {clash[0]} and {clash[1]} describe the same quantity; give one of them as an axis"
-        )
-
-
-def _vary_motion(
-    base: AbstractExcitation, podium: Podium, axis_values: dict[str, np.ndarray]
-) -> AbstractExcitation:
-    changes: dict[str, Any] = {
-        field: axis_values[name] for name, field in number_fields(base).items() if name in axis_values
-    }
-    check_values("grid", {name: axis_values[name] for name in _RATIOS if name in axis_values})
-    component = "horizontal." if isinstance(base, GroundMotion) else ""
-    if "acceleration_ratio" in axis_values:
-        changes[f"{component}a_p"] = pulse_acceleration(podium, axis_values["acceleration_ratio"])
-    if "frequency_ratio" in axis_values:
-        changes[f"{component}T_p"] = pulse_period(podium.p, axis_values["frequency_ratio"])
-    motion = with_numbers(base, changes)
-    return motion.scaled(axis_values["scale"]) if "scale" in axis_values else motion
+        motion = pick_motions(motion, np.arange(len(labels)).reshape(shape))
+    return Grid(*with_parameters("grid", structure, motion, axis_values), coords)

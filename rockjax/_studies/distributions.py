@@ -1,0 +1,49 @@
+"""Distributions of parameters, and draws from them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rockjax._checks import as_float, format_value
+from rockjax._parameters.table import Range
+
+
+def generator(seed: int, name: str) -> np.random.Generator:
+    """Return the random numbers of a parameter, which depend on the seed and its name only."""
+    return np.random.default_rng([seed, *name.encode()])
+
+
+def draw(owner: str, name: str, given: Any, n: int, seed: int, allowed: Range) -> np.ndarray:
+    """Return draws of a parameter, shape (n,).
+
+    - `owner`, `name`: name of the calling function and of the parameter, for messages
+    - `given`: a frozen distribution of `scipy.stats`, a number, or the draws themselves, shape (n,)
+    - `n`, `seed`: number of draws, and seed of the random numbers
+    - `allowed`: range of valid values
+
+    Raises `ValueError` for another type or shape, and for draws out of range.
+    """
+    what = f"{owner}: spread[{name!r}]"
+    is_frozen = hasattr(given, "rvs") and hasattr(given, "dist")
+    try:
+        values = given.rvs(size=n, random_state=generator(seed, name)) if is_frozen else given
+        drawn = np.asarray(as_float(values), float)
+    except (TypeError, ValueError):
+        drawn = None
+    if drawn is None or drawn.shape not in ((), (n,)):
+        got = format_value(given) if drawn is None else f"an array of shape {drawn.shape}"
+        raise ValueError(
+            f"{what} must be a frozen distribution such as scipy.stats.norm(0.15, 0.01), a number, or {n} "
+            f"draws, got {got}"
+        )
+    drawn = np.broadcast_to(drawn, (n,))
+    outside = ~(np.isfinite(drawn) & allowed.holds(drawn))
+    if outside.any():
+        accepted = f"{allowed.words}" if allowed.words.startswith("in") else f"finite and {allowed.words}"
+        raise ValueError(
+            f"{what} must be {accepted.removesuffix(' and ')}, but {outside.sum()} of {n} draws are not, "
+            f"the first is {drawn[outside][0]:.6g}; truncate the distribution, as scipy.stats.truncnorm does"
+        )
+    return drawn

@@ -1,0 +1,157 @@
+"""Empirical distributions of samples, some of whose values may be unknown, with exact confidence bounds."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Sample(NamedTuple):
+    """Independent values of a scalar, of which some may be unknown.
+
+    - `values`: values, shape (n,); ±inf is allowed
+    - `is_open`: True for values that are unknown, so that bounds hold whatever they are, shape (n,). Their
+      `values` enter the estimates only
+    """
+
+    values: np.ndarray
+    is_open: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return self.values.size
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """Values in ascending order, with unknown ones at −∞."""
+        return np.sort(np.where(self.is_open, -np.inf, self.values))
+
+    @property
+    def highest(self) -> np.ndarray:
+        """Values in ascending order, with unknown ones at +∞."""
+        return np.sort(np.where(self.is_open, np.inf, self.values))
+
+
+class Estimates(NamedTuple):
+    """Estimates, and lower and upper confidence bounds, of one shape."""
+
+    value: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+def band_half_width(n: int, confidence: float) -> float:
+    """Return the half width of the band around an empirical distribution that contains the true one [–].
+
+    ε = √(ln(2/a)/(2n)) with a = 1 − confidence: the inequality of Dvoretzky, Kiefer and Wolfowitz with
+    the constant of Massart (1990). It holds for every n ≥ 1 and every distribution, at all values at once.
+    """
+    return math.sqrt(math.log(2 / (1 - confidence)) / (2 * n))
+
+
+def share_up_to(ordered: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return the share of values ≤ `at`; `ordered`: values in ascending order."""
+    return np.searchsorted(ordered, at, side="right") / ordered.size
+
+
+def distribution(sample: Sample, at: np.ndarray, confidence: float) -> Estimates:
+    """Return the empirical distribution function and its band, which holds for all `at` at once.
+
+    - `sample`: the values
+    - `at`: values at which it is evaluated, any shape
+    - `confidence`: confidence level of the band, in (0, 1)
+    """
+    half_width = band_half_width(sample.size, confidence)
+    return Estimates(
+        share_up_to(np.sort(sample.values), at),
+        np.maximum(share_up_to(sample.highest, at) - half_width, 0.0),
+        np.minimum(share_up_to(sample.lowest, at) + half_width, 1.0),
+    )
+
+
+def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Estimates:
+    """Return quantiles with confidence intervals between order statistics, one for each probability.
+
+    The estimate is the least value x with F(x) ≥ probability. The number of values below a quantile is
+    binomial, for every distribution (David and Nagaraja, Order Statistics, 2003, section 7.1); each side of
+    the interval is missed with a probability ≤ (1 − confidence)/2. With too few values a bound is ±∞.
+
+    - `sample`: the values
+    - `probability`: in (0, 1), shape (q,)
+    - `confidence`: confidence level of each interval, in (0, 1)
+    """
+    from scipy.stats import binom
+
+    n, tail = sample.size, (1 - confidence) / 2
+    rank = np.ceil(n * probability * (1 - 1e-12)).astype(int)  # n·probability may be rounded upwards
+    # Ranks 0 and n + 1 are the bounds −∞ and +∞.
+    low = binom.ppf(tail, n, probability).astype(int)
+    high = binom.ppf(1 - tail, n, probability).astype(int) + 1
+    ends = np.r_[-np.inf, sample.lowest, np.inf], np.r_[-np.inf, sample.highest, np.inf]
+    return Estimates(np.sort(sample.values)[np.maximum(rank, 1) - 1], ends[0][low], ends[1][high])
+
+
+def share(least: int, most: int, n: int, confidence: float) -> tuple[float, float]:
+    """Return the Clopper–Pearson interval of a probability.
+
+    - `least`, `most`: number of events in n trials, without and with those that are unknown
+    - `n`, `confidence`: number of trials; confidence level, in (0, 1)
+    """
+    from scipy.stats import binomtest
+
+    low, high = (binomtest(k, n).proportion_ci(confidence) for k in (least, most))
+    return float(low.low), float(high.high)
+
+
+class Comparison(NamedTuple):
+    """Kolmogorov–Smirnov comparison of two samples of n and m values.
+
+    - `statistic`: D, the largest distance of the empirical distributions [–]
+    - `at`: value at which they are that far apart
+    - `p_value`: probability of at least the distance that is certain, if both samples came from one
+      distribution; that distance is D without unknown values [–]. It is the asymptotic one, too large for
+      distributions with steps, such as overturning
+    - `lower`, `upper`: interval of the distance of the true distributions, from the joint bands of both
+      samples [–]; where `lower` > 0, the distributions differ
+    - `confidence`: confidence level of the interval [–]
+    """
+
+    statistic: float
+    at: float
+    p_value: float
+    lower: float
+    upper: float
+    confidence: float
+
+
+def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
+    """Compare two independent samples by the test of Kolmogorov and Smirnov.
+
+    - `first`, `second`: the samples
+    - `confidence`: confidence level of the interval, in (0, 1)
+
+    Values at +∞ are ties, at which both distribution functions are 1. Each band of the interval has half of
+    the error probability.
+    """
+    from scipy.stats import kstwo
+
+    x = np.unique(np.concatenate([[-np.inf], first.values, second.values]))
+    difference = np.abs(share_up_to(np.sort(first.values), x) - share_up_to(np.sort(second.values), x))
+    # Unknown values may be anywhere: the least distance that they leave, and the largest.
+    bounds = [[share_up_to(y, x) for y in (sample.highest, sample.lowest)] for sample in (first, second)]
+    (low_1, high_1), (low_2, high_2) = bounds
+    least = max(float(np.max(np.maximum(low_1 - high_2, low_2 - high_1))), 0.0)
+    most = float(np.max(np.maximum(high_1 - low_2, high_2 - low_1)))
+    n, m = first.size, second.size
+    widths = sum(band_half_width(size, (1 + confidence) / 2) for size in (n, m))
+    return Comparison(
+        float(difference.max()),
+        float(x[difference.argmax()]),
+        float(kstwo.sf(least, max(round(n * m / (n + m)), 1))),
+        max(least - widths, 0.0),
+        min(most + widths, 1.0),
+        confidence,
+    )

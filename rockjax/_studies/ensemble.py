@@ -1,0 +1,449 @@
+"""Ensembles: random parameters and motions, and empirical distributions of the answers."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import functools
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax import _results as results
+from rockjax._batch.batch import peak_responses
+from rockjax._checks import as_float, require, require_instance, require_number, require_whole
+from rockjax._machine.threads import TABLES, import_in_background
+from rockjax._motions.convert import AnyMotions
+from rockjax._motions.provenance import describe_motions
+from rockjax._options import Options
+from rockjax._parameters.table import INITIAL, Parameter, motion_parameter
+from rockjax._parameters.variants import parameters_of
+from rockjax._responses.arguments import check_single, check_types
+from rockjax._responses.datasets import describe_options, describe_podium
+from rockjax._responses.peak import ALWAYS, Peak, data_variables
+from rockjax._responses.variants import (
+    check_names,
+    labelled_motion,
+    pick_motions,
+    variable_parameters,
+    with_parameters,
+)
+from rockjax._results import REST, Interrupted, State
+from rockjax._structures import Podium
+from rockjax._text import tables
+from rockjax._units import displayed
+
+from . import empirical
+from .distributions import draw, generator
+from .empirical import Comparison, Sample
+
+if TYPE_CHECKING:
+    import xarray
+
+KIND = "ensemble"
+CONFIDENCE = 0.95
+
+
+def ensemble(
+    podium: Podium,
+    motions: AnyMotions,
+    *,
+    spread: Mapping[str, Any],
+    n: int = 1000,
+    seed: int = 0,
+    initial: State = REST,
+    t_end: float | None = None,
+    options: Options = Options(),
+    progress: Any = False,
+) -> Ensemble:
+    """Compute peak responses of random variants of a podium under random motions (host).
+
+    All scenes are one batch. Their values are independent of each other, so that the bounds of
+    [`rockjax.Ensemble`][] are exact.
+
+    - `podium`: podium with scalar parameters; the scenes are variants of it
+    - `motions`: one motion; or several (`Motions`, `Records`, a list), of which every scene draws one, all
+      with equal probability
+    - `spread`: name of a parameter → its distribution: frozen, of `scipy.stats`; or a number; or the draws
+      themselves, shape (n,). Names are those of [`rockjax.grid`][], and `initial.theta` [rad],
+      `initial.theta_dot` [rad/s], `initial.u_t` [m] and `initial.u_t_dot` [m/s] of the initial state
+    - `n`: number of scenes, ≥ 1
+    - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend on the seed, `n` and its name
+      only, whatever else is drawn
+    - `initial`: initial state; by default at rest
+    - `t_end`: end of each scene [s]; by default as for [`rockjax.peak_responses`][]
+    - `options`: options of the scenes; with the output `"errors"`, scenes are flagged as undecided
+    - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
+
+    Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the ensemble with the scenes that are not
+    solved as unanswered. Raises `ValueError` for invalid inputs, unknown names, and draws out of range,
+    before anything is solved.
+    """
+    owner = "ensemble"
+    check_types(owner, podium, options)
+    check_single(owner, podium)
+    require_instance(owner, "spread", spread, Mapping, "a dict of name → distribution")
+    require_instance(owner, "initial", initial, State, "a rockjax.State")
+    n, seed = require_whole(owner, "n", n, 1), require_whole(owner, "seed", seed, 0)
+    end = None if t_end is None else require_number(owner, "t_end", t_end, np.isfinite, "finite")
+    motion, labels = labelled_motion(owner, motions, "motions")
+    if labels is None and not spread:
+        raise ValueError(f"{owner}: nothing is random; give a distribution in spread, or several motions")
+    valid = [*variable_parameters(podium, motion, labels is None), *INITIAL]
+    check_names(owner, "names in spread", tuple(spread), valid)
+    parameters = {name: _find(podium, name) for name in spread}
+    draws = {name: draw(owner, name, spread[name], n, seed, y.range) for name, y in parameters.items()}
+    which = None if labels is None else generator(seed, "motion").integers(len(labels), size=n)
+    if which is not None:
+        motion = pick_motions(motion, which)
+    of_scene = {name: values for name, values in draws.items() if name not in INITIAL}
+    podiums, excitations = with_parameters(owner, podium, motion, of_scene)
+    start = _initial(owner, podiums, initial, {k: y for k, y in draws.items() if k in INITIAL})
+    import_in_background(*TABLES)
+    message = None
+    try:
+        peaks = peak_responses(
+            podiums, excitations, initial=start, t_end=end, options=options, progress=progress
+        )
+    except Interrupted as interrupted:
+        message, peaks = str(interrupted), interrupted.partial
+        if peaks is None:
+            raise
+    import xarray
+
+    columns = {name: ("scene", y, parameters[name].variable_attributes) for name, y in draws.items()}
+    if labels is not None and which is not None:
+        columns["motion"] = "scene", labels[which], {"units": "1", "long_name": "ground motion"}
+    data = xarray.Dataset(
+        data_variables(peaks, options.outputs, ("scene",)) | columns,
+        attrs={
+            "title": "Ensemble of random scenes",
+            "kind": KIND,
+            "parameters": " ".join(draws),
+            "seed": seed,
+            **describe_motions(motions),
+            **describe_podium(podium),
+            **describe_options(options),
+        },
+    )
+    answer = Ensemble(data, peaks)
+    if message is not None:
+        raise Interrupted(message, answer) from None
+    return answer
+
+
+def _find(podium: Podium, name: str) -> Parameter:
+    """Return a parameter of the podium, of the motion or of the initial state."""
+    table = parameters_of(podium) | INITIAL
+    return table[name] if name in table else motion_parameter(name.rpartition(".")[2])
+
+
+def _initial(owner: str, podium: Podium, initial: State, draws: Mapping[str, np.ndarray]) -> State:
+    """Return the initial states of all scenes.
+
+    - `owner`: name of the calling function, for messages
+    - `podium`: the podiums; `initial`: state of which `draws` change fields, given by their names
+    """
+    if not draws:
+        return initial
+    top = podium.superstructure
+    changes = {}
+    for name, values in draws.items():
+        field = INITIAL[name].place
+        has_modes = field.startswith("u_t") and top is not None and top.has_mode_axis
+        changes[field] = np.repeat(values[:, None], top.count, 1) if has_modes and top else values
+    if "theta" in changes:
+        ratio = np.abs(changes["theta"]) / np.asarray(podium.alpha)
+        accepted = "smaller than α of the podium in every scene"
+        require(owner, "|initial.theta|/α", ratio, lambda y: y < 1, accepted)
+    return dataclasses.replace(initial, **changes)
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Ensemble:
+    """Answers of random scenes, and their empirical distributions.
+
+    - `data`: dataset of [`rockjax.ensemble`][] with the dim `scene`: drawn parameters by name, `motion` (the
+      label of the drawn motion, if there are several), and the answers. `Ensemble(xarray.load_dataset(path))`
+      restores an ensemble from a file
+    - `peaks`: the answers as a [`rockjax.Peak`][] of shape (n,); None if restored
+
+    All distributions count every scene:
+
+    - a scene that overturned has the worst value: +∞ for a peak, −∞ for a `least_…` answer. Only the margin,
+      which continues beyond overturning, keeps its value
+    - a scene that did not finish is unanswered, and a scene that `"errors"` flags may be undecided. Their
+      values are unknown: bounds hold whatever they are. Estimates take the worst value for an unanswered
+      scene, and the computed value for an undecided one
+
+    Raises `ValueError` for a dataset of another kind.
+    """
+
+    data: xarray.Dataset
+    peaks: Peak | None = None
+
+    def __post_init__(self) -> None:
+        if getattr(self.data, "attrs", {}).get("kind") != KIND:
+            raise ValueError(
+                f"Ensemble: data must be a dataset of rockjax.ensemble, got a {type(self.data).__name__}"
+            )
+
+    @property
+    def size(self) -> int:
+        """Number of scenes n."""
+        return self.data.sizes["scene"]
+
+    @property
+    def draws(self) -> dict[str, np.ndarray]:
+        """Drawn values of each parameter, shape (n,)."""
+        return {name: self.data[name].values for name in self.data.attrs["parameters"].split()}
+
+    @property
+    def answers(self) -> list[str]:
+        """Names of the answers that have a distribution."""
+        excluded = {*self.draws, "result", "steps", "peak_rotation_time"}
+        return [
+            str(name)
+            for name, y in self.data.data_vars.items()
+            if y.dtype.kind == "f" and name not in excluded and not str(name).endswith("_error")
+        ]
+
+    @functools.cached_property
+    def overturned(self) -> np.ndarray:
+        """True for scenes that overturned, shape (n,)."""
+        return self.data["overturned"].values.astype(bool)
+
+    @functools.cached_property
+    def unanswered(self) -> np.ndarray:
+        """True for scenes that did not finish, shape (n,); `data["result"]` has their causes."""
+        return self.data["result"].values > results.OVERTURNED
+
+    @functools.cached_property
+    def undecided(self) -> np.ndarray:
+        """True for scenes that finished and may or may not overturn, according to the output `"errors"`,
+        shape (n,); False without this output."""
+        flags = self.data["undecided"].values.astype(bool) if "undecided" in self.data else False
+        return flags & ~self.unanswered
+
+    def sample(self, output: str = "peak_rotation", component: int | None = None) -> Sample:
+        """Return the values of an answer, and which of them are unknown.
+
+        - `output`: name of a scalar answer, such as `"peak_rotation"` or `"peak_shear"`; or of one with an
+          axis of modes, stories or joints
+        - `component`: number of the mode, story or joint, from 1; by default the worst of them
+
+        Raises `ValueError` for answers that were not requested, and for another component.
+        """
+        owner = "Ensemble"
+        names = self.answers
+        if output not in names:
+            near = difflib.get_close_matches(str(output), names, 1)
+            hint = f"; did you mean {near[0]!r}?" if near else "; request others by Options(outputs=…)"
+            raise ValueError(f"{owner}: output must be one of {', '.join(names)}, got {output!r}{hint}")
+        answer, low = self.data[output], output.startswith(("least_", "smallest_")) or output == "margin"
+        worst, values = -np.inf if low else np.inf, np.asarray(answer.values, float)
+        if values.ndim > 1:
+            count = values.shape[1]
+            if component is None:
+                values = values.min(axis=1) if low else values.max(axis=1)
+            else:
+                k = require_whole(owner, "component", component, 1)
+                require(owner, "component", k, lambda y: y <= count, f"at most {count} for {output}")
+                values = values[:, k - 1]
+        elif component is not None:
+            raise ValueError(f"{owner}: {output} has no components, got component = {component!r}")
+        is_open = self.unanswered | self.undecided
+        if output in ("overturn_time", "uplift_time"):  # NaN if it never happens
+            values = np.where(np.isnan(values), np.inf, values)
+        elif output == "peak_rotation" or answer.attrs.get("ancillary_variables") == "overturned":
+            values = np.where(self.overturned, worst, values)
+        is_open = is_open | np.isnan(values)
+        return Sample(np.where(self.unanswered | np.isnan(values), worst, values), is_open)
+
+    def cdf(
+        self,
+        output: str = "peak_rotation",
+        *,
+        component: int | None = None,
+        at: Any = None,
+        confidence: float = CONFIDENCE,
+    ) -> xarray.Dataset:
+        """Return the empirical distribution function of an answer, with a band for the true one.
+
+        The band of Dvoretzky, Kiefer, Wolfowitz and Massart has the half width √(ln(2/a)/(2n)),
+        a = 1 − confidence, and holds at all values at once: 0.0136 for n = 10⁴ and 95 %. It widens by the
+        share of scenes whose values are unknown.
+
+        - `output`, `component`: the answer, as for `sample`
+        - `at`: values at which the function is evaluated, shape (x,); by default all finite values
+        - `confidence`: confidence level of the band, in (0, 1)
+
+        Returns a Dataset over `at` with `probability`, `lower` and `upper`; the counts of scenes are
+        attributes. Raises `ValueError` for invalid inputs.
+        """
+        import xarray
+
+        sample = self.sample(output, component)
+        if at is None:
+            at = np.unique(sample.values[np.isfinite(sample.values)])
+        x = np.asarray(as_float(at, "Ensemble: at"))
+        if x.ndim != 1:
+            raise ValueError(f"Ensemble: at must be one-dimensional, got shape {x.shape}")
+        confidence = _confidence(confidence)
+        found = empirical.distribution(sample, x, confidence)
+        return xarray.Dataset(
+            _variables("at", ("probability", "lower", "upper"), found, {"units": "1"}),
+            coords={"at": ("at", x, self._about(output))},
+            attrs={
+                "title": "Empirical distribution function",
+                "output": output,
+                "confidence": confidence,
+                "half_width": empirical.band_half_width(self.size, confidence),
+                **self.counts,
+            },
+        )
+
+    def quantiles(
+        self,
+        output: str = "peak_rotation",
+        probability: Any = (0.05, 0.16, 0.5, 0.84, 0.95),
+        *,
+        component: int | None = None,
+        confidence: float = CONFIDENCE,
+    ) -> xarray.Dataset:
+        """Return quantiles of an answer with confidence intervals, which are order statistics.
+
+        - `output`, `component`: the answer, as for `sample`
+        - `probability`: probabilities of not exceeding the quantiles, in (0, 1), shape (q,)
+        - `confidence`: confidence level of each interval, in (0, 1)
+
+        Returns a Dataset over `probability` with `quantile`, `lower` and `upper`. Quantiles above the share
+        of scenes that survive are +∞. Bounds are ±∞ where n is too small for them. Raises `ValueError` for
+        invalid inputs.
+        """
+        import xarray
+
+        sample = self.sample(output, component)
+        q = np.atleast_1d(np.asarray(as_float(probability, "Ensemble: probability")))
+        require("Ensemble", "probability", q, lambda y: (y > 0) & (y < 1), "in (0, 1)")
+        confidence = _confidence(confidence)
+        found = empirical.quantiles(sample, q, confidence)
+        return xarray.Dataset(
+            _variables("probability", ("quantile", "lower", "upper"), found, self._about(output)),
+            coords={"probability": ("probability", q, {"units": "1", "long_name": "probability"})},
+            attrs={
+                "title": "Empirical quantiles",
+                "output": output,
+                "confidence": confidence,
+                **self.counts,
+            },
+        )
+
+    def overturning(self, confidence: float = CONFIDENCE) -> tuple[float, float, float]:
+        """Return the share of scenes that overturned, and the Clopper–Pearson interval of its probability
+        [–]: estimate, lower and upper bound. Raises `ValueError` unless `confidence` is in (0, 1)."""
+        is_open = self.unanswered | self.undecided
+        least = int(np.sum(self.overturned & ~is_open))
+        low, high = empirical.share(least, least + int(is_open.sum()), self.size, _confidence(confidence))
+        return float(np.mean(self.overturned)), low, high
+
+    def compare(
+        self,
+        other: Ensemble,
+        output: str = "peak_rotation",
+        *,
+        component: int | None = None,
+        confidence: float = CONFIDENCE,
+    ) -> Comparison:
+        """Compare an answer with that of another ensemble by the test of Kolmogorov and Smirnov.
+
+        - `other`: ensemble with another seed, because the samples must be independent
+        - `output`, `component`: the answer, as for `sample`
+        - `confidence`: confidence level of the interval of the distance, in (0, 1)
+
+        Returns a [`rockjax.Comparison`][]. Raises `ValueError` for ensembles with one seed, and for other
+        invalid inputs.
+        """
+        require_instance("Ensemble", "other", other, Ensemble, "a rockjax.Ensemble")
+        if self.data.attrs["seed"] == other.data.attrs["seed"]:
+            raise ValueError(
+                f"Ensemble: both ensembles have the seed {self.data.attrs['seed']}, so that they are not "
+                "independent; draw one of them with another seed"
+            )
+        first, second = (y.sample(output, component) for y in (self, other))
+        return empirical.compare(first, second, _confidence(confidence))
+
+    def dataset(self) -> xarray.Dataset:
+        """Return a copy of `data`: draws and answers of all scenes, with units and parameters."""
+        return self.data.copy()
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of scenes, and of those that overturned, are undecided or unanswered."""
+        names = "overturned", "undecided", "unanswered"
+        return {"scenes": self.size} | {name: int(np.sum(getattr(self, name))) for name in names}
+
+    def _about(self, output: str) -> dict[str, str]:
+        """Return unit and name of an answer."""
+        attrs = self.data[output].attrs
+        return {name: attrs[name] for name in ("units", "long_name") if name in attrs}
+
+    def __repr__(self) -> str:
+        headline, *groups = self._tables()
+        lines = [line for rows in groups for line in tables.align_rows(rows, numbers=True)]
+        return "\n  ".join([headline, *lines])
+
+    def _repr_html_(self) -> str:
+        headline, *groups = self._tables()
+        return f"<p>{escape(headline)}</p>" + "".join(tables.html(rows, heads="row") for rows in groups)
+
+    def _tables(self) -> tuple[Any, ...]:
+        """Return a headline, and the tables of draws and of quantiles, those that have rows."""
+        share, low, high = self.overturning()
+        counts = self.counts
+        headline = (
+            f"Ensemble of {self.size} scenes: {share:.3g} overturned ({CONFIDENCE:.0%}: {low:.3g} to "
+            f"{high:.3g}), {counts['undecided']} undecided, {counts['unanswered']} unanswered"
+        )
+        draws = [
+            (f"{name} [{displayed(self.data[name].attrs['units'])}]", *map(_number, _moments(y)))
+            for name, y in self.draws.items()
+        ]
+        answers = []
+        for name in (name for name in self.answers if name not in ALWAYS):
+            values = self.quantiles(name, _SHOWN)["quantile"].values
+            unit = displayed(self.data[name].attrs["units"])
+            answers.append((f"{name} [{unit}]", *map(_number, values)))
+        heads = ("drawn", "mean", "std", "least", "largest"), ("answer", *(f"{q:.0%}" for q in _SHOWN))
+        found = zip(heads, (draws, answers), strict=True)
+        return headline, *([head, *rows] for head, rows in found if rows)
+
+
+_SHOWN = (0.05, 0.5, 0.95)  # probabilities of the quantiles in text
+
+
+def _moments(values: np.ndarray) -> tuple[float, ...]:
+    spread = float(np.std(values - values[0]))  # exactly 0 for equal values
+    return float(values.mean()), spread, float(values.min()), float(values.max())
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}"
+
+
+def _confidence(value: float) -> float:
+    return require_number("Ensemble", "confidence", value, lambda y: 0 < y < 1, "in (0, 1)")
+
+
+def _variables(
+    dim: str, names: Sequence[str], found: empirical.Estimates, attrs: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return the variables of estimates and their bounds."""
+    words = "", "lower bound of the ", "upper bound of the "
+    about = attrs.get("long_name") or names[0]
+    return {
+        name: (dim, values, {**attrs, "long_name": f"{prefix}{about}"})
+        for name, values, prefix in zip(names, found, words, strict=True)
+    }
