@@ -33,6 +33,8 @@ from ._motions.synthetic import synthetic_motions as synthetic_motions
 from ._options import Options as Options
 from ._outputs.base import AbstractOutput as AbstractOutput
 from ._outputs.base import Variable as Variable
+from ._practice.base import MethodResult as MethodResult
+from ._practice.methods import simplified_methods as simplified_methods
 from ._responses.estimate import Errors as Errors
 from ._responses.floor import FloorMotion as FloorMotion
 from ._responses.history import Energies as Energies

@@ -64,6 +64,7 @@ VALID = {
     rj.read_suite: {"path": "there_is_none"},
     rj.Record.from_file: {"path": "there_is_none.AT2"},
     rj.synthetic_motions: {"count": 1, "seed": 1},
+    rj.simplified_methods: {"podium": PODIUM, "motions": MOTION},
     rj.Contents: {"alpha": 0.2, "R": 0.5},
     rj.Contents.from_dimensions: {"width": 0.4, "height": 1.8},
     rj.Oscillator: {"period": 0.3},

@@ -1,0 +1,1 @@
+"""Simplified methods of practice: hand formulas of papers, guidelines and codes beside the exact answer."""

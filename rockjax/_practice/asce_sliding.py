@@ -1,0 +1,93 @@
+"""Sliding of unanchored bodies by ASCE/SEI 43-05, (P6)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rockjax._motions.motion import Motion
+
+from .base import AbstractMethod, Case, Outcome, Quantity
+from .spectra import maximum, spectrum, steps
+
+DAMPING = 0.10  # damping ratio of the spectrum [–]
+LONGEST = 10.0  # longest period of the spectrum [s]
+ZOOM = 64  # points of each refinement of f_es
+
+
+def effective_friction(friction: float, vertical: float, g: float) -> float:
+    """Return μ_e = μ(1 − 0.4A_v/g), at least 0, ASCE 43-05 Eq. (A-1), (P6) [–].
+
+    - `friction`: coefficient of friction μ ≥ 0 [–]
+    - `vertical`: largest vertical ground acceleration A_v ≥ 0 [m/s²]
+    - `g`: acceleration of gravity > 0 [m/s²]
+    """
+    return friction * max(1 - 0.4 * vertical / g, 0.0)
+
+
+def sliding_frequency(motion: Motion, capacity: float) -> float:
+    """Return f_es, the lowest frequency at which the 10 % spectrum reaches c_s [Hz]; nan if it stays below
+    at all periods from 2 dt to 10 s.
+
+    - `motion`: ground motion
+    - `capacity`: c_s [m/s²]
+    """
+    periods = steps(2 * motion.dt, LONGEST)
+    longest = math.nan
+    for _ in range(3):
+        reaches = np.flatnonzero(_acceleration(motion, periods) >= capacity)
+        if not reaches.size:
+            break
+        longest, after = periods[reaches[-1]], periods[min(reaches[-1] + 1, periods.size - 1)]
+        periods = np.linspace(longest, after, ZOOM)
+    return float(1 / longest)
+
+
+def _acceleration(motion: Motion, periods: np.ndarray) -> np.ndarray:
+    return spectrum(motion, periods, DAMPING).acceleration
+
+
+def largest_acceleration(motion: Motion) -> float:
+    """Return the largest absolute acceleration of the 10 % spectrum at periods up to 10 s [m/s²]."""
+    return max(maximum(lambda T: _acceleration(motion, T), steps(2 * motion.dt, LONGEST)), motion.pga)
+
+
+class AsceSliding(AbstractMethod):
+    """Sliding by ASCE/SEI 43-05, (P6). The capacity c_s is made, the sliding distance is not."""
+
+    name = "asce_43_05_sliding"
+    title = "ASCE 43-05, sliding"
+    source = "ASCE/SEI 43-05, Appendix A.1, Eqs. (A-1), (A-2)"
+    equation = "(P6)"
+    formula = "c_s = 2μ_e g, μ_e = μ(1 − 0.4A_v/g)"
+    quantity = "largest spectral acceleration, 10 % damping"
+    unit = "m/s2"
+    conservative = "depends"
+    verdict_known = (
+        "No verdict, because the sliding distance is not made. c_s is twice the acceleration at which a "
+        "rigid body begins to slide, so a spectrum below c_s does not exclude sliding."
+    )
+    missing = ("the sliding distance is not made: its formula was not found",)
+
+    def gaps(self, case: Case) -> tuple[str, ...]:
+        reasons = []
+        if case.friction is None:
+            reasons.append("not made: it needs friction, the coefficient of friction μ")
+        if case.vertical is None:
+            reasons.append("not made: it needs vertical, the largest vertical ground acceleration A_v")
+        return tuple(reasons)
+
+    def outcome(self, case: Case) -> Outcome:
+        if case.friction is None or case.vertical is None:  # as `gaps` says
+            return Outcome(is_complete=False)
+        g = case.block.g
+        mu_e = effective_friction(case.friction, case.vertical, g)
+        values = {
+            "mu_e": Quantity(mu_e, "1", "μ_e, effective coefficient of friction"),
+            "A_v": Quantity(case.vertical, "m/s2", "A_v, largest vertical ground acceleration"),
+        }
+        capacity = 2 * mu_e * g
+        frequencies = case.each(lambda motion: sliding_frequency(motion, capacity))
+        values["f_es"] = Quantity(frequencies, "Hz", "f_es of each motion, nan if the spectrum is below c_s")
+        return Outcome(capacity, case.each(largest_acceleration), values=values, is_complete=False)

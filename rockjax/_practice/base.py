@@ -1,0 +1,211 @@
+"""The base class of the simplified methods, and their results."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from rockjax._motions.motion import Motion
+from rockjax._structures import Podium
+
+from .block import Block
+from .roots import Roots
+
+
+class Quantity(NamedTuple):
+    """A number that a method computes on its way.
+
+    - `value`: a number, or one for each motion, shape (motions,); None if the method has none
+    - `unit`: unit, `"1"` for ratios
+    - `meaning`: symbol and meaning
+    """
+
+    value: float | np.ndarray | None
+    unit: str
+    meaning: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A podium and the ground motions under which a method evaluates it.
+
+    - `podium`, `block`: a single podium, and the block that replaces it
+    - `motions`: horizontal ground motions
+    - `friction`: coefficient of friction μ [–]; None if it is not given
+    - `vertical`: largest vertical ground acceleration A_v [m/s²]; None if it is not given
+    - `confidence_factor`: FC of the Circolare, ≥ 1 [–]
+    """
+
+    podium: Podium
+    block: Block
+    motions: tuple[Motion, ...]
+    friction: float | None
+    vertical: float | None
+    confidence_factor: float
+
+    def each(self, number: Callable[[Motion], float]) -> np.ndarray:
+        """Return a number of each motion, shape (motions,)."""
+        return np.array([number(motion) for motion in self.motions])
+
+    @property
+    def pga(self) -> np.ndarray:
+        """Peak ground accelerations, shape (motions,) [m/s²]."""
+        return self.each(lambda motion: motion.pga)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MethodResult:
+    """Result of a simplified method for one podium and n motions.
+
+    - `name`: name in the registry; `title`: name of the method; `source`: publication and clause
+    - `equation`, `formula`: number and text of the formula
+    - `quantity`, `unit`: quantity that is compared, and its unit (`"1"` for ratios)
+    - `capacity`: its capacity; None if it was not made
+    - `demand`: its demand in each motion, shape (n,); None if it was not made
+    - `statistic`: `"max"` or `"mean"`, the number of the n demands that is compared with the capacity
+    - `passes`: whether the method accepts the podium; None if the method is incomplete
+    - `rotation_ratio`: θ/α by the method in each motion, 1 for overturning and 0 without uplift, shape (n,)
+      [–]; None for methods without a rotation. With several answers it is the largest
+    - `answers`: all stable answers θ/α of each motion, ascending; 1 stands for overturning. None for methods
+      without a rotation
+    - `values`: intermediate numbers by name, each a `Quantity`
+    - `conservative`: `"yes"`, `"no"` or `"depends"`; `verdict_known`: what is known of the reliability
+    - `missing`: what was not made, and why
+    - `motions`: names of the motions
+    """
+
+    name: str
+    title: str
+    source: str
+    equation: str
+    formula: str
+    quantity: str
+    unit: str
+    capacity: float | None
+    demand: np.ndarray | None
+    statistic: Literal["max", "mean"]
+    passes: bool | None
+    rotation_ratio: np.ndarray | None
+    answers: tuple[tuple[float, ...], ...] | None
+    values: Mapping[str, Quantity]
+    conservative: Literal["yes", "no", "depends"]
+    verdict_known: str
+    missing: tuple[str, ...]
+    motions: tuple[str, ...]
+
+    @property
+    def governing_demand(self) -> float | None:
+        """Maximum or mean of the demands, as `statistic` says; None without demands."""
+        if self.demand is None:
+            return None
+        return float(self.demand.max() if self.statistic == "max" else self.demand.mean())
+
+    @property
+    def utilisation(self) -> float | None:
+        """Governing demand divided by the capacity [–], inf for a capacity of 0; None if one of them was not
+        made."""
+        demand = self.governing_demand
+        if demand is None or self.capacity is None:
+            return None
+        return demand / self.capacity if self.capacity > 0 else math.inf
+
+    @property
+    def stable_roots(self) -> np.ndarray | None:
+        """Number of stable answers of each motion, with overturning as one of them, shape (n,); None for
+        methods without a rotation. 0 means that the method gives no uplift."""
+        return None if self.answers is None else np.array([len(found) for found in self.answers])
+
+    def __repr__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        demand, capacity = (
+            "not made" if value is None else f"{value:.4g}{unit}"
+            for value in (self.governing_demand, self.capacity)
+        )
+        verdict = {True: "passes", False: "fails", None: "no verdict"}[self.passes]
+        return f"{self.title} {self.equation}: {self.quantity} {demand}, capacity {capacity}: {verdict}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """Numbers of a method for a case, with the names of `MethodResult`.
+
+    - `rotations`: roots of each motion; None for methods without a rotation
+    - `is_complete`: whether the numbers suffice for a verdict
+    """
+
+    capacity: float | None = None
+    demand: np.ndarray | None = None
+    rotations: tuple[Roots, ...] | None = None
+    values: Mapping[str, Quantity] = dataclasses.field(default_factory=dict)
+    is_complete: bool = True
+    missing: tuple[str, ...] = ()
+
+
+class AbstractMethod(abc.ABC):
+    """A simplified method. Subclasses define the texts and `outcome`."""
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    source: ClassVar[str]
+    equation: ClassVar[str]
+    formula: ClassVar[str]
+    quantity: ClassVar[str]
+    unit: ClassVar[str]
+    statistic: ClassVar[Literal["max", "mean"]] = "max"
+    conservative: ClassVar[Literal["yes", "no", "depends"]]
+    verdict_known: ClassVar[str]
+    missing: ClassVar[tuple[str, ...]] = ()  # what is never made, and why
+
+    @abc.abstractmethod
+    def outcome(self, case: Case) -> Outcome:
+        """Return capacity, demands and intermediate numbers of a case."""
+
+    def gaps(self, case: Case) -> tuple[str, ...]:
+        """Return the reasons for which the method cannot be made for a case; none by default."""
+        del case
+        return ()
+
+    def evaluate(self, case: Case) -> MethodResult:
+        """Return the result of the method for a case."""
+        gaps = (*restrained(case), *self.gaps(case))
+        outcome = Outcome(is_complete=False, missing=gaps) if gaps else self.outcome(case)
+        roots = outcome.rotations
+        result = MethodResult(
+            capacity=outcome.capacity,
+            demand=outcome.demand,
+            passes=None,
+            rotation_ratio=None if roots is None else np.array([root.answer for root in roots]),
+            answers=None if roots is None else tuple(root.answers for root in roots),
+            values=outcome.values,
+            missing=(*outcome.missing, *self.missing),
+            motions=tuple(motion.name for motion in case.motions),
+            **self._texts(),
+        )
+        utilisation = result.utilisation
+        if not outcome.is_complete or utilisation is None:
+            return result
+        passes = utilisation <= 1 if roots is None else not any(root.overturns for root in roots)
+        return dataclasses.replace(result, passes=passes)
+
+    def _texts(self) -> dict[str, Any]:
+        names = "name title source equation formula quantity unit statistic conservative verdict_known"
+        return {name: getattr(self, name) for name in names.split()}
+
+
+def restrained(case: Case) -> tuple[str, ...]:
+    """Return the reason for which no simplified method applies to a podium with restrainers."""
+    if case.podium.without_idle_restrainers().restrainers:
+        return ("not made: no simplified method knows tendons, dampers or inerters",)
+    return ()
+
+
+def require_damping(damping: float) -> tuple[str, ...]:
+    """Return the reason for which spectra of an equivalent damping ratio cannot be made."""
+    if math.isfinite(damping) and 0 <= damping < 1:
+        return ()
+    return ("not made: the equivalent damping of this restitution factor is not below 1",)

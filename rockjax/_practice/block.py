@@ -1,0 +1,72 @@
+"""The rigid block to which the simplified methods reduce a podium."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Self
+
+from rockjax._structures import Podium
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """A solitary rocking block, and the masses of the podium that it replaces.
+
+    For a rigid superstructure the block rocks like the podium (`Podium.equivalent_block`). For an elastic one
+    the block is an assumption of the methods, which make the superstructure rigid.
+
+    - `alpha`: slenderness α, in (0, π/2) [rad]; `g`: acceleration of gravity, > 0 [m/s²]
+    - `R`: half diagonal of a column, > 0 [m]; `lam`: its inertia factor λ, ≥ 0 [–]
+    - `carried`: Γ = γ + η, the mass of beam and superstructure divided by that of the columns, ≥ 0 [–]
+    - `restitution`: velocity factor e of an impact by the podium's law [–]
+    """
+
+    alpha: float
+    R: float
+    lam: float
+    carried: float
+    restitution: float
+    g: float
+
+    @classmethod
+    def of(cls, podium: Podium) -> Self:
+        """Return the block of a single podium, whose parameters are scalars."""
+        return cls(
+            float(podium.alpha),
+            float(podium.R),
+            float(podium.lam),
+            float(podium.gamma + podium.eta),
+            float(podium.restitution_factor),
+            float(podium.g),
+        )
+
+    @property
+    def tan_alpha(self) -> float:
+        """Ratio of width to height tan α [–]."""
+        return math.tan(self.alpha)
+
+    @property
+    def threshold(self) -> float:
+        """Ground acceleration g tan α that lifts the columns of a rigid podium, Eq. (5) [m/s²]."""
+        return self.g * self.tan_alpha
+
+    @property
+    def half_width(self) -> float:
+        """Half width of a column B = R sin α [m]."""
+        return self.R * math.sin(self.alpha)
+
+    @property
+    def size(self) -> float:
+        """Half diagonal of the equivalent block R̂ = R[3Γ+¾(1+λ)]/(1+2Γ) [m]."""
+        return self.R * (3 * self.carried + 0.75 * (1 + self.lam)) / (1 + 2 * self.carried)
+
+    @property
+    def p(self) -> float:
+        """Frequency parameter of the equivalent block p̂ = √(3g/4R̂) = p√(R/R̂) [rad/s]."""
+        return math.sqrt(0.75 * self.g / self.size)
+
+    @property
+    def half_height(self) -> float:
+        """Half height of the equivalent block ĥ = R̂ cos α [m]."""
+        return self.size * math.cos(self.alpha)

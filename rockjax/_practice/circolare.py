@@ -1,0 +1,57 @@
+"""Capacities of the kinematic mechanism by the Italian Circolare 7/2019, (P7)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from .block import Block
+
+
+class LimitState(NamedTuple):
+    """A limit state of the Circolare.
+
+    - `name`: SLV (life safety) or SLC (collapse)
+    - `share`: its displacement divided by d_0 [–]; `factor`: period divided by π√(d/a) [–]
+    - `damping`: damping ratio ξ of its spectrum [–]
+    """
+
+    name: str
+    share: float
+    factor: float
+    damping: float
+
+
+SLV = LimitState("SLV", 0.4, 1.68, 0.08)
+SLC = LimitState("SLC", 0.6, 1.56, 0.10)
+
+
+class Mechanism(NamedTuple):
+    """Linear capacity curve a(d) = a_0*(1 − d/d_0) of the frame, (P7).
+
+    - `mass_share`: e* = (1+2Γ)²/[(1+Γ)(1+4Γ)], the share of the mass that takes part [–]
+    - `acceleration`: a_0* = g tan α/(e* FC) [m/s²]
+    - `displacement`: d_0 = B(1+4Γ)/(1+2Γ) [m]
+    """
+
+    mass_share: float
+    acceleration: float
+    displacement: float
+
+    @classmethod
+    def of(cls, block: Block, confidence_factor: float) -> Mechanism:
+        """Return the mechanism of a block with the confidence factor FC ≥ 1 [–]."""
+        carried = block.carried
+        share = (1 + 2 * carried) ** 2 / ((1 + carried) * (1 + 4 * carried))
+        displacement = block.half_width * (1 + 4 * carried) / (1 + 2 * carried)
+        return cls(share, block.threshold / (share * confidence_factor), displacement)
+
+    def limit(self, state: LimitState) -> float:
+        """Return the displacement of a limit state, d_SLV = 0.4d_0 or d_SLC = 0.6d_0 [m]."""
+        return state.share * self.displacement
+
+    def period(self, state: LimitState) -> float:
+        """Return the period of a limit state, T_SLV = 1.68π√(d_SLV/a) or T_SLC = 1.56π√(d_SLC/a), a at its
+        displacement [s]."""
+        acceleration = self.acceleration * (1 - state.share)
+        return state.factor * math.pi * math.sqrt(self.limit(state) / acceleration)

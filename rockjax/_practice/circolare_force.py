@@ -1,0 +1,31 @@
+"""Simplified force check of the Italian Circolare 7/2019 with a behaviour factor, (P7)."""
+
+from __future__ import annotations
+
+from .base import AbstractMethod, Case, Outcome, Quantity
+from .circolare import Mechanism
+
+BEHAVIOUR_FACTOR = 2.0  # q [–]
+
+
+class CircolareForce(AbstractMethod):
+    """Peak ground acceleration against q a_0* with q = 2, (P7)."""
+
+    name = "circolare_force"
+    title = "Circolare 7/2019, q = 2"
+    source = "Circolare 21 January 2019 n. 7, C8.7.1.2.1.6–9, Eqs. C8.7.1.1–5, C8.7.1.8–11"
+    equation = "(P7)"
+    formula = "PGA ≤ q a_0*, q = 2, a_0* = α_0g/(e* FC), α_0 = tan α, e* = (1+2Γ)²/[(1+Γ)(1+4Γ)]"
+    quantity = "peak ground acceleration"
+    unit = "m/s2"
+    conservative = "no"
+    verdict_known = "Unsafe for motions with long periods, to which PGA is blind."
+
+    def outcome(self, case: Case) -> Outcome:
+        mechanism = Mechanism.of(case.block, case.confidence_factor)
+        values = {
+            "alpha_0": Quantity(case.block.tan_alpha, "1", "α_0 = tan α, multiplier of the mechanism"),
+            "e_star": Quantity(mechanism.mass_share, "1", "e*, share of the mass that takes part"),
+            "a_0_star": Quantity(mechanism.acceleration, "m/s2", "a_0*, acceleration of the mechanism"),
+        }
+        return Outcome(BEHAVIOUR_FACTOR * mechanism.acceleration, case.pga, values=values)

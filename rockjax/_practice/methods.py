@@ -1,0 +1,96 @@
+"""The simplified methods for a podium and ground motions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import jax
+import numpy as np
+
+from rockjax._checks import as_strings, concrete, require_instance, require_number
+from rockjax._excitations.ground import GroundMotion
+from rockjax._motions.convert import AnyMotions, as_motions, single_motions
+from rockjax._motions.record import Record
+from rockjax._structures import Podium
+
+from .base import Case, MethodResult
+from .block import Block
+from .registry import METHODS
+
+OWNER = "simplified_methods"
+
+
+def simplified_methods(
+    podium: Podium,
+    motions: AnyMotions,
+    *,
+    friction: float | None = None,
+    vertical: float | None = None,
+    confidence_factor: float = 1.0,
+    methods: Sequence[str] | None = None,
+) -> tuple[MethodResult, ...]:
+    """Return the answers of simplified methods of practice, (P1) to (P7), for a podium (host).
+
+    The methods stand beside the exact answer ([`rockjax.peak_responses`][]) and do not replace it: each
+    result states what is known of its reliability. Only (P2) and the tests of its bound consider that the
+    superstructure vibrates; the others make it rigid. Vertical motion enters only A_v of (P6).
+
+    - `podium`: a single podium, with any superstructure. With tendons, dampers or inerters no method is made
+    - `motions`: n sampled motions: a [`rockjax.Motion`][], [`rockjax.Motions`][], records or a list of them
+    - `friction`: coefficient of friction μ of (P6), ≥ 0 [–]; without it (P6) is not made
+    - `vertical`: largest vertical ground acceleration A_v of (P6), ≥ 0 [m/s²]; by default the largest of the
+      vertical components, and without these (P6) is not made
+    - `confidence_factor`: FC of (P7), ≥ 1 [–]
+    - `methods`: names of methods, in the order of the results; by default all: `"static"` (P1),
+      `"spectral_uplift"` (P2), `"priestley"` (P3), `"fema_356"` (P4), `"asce_43_05_rocking"` (P5),
+      `"asce_43_05_sliding"` (P6), `"circolare_displacement"` and `"circolare_force"` (P7)
+
+    Returns one [`rockjax.MethodResult`][] for each method. Response spectra are exact for motions that are
+    linear between samples.
+
+    Raises `ValueError` for a podium with arrays of parameters, for motions without samples, for numbers out
+    of range and for unknown methods.
+    """
+    require_instance(OWNER, "podium", podium, Podium, "a rockjax.Podium")
+    _require_single(podium)
+    if isinstance(motions, Iterable) and not isinstance(motions, Sequence):
+        motions = list(motions)
+    horizontal = tuple(as_motions(OWNER, motions, "motions"))
+    if friction is not None:
+        friction = require_number(OWNER, "friction", friction, lambda v: v >= 0, "None or finite and >= 0")
+    if vertical is not None:
+        vertical = require_number(
+            OWNER, "vertical", vertical, lambda v: v >= 0, "None or finite and >= 0 m/s²"
+        )
+    factor = require_number(
+        OWNER, "confidence_factor", confidence_factor, lambda v: v >= 1, "finite and >= 1"
+    )
+    names = tuple(METHODS) if methods is None else as_strings(OWNER, "methods", methods)
+    for name in names:
+        if name not in METHODS:
+            raise ValueError(f"{OWNER}: methods must be among {', '.join(METHODS)}, got {name!r}")
+    if vertical is None:
+        vertical = _vertical_peak(motions)
+    case = Case(podium, Block.of(podium), horizontal, friction, vertical, factor)
+    return tuple(METHODS[name].evaluate(case) for name in names)
+
+
+def _require_single(podium: Podium) -> None:
+    """Raise `ValueError` for a batch of podiums, and for traced parameters."""
+    if any(concrete(leaf) is None for leaf in jax.tree.leaves(podium)):
+        raise ValueError(f"{OWNER}: podium must have concrete numbers; call it outside jit and grad")
+    shapes = (podium.alpha, podium.R, podium.gamma, podium.lam, podium.g, podium.eta)
+    if any(np.ndim(value) for value in (*shapes, podium.restitution_factor)):
+        raise ValueError(f"{OWNER}: podium must be a single podium, got arrays of parameters")
+
+
+def _vertical_peak(motions: AnyMotions) -> float | None:
+    """Return the largest acceleration of the vertical components [m/s²]; None unless every motion has a
+    sampled one."""
+    peaks = []
+    for member in single_motions(OWNER, motions, "motions").members:
+        component = member.vertical if isinstance(member, GroundMotion) else None
+        if not isinstance(component, Record):
+            return None
+        peaks.append(abs(float(component.scale)) * float(np.abs(np.asarray(component.acceleration)).max()))
+    return max(peaks)

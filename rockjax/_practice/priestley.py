@@ -1,0 +1,100 @@
+"""Rocking as a linear oscillator with a rotation-dependent period: Priestley, Evison & Carr (1978), (P3)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rockjax._motions.motion import Motion
+
+from .base import AbstractMethod, Case, Outcome, Quantity, require_damping
+from .block import Block
+from .roots import Roots, find_roots
+from .spectra import spectrum
+
+
+def period(phi: np.ndarray, p: float) -> np.ndarray:
+    """Return the period of free rocking T = (4/p̂) cosh⁻¹[1/(1−φ)], (P3) [s].
+
+    - `phi`: amplitude φ = θ/α, in [0, 1) [–]
+    - `p`: frequency parameter p̂ > 0 [rad/s]
+    """
+    return 4 / p * np.arccosh(1 / (1 - phi))
+
+
+def damping(restitution: float) -> float:
+    """Return the equivalent damping ratio β = −0.34 ln e², (P3) [–]; inf for e ≤ 0.
+
+    - `restitution`: velocity factor e of an impact [–]
+    """
+    return -0.68 * math.log(restitution) if restitution > 0 else math.inf
+
+
+def amplitude_after_impacts(phi: float, restitution: float, impacts: int) -> float:
+    """Return the amplitude of free rocking φ_n = 1 − √(1 − e²ⁿ[1−(1−φ)²]) after n impacts (Housner 1963) [–].
+
+    - `phi`: amplitude φ = θ/α at the start, in [0, 1) [–]
+    - `restitution`: velocity factor e of an impact, in [0, 1] [–]
+    - `impacts`: number n of impacts, ≥ 0
+    """
+    return 1 - math.sqrt(1 - restitution ** (2 * impacts) * (1 - (1 - phi) ** 2))
+
+
+def damping_of_decay(phi: float, restitution: float, impacts: int) -> float:
+    """Return β = ln(φ_0/φ_n)/(nπ), the damping ratio of an oscillator that decays like n impacts of a block,
+    Eq. (10) of Makris & Konstantinidis (2003) [–]. `damping` approximates it.
+
+    - `phi`: amplitude φ_0 = θ/α at the start, in (0, 1) [–]
+    - `restitution`: velocity factor e of an impact, in (0, 1] [–]
+    - `impacts`: number n of impacts, ≥ 1
+    """
+    return math.log(phi / amplitude_after_impacts(phi, restitution, impacts)) / (impacts * math.pi)
+
+
+def rotations(block: Block, motion: Motion, damping_ratio: float) -> Roots:
+    """Return all roots of φ = S_d(T(φ), β)/(ĥα), (P3), (P4).
+
+    - `block`: the block
+    - `motion`: ground motion
+    - `damping_ratio`: β in [0, 1) [–]
+    """
+    length = block.half_height * block.alpha
+    return find_roots(
+        lambda phi: spectrum(motion, period(phi, block.p), damping_ratio).displacement / length - phi
+    )
+
+
+class Priestley(AbstractMethod):
+    """Largest rotation by the displacement spectrum of an equivalent oscillator, (P3)."""
+
+    name = "priestley"
+    title = "Priestley et al. 1978"
+    source = "Makris & Konstantinidis 2003, EESD 32:265, Eqs. (2), (9)–(11)"
+    equation = "(P3)"
+    formula = "φ = S_d(T, β)/(ĥ α), T = (4/p̂) cosh⁻¹[1/(1−φ)], β = −0.34 ln e²"
+    quantity = "rotation θ/α"
+    unit = "1"
+    conservative = "no"
+    verdict_known = (
+        'Not reliable either way: "fundamentally flawed and should be abandoned" (Makris & Konstantinidis '
+        "2003). Often it has several answers; the largest is given."
+    )
+
+    def damping(self, restitution: float) -> float:
+        """Return the equivalent damping ratio for a velocity factor e [–]."""
+        return damping(restitution)
+
+    def gaps(self, case: Case) -> tuple[str, ...]:
+        return require_damping(self.damping(case.block.restitution))
+
+    def outcome(self, case: Case) -> Outcome:
+        block = case.block
+        beta = self.damping(block.restitution)
+        found = tuple(rotations(block, motion, beta) for motion in case.motions)
+        values = {
+            "beta": Quantity(beta, "1", "β, equivalent damping ratio"),
+            "p_hat": Quantity(block.p, "rad/s", "p̂, frequency parameter of the equivalent block"),
+            "h_hat": Quantity(block.half_height, "m", "ĥ, half height of the equivalent block"),
+        }
+        return Outcome(1.0, np.array([roots.answer for roots in found]), found, values)

@@ -1,0 +1,70 @@
+"""All rotations at which the answer of a method equals its assumption."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+LOWEST, HIGHEST = 0.01, 0.999  # scanned rotations φ = θ/α [–]
+POINTS = 1001  # points of the scan
+ZOOM = 64  # points of each of the two refinements of a bracket
+
+
+class Roots(NamedTuple):
+    """Roots φ = θ/α of F(φ) = φ, ascending [–].
+
+    - `stable`: roots at which F − φ changes from + to −, to which an iteration converges
+    - `unstable`: roots at which it changes from − to +
+    - `overturns`: whether F(φ) ≥ φ at the end of the scan, φ = 0.999
+    """
+
+    stable: np.ndarray
+    unstable: np.ndarray
+    overturns: bool
+
+    @property
+    def answer(self) -> float:
+        """The largest answer θ/α: 1 if it is overturning, 0 without any root [–]."""
+        return 1.0 if self.overturns else float(self.stable.max(initial=0.0))
+
+    @property
+    def answers(self) -> tuple[float, ...]:
+        """All stable answers θ/α, ascending; 1 stands for overturning [–]."""
+        return (*map(float, self.stable), *([1.0] if self.overturns else []))
+
+
+def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
+    """Return the roots of F(φ) − φ in 0.01 ≤ φ ≤ 0.999.
+
+    The function is evaluated at 1001 equal steps. Roots closer together than a step may be missed in pairs.
+    The bracket of each root is divided twice into 63 parts, and interpolated linearly in the last one.
+
+    - `excess`: F(φ) − φ, or a quantity of the same sign, for an array of φ [–]
+    """
+    phi = np.linspace(LOWEST, HIGHEST, POINTS)
+    values = excess(phi)
+    is_above = values > 0
+    first = np.flatnonzero(is_above[:-1] != is_above[1:])
+    falls = is_above[first]
+    roots = _refined(excess, phi[first], phi[first + 1], np.where(falls, 1.0, -1.0))
+    return Roots(roots[falls], roots[~falls], bool(values[-1] >= 0))
+
+
+def _refined(
+    excess: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray, sign: np.ndarray
+) -> np.ndarray:
+    """Return the root in each bracket, shape (roots,); `sign` is that of the function at `low`."""
+    if not low.size:
+        return low
+    rows = np.arange(low.size)
+    at_low = at_high = low
+    for _ in range(2):
+        points = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, ZOOM)
+        values = sign[:, None] * excess(points.ravel()).reshape(points.shape)
+        # The last point before the largest root of the bracket.
+        last = ZOOM - 2 - np.argmax((values[:, :-1] > 0)[:, ::-1], axis=1)
+        low, high = points[rows, last], points[rows, last + 1]
+        at_low, at_high = values[rows, last], values[rows, last + 1]
+    return low + (high - low) * at_low / (at_low - at_high)

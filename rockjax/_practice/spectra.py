@@ -1,0 +1,82 @@
+"""Response spectra of ground motions that are linear between samples and zero after the last, exact to
+rounding."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from rockjax._motions.motion import Motion
+from rockjax._oscillators import ground_load, largest
+
+STEP = 1.01  # ratio of consecutive periods in the search for the largest spectral displacement
+ZOOM = 32  # points of each of the two refinements of that search
+NEAR = 0.99  # a period enters the refinements if its value exceeds this fraction of the largest
+
+
+class Spectrum(NamedTuple):
+    """Largest answers of linear oscillators, shape (periods,).
+
+    - `displacement`: S_d = max|x| relative to the ground [m]
+    - `acceleration`: S_a = max|2ζωẋ + ω²x|, absolute, not pseudo [m/s²]
+    """
+
+    displacement: np.ndarray
+    acceleration: np.ndarray
+
+
+def spectrum(motion: Motion, periods, damping) -> Spectrum:
+    """Return the spectrum of a motion, which includes free vibration after its end.
+
+    - `motion`: ground motion
+    - `periods`: periods > 0, a number or shape (periods,) [s]
+    - `damping`: damping ratio in [0, 1), a number or shape (periods,) [–]
+    """
+    T, zeta = np.broadcast_arrays(np.atleast_1d(np.asarray(periods, float)), np.asarray(damping, float))
+    peaks = largest(ground_load(motion.acceleration, motion.dt), T, np.array(zeta), rests=True)
+    return Spectrum(peaks.displacement, peaks.acceleration)
+
+
+def maximum(values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray) -> float:
+    """Return the largest value of a spectrum between the first and the last period.
+
+    The neighbourhoods of all local maxima within 1 % of the largest are refined twice.
+
+    - `values_at`: values of the spectrum at an array of periods
+    - `periods`: ascending periods in steps of about 1 % [s]
+    """
+    values = values_at(periods)
+    for _ in range(2):
+        padded = np.concatenate([[-np.inf], values, [-np.inf]])
+        is_top = (values >= padded[:-2]) & (values >= padded[2:]) & (values >= NEAR * values.max())
+        top = np.flatnonzero(is_top)
+        low, high = periods[np.maximum(top - 1, 0)], periods[np.minimum(top + 1, periods.size - 1)]
+        periods = np.unique(np.linspace(low, high, ZOOM))
+        values = values_at(periods)
+    return float(values.max())
+
+
+def steps(shortest: float, longest: float) -> np.ndarray:
+    """Return periods from `shortest` to `longest` [s] in equal steps of at most 1 %."""
+    return np.geomspace(shortest, longest, 2 + math.ceil(math.log(longest / shortest) / math.log(STEP)))
+
+
+def largest_displacement(motion: Motion, longest: float, damping: float) -> float:
+    """Return the largest S_d(T) of all periods 0 < T ≤ `longest` [m].
+
+    An oscillator under |ü_g| ≤ PGA stays within |x| ≤ PGA/ω² coth(πζ/2√(1−ζ²)), which excludes short periods.
+
+    - `motion`: ground motion
+    - `longest`: longest period > 0 [s]
+    - `damping`: damping ratio in (0, 1) [–]
+    """
+    at_longest = float(spectrum(motion, longest, damping).displacement[0])
+    if at_longest == 0:
+        return 0.0
+    amplification = 1 / math.tanh(0.5 * math.pi * damping / math.sqrt(1 - damping**2))
+    shortest = min(2 * math.pi * math.sqrt(at_longest / (amplification * motion.pga)), longest)
+    largest_at = maximum(lambda T: spectrum(motion, T, damping).displacement, steps(shortest, longest))
+    return max(largest_at, at_longest)

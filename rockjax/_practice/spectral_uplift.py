@@ -1,0 +1,65 @@
+"""Bound of the uplift demand from the response spectrum, (P2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rockjax._motions.motion import Motion
+from rockjax._structures import Podium
+
+from .base import AbstractMethod, Case, Outcome, Quantity
+from .spectra import spectrum
+
+
+def effective_acceleration(podium: Podium, motion: Motion) -> float:
+    """Return a_eff = [(1+2γ) PGA + 2Σ η_i S_a(T_i, ζ_i)]/(1+2γ+2η), (P2) [m/s²].
+
+    S_a is absolute. Masses that move with the beam count in γ, and η is the vibrating mass. By the triangle
+    inequality on Eq. (9), a_eff bounds the demand |q| divided by its threshold, times g tan α.
+
+    - `podium`: single podium without restrainers, whose damping ratios are below 1
+    - `motion`: ground motion
+    """
+    gamma, eta = map(float, podium.mass_ratios)
+    eta_i, T_i, zeta_i = _modes(podium)
+    vibrating = 0.0
+    if T_i.size:
+        vibrating = 2 * float(eta_i @ spectrum(motion, T_i, zeta_i).acceleration)
+    return ((1 + 2 * gamma) * motion.pga + vibrating) / (1 + 2 * gamma + 2 * eta)
+
+
+def _modes(podium: Podium) -> np.ndarray:
+    """Return η_i [–], T_i [s] and ζ_i [–] of the fixed-base modes, shape (3, modes)."""
+    superstructure = podium.superstructure
+    oscillators = None if superstructure is None else superstructure.oscillators
+    if oscillators is None:
+        return np.empty((3, 0))
+    rows = (np.asarray(y, float) for y in (oscillators.eta, oscillators.T_s, oscillators.zeta))
+    return np.array(np.broadcast_arrays(*map(np.atleast_1d, rows)))
+
+
+class SpectralUplift(AbstractMethod):
+    """Uplift check with the response spectrum of the fixed-base building, (P2)."""
+
+    name = "spectral_uplift"
+    title = "Spectral uplift"
+    source = "triangle inequality on Eq. (9)"
+    equation = "(P2)"
+    formula = "a_eff = [(1+2γ) PGA + 2Σ η_i S_a(T_i, ζ_i)]/(1+2γ+2η) ≤ g tan α, S_a absolute"
+    quantity = "effective acceleration a_eff"
+    unit = "m/s2"
+    conservative = "yes"
+    verdict_known = (
+        "Safe against uplift by horizontal motion: a bound by the triangle inequality. With SRSS in the "
+        "place of the sum it is no bound."
+    )
+
+    def gaps(self, case: Case) -> tuple[str, ...]:
+        if np.any(_modes(case.podium)[2] >= 1):
+            return ("not made: response spectra need damping ratios of the superstructure below 1",)
+        return ()
+
+    def outcome(self, case: Case) -> Outcome:
+        demand = case.each(lambda motion: effective_acceleration(case.podium, motion))
+        values = {"pga": Quantity(case.pga, "m/s2", "PGA of each motion")}
+        return Outcome(case.block.threshold, demand, values=values)

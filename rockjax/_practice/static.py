@@ -1,0 +1,41 @@
+"""Static equilibrium, (P1)."""
+
+from __future__ import annotations
+
+import math
+
+from .base import AbstractMethod, Case, Outcome, Quantity
+from .block import Block
+
+
+def beam_displacement(block: Block, theta: float) -> float:
+    """Return the displacement of the beam u_b(θ) = 2R[sin α − sin(α−θ)], (P1) [m].
+
+    - `block`: the block
+    - `theta`: rotation of the columns, in [0, α] [rad]
+    """
+    return 2 * block.R * (math.sin(block.alpha) - math.sin(block.alpha - theta))
+
+
+class Static(AbstractMethod):
+    """Static equilibrium: the ground acceleration that lifts the columns, and the width of a column as the
+    capacity for displacement, (P1)."""
+
+    name = "static"
+    title = "Static equilibrium"
+    source = "equilibrium of the frame, Eq. (5)"
+    equation = "(P1)"
+    formula = "PGA ≤ a = g tan α; u_b = 2B at θ = α; u_b(θ) = 2R[sin α − sin(α−θ)]"
+    quantity = "peak ground acceleration"
+    unit = "m/s2"
+    conservative = "no"
+    verdict_known = (
+        "PGA ≤ g tan α is exact for rigid buildings and unsafe for elastic ones, which sway and lift "
+        "earlier. 2B is geometry: it holds no demand."
+    )
+
+    def outcome(self, case: Case) -> Outcome:
+        block = case.block
+        width = beam_displacement(block, block.alpha)
+        values = {"u_b": Quantity(width, "m", "u_b, displacement of the beam at θ = α, 2B")}
+        return Outcome(block.threshold, case.pga, values=values)
