@@ -51,7 +51,7 @@ def maximum(values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray) 
     values = values_at(periods)
     for _ in range(2):
         padded = np.concatenate([[-np.inf], values, [-np.inf]])
-        is_top = (values >= padded[:-2]) & (values >= padded[2:]) & (values >= NEAR * values.max())
+        is_top = (values > padded[:-2]) & (values >= padded[2:]) & (values >= NEAR * values.max())
         top = np.flatnonzero(is_top)
         low, high = periods[np.maximum(top - 1, 0)], periods[np.minimum(top + 1, periods.size - 1)]
         periods = np.unique(np.linspace(low, high, ZOOM))
