@@ -1,0 +1,326 @@
+"""Pictures of reports: figures as SVG inside a page, and the drawing of the structure to scale."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import math
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import escape
+
+from rockjax._structures.building import ShearBuilding
+from rockjax._structures.elevation import SAME_LINE
+from rockjax._structures.podium import Podium
+
+from .tables import Quantity, plain_part
+from .units import Units
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Colours of figures that are variables of page.css, and change with its light and dark themes.
+COLUMN, BEAM = "#cfd8e3", "#e6e9ee"
+VARIABLES = {
+    "#d55e00": "--c-red",
+    "#0072b2": "--c-blue",
+    "#009e73": "--c-green",
+    "#cc79a7": "--c-pink",
+    "#e69f00": "--c-orange",
+    "#f7d9cc": "--c-shade",
+    "#ffffff": "--bg",
+    COLUMN: "--col",
+    BEAM: "--beam",
+}
+_PREAMBLE = re.compile(r"^.*?<svg\b[^>]*viewBox=\"([^\"]*)\"[^>]*>", re.DOTALL)
+_METADATA = re.compile(r"\s*<metadata>.*?</metadata>|\s*<style\b.*?</style>|\s*<defs>\s*</defs>", re.DOTALL)
+_FAMILY = re.compile(r"font-family: [^;\"]*")
+_REFERENCE = re.compile(r'(\bid="|url\(#|\bxlink:href="#)')
+_COLOUR = re.compile(r"\b(fill|stroke): (#[0-9a-f]{6})(?:; \1-opacity: ([0-9.]+))?")
+_DECIMALS = {"m": 2, "cm": 1, "mm": 0}  # of dimensions in drawings
+_MARKED_FLOORS = 12  # with more, masses are written once for equal floors
+
+
+def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
+    """Return a figure as SVG for a page, and close it.
+
+    - `figure`: a matplotlib figure
+    - `prefix`: start of all ids in it, unique on the page: lower-case letters, digits and "-"
+    - `title`: what it shows, in a few words
+    - `description`: what a reader who cannot see it must know
+
+    Text stays text; black becomes the colour of the page's text and greys become shades of it; the colours of
+    `VARIABLES` become variables of its style. The same figure gives the same string. Raises `ValueError` for
+    another prefix.
+    """
+    import matplotlib.pyplot as plt
+
+    if not re.fullmatch(r"[a-z][a-z0-9-]*", prefix):
+        raise ValueError(f"to_svg: prefix must have lower-case letters, digits and '-', got {prefix!r}")
+    target = io.StringIO()
+    try:
+        with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": prefix}):
+            figure.savefig(target, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    finally:
+        plt.close(figure)
+    content = target.getvalue()
+    found = _PREAMBLE.match(content)
+    assert found is not None
+    content = _METADATA.sub("", content[found.end() :])
+    content = re.sub(r"<!--.*?-->\s*", "", content, flags=re.DOTALL)
+    content = _REFERENCE.sub(rf"\1{prefix}-", content).replace("xlink:href", "href")
+    content = _FAMILY.sub("font-family: var(--sans)", content)
+    content = _COLOUR.sub(_themed, content)
+    content = re.sub(r'\bd="[^"]*"', _rounded, content)
+    head = (
+        f'<svg role="img" aria-labelledby="{prefix}-title {prefix}-desc" viewBox="{found[1]}" '
+        'xmlns="http://www.w3.org/2000/svg" fill="currentColor" '
+        'style="stroke-linejoin:round;stroke-linecap:butt">'
+        f'<title id="{prefix}-title">{escape(title)}</title>'
+        f'<desc id="{prefix}-desc">{escape(description)}</desc>'
+    )
+    return head + content.strip()
+
+
+def _themed(found: re.Match[str]) -> str:
+    """Return a colour of a figure in terms of the page: a variable, or its text's colour with an opacity."""
+    name, colour, opacity = found[1], found[2], float(found[3] or 1)
+    red, green, blue = colour[1:3], colour[3:5], colour[5:]
+    if colour in VARIABLES:
+        colour = f"var({VARIABLES[colour]})"
+    elif red == green == blue:
+        colour, opacity = "currentColor", round(opacity * (1 - int(red, 16) / 255), 3)
+    return f"{name}: {colour}" + (f"; {name}-opacity: {opacity:g}" if opacity != 1 else "")
+
+
+def _rounded(found: re.Match[str]) -> str:
+    """Return the path of an SVG with coordinates rounded to 0.01 pt, on one line."""
+    path = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), found[0])
+    return re.sub(r"\s*\n", " ", path)
+
+
+def elevation_caption(units: Units) -> str:
+    """Return the caption of `elevation_drawing` with its units."""
+    lengths, detail = units.unit("length"), units.unit("displacement")
+    return f"Elevation to scale, lengths in {lengths} (column at the right: in {detail})."
+
+
+def elevation_drawing(
+    podium: Podium,
+    units: Units,
+    *,
+    column_mass: float | None = None,
+    columns: int = 2,
+    rotation: float | None = None,
+    label: str = "",
+) -> Figure:
+    """Return a drawing of the structure to scale, with dimensions and masses, and of one rotated column.
+
+    - `podium`: a podium with single numbers, not a batch. Without an elevation, the distance of its columns
+      is not known, and without heights, that of its floors; these are drawn without dimensions
+    - `units`: units of the numbers
+    - `column_mass`: mass of one column [kg]; None: without masses
+    - `columns`: number of columns N of a podium without an elevation
+    - `rotation`: rotation of the column beside [rad], drawn true to scale, and at most α; None: upright
+    - `label`: where the rotation comes from, such as "motion 9"
+    """
+    import matplotlib.pyplot as plt
+
+    from rockjax.plots._style import in_style
+
+    with in_style():
+        figure = plt.figure(figsize=(7.4, 5.9), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(2, 1))
+        for axes in (left, right):
+            axes.set_axis_off()
+        _draw_structure(left, podium, units, column_mass, columns)
+        _draw_column(right, podium, units, rotation, label)
+    return figure
+
+
+def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float | None, columns: int) -> None:
+    """Draw ground, columns, beam and floors, their dimensions at the left and their masses at the right."""
+    width, height = float(podium.width), float(podium.height)
+    lines, count, has_positions = _lines(podium, width, height, columns)
+    depth = float(podium.elevation.beam_depth) if podium.elevation is not None else 0.0  # pyright: ignore
+    drawn_depth = depth or 0.12 * height
+    left, right = lines[0] - 0.9 * width, lines[-1] + 0.9 * width
+    levels, masses, has_heights = _floors(podium, height, count * (column_mass or 0.0))
+    levels = height + drawn_depth + levels
+    top = max([height + drawn_depth, *levels])
+    gap = 0.035 * max(top, right - left)
+
+    ax.plot([left - 3 * gap, right + 3 * gap], [0, 0], color="#000000", ls="-", lw=1.6)
+    for x in np.arange(left - 3 * gap, right + 3 * gap, gap):
+        ax.plot([x, x - 0.4 * gap], [0, -0.5 * gap], color="#000000", ls="-", lw=0.5)
+    for x in lines:
+        _rectangle(ax, x - width / 2, 0, width, height, COLUMN)
+    _rectangle(ax, left, height, right - left, drawn_depth, BEAM)
+    slab = 0.006 * top
+    for below, level in itertools.pairwise([height + drawn_depth, *levels]):
+        for x in lines:
+            ax.plot([x, x], [below, level], color="#000000", ls="-", lw=0.8)
+        _rectangle(ax, left, level - slab, right - left, 2 * slab, BEAM)
+
+    if column_mass is not None:
+        write = lambda mass: plain_part(Quantity(float(mass), "mass", given=True), units)
+        _note(ax, right + gap, height / 2, f"{count} × {write(column_mass)}")
+        if beam_mass := float(podium.gamma) * count * column_mass:
+            _note(ax, right + gap, height + drawn_depth / 2, write(_rounded_mass(beam_mass)))
+        for level, text in _mass_notes(levels.tolist(), [write(_rounded_mass(mass)) for mass in masses]):
+            _note(ax, right + gap, level, text)
+
+    length = lambda value: _dimension_text(value, "length", units)
+    heights = [(0.0, height, length(height))]
+    if depth:
+        heights.append((height, height + depth, length(depth)))
+    if has_heights:
+        heights += _runs(height + drawn_depth, levels, length)
+    for start, end, text in heights:
+        line = left - 1.6 * gap
+        _dimension(ax, (line, start), (line, end), text, is_short=end - start < 1.5 * gap)
+    if has_heights and depth:
+        _dimension(ax, (left - 4.2 * gap, 0), (left - 4.2 * gap, top), length(top))
+    if has_positions:
+        for start, end in itertools.pairwise(lines):
+            _dimension(ax, (start, -2 * gap), (end, -2 * gap), length(end - start))
+    ax.set(aspect="equal", xlim=(left - 5.6 * gap, right + 5.5 * gap), ylim=(-3.8 * gap, top + gap))
+
+
+def _lines(podium: Podium, width: float, height: float, columns: int) -> tuple[np.ndarray, int, bool]:
+    """Return positions of the lines of columns [m], the number of columns, and whether positions are
+    known."""
+    if podium.elevation is None:
+        spacing = max(0.9 * height, 2.5 * width)
+        return spacing * (np.arange(columns) - 0.5 * (columns - 1)), columns, False
+    positions = np.sort(np.asarray(podium.elevation.offsets, float))
+    is_new = np.diff(positions, prepend=-np.inf) > SAME_LINE * np.ptp(positions)
+    return positions[is_new], positions.size, True
+
+
+def _floors(podium: Podium, height: float, columns_mass: float) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return heights of the floors above the beam [m], their masses [kg], and whether heights are known.
+
+    A superstructure that is no building is one mass.
+    """
+    top = podium.superstructure
+    if top is None:
+        return np.zeros(0), np.zeros(0), False
+    if isinstance(top, ShearBuilding):
+        masses = np.asarray(top.masses, float) * columns_mass
+        has_heights = top.heights is not None
+        stories = np.asarray(top.heights, float) if has_heights else np.full(masses.size, 0.6 * height)
+        return np.cumsum(stories), masses, has_heights
+    level = 0.0
+    if podium.elevation is not None:
+        level = float(np.max(np.asarray(podium.elevation.top_height, float)))  # pyright: ignore
+    mass = float(np.asarray(top.mass_ratio)) * columns_mass
+    return np.array([level or 0.8 * height]), np.array([mass]), level > 0
+
+
+def _rounded_mass(mass: float) -> float:
+    """Return a mass that was computed from ratios, without its rounding errors."""
+    return float(f"{mass:.6g}")
+
+
+def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[float, str]]:
+    """Return heights and texts of masses; in a building of many floors, one text for equal neighbours."""
+    if len(masses) <= _MARKED_FLOORS:
+        return list(zip(levels, masses, strict=True))
+    notes, start = [], 0
+    for mass, run in itertools.groupby(masses):
+        times = len(list(run))
+        middle = 0.5 * (levels[start] + levels[start + times - 1])
+        notes.append((middle, mass if times == 1 else f"{times} × {mass}"))
+        start += times
+    return notes
+
+
+def _runs(base: float, levels: np.ndarray, length: Any) -> list[tuple[float, float, str]]:
+    """Return ends and texts of the dimensions of stories; equal stories above each other have one."""
+    ends = [base, *map(float, levels)]
+    stories = [length(upper - lower) for lower, upper in itertools.pairwise(ends)]
+    runs, start = [], 0
+    for text, run in itertools.groupby(stories):
+        times = len(list(run))
+        lower, upper = ends[start], ends[start + times]
+        runs.append((lower, upper, text if times == 1 else f"{times} × {text} = {length(upper - lower)}"))
+        start += times
+    return runs
+
+
+def _draw_column(ax: Axes, podium: Podium, units: Units, rotation: float | None, label: str) -> None:
+    """Draw a column upright and rotated about its right edge, with its dimensions."""
+    alpha, size = float(podium.alpha), float(podium.R)
+    width, height = float(podium.width), float(podium.height)
+    angle = min(abs(rotation or 0.0), alpha)
+    gap = 0.07 * height
+    detail = lambda value: _dimension_text(value, "displacement", units)
+    ax.plot([-gap, width + 2.5 * gap], [0, 0], color="#000000", ls="-", lw=1.6)
+    upright = np.array([(0, 0), (width, 0), (width, height), (0, height)])
+    pivot = np.array([width, 0])
+    turn = np.array([(math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle))])
+    corners = (upright - pivot) @ turn + pivot
+    if angle:
+        from matplotlib.patches import Polygon
+
+        ax.plot(*np.vstack([upright, upright[:1]]).T, color="#000000", ls="--", lw=0.8)
+        ax.add_patch(Polygon(corners, closed=True, facecolor=COLUMN, edgecolor="#000000", lw=1.0, alpha=0.9))
+        sway = 2 * size * (math.sin(alpha) - math.sin(alpha - angle))
+        rise = 2 * size * (math.cos(alpha - angle) - math.cos(alpha))
+        _dimension(ax, (0, height + rise + gap), (sway, height + rise + gap), detail(sway))
+        write = lambda value, kind: plain_part(Quantity(value, kind), units)
+        lines = [
+            "column at its largest rotation",
+            f"θ = {write(angle, 'angle')} = {write(angle / alpha, 'number')} α",
+            *([f"({label})"] if label else []),
+            f"top displaced by {write(sway, 'displacement')},",
+            f"raised by {write(rise, 'displacement')};",
+            "true to scale",
+        ]
+    else:
+        _rectangle(ax, 0, 0, width, height, COLUMN)
+        lines = ["column at rest"]
+    _dimension(ax, (-gap, 0), (-gap, height), f"2H = {detail(height)}")
+    _dimension(ax, (0, -gap), (width, -gap), f"2B = {detail(width)}")
+    ax.text(width / 2, -2.2 * gap, "\n".join(lines), ha="center", va="top", fontsize=9)
+    ax.set(aspect="equal", xlim=(-4 * gap, width + 4 * gap), ylim=(-8 * gap, height + 3 * gap))
+
+
+def _dimension_text(value: float, kind: str, units: Units) -> str:
+    """Return a length [m] as drawings show it: two decimals of metres, whole millimetres."""
+    return f"{units.show(value, kind):.{_DECIMALS[units.unit(kind)]}f}"
+
+
+def _rectangle(ax: Axes, x: float, y: float, width: float, height: float, colour: str) -> None:
+    from matplotlib.patches import Rectangle
+
+    ax.add_patch(Rectangle((x, y), width, height, facecolor=colour, edgecolor="#000000", lw=0.8, zorder=2))
+
+
+def _note(ax: Axes, x: float, y: float, text: str) -> None:
+    ax.text(x, y, text, ha="left", va="center", fontsize=9)
+
+
+def _dimension(
+    ax: Axes, start: tuple[float, float], end: tuple[float, float], text: str, *, is_short: bool = False
+) -> None:
+    """Draw a dimension line with oblique ticks. Its text is above it, or at its left and upright, unless it
+    is short."""
+    (x0, y0), (x1, y1) = start, end
+    is_vertical = x0 == x1
+    ax.plot([x0, x1], [y0, y1], color="#000000", ls="-", lw=0.6, marker=(2, 2, -45), ms=7)
+    ax.annotate(
+        text,
+        ((x0 + x1) / 2, (y0 + y1) / 2),
+        (-5 if is_short else -2, 0) if is_vertical else (0, 2),
+        textcoords="offset points",
+        ha="right" if is_vertical else "center",
+        va="center" if is_vertical else "bottom",
+        rotation=90 if is_vertical and not is_short else 0,
+        fontsize=9,
+    )
