@@ -39,7 +39,7 @@ def characters(formulas: dict[str, dict[str, str]]) -> set[int]:
     codes = {ord(character) for character in text}
     for plain, italic, count in ITALICS:
         codes |= {code - plain + italic for code in codes if plain <= code < plain + count}
-    return codes | {0x210E}  # the italic h
+    return codes | {0x210E, 0x221A}  # the italic h, and the sign of <msqrt>
 
 
 def font(codes: set[int]) -> bytes:

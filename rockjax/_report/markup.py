@@ -133,7 +133,7 @@ def _row(content: Table, number: int, is_number: list[bool], units: Units) -> Ma
 
 def _cell(cell: Cell, column: Column, k: int, right: bool, units: Units) -> Markup:
     shown_value = value(cell, units, unit=column.kind is None)
-    if k == 0:
+    if k == 0 and not isinstance(cell, Formula):
         return Markup('<th scope="row">{}</th>').format(shown_value)
     attributes = Markup(' class="eq"') if isinstance(cell, Formula) else _right(right)
     return Markup("<td{}>{}</td>").format(attributes, shown_value)

@@ -283,6 +283,27 @@ def browser():
         browser.close()
 
 
+def test_a_printed_page_is_a4_and_breaks_no_row(browser, tmp_path):
+    pypdf = pytest.importorskip("pypdf", reason="pypdf, which reads the printed page, is not installed")
+    path = tmp_path / "report.html"
+    content = sample.page()
+    path.write_bytes(files_of(content)["report.html"])
+    page = browser.new_page()
+    page.goto(path.as_uri())
+    printed = io.BytesIO(page.pdf(prefer_css_page_size=True, print_background=True))
+    pages = pypdf.PdfReader(printed).pages
+    assert {tuple(round(float(side)) for side in sheet.mediabox[2:]) for sheet in pages} == {(595, 842)}
+    texts = [re.sub(r"\s", "", sheet.extract_text()) for sheet in pages]
+    assert all(row.id in texts[0] for row in content.sections[0].blocks[0].rows)
+    assert len(content.sections[0].blocks[0].rows) == 14
+    rows = [shown(row[2], UNITS) + shown(row[3], UNITS) for row in sample.motions().rows]
+    found = [[k for k, text in enumerate(texts) if row in text] for row in rows]
+    assert {len(places) for places in found} == {1}
+    heads = [k for k, text in enumerate(texts) if "No.Source" in text]
+    assert heads == sorted({k for places in found for k in places})  # heads are repeated
+    assert len(heads) > 1
+
+
 @pytest.mark.parametrize("text", ["Example", sample.HOSTILE[0], sample.HOSTILE[2]])
 @pytest.mark.parametrize(("width", "theme"), [(1100, "light"), (1100, "dark"), (390, "light")])
 def test_a_browser_shows_the_page(browser, tmp_path, width, theme, text):
