@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
 from .tables import Column, Formula, Link, Quantity, Table, Text, Word, checked_text
-from .units import KINDS
+from .units import unit_of_kind
 
 # Results of a check, with the state of the word and its sign on the page.
 RESULTS = {
@@ -132,8 +133,9 @@ class Limit:
         """Check sign and unit."""
         if self.sign not in ("≤", "≥"):
             raise ValueError(f"Limit: sign must be '≤' or '≥', got {self.sign!r}")
-        if self.unit is not None and self.unit not in KINDS[self.quantity.kind].units:
-            raise ValueError(f"Limit: {self.unit!r} is no unit of {self.quantity.kind}")
+        if self.unit is not None:
+            unit = unit_of_kind(self.unit, self.quantity.kind, owner="Limit.unit")
+            object.__setattr__(self, "unit", unit)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -294,8 +296,8 @@ class Page:
     - `origin`: label → text in a second block, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages
 
-    Raises `ValueError` for double numbers of sections, names of tables and ids of rows, and for links that
-    lead nowhere.
+    Raises `ValueError` for double numbers of sections, names of tables, ids of rows and ids within figures,
+    for links that lead nowhere, and for empty texts.
     """
 
     title: str
@@ -312,16 +314,23 @@ class Page:
         """Check that names and anchors are unique, and that links lead to anchors."""
         checked_text(self.title, "Page.title")
         checked_text(self.verdict, "Page.verdict")
+        for term, content in {**self.head, **self.origin}.items():
+            checked_text(content, f"Page: {term}")
+        for notice in self.notices:
+            checked_text(notice, "Page.notices")
         names = [table.name for table in self.tables()]
-        anchors = [f"s{section.number}" for section in self.sections]
+        anchors, inside = [f"s{section.number}" for section in self.sections], []
         for block in self.blocks():
             if isinstance(block, Summary):
                 anchors += [row.anchor for row in block.rows]
             elif isinstance(block, Table):
                 anchors += block.ids
-        for what, values in {"names of tables": names, "anchors": anchors}.items():
-            if double := sorted({name for name in values if values.count(name) > 1}):
-                raise ValueError(f"Page: {what} must differ, got {', '.join(double)} more than once")
+            elif isinstance(block, Figure | Pair):
+                figures = (block,) if isinstance(block, Figure) else (block.left, block.right)
+                inside += [name for figure in figures for name in re.findall(r'\bid="([^"]*)"', figure.svg)]
+        for what, values in {"names of tables": names, "anchors": [*anchors, *inside]}.items():
+            if double := sorted(name for name, times in Counter(values).items() if times > 1):
+                raise ValueError(f"Page: {what} must differ, got {', '.join(double[:5])} more than once")
         if dead := sorted(set(_targets(self)) - set(anchors)):
             raise ValueError(f"Page: no section, check or row has the anchor {', '.join(dead)}")
 

@@ -38,8 +38,10 @@ SCROLLS = Markup('<div class="scroll" tabindex="0" role="group" aria-label="tabl
 
 
 def safe(text: str) -> Markup:
-    """Return a string as HTML, with characters that HTML does not allow replaced by U+FFFD."""
-    return escape(_CONTROL.sub("\N{REPLACEMENT CHARACTER}", text))
+    """Return a string as HTML. Lines end as on Unix, and U+FFFD replaces characters that HTML does not
+    allow."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n")
+    return escape(_CONTROL.sub("\N{REPLACEMENT CHARACTER}", lines))
 
 
 def text(content: Text, units: Units) -> Markup:

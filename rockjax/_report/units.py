@@ -163,13 +163,21 @@ def to_si(
 
     Raises `ValueError` if the unit is unknown or of another kind.
     """
+    return value * size_of(unit_of_kind(unit, kind, owner=owner, subject=subject), kind, g)
+
+
+def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = "") -> str:
+    """Return the name of a unit, as written by a user, in `KINDS`.
+
+    Arguments and errors are those of `to_si`.
+    """
     entry = KINDS[kind]
     name = _alias(unit)
     if name not in entry.units:
         choices = " or ".join(repr(choice) for choice in reversed(entry.units))
         claim = f"{subject or 'the value'} is {entry.article} {kind}"
         raise ValueError(f"{owner}: {claim}, got {unit!r}; use {choices}")
-    return value * size_of(name, kind, g)
+    return name
 
 
 def _alias(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 from rockjax._report.blocks import (
@@ -178,7 +179,9 @@ def assumptions() -> Table:
     return Table.of("assumptions", "Assumptions", columns, rows, ids=("A1", "A7"))
 
 
-def page(date: str = "2026-11-26", text: str = "Example", svg: str = SVG, drawing: str = SVG) -> Page:
+def page(
+    date: str = "2026-11-26", text: str = "Example", svg: str = SVG, drawing: str = SVG, right: str = SVG
+) -> Page:
     """Return a page. `text` occurs wherever a text of a problem file can."""
     figure = Figure(svg, ("Spectra of “design”, PGA ", Quantity(2.942, "acceleration")), text, text)
     content = [
@@ -192,7 +195,7 @@ def page(date: str = "2026-11-26", text: str = "Example", svg: str = SVG, drawin
                 Paragraph(("Periods: ", Quantity(0.7005, "time"), ", see ", Link("A7", "A7"))),
             ],
         ),
-        ("Ground motions", [Pair(figure, figure), motions(text)]),
+        ("Ground motions", [Pair(figure, dataclasses.replace(figure, svg=right)), motions(text)]),
         (
             "Joint forces",
             [

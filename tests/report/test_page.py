@@ -6,6 +6,7 @@ import io
 import json
 import re
 import shutil
+import sys
 import xml.etree.ElementTree as ET
 import zipfile
 from importlib.resources import files
@@ -123,6 +124,22 @@ def test_control_characters_do_not_reach_the_page():
     )
 
 
+def test_a_file_of_windows_keeps_its_lines():
+    page = sample.page()
+    text = '\r\n[project]\r\ntitle = "a"\r\n'
+    annex = blocks.Section(14, "More", (blocks.Verbatim(text),))
+    made = files_of(blocks.Page(page.title, {}, page.verdict, (), (*page.sections, annex)))
+    assert visible(list(parsed(made["report.html"]).iter("pre"))[-1]) == text.replace("\r\n", "\n")
+    assert json.loads(made["report.json"])["sections"][-1]["blocks"] == [{"verbatim": text}]
+
+
+def test_without_xlsxwriter_the_message_names_the_command(monkeypatch):
+    monkeypatch.setitem(sys.modules, "xlsxwriter", None)
+    with pytest.raises(ValueError, match=r"XLSX files need XlsxWriter.*pip install XlsxWriter"):
+        FORMATS["xlsx"](sample.page(), UNITS)
+    assert FORMATS["csv"](sample.page(), UNITS)
+
+
 def test_the_same_page_gives_the_same_bytes():
     assert files_of(sample.page()) == files_of(sample.page())
 
@@ -236,6 +253,11 @@ def test_links_lead_somewhere():
         blocks.Page(page.title, page.head, page.verdict, (), (*page.sections, section))
     with pytest.raises(ValueError, match="names of tables must differ, got derived, inputs"):
         blocks.Page(page.title, page.head, page.verdict, (), (*page.sections, page.sections[1]))
+    double = '<svg viewBox="0 0 1 1"><g id="a"/><g id="a"/></svg>'
+    with pytest.raises(ValueError, match="anchors must differ, got a more than once"):
+        sample.page(drawing=double)
+    with pytest.raises(ValueError, match="Page: Author must be a word"):
+        blocks.Page(page.title, {"Author": ""}, page.verdict, (), page.sections)
     anchors = [blocks.check_anchor(id) for id in ("C1", "c1", "Б", "C 1", "C_1", "C-1")]
     assert len(set(anchors)) == len(anchors)
     assert all(re.fullmatch(r"[A-Za-z][\w.-]*", anchor, re.ASCII) for anchor in anchors)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from rockjax._report.units import KINDS, Units, in_unit, si_unit, to_si
+from rockjax._report.units import KINDS, Units, in_unit, si_unit, to_si, unit_of_kind
 
 # Sizes in SI from the definitions of the units.
 SIZES = {
@@ -87,4 +87,5 @@ def test_the_unit_of_a_limit_is_of_its_kind():
     with pytest.raises(ValueError, match=r"the value is an acceleration, got 'mm'; use 'g' or 'm/s²'"):
         to_si(5.0, "mm", "acceleration")
     assert to_si(5.0, "m/s2", "acceleration") == to_si(5.0, "m/s^2", "acceleration") == 5.0
+    assert unit_of_kind("m/s^2", "acceleration") == "m/s²"
     assert to_si(5.0, "-", "ratio") == to_si(5.0, "1", "ratio") == 5.0
