@@ -3,6 +3,7 @@
 from ._app import app, main
 from ._cache import cache
 from ._design import design
+from ._ensemble import ensemble
 from ._floors import floors
 from ._fragility import fragility
 from ._motions import motions, synthetic
@@ -19,6 +20,7 @@ for _function in (
     overturning,
     response,
     floors,
+    ensemble,
     fragility,
     risk,
     design,

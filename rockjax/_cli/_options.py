@@ -51,7 +51,17 @@ Resume = Annotated[
     bool, option("--resume", panel=OUTPUT, help="Continue a run that Ctrl-C stopped, with the same options.")
 ]
 Example = Annotated[
-    Literal["annual-frequency", "column", "floors", "fragility", "response", "risk", "spectrum", "sweep"]
+    Literal[
+        "annual-frequency",
+        "column",
+        "ensemble",
+        "floors",
+        "fragility",
+        "response",
+        "risk",
+        "spectrum",
+        "sweep",
+    ]
     | None,
     option("--example", panel=OUTPUT, help="Use a problem file of the rockjax package."),
 ]

@@ -68,13 +68,13 @@ class Report:
         data.attrs |= {"command": COMMAND.get()} | MASSES.get({})
         self.add_file(write_dataset(path, data, groups))
 
-    def draw(self, path: str | Path, draw: str, data: Any) -> None:
-        """Write the picture `rockjax.plots.<draw>(data)`."""
+    def draw(self, path: str | Path, draw: str, data: Any, **arguments: Any) -> None:
+        """Write the picture `rockjax.plots.<draw>(data, **arguments)`."""
         os.environ["MPLBACKEND"] = "Agg"  # works without a screen
         from rockjax import plots
         from rockjax._files import write_figure
 
-        self.add_file(write_figure(path, getattr(plots, draw)(data).figure))
+        self.add_file(write_figure(path, getattr(plots, draw)(data, **arguments).figure))
 
     def add_file(self, path: Path) -> None:
         self.written.append(path)

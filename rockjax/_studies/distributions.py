@@ -2,12 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from rockjax._checks import as_float, format_value
 from rockjax._parameters.table import Range
+from rockjax._problem import models
+
+
+def distribution_of(entry: Any) -> Any:
+    """Return the distribution of an entry of a problem file: frozen, of `scipy.stats`; or its number."""
+    from scipy import stats
+
+    if isinstance(entry, models.Uniform):
+        return stats.uniform(entry.low, entry.high - entry.low)
+    if isinstance(entry, models.LognormalSpread):
+        dispersion = entry.dispersion or math.sqrt(math.log1p((entry.cov or 0.0) ** 2))
+        return stats.lognorm(dispersion, scale=entry.median)
+    if not isinstance(entry, models.Normal):
+        return entry
+    std = entry.std or (entry.cov or 0.0) * abs(entry.mean)
+    low, high = -math.inf if entry.low is None else entry.low, math.inf if entry.high is None else entry.high
+    return stats.truncnorm((low - entry.mean) / std, (high - entry.mean) / std, entry.mean, std)
 
 
 def generator(seed: int, name: str) -> np.random.Generator:

@@ -5,6 +5,8 @@ from ._boundaries import overturning_curve as overturning_curve
 from ._boundaries import overturning_curves as overturning_curves
 from ._boundaries import overturning_spectrum as overturning_spectrum
 from ._boundaries import sensitivities as sensitivities
+from ._ensemble import ensemble as ensemble
+from ._ensemble import quantile_quantile as quantile_quantile
 from ._floors import floor_spectrum as floor_spectrum
 from ._fragility import fragility as fragility
 from ._fragility import incremental_dynamic_analysis as incremental_dynamic_analysis

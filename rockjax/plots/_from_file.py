@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rockjax import plots
 from rockjax._extensions import extension
 from rockjax._files import write_figure
+from rockjax._outputs.registry import VARIABLES
 
 if TYPE_CHECKING:
     import xarray
@@ -85,6 +87,13 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "ida": Picture(plots.incremental_dynamic_analysis, group="analysis"),
     },
     "risk": {"risk": Picture(plots.risk)},
+    "ensemble": {
+        name.replace("_", "-"): Picture(
+            functools.partial(plots.ensemble, output=name), required_variable=name
+        )
+        for name in VARIABLES
+        if name != "peak_rotation_time"
+    },
     "floor-spectrum": {"floors": Picture(plots.floor_spectrum)},
     "record-spectrum": {"record-spectrum": Picture(plots.record_spectrum)},
     "design-chart": {"chart": Picture(_chart)},

@@ -543,11 +543,73 @@ def test_floors_writes_spectra_and_their_picture(run, tmp_path):
     assert (code, "story from 1 to 1, got level = 3" in err) == (2, True)
 
 
+def test_an_ensemble_writes_its_scenes_and_a_picture_for_each_peak(run, tmp_path):
+    problem, spread = tmp_path / "frame.toml", "\n[ensemble.spread]\n"
+    table = "[ensemble]\nmotion = 'pulses'\nn = 50\noutputs = ['peak_rotation', 'peak_shear']\n"
+    laws = (
+        "R = { kind = 'lognormal', median = 2.0, cov = 0.1 }\ntan_alpha = { kind = 'normal', mean = 0.15, "
+        "cov = 0.05, low = 0.1, high = 0.2 }\nscale = { kind = 'uniform', low = 0.9, high = 1.1 }\n"
+        "'initial.theta' = 0.001\n"
+    )
+    problem.write_text(FRAME + table + spread + laws)
+    code, out, err = run("ensemble", problem, "--seed", 3, "-o", "e.pdf")
+    assert code == 0, err
+    assert out.startswith("Ensemble of 50 scenes: ")
+    assert re.search(r"^ +tan_alpha \[–\] +0\.1\d+ ", out, re.M)
+    assert (tmp_path / "e-peak-rotation.pdf").exists()
+    assert (tmp_path / "e-peak-shear.pdf").exists()
+    found = rj.Ensemble(xarray.load_dataset("e.nc"))
+    assert set(found.data["motion"].values.tolist()) == {0, 1}
+    assert np.all(np.abs(found.draws["scale"] - 1) <= 0.1)
+    assert set(found.draws["initial.theta"]) == {0.001}
+    assert np.log(found.draws["R"] / 2).std() == pytest.approx(0.1, rel=0.3)
+    assert run("plot", "e.nc")[0] == 0
+    assert (tmp_path / "e-peak-shear.png").exists()
+    code, out, _ = run("ensemble", problem, "--seed", 3, "--json", "-o", "again")
+    said = json.loads(out)
+    assert said["scenes"] == 50
+    assert said["quantiles"]["peak_shear"]["0.5"][0] == float(
+        found.quantiles("peak_shear", 0.5)["quantile"][0]
+    )
+    low, high = said["overturning_interval"]
+    assert low <= said["overturning"] <= high
+    for wrong, words in (
+        ("alhpa = 0.1", "ensemble: names in spread must be some of .* did you mean 'alpha'"),
+        (
+            "R = { kind = 'gumbel' }",
+            "ensemble.spread.R.kind: must be one of 'normal', 'lognormal', 'uniform'",
+        ),
+        ("R = { kind = 'normal', mean = 2.0 }", "ensemble.spread.R: needs std or cov"),
+        ("R = { kind = 'normal', mean = 0.0, cov = 0.1 }", "cov needs a mean other than 0"),
+        ("R = { kind = 'uniform', low = 2.0, high = 1.0 }", "low must be less than high, got 2 and 1"),
+        (
+            "R = { kind = 'normal', mean = 1.0, std = 1.0 }",
+            "must be finite and > 0, but .* of 50 draws are not",
+        ),
+        ("R = 'wide'", "ensemble.spread.R: must be a number, got 'wide'"),
+    ):
+        problem.write_text(FRAME + table + spread + wrong)
+        code, _, err = run("ensemble", problem)
+        assert code == 2
+        assert re.search(words, err), err
+
+
+def test_ctrl_c_during_an_ensemble_saves_nothing(run, monkeypatch, tmp_path):
+    monkeypatch.setattr("rockjax._progress.bar", lambda *_, **__: contextlib.nullcontext(Stops(1)))
+    flags = words("--gamma 0 --eta 0 --T-s 0 --pulse one-sine")
+    (tmp_path / "p.toml").write_text("[ensemble]\nn = 1\n[ensemble.spread]\nR = 1.5\n")
+    code, _, err = run("ensemble", "p.toml", *flags)
+    assert code == 130
+    assert "no results were saved" in err
+    assert list(tmp_path.glob("rockjax-ensemble*")) == []
+
+
 COMMANDS = (
     "spectrum",
     "overturning",
     "response",
     "floors",
+    "ensemble",
     "fragility",
     "design",
     "motions",

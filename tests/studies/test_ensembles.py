@@ -330,6 +330,37 @@ def test_wrong_arguments_of_results_are_refused(toppled):
             call()
 
 
+def test_pictures_of_distributions(toppled):
+    ax = rj.plots.ensemble({"A": toppled, "B": overturning(seed=2).dataset()})
+    assert ax.get_xlim() == (0.0, 1.0)
+    entries = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert entries[0] == f"A: {N} scenes, {100 * toppled.overturned.mean():.3g}% overturned, 95% band"
+    x, y = ax.lines[0].get_data()
+    assert np.all(np.diff(y) >= 0)
+    assert y[-1] == pytest.approx(1 - toppled.overturned.mean())
+    assert (x[0], x[-1]) == (0.0, 1.0)
+    ax = rj.plots.ensemble(toppled.data, output="peak_shear", ax=ax)
+    assert ax.get_xlabel() == "peak shear of the superstructure divided by its weight max|V_s|/(m_t g) [–]"
+    with pytest.raises(ValueError, match=r"ensembles must be a rockjax\.Ensemble or a dict"):
+        rj.plots.ensemble(3.0)
+
+
+def test_pictures_of_quantiles(still, toppled):
+    other = at_rest(seed=2, low=0.2, high=1.0)
+    ax = rj.plots.quantile_quantile({"weak": still, "strong": other}, output="peak_shear")
+    diagonal, curve = ax.lines[:2]
+    assert np.array_equal(*diagonal.get_data())
+    np.testing.assert_allclose(curve.get_data()[0], np.sort(still.sample("peak_shear").values))
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("weak", "strong")
+    assert [text.get_text() for text in ax.texts] == ["5%", "16%", "50%", "84%", "95%"]
+    ax = rj.plots.quantile_quantile({"a": toppled, "b": toppled})
+    standing = 1 - toppled.overturned.mean()
+    assert ax.get_legend().get_texts()[1].get_text() == f"quantiles up to {standing:.0%}"
+    assert "84%" not in [text.get_text() for text in ax.texts]
+    with pytest.raises(ValueError, match="dict label → ensemble with two entries"):
+        rj.plots.quantile_quantile({"a": toppled})
+
+
 @pytest.mark.slow
 def test_elastic_podiums_under_records_with_errors():
     motion = shaking()

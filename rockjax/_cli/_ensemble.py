@@ -1,0 +1,69 @@
+"""`rockjax ensemble`."""
+
+from __future__ import annotations
+
+from rockjax._problem import models
+
+from ._options import PULSE, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
+from ._outputs import parse_outputs
+from ._request import Request
+from ._run import Report, command
+
+
+@command(
+    structure_options(**SINGLE_DEFAULTS),
+    options_of(models.Pulses, **PULSE),
+    options_of(models.Record),
+    options_of(models.Ensemble),
+    accuracy(rtol=1e-8, overturn_ratio=1.0, method="dopri8"),
+)
+def ensemble(request: Request, report: Report, output: Output = "rockjax-ensemble") -> None:
+    """Distributions of the peaks of random structures under random motions, with confidence bounds.
+
+    The table [ensemble.spread] of the problem file has the distributions of parameters. Of a set of several
+    motions every scene draws one. Prints quantiles; writes OUTPUT.nc with all scenes, and a picture of the
+    empirical distribution for each peak, such as OUTPUT-peak-rotation.png. Ctrl-C saves nothing.
+
+    \b
+    Examples:
+      rockjax ensemble --example ensemble
+      rockjax ensemble problem.toml --n 10000 --seed 1
+      rockjax ensemble problem.toml --outputs peak_rotation,errors -o study
+    """
+    import rockjax as rj
+    from rockjax._outputs.registry import variables_of
+    from rockjax._results import explain_failures
+    from rockjax._studies.distributions import distribution_of
+
+    podium, settings = request.podium(), request.settings
+    options = request.options(outputs=tuple(settings.outputs))
+    pictures = {name: name.replace("_", "-") for name in variables_of(options.outputs)}
+    files = parse_outputs(output, "rockjax-ensemble").check(pictures.values())
+    spread = {name: distribution_of(entry) for name, entry in settings.spread.items()}
+    with report.progress(settings.n, "scenes") as bar, request.reader.at("ensemble"):
+        answer = rj.ensemble(
+            podium,
+            request.motion_or_set(podium),
+            spread=spread,
+            n=settings.n,
+            seed=settings.seed,
+            options=options,
+            progress=bar,
+        )
+    report.write(files.data(), answer.data)
+    share, low, high = answer.overturning()
+    report.facts |= answer.counts | {
+        "overturning": share,
+        "overturning_interval": [low, high],
+        "quantiles": {},
+    }
+    for name in (name for name in pictures if name in answer.answers):
+        report.draw(files.picture(pictures[name]), "ensemble", answer, output=name)
+        found = answer.quantiles(name)
+        report.facts["quantiles"][name] = {
+            f"{float(q):g}": [float(found[kind][k]) for kind in ("quantile", "lower", "upper")]
+            for k, q in enumerate(found["probability"])
+        }
+    report.say(repr(answer))
+    if answer.unanswered.any():
+        report.error(explain_failures(answer.data["result"]))

@@ -1,0 +1,160 @@
+"""Plots of ensembles: empirical distribution functions with their bands, and quantiles of two ensembles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from rockjax._checks import format_value, require_instance
+from rockjax._studies.ensemble import CONFIDENCE, Ensemble
+from rockjax._units import displayed
+
+from ._fragility import ABOVE, BAND
+from ._style import COLOURS, curve_style, on_axes
+
+if TYPE_CHECKING:
+    import xarray
+
+CURVE = 1000  # largest number of quantiles of a curve
+MARKED = (0.05, 0.16, 0.5, 0.84, 0.95)  # probabilities whose quantiles have intervals in pictures
+
+
+@on_axes
+def ensemble(
+    ensembles: Ensemble | xarray.Dataset | Mapping[str, Ensemble | xarray.Dataset],
+    ax: Axes | None = None,
+    output: str = "peak_rotation",
+    component: int | None = None,
+    confidence: float = CONFIDENCE,
+) -> Axes:
+    """Plot empirical distribution functions of an answer with their bands, a curve for each ensemble.
+
+    - `ensembles`: a [`rockjax.Ensemble`][] or its dataset; or a dict label → ensemble for several curves
+    - `ax`: axes to draw into
+    - `output`, `component`, `confidence`: as for `Ensemble.cdf`
+
+    Scenes that overturned are beyond every value: curves end at the share of the others. Raises `ValueError`
+    as `Ensemble.cdf` does.
+    """
+    assert ax is not None
+    is_one = isinstance(ensembles, Ensemble) or hasattr(ensembles, "data_vars")
+    members = _members({"": ensembles} if is_one else ensembles)
+    samples = [y.sample(output, component).values for y in members.values()]
+    low, high = _limits(np.concatenate(samples), output, members)
+    for k, (label, member) in enumerate(members.items()):
+        at = np.unique(np.r_[low, samples[k][np.isfinite(samples[k])], high])
+        curve, style = member.cdf(output, component=component, at=at, confidence=confidence), curve_style(k)
+        ax.fill_between(
+            at, curve["lower"], curve["upper"], step="post", color=style["color"], alpha=BAND, lw=0
+        )
+        words = f"{_words(label, member)}, {confidence:.0%} band"
+        ax.step(at, curve["probability"], where="post", label=words, **style)
+    ax.set(
+        xlabel=_heading(next(iter(members.values())), output, component),
+        ylabel="probability of not exceeding",
+        xlim=(low, high),
+        ylim=(0, 1),
+    )
+    ax.grid(alpha=0.3)
+    ax.legend(**ABOVE)
+    return ax
+
+
+@on_axes
+def quantile_quantile(
+    ensembles: Mapping[str, Ensemble | xarray.Dataset],
+    ax: Axes | None = None,
+    output: str = "peak_rotation",
+    component: int | None = None,
+    confidence: float = CONFIDENCE,
+) -> Axes:
+    """Plot the quantiles of an answer in one ensemble over those of equal probability in another.
+
+    - `ensembles`: dict label → ensemble, two of them: the first is along the horizontal axis
+    - `ax`: axes to draw into
+    - `output`, `component`: as for `Ensemble.quantiles`
+    - `confidence`: confidence level of the intervals of the marked quantiles
+
+    Ensembles of one distribution follow the dotted diagonal. The curve ends where one of the ensembles
+    overturns. Raises `ValueError` unless there are two ensembles, and as `Ensemble.quantiles` does.
+    """
+    assert ax is not None
+    if not isinstance(ensembles, Mapping) or hasattr(ensembles, "data_vars") or len(ensembles) != 2:
+        raise ValueError(
+            "plots.quantile_quantile: ensembles must be a dict label → ensemble with two entries, got "
+            f"{format_value(ensembles)}"
+        )
+    members = _members(ensembles)
+    count = min(CURVE, *(y.size for y in members.values()))
+    q = (np.arange(count) + 0.5) / count
+    curve = np.stack([y.quantiles(output, q, component=component)["quantile"] for y in members.values()])
+    finite = np.isfinite(curve).all(axis=0)
+    low, high = _limits(curve[:, finite], output, members)
+    ax.plot([low, high], [low, high], ":", color="0.5", lw=1, label="equal distributions")
+    until = "" if finite.all() else f" up to {finite.mean():.0%}"
+    ax.plot(*curve[:, finite], color=COLOURS[2], ls="-", lw=1, label=f"quantiles{until}")
+    marked = [
+        y.quantiles(output, MARKED, component=component, confidence=confidence) for y in members.values()
+    ]
+    points, lower, upper = (
+        np.stack([data[name] for data in marked]) for name in ("quantile", "lower", "upper")
+    )
+    shown = np.isfinite(points).all(axis=0)
+    points, lower, upper = (np.clip(y[:, shown], low, high) for y in (points, lower, upper))
+    bars = np.stack([points - lower, upper - points], axis=1)
+    ax.errorbar(
+        *points,
+        xerr=bars[0],
+        yerr=bars[1],
+        fmt="o",
+        ms=4,
+        lw=1,
+        color=COLOURS[1],
+        label=f"with {confidence:.0%} intervals",
+    )
+    for probability, x, y in zip(np.array(MARKED)[shown], *points, strict=True):
+        ax.annotate(f"{probability:.0%}", (x, y), (4, -11), textcoords="offset points", fontsize=8)
+    labels = list(members)
+    limits = low, high
+    ax.set_title(_heading(members[labels[0]], output, component))
+    ax.set(xlabel=labels[0], ylabel=labels[1], xlim=limits, ylim=limits, aspect="equal")
+    ax.grid(alpha=0.3)
+    ax.legend(loc="best")
+    return ax
+
+
+def _members(ensembles: Any) -> dict[str, Ensemble]:
+    """Return ensembles by label; datasets become ensembles. Raises `ValueError` for other types."""
+    require_instance("plots", "ensembles", ensembles, Mapping, "a rockjax.Ensemble or a dict of them")
+    return {label: y if isinstance(y, Ensemble) else Ensemble(y) for label, y in ensembles.items()}
+
+
+def _limits(values: np.ndarray, output: str, members: Mapping[str, Ensemble]) -> tuple[float, float]:
+    """Return the limits of the axis of an answer with these values, without infinite ones."""
+    if output == "peak_rotation":
+        return 0.0, max(float(y.data.attrs["overturn_ratio"]) for y in members.values())
+    values = values[np.isfinite(values)]
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
+    return low - margin, high + margin
+
+
+def _words(label: str, member: Ensemble) -> str:
+    """Return the entry of an ensemble in the legend: its label and the counts of its scenes."""
+    counts = member.counts
+    words = [f"{counts['scenes']} scenes", f"{100 * counts['overturned'] / counts['scenes']:.3g}% overturned"]
+    words += [f"{counts[name]} {name}" for name in ("undecided", "unanswered") if counts[name]]
+    return f"{label}: {', '.join(words)}".removeprefix(": ")
+
+
+def _heading(member: Ensemble, output: str, component: int | None) -> str:
+    """Return the label of an axis: name and unit of an answer."""
+    if output == "peak_rotation":
+        return r"peak rotation $\max|\theta|\,/\,\alpha$"
+    answer = member.data[output]
+    worst = answer.ndim > 1 and component is None
+    which = "" if answer.ndim == 1 else ", worst" if worst else f", {answer.dims[1]} {component}"
+    return f"{answer.attrs['long_name']}{which} [{displayed(answer.attrs['units'])}]"
