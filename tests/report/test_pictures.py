@@ -73,8 +73,10 @@ def test_the_same_figure_gives_the_same_svg():
 
 
 def test_pictures_share_no_ids():
-    page = sample.page(svg=to_svg(line(), "one", "One", "One"), drawing=to_svg(line(), "two", "Two", "Two"))
-    assert page.sections[1].blocks[0].svg != page.sections[2].blocks[0].left.svg
+    one, two = (to_svg(line(), prefix, "Line", "A line") for prefix in ("one", "two"))
+    assert sample.page(svg=one, drawing=two)
+    with pytest.raises(ValueError, match=r"anchors must differ, got one-axes_1, "):
+        sample.page(svg=one, right=one)
 
 
 def test_the_drawing_has_dimensions_and_masses():
