@@ -171,3 +171,28 @@ def test_rows_of_the_summary_are_complete():
         blocks.Summary((made, made), "U = value/limit.")
     table = blocks.Summary((made,), "U = value/limit.").table()
     assert len(table.rows) == 1
+
+
+def number(digits):
+    """The number that a page shows."""
+    mantissa, _, power = digits.replace("−", "-").replace("\u202f", "").partition("·10")
+    plain_power = power.translate(str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-"))
+    return float(f"{mantissa}e{plain_power or 0}")
+
+
+def test_digits_of_random_numbers():
+    """Four digits keep 5e-4 of a value, or half of the error's first digit; U stays on its side of 1."""
+    draw = np.random.default_rng(60)
+    for _ in range(3000):
+        value = float(draw.choice([-1, 1]) * 10 ** draw.uniform(-12, 12))
+        error = abs(value) * 10 ** float(draw.uniform(-14, 2))
+        unit = 10.0 ** math.floor(math.log10(float(f"{error:.0e}")))
+        exact, estimated = Quantity(value, "number"), Quantity(value, "number", error)
+        assert number(shown(exact, UNITS)) == pytest.approx(value, rel=5.01e-4)
+        assert abs(number(shown(estimated, UNITS)) - value) <= max(5.01e-4 * abs(value), 0.501 * unit)
+        assert number(shown_error(estimated, UNITS)) == pytest.approx(error, rel=0.34)
+        given = Quantity(value, "number", given=True)
+        assert number(shown(given, UNITS)) == pytest.approx(value, rel=5.01e-6)
+        used = 1 + float(draw.choice([-1, 1]) * 10 ** draw.uniform(-15, 0))
+        seen = number(shown(Quantity(used, "utilisation"), UNITS))
+        assert (seen > 1, seen < 1) == (used > 1, used < 1)
