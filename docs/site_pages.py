@@ -36,6 +36,7 @@ def parameters_table() -> str:
     for name, y in [
         *of_structure.items(),
         *(pair for pair in table.MOTION.items() if pair[0] not in of_structure),
+        *table.INITIAL.items(),
     ]:
         lines.append(f"| `{name}` | {y.symbol} | {displayed(y.unit)} | {y.range.words} | {y.meaning} |")
     return "\n".join(lines)

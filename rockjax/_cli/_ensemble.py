@@ -51,7 +51,7 @@ def ensemble(request: Request, report: Report, output: Output = "rockjax-ensembl
             progress=bar,
         )
     report.write(files.data(), answer.data)
-    share, low, high = answer.overturning()
+    share, low, high = answer.overturning_probability()
     report.facts |= answer.counts | {
         "overturning": share,
         "overturning_interval": [low, high],

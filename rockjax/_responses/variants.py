@@ -28,6 +28,7 @@ from rockjax._structures import Podium
 
 from .sensitivities import number_fields, with_numbers
 
+_HINTS = {"restitution": "; it varies if the podium has a factor, such as restitution=0.9"}
 _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)
 
 
@@ -78,7 +79,7 @@ def check_names(owner: str, argument: str, names: Sequence[str], valid: Sequence
     for name in names:
         if name not in valid:
             near = difflib.get_close_matches(str(name), valid, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
+            hint = f"; did you mean {near[0]!r}?" if near else _HINTS.get(name, "")
             raise ValueError(
                 f"{owner}: {argument} must be some of {', '.join(valid)} for this podium and motion, got "
                 f"{name!r}{hint}"

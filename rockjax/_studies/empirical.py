@@ -46,7 +46,7 @@ class Estimates(NamedTuple):
 def band_half_width(n: int, confidence: float) -> float:
     """Return the half width of the band around an empirical distribution that contains the true one [–].
 
-    ε = √(ln(2/a)/(2n)) with a = 1 − confidence: the inequality of Dvoretzky, Kiefer and Wolfowitz with
+    ε = √(ln(2/a)/(2n)) with a = 1 − confidence, (E1): the inequality of Dvoretzky, Kiefer and Wolfowitz with
     the constant of Massart (1990). It holds for every n ≥ 1 and every distribution, at all values at once.
     """
     return math.sqrt(math.log(2 / (1 - confidence)) / (2 * n))
@@ -76,8 +76,8 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
     """Return quantiles with confidence intervals between order statistics, one for each probability.
 
     The estimate is the least value x with F(x) ≥ probability. The number of values below a quantile is
-    binomial, for every distribution (David and Nagaraja, Order Statistics, 2003, section 7.1); each side of
-    the interval is missed with a probability ≤ (1 − confidence)/2. With too few values a bound is ±∞.
+    binomial, for every distribution, (E2) (David and Nagaraja, Order Statistics, 2003, section 7.1); each
+    side of the interval is missed with a probability ≤ (1 − confidence)/2. With too few values a bound is ±∞.
 
     - `sample`: the values
     - `probability`: in (0, 1), shape (q,)
@@ -115,7 +115,7 @@ class Comparison(NamedTuple):
       distribution; that distance is D without unknown values [–]. It is the asymptotic one, too large for
       distributions with steps, such as overturning
     - `lower`, `upper`: interval of the distance of the true distributions, from the joint bands of both
-      samples [–]; where `lower` > 0, the distributions differ
+      samples, (E3) [–]; where `lower` > 0, the distributions differ
     - `confidence`: confidence level of the interval [–]
     """
 

@@ -14,6 +14,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._batch.batch import peak_responses
 from rockjax._checks import as_float, require, require_instance, require_number, require_whole
+from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import AnyMotions
 from rockjax._motions.provenance import describe_motions
@@ -26,9 +27,7 @@ from rockjax._responses.peak import ALWAYS, Peak, data_variables
 from rockjax._responses.variants import (
     check_names,
     labelled_motion,
-    pick_motions,
     variable_parameters,
-    with_parameters,
 )
 from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
@@ -38,6 +37,7 @@ from rockjax._units import displayed
 from . import empirical
 from .distributions import draw, generator
 from .empirical import Comparison, Sample
+from .variants import Variants
 
 if TYPE_CHECKING:
     import xarray
@@ -91,16 +91,14 @@ def ensemble(
     motion, labels = labelled_motion(owner, motions, "motions")
     if labels is None and not spread:
         raise ValueError(f"{owner}: nothing is random; give a distribution in spread, or several motions")
-    valid = [*variable_parameters(podium, motion, labels is None), *INITIAL]
+    of_state = [name for name, y in INITIAL.items() if podium.vibrates or not y.place.startswith("u_t")]
+    valid = [*variable_parameters(podium, motion, labels is None), *of_state]
     check_names(owner, "names in spread", tuple(spread), valid)
     parameters = {name: _find(podium, name) for name in spread}
     draws = {name: draw(owner, name, spread[name], n, seed, y.range) for name, y in parameters.items()}
     which = None if labels is None else generator(seed, "motion").integers(len(labels), size=n)
-    if which is not None:
-        motion = pick_motions(motion, which)
-    of_scene = {name: values for name, values in draws.items() if name not in INITIAL}
-    podiums, excitations = with_parameters(owner, podium, motion, of_scene)
-    start = _initial(owner, podiums, initial, {k: y for k, y in draws.items() if k in INITIAL})
+    variants = Variants(podium, motion, initial, which)
+    podiums, excitations, start = variants.of(draws)
     import_in_background(*TABLES)
     message = None
     try:
@@ -128,7 +126,7 @@ def ensemble(
             **describe_options(options),
         },
     )
-    answer = Ensemble(data, peaks)
+    answer = Ensemble(data, peaks, variants)
     if message is not None:
         raise Interrupted(message, answer) from None
     return answer
@@ -140,27 +138,6 @@ def _find(podium: Podium, name: str) -> Parameter:
     return table[name] if name in table else motion_parameter(name.rpartition(".")[2])
 
 
-def _initial(owner: str, podium: Podium, initial: State, draws: Mapping[str, np.ndarray]) -> State:
-    """Return the initial states of all scenes.
-
-    - `owner`: name of the calling function, for messages
-    - `podium`: the podiums; `initial`: state of which `draws` change fields, given by their names
-    """
-    if not draws:
-        return initial
-    top = podium.superstructure
-    changes = {}
-    for name, values in draws.items():
-        field = INITIAL[name].place
-        has_modes = field.startswith("u_t") and top is not None and top.has_mode_axis
-        changes[field] = np.repeat(values[:, None], top.count, 1) if has_modes and top else values
-    if "theta" in changes:
-        ratio = np.abs(changes["theta"]) / np.asarray(podium.alpha)
-        accepted = "smaller than α of the podium in every scene"
-        require(owner, "|initial.theta|/α", ratio, lambda y: y < 1, accepted)
-    return dataclasses.replace(initial, **changes)
-
-
 @dataclasses.dataclass(frozen=True, repr=False)
 class Ensemble:
     """Answers of random scenes, and their empirical distributions.
@@ -169,6 +146,7 @@ class Ensemble:
       label of the drawn motion, if there are several), and the answers. `Ensemble(xarray.load_dataset(path))`
       restores an ensemble from a file
     - `peaks`: the answers as a [`rockjax.Peak`][] of shape (n,); None if restored
+    - `variants`: podium, motions and initial state, from which `scene` makes single scenes; None if restored
 
     All distributions count every scene:
 
@@ -183,6 +161,7 @@ class Ensemble:
 
     data: xarray.Dataset
     peaks: Peak | None = None
+    variants: Variants | None = None
 
     def __post_init__(self) -> None:
         if getattr(self.data, "attrs", {}).get("kind") != KIND:
@@ -226,6 +205,19 @@ class Ensemble:
         shape (n,); False without this output."""
         flags = self.data["undecided"].values.astype(bool) if "undecided" in self.data else False
         return flags & ~self.unanswered
+
+    def scene(self, k: int) -> tuple[Podium, AbstractExcitation, State]:
+        """Return podium, motion and initial state of scene k, from 0, for [`rockjax.simulate`][].
+
+        Raises `ValueError` for another number, and for an ensemble that was restored from a file.
+        """
+        if self.variants is None:
+            raise ValueError(
+                "Ensemble: an ensemble from a file has no structure and motions; compute it anew"
+            )
+        k = require_whole("Ensemble", "k", k, 0)
+        require("Ensemble", "k", k, lambda y: y < self.size, f"less than {self.size}")
+        return self.variants.of({name: values[k] for name, values in self.draws.items()}, k)
 
     def sample(self, output: str = "peak_rotation", component: int | None = None) -> Sample:
         """Return the values of an answer, and which of them are unknown.
@@ -273,8 +265,8 @@ class Ensemble:
         """Return the empirical distribution function of an answer, with a band for the true one.
 
         The band of Dvoretzky, Kiefer, Wolfowitz and Massart has the half width √(ln(2/a)/(2n)),
-        a = 1 − confidence, and holds at all values at once: 0.0136 for n = 10⁴ and 95 %. It widens by the
-        share of scenes whose values are unknown.
+        a = 1 − confidence, (E1), and holds at all values at once: 0.0136 for n = 10⁴ and 95 %. It widens by
+        the share of scenes whose values are unknown.
 
         - `output`, `component`: the answer, as for `sample`
         - `at`: values at which the function is evaluated, shape (x,); by default all finite values
@@ -313,7 +305,7 @@ class Ensemble:
         component: int | None = None,
         confidence: float = CONFIDENCE,
     ) -> xarray.Dataset:
-        """Return quantiles of an answer with confidence intervals, which are order statistics.
+        """Return quantiles of an answer with confidence intervals between order statistics, (E2).
 
         - `output`, `component`: the answer, as for `sample`
         - `probability`: probabilities of not exceeding the quantiles, in (0, 1), shape (q,)
@@ -341,7 +333,7 @@ class Ensemble:
             },
         )
 
-    def overturning(self, confidence: float = CONFIDENCE) -> tuple[float, float, float]:
+    def overturning_probability(self, confidence: float = CONFIDENCE) -> tuple[float, float, float]:
         """Return the share of scenes that overturned, and the Clopper–Pearson interval of its probability
         [–]: estimate, lower and upper bound. Raises `ValueError` unless `confidence` is in (0, 1)."""
         is_open = self.unanswered | self.undecided
@@ -357,7 +349,8 @@ class Ensemble:
         component: int | None = None,
         confidence: float = CONFIDENCE,
     ) -> Comparison:
-        """Compare an answer with that of another ensemble by the test of Kolmogorov and Smirnov.
+        """Compare an answer with that of another ensemble by the test of Kolmogorov and Smirnov,
+        (E3).
 
         - `other`: ensemble with another seed, because the samples must be independent
         - `output`, `component`: the answer, as for `sample`
@@ -401,7 +394,7 @@ class Ensemble:
 
     def _tables(self) -> tuple[Any, ...]:
         """Return a headline, and the tables of draws and of quantiles, those that have rows."""
-        share, low, high = self.overturning()
+        share, low, high = self.overturning_probability()
         counts = self.counts
         headline = (
             f"Ensemble of {self.size} scenes: {share:.3g} overturned ({CONFIDENCE:.0%}: {low:.3g} to "

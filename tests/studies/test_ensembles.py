@@ -109,7 +109,7 @@ def test_overturned_scenes_are_beyond_every_rotation(toppled):
     assert float(toppled.cdf(at=[1.0])["probability"][0]) == pytest.approx(1 - fell.mean())
     assert toppled.cdf(at=[0.5, 1e9])["probability"][1] < 1.0
     assert np.isinf(toppled.quantiles(probability=1 - 0.5 * fell.mean())["quantile"][0])
-    share, low, high = toppled.overturning(0.9)
+    share, low, high = toppled.overturning_probability(0.9)
     expected = stats.binomtest(int(fell.sum()), N).proportion_ci(0.9)
     assert (share, low, high) == pytest.approx((fell.mean(), expected.low, expected.high))
 
@@ -144,7 +144,7 @@ def test_unknown_scenes_are_counted_and_widen_every_bound(toppled):
         at_most = np.sum(known <= x)
         assert float(cdf["lower"][0]) == pytest.approx(max(at_most / N - half_width, 0))
         assert float(cdf["upper"][0]) == pytest.approx((at_most + 20) / N + half_width)
-    assert found.overturning()[1] < toppled.overturning()[1]
+    assert found.overturning_probability()[1] < toppled.overturning_probability()[1]
     wide, narrow = found.quantiles(probability=0.2), toppled.quantiles(probability=0.2)
     assert wide["lower"][0] < narrow["lower"][0]
     assert wide["upper"][0] > narrow["upper"][0]
@@ -220,6 +220,10 @@ def test_every_scene_draws_one_motion():
     motion = motions[motions.names.index(found.data["motion"].values[k])].scaled(found.draws["scale"][k])
     peak = rj.peak_response(block, motion.record())
     assert float(found.peaks.peak_rotation[k]) == pytest.approx(float(peak.peak_rotation), rel=1e-6)
+    podium, motion, initial = found.scene(k)
+    again = rj.peak_response(podium, motion, initial=initial)
+    assert float(found.peaks.peak_rotation[k]) == pytest.approx(float(again.peak_rotation), rel=1e-9)
+    np.testing.assert_array_equal(found.scene(0)[1](1.0), found.scene(np.int64(0))[1](1.0))
     pulses = [rj.Ricker(2.0, 1.0), rj.Ricker(4.0, 1.0)]
     found = rj.ensemble(RIGID, pulses, spread={}, n=20)
     heights = {0: 0, 1: 0}
@@ -236,9 +240,10 @@ def test_the_initial_state_is_an_imperfection():
     np.testing.assert_allclose(
         found.peaks.peak_rotation, np.abs(found.draws["initial.theta"]) / 0.3, rtol=1e-9
     )
-    with pytest.raises(ValueError, match=r"initial.theta\|/α must be smaller than α"):
+    with pytest.raises(ValueError, match=r"initial.theta\|/α must be < 1 in every scene, got"):
         rj.ensemble(PODIUMS["block"], rj.Rest(), spread={"initial.theta": stats.norm(0.0, 0.3)}, n=100)
     modes = rj.Podium(alpha=0.2, R=1.0, gamma=5.0, superstructure=rj.Modes([3.0, 1.0], [0.4, 0.1], 0.05))
+    assert found.scene(3)[2].theta == found.draws["initial.theta"][3]
     found = rj.ensemble(modes, rj.Rest(), spread={"initial.u_t": stats.uniform(0.001, 0.001)}, n=3, t_end=0.5)
     # All floors are moved alike, and nothing rocks.
     np.testing.assert_allclose(
@@ -284,6 +289,8 @@ def test_an_interruption_leaves_the_answers_so_far():
         ({"spread": {"alhpa": 0.2}}, "got 'alhpa'; did you mean 'alpha'"),
         ({"spread": {"initial.thta": 0.0}}, "did you mean 'initial.theta'"),
         ({"spread": {"alpha": 0.2, "tan_alpha": 0.2}}, "describe the same quantity"),
+        ({"spread": {"restitution": 0.9}}, "it varies if the podium has a factor"),
+        ({"spread": {"initial.u_t": 0.1}}, "got 'initial.u_t'"),
         ({"spread": {}}, "nothing is random"),
         (
             {"spread": {"alpha": stats.norm(0.15, 0.1)}},
@@ -324,6 +331,8 @@ def test_wrong_arguments_of_results_are_refused(toppled):
         (lambda: toppled.quantiles(probability=[0.5, 1.0]), r"probability must be in \(0, 1\)"),
         (lambda: toppled.cdf(component=1), "has no components"),
         (lambda: toppled.compare(3.0), "other must be a rockjax.Ensemble"),
+        (lambda: toppled.scene(N), f"k must be less than {N}"),
+        (lambda: rj.Ensemble(toppled.data).scene(0), "an ensemble from a file"),
         (lambda: rj.Ensemble(xarray.Dataset()), "must be a dataset of rockjax.ensemble"),
     ):
         with pytest.raises(ValueError, match=words):

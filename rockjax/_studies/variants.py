@@ -1,0 +1,55 @@
+"""Random variants of a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockjax._checks import require
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._parameters.table import INITIAL
+from rockjax._responses.variants import pick_motions, with_parameters
+from rockjax._results import State
+from rockjax._structures import Podium
+
+
+class Variants(NamedTuple):
+    """Random variants of a scene.
+
+    - `podium`, `initial`: the structure and the initial state
+    - `motion`: a motion, or a batch of motions of shape (k,)
+    - `which`: index of the motion of each scene, shape (n,); None for a single motion
+    """
+
+    podium: Podium
+    motion: AbstractExcitation
+    initial: State
+    which: np.ndarray | None
+
+    def of(
+        self, draws: Mapping[str, np.ndarray], scene: Any = slice(None)
+    ) -> tuple[Podium, AbstractExcitation, State]:
+        """Return podiums, motions and initial states of scenes.
+
+        - `draws`: values of parameters by name, shape (n,), or numbers of one scene
+        - `scene`: number of the scene; by default all
+
+        Raises `ValueError` for an initial rotation that is not smaller than α.
+        """
+        motion = self.motion
+        if self.which is not None:
+            motion = pick_motions(motion, np.asarray(self.which[scene]))
+        of_scene = {name: values for name, values in draws.items() if name not in INITIAL}
+        podium, motion = with_parameters("ensemble", self.podium, motion, of_scene)
+        top, changes = podium.superstructure, {}
+        for name in draws.keys() & INITIAL.keys():
+            field, values = INITIAL[name].place, draws[name]
+            has_modes = field.startswith("u_t") and top is not None and top.has_mode_axis
+            changes[field] = values[..., None].repeat(top.count, -1) if has_modes and top else values
+        if "theta" in changes:
+            ratio = np.abs(changes["theta"]) / np.asarray(podium.alpha)
+            require("ensemble", "|initial.theta|/α", ratio, lambda y: y < 1, "< 1 in every scene")
+        return podium, motion, dataclasses.replace(self.initial, **changes) if changes else self.initial
