@@ -1,4 +1,4 @@
-"""Draws the picture of `floors.md`: `python docs/floors.py`."""
+"""Draws the pictures of `floors.md`: `python docs/floors.py`."""
 
 from __future__ import annotations
 
@@ -25,6 +25,13 @@ def main() -> None:
         podium, rj.Ricker(4.0, 1.0), periods, level=["deck", 1, 2, 3], fixed_base=True
     )
     write_figure(IMAGES / "floor-spectrum.png", plots.floor_spectrum(spectrum))
+    contents = {
+        "cabinet": rj.Contents.from_dimensions(width=0.45, height=1.9, level=3),
+        "shelf": rj.Contents.from_dimensions(width=0.35, height=1.8, level=1),
+    }
+    suite = rj.synthetic_motions(40, duration=10.0, pga=3.0, seed=1)
+    curves = rj.contents_fragility(podium, contents, suite, np.linspace(0.5, 4.0, 15))
+    write_figure(IMAGES / "contents-fragility.png", plots.contents_fragility(curves))
 
 
 if __name__ == "__main__":

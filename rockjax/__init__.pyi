@@ -37,9 +37,9 @@ from ._practice.base import MethodResult as MethodResult
 from ._practice.methods import simplified_methods as simplified_methods
 from ._responses.estimate import Errors as Errors
 from ._responses.floor import FloorMotion as FloorMotion
+from ._responses.floor_answers import ContentsAnswer as ContentsAnswer
+from ._responses.floor_answers import OscillatorAnswer as OscillatorAnswer
 from ._responses.history import Energies as Energies
-from ._responses.on_floors import ContentsAnswer as ContentsAnswer
-from ._responses.on_floors import OscillatorAnswer as OscillatorAnswer
 from ._responses.peak import Peak as Peak
 from ._responses.response import Response as Response
 from ._responses.sensitivities import Sensitivities as Sensitivities
@@ -62,6 +62,7 @@ from ._risk.gaussian import Envelope as Envelope
 from ._risk.gaussian import GaussianMotion as GaussianMotion
 from ._risk.gaussian import RandomPulse as RandomPulse
 from ._risk.hazard import Hazard as Hazard
+from ._risk.pelicun import write_pelicun as write_pelicun
 from ._risk.reliability import FailureProbability as FailureProbability
 from ._risk.reliability import reliability as reliability
 from ._risk.rocking import DesignPoint as DesignPoint
@@ -75,6 +76,7 @@ from ._structures import Oscillator as Oscillator
 from ._structures import Podium as Podium
 from ._structures import Rigid as Rigid
 from ._structures import ShearBuilding as ShearBuilding
+from ._studies.contents import contents_fragility as contents_fragility
 from ._studies.curve import fragility as fragility
 from ._studies.empirical import Comparison as Comparison
 from ._studies.ensemble import Ensemble as Ensemble

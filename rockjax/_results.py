@@ -63,6 +63,8 @@ NAMES = (
     *("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full", "interrupted"),
     *("chattering", "too_stiff", "weightless"),
 )
+# Attributes of a variable of result codes, after the conventions for flags in netCDF files.
+FLAGS = {"flag_values": np.arange(len(NAMES), dtype=np.int8), "flag_meanings": " ".join(NAMES)}
 
 
 def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:

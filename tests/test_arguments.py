@@ -59,6 +59,13 @@ VALID = {
     rj.incremental_dynamic_analysis: {"podium": PODIUM, "records": [MOTION], "intensity": [1.0]},
     rj.overturning_distribution: {"podium": PODIUM, "records": [MOTION]},
     rj.fragility: {},
+    rj.contents_fragility: {
+        "podium": PODIUM,
+        "contents": rj.Contents(0.2, 0.5),
+        "records": [MOTION],
+        "intensity": [1.0],
+    },
+    rj.write_pelicun: {"path": "there_is_none.csv"},
     rj.intensity_measures: {"motion": MOTION},
     rj.read_motion: {"path": "there_is_none.AT2"},
     rj.read_suite: {"path": "there_is_none"},

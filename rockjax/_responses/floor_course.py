@@ -61,11 +61,11 @@ def course_of(scene: history.Solved) -> FloorCourse:
     node = jnp.broadcast_to(jnp.where(valid, rows, 0)[:, None], t.shape)
     inner = bodies(scene, t.ravel(), left.ravel(), node.ravel())
     # An impact multiplies the rate of rotation by e, and its vertical part changes sign, (L3). The velocities
-    # of modes do not jump.
+    # of modes do not jump. The impact that ends the rocking is the first of infinitely many with this e.
     struck = jnp.isfinite(nodes.impact_time) & valid
     which = jnp.where(struck, rows, 0)
     before = bodies(scene, times[which], jnp.ones(rows.shape, bool), jnp.maximum(which - 1, 0))
-    e = jnp.where(struck & (nodes.v[0] != 0), jnp.maximum(scene[0].restitution_factor, 0.0), 0.0)
+    e = jnp.maximum(scene[0].restitution_factor, 0.0)
     across, up = (1 - e) * -before.velocity[:, -1], (1 + e) * -before.climb
     of_modes = jnp.zeros((rows.size, inner.acceleration.shape[-1] - 1))
     jumps = jnp.concatenate([of_modes, across[:, None], up[:, None]], axis=-1)

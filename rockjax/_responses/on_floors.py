@@ -10,7 +10,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
-from jaxtyping import Array, Bool, Float, Int
 
 from rockjax import _results as results
 from rockjax._checks import concrete, format_value
@@ -26,66 +25,18 @@ from rockjax._outputs.joints import friction_of, quarter_tangent
 from rockjax._outputs.views import Ended, Start, Step, StepEnd
 from rockjax._programs.derivatives import differentiable, is_concrete, with_jacobian, with_jacobian_rule
 from rockjax._programs.program import StoredProgram
-from rockjax._results import REST, RESULTS
+from rockjax._results import REST
 from rockjax._sincos import sincos
 from rockjax._structures import Contents, Elastic, GivenRestitution, Oscillator, Podium
-from rockjax._tree import Module
 from rockjax._types import Value, Values
 
 from .floor import DECK, DIRECTIONS, floor_weights, in_direction, with_beam
+from .floor_answers import ContentsAnswer, OscillatorAnswer
 from .floor_course import NEVER_LIFTS, FloorCourse, end_with_oscillators, floor_course, followed
 
 BOTTOM = 0  # the joint of a block with the floor
 # A rest velocity that no jolt exceeds, and the factor on `atol` that makes it one of short oscillators.
 NEVER, FINER = 1e300, 1e-4
-
-
-class ContentsAnswer(Module):
-    """The answers of [`rockjax.Contents`][].
-
-    - `peak_rotation`: max|φ|/α_c, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first
-      reached [s]
-    - `margin`: its overturning margin [–], as in [`rockjax.Peak`][]: 1 if it never rocks, negative if it
-      overturns
-    - `uplifted`: the block started to rock, at `uplift_time` [s] (NaN if not); `started_by_impulse`: an
-      impact of the structure started it
-    - `overturned`: |φ| reached `overturn_ratio`·α_c, at `overturn_time` [s] (NaN if not)
-    - `impacts`: number of its own impacts
-    - `friction_demand`: largest |T|/N at its foot [–], (L15): at rest, while it rocks, at its own impacts and
-      at impulses of the floor; inf if they cannot be transferred at all
-    - `until_overturning`: the structure overturned; the answers cover the time until then
-    - `result`: a [`rockjax.RESULTS`][]
-    """
-
-    peak_rotation: Float[Array, "*batch"]
-    peak_rotation_time: Float[Array, "*batch"]
-    margin: Float[Array, "*batch"]
-    uplifted: Bool[Array, "*batch"]
-    uplift_time: Float[Array, "*batch"]
-    started_by_impulse: Bool[Array, "*batch"]
-    overturned: Bool[Array, "*batch"]
-    overturn_time: Float[Array, "*batch"]
-    impacts: Int[Array, "*batch"]
-    friction_demand: Float[Array, "*batch"]
-    until_overturning: Bool[Array, "*batch"]
-    result: RESULTS
-
-
-class OscillatorAnswer(Module):
-    """The answers of an [`rockjax.Oscillator`][], (L6).
-
-    - `relative_displacement`: S_d = max|x| relative to the floor [m]
-    - `pseudo_acceleration`: PSA = ω²S_d [m/s²]
-    - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²], on both sides of impulses
-    - `until_overturning`: the structure overturned; the answers cover the time until then
-    - `result`: a [`rockjax.RESULTS`][]
-    """
-
-    relative_displacement: Float[Array, "*batch"]
-    pseudo_acceleration: Float[Array, "*batch"]
-    absolute_acceleration: Float[Array, "*batch"]
-    until_overturning: Bool[Array, "*batch"]
-    result: RESULTS
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,6 +26,7 @@ from rockjax._tree import Module
 
 from .datasets import describe_versions
 from .estimate import Errors
+from .floor_answers import floor_rows, floor_variables
 from .sensitivities import Sensitivities, slope_name
 
 if TYPE_CHECKING:
@@ -252,11 +253,7 @@ def peak_variables(
         }
         yield "undecided", np.asarray(peaks.errors.undecided), attrs
     code = np.asarray(results.code_of(peaks.result), np.int8)
-    flags = {
-        "flag_values": np.arange(len(results.NAMES), dtype=np.int8),
-        "flag_meanings": " ".join(results.NAMES),
-    }
-    yield "result", code, {"units": "1", "long_name": "result of the scene", **flags}
+    yield "result", code, {"units": "1", "long_name": "result of the scene", **results.FLAGS}
     yield (
         "steps",
         np.asarray(peaks.stats.steps + peaks.stats.rejected),
@@ -274,7 +271,8 @@ def _until(variable: Variable) -> dict[str, str]:
 def data_variables(
     peaks: Peak, outputs: Sequence[str | AbstractOutput], dims: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return the variables of a dataset of peaks, with sensitivities along `parameter` if there are any.
+    """Return the variables of a dataset of peaks and of things on floors, and sensitivities along `parameter`
+    if there are any.
 
     - `peaks`, `outputs`: a batch and its requested outputs
     - `dims`: dims of the scenes; empty if the caller adds them
@@ -294,7 +292,7 @@ def data_variables(
             values = np.asarray(slopes[name])
             own = own_axis(name, values.ndim - scenes - 1, outputs)
             data[slope_name(name)] = (*dims, *own, "parameter"), values, attrs
-    return data
+    return data | floor_variables(peaks.on_floors, dims)
 
 
 def own_axis(name: str, dimensions: int, outputs: Sequence[str | AbstractOutput] = ()) -> tuple[str, ...]:
@@ -364,6 +362,7 @@ def _summary(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     if peak.peak_drift is not None and peak.peak_floor_acceleration is not None:
         rows.append(("drifts", f"{_format(peak.peak_drift)} m{until}"))
         rows.append(("floors", f"{_format(peak.peak_floor_acceleration)} m/s²{until}"))
+    rows += floor_rows(peak.on_floors)
     rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
     end = f", t = {float(peak.stats.end_time):.6g} s" if codes == results.END_OF_TIME else ""
     return f"{kind}: {results.NAMES[int(codes)]}{end}", rows

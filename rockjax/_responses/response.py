@@ -24,6 +24,7 @@ from rockjax._structures import Podium
 from . import history, joint_forces
 from .datasets import describe_excitation, describe_options, describe_podium
 from .floor import DECK, FloorMotion, floor_weights
+from .floor_answers import floor_variables
 from .history import Energies
 from .joint_forces import JointForces
 from .peak import AbstractPeak, own_axis, peak_variables
@@ -365,6 +366,7 @@ def _dataset(
     data["initial_energy"] = ((), np.asarray(energies.initial), attrs)
     for name, scalar, attrs in peak_variables(response, response.options.outputs):
         data[name] = (own_axis(name, scalar.ndim), scalar, attrs)
+    data = data.assign(floor_variables(response.on_floors, ()))
     for axis in {MODES, STORIES} & set(map(str, data.dims)):
         data.coords[axis] = np.arange(1, data.sizes[axis] + 1)
     data.attrs = {"title": "Response history", "kind": "response", **describe_excitation(response.excitation)}

@@ -71,7 +71,8 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
     """Return the mean annual frequency of overturning, or of the limit state of a fragility.
 
     - `curve`: one of three. A [`rockjax.Lognormal`][] in the units of the hazard. A dataset of
-      [`rockjax.fragility`][] or of [`rockjax.read_fragility_model`][], whose limits apply. Or a dataset of
+      [`rockjax.fragility`][], of [`rockjax.read_fragility_model`][], whose limits apply, or one curve of
+      [`rockjax.contents_fragility`][], selected by `contents` and `damage_state`. Or a dataset of
       [`rockjax.incremental_dynamic_analysis`][]: its counted shares of overturned records are used
       directly, linear between the levels, so that survival windows count
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
@@ -89,14 +90,16 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
         return _frequency_of_lognormal(owner, curve, hazard)
     attributes = getattr(curve, "attrs", {})
     kind: Any = attributes.get("kind")
-    if kind not in ("fragility", "incremental-dynamic-analysis"):
+    is_curve = kind == "fragility" or (kind == "contents-fragility" and not curve["median_capacity"].dims)
+    if not is_curve and kind != "incremental-dynamic-analysis":
         raise ValueError(
-            f"{owner}: curve must be a rockjax.Lognormal, or a dataset of rockjax.fragility or "
-            f"rockjax.incremental_dynamic_analysis, got {type(curve).__name__}"
+            f"{owner}: curve must be a rockjax.Lognormal, or a dataset of rockjax.fragility, "
+            "rockjax.incremental_dynamic_analysis or one curve of rockjax.contents_fragility, got "
+            f"{type(curve).__name__}"
         )
-    intensity: xarray.DataArray = curve["median_capacity"] if kind == "fragility" else curve["intensity"]
+    intensity: xarray.DataArray = curve["median_capacity"] if is_curve else curve["intensity"]
     _check_measure(owner, attributes["measure"], intensity.attrs["units"], hazard)
-    if kind == "fragility":
+    if is_curve:
         answer = _frequency_of_lognormal(
             owner,
             Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion"))),

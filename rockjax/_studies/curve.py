@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtr
 
-from rockjax._checks import require
+from rockjax._checks import as_float, require
 from rockjax._lognormal import Lognormal, fit_capacities, fit_counts
 from rockjax._programs.program import StoredProgram
 
@@ -71,10 +71,7 @@ def fragility(
         analysis = _with_limit(analysis, limit)
     data = _Ensemble.of(analysis)
     fit = _fit(method, data)
-    x = np.linspace(0, data.levels[-1], 201)[1:] if at is None else np.asarray(at, float)
-    if x.ndim != 1 or x.size == 0:
-        raise ValueError(f"fragility: at must be a 1-D array of intensities, got shape {x.shape}")
-    require("fragility", "at", x, lambda v: v > 0, "finite and > 0")
+    x = checked_intensities("fragility", at, data.levels)
     curve = _dataset(analysis, fit, x, method)
     if confidence is not None:
         _add_intervals(curve, method, data, fit, confidence)
@@ -92,6 +89,16 @@ def fragility(
             curve[name] = ("parameter", values, {"units": "1", "long_name": symbol})
         curve = curve.assign_coords(parameter=analysis["parameter"])
     return curve
+
+
+def checked_intensities(owner: str, at, levels: np.ndarray) -> np.ndarray:
+    """Return the intensities of a curve, by default 200 up to the highest of the levels. Raises `ValueError`
+    unless they are > 0, in one dimension."""
+    x = np.linspace(0, levels[-1], 201)[1:] if at is None else np.asarray(as_float(at, f"{owner}: at"))
+    if x.ndim != 1 or x.size == 0:
+        raise ValueError(f"{owner}: at must be a 1-D array of intensities, got shape {x.shape}")
+    require(owner, "at", x, lambda v: v > 0, "finite and > 0")
+    return x
 
 
 class _Ensemble(NamedTuple):
@@ -154,6 +161,11 @@ def _check(analysis: xarray.Dataset, method: str | None, confidence: float | Non
             f"{owner}: analysis must come from rockjax.incremental_dynamic_analysis, got "
             f"{_describe_type(analysis)}"
         )
+    check_confidence(owner, confidence)
+
+
+def check_confidence(owner: str, confidence: float | None) -> None:
+    """Raise `ValueError` unless a confidence level is in (0, 1) or None."""
     if confidence is not None and not (isinstance(confidence, int | float) and 0 < confidence < 1):
         raise ValueError(
             f"{owner}: confidence must be in (0, 1), or None for no intervals, got {confidence!r}"
@@ -245,7 +257,8 @@ def _intervals_of_stripes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the same bounds as `_intervals_of_capacities`, from the counts, by the jackknife."""
     reduced_counts = data.overturned.sum(axis=0) - data.overturned  # each row omits one record
-    reduced_fits = _fit_each_counts(data.levels, reduced_counts, data.trials - 1)
+    reduced_trials = np.broadcast_to(data.trials - 1, reduced_counts.shape)
+    reduced_fits = fit_each_counts(data.levels, reduced_counts, reduced_trials)
     undetermined = int(np.sum(~np.isfinite(reduced_fits.median)))
     if undetermined:
         raise ValueError(
@@ -253,6 +266,17 @@ def _intervals_of_stripes(
             f"{undetermined} of the {len(reduced_counts)} records the counts do not determine the "
             "dispersion; use more records or closer levels, or confidence=None for the curve alone"
         )
+    return stripe_bounds(fit, reduced_fits, x, confidence)
+
+
+def stripe_bounds(
+    fit: Lognormal, reduced_fits: Lognormal, x: np.ndarray, confidence: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return jackknife bounds of a curve fitted to counts, as `_intervals_of_capacities` does.
+
+    - `fit`: curve of all records; `reduced_fits`: curves that omit one record each, arrays of shape (n,)
+    - `x`: intensities, shape (x,), > 0; `confidence`: in (0, 1)
+    """
 
     def estimates(fits: Lognormal) -> np.ndarray:
         median, dispersion = (np.asarray(y)[..., None] for y in fits)
@@ -264,7 +288,7 @@ def _intervals_of_stripes(
 
 _fit_capacities = StoredProgram(fit_capacities)
 _fit_counts = StoredProgram(fit_counts)
-_fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, None)), name="counts resampled")
+fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, 0)), name="counts resampled")
 
 
 @StoredProgram

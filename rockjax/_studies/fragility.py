@@ -71,7 +71,7 @@ def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[st
     return labels
 
 
-def _levels(owner: str, intensity) -> np.ndarray:
+def checked_levels(owner: str, intensity) -> np.ndarray:
     """Return the levels of intensity as an array; raise `ValueError` unless they are > 0 and ascend."""
     levels = np.asarray(as_float(intensity, f"{owner}: intensity"))
     if levels.ndim != 1 or levels.size == 0 or np.any(np.diff(levels) <= 0):
@@ -148,11 +148,11 @@ def incremental_dynamic_analysis(
     motions = records
     records, own_names = as_records(owner, motions)
     labels = record_labels(owner, records, own_names if names is None else names)
-    levels = _levels(owner, intensity)
+    levels = checked_levels(owner, intensity)
     check_single(owner, podium)
     check_search(owner, width, resolution)
     check_parameters(owner, podium, sensitivities)
-    measure = _measure(owner, measure, records)
+    measure = checked_measure(owner, measure, records)
     unscaled = np.asarray(measure.values, float)
     count = len(records)
     require_memory(owner, count * (levels.size + resolution + 1), advice=FEWER_LINES)
@@ -208,7 +208,8 @@ def incremental_dynamic_analysis(
     return data
 
 
-def _measure(owner: str, measure: Measure | str, records: Records | RecordPairs) -> Measure:
+def checked_measure(owner: str, measure: Measure | str, records: Records | RecordPairs) -> Measure:
+    """Return an intensity measure of records. Raises `ValueError` for a measure that is not one of them."""
     if isinstance(measure, str):
         measures = {
             "PGA": lambda: pga(records),

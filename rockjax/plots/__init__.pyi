@@ -8,6 +8,7 @@ from ._boundaries import sensitivities as sensitivities
 from ._ensemble import ensemble as ensemble
 from ._ensemble import quantile_quantile as quantile_quantile
 from ._floors import floor_spectrum as floor_spectrum
+from ._fragility import contents_fragility as contents_fragility
 from ._fragility import fragility as fragility
 from ._fragility import incremental_dynamic_analysis as incremental_dynamic_analysis
 from ._histories import deformation_history as deformation_history

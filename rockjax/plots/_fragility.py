@@ -1,4 +1,4 @@
-"""Plots of suites of records: incremental dynamic analysis, and fragility curves."""
+"""Plots of suites of records: incremental dynamic analysis, and fragility curves of podiums and blocks."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from rockjax._units import displayed, displayed_or_empty
 
-from ._style import COLOURS, on_axes
+from ._style import COLOURS, on_axes, plt, styled
 
 if TYPE_CHECKING:
     import xarray
@@ -23,6 +24,7 @@ ABOVE: dict[str, Any] = {
     "borderaxespad": 0.0,
     "frameon": False,
 }
+COLUMNS = 3  # panels in a row
 BAND = 0.2  # opacity of confidence bands
 
 
@@ -132,6 +134,47 @@ def fragility(
     ax.grid(alpha=0.3)
     _legend(ax)
     return ax
+
+
+@styled
+def contents_fragility(dataset: xarray.Dataset) -> Figure:
+    """Plot the fragility curves of blocks on floors, a panel for each block, with bands and observed shares.
+
+    `dataset` is from [`rockjax.contents_fragility`][]. Damage states without a curve have their observed
+    shares alone.
+    """
+    names = dataset["contents"].values
+    rows = -(-names.size // COLUMNS)
+    columns = min(COLUMNS, names.size)
+    figure = plt.figure(figsize=(1.2 + 2.9 * columns, 0.9 + 2.5 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for ax, name in zip(axes, names, strict=False):
+        of_block = dataset.sel(contents=name)
+        for k, state in enumerate(dataset["damage_state"].values):
+            curve, colour = of_block.sel(damage_state=state), COLOURS[k % len(COLOURS)]
+            if "lower" in curve:
+                ax.fill_between(curve["at"], curve["lower"], curve["upper"], color=colour, alpha=BAND, lw=0)
+            ax.plot(curve["at"], curve["probability"], color=colour, label=_state_in_words(state))
+            ax.plot(curve["intensity"], curve["observed"], "o", ms=4, mfc="none", color=colour)
+        ax.set_title(str(name))
+        ax.grid(alpha=0.3)
+    measure = _with_unit(dataset.attrs["measure"], dataset["at"].attrs["units"])
+    for k in range(axes.size):
+        axes[k].set_visible(k < names.size)
+        if k + columns >= names.size:
+            axes[k].set_xlabel(measure)
+            axes[k].tick_params(labelbottom=True)
+        if k % columns == 0:
+            axes[k].set_ylabel("probability")
+    axes[0].set(xlim=(0, float(dataset["at"][-1])), ylim=(-0.02, 1.02))
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
+    return figure
+
+
+def _state_in_words(state: float) -> str:
+    return (
+        "rocks" if state == 0 else "overturns" if state == 1 else rf"$|\varphi|$ reaches {state:g} $\alpha_c$"
+    )
 
 
 def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:

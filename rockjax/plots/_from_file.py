@@ -86,6 +86,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
         "fragility": Picture(plots.fragility),
         "ida": Picture(plots.incremental_dynamic_analysis, group="analysis"),
     },
+    "contents-fragility": {"contents": Picture(plots.contents_fragility)},
     "risk": {"risk": Picture(plots.risk)},
     "ensemble": {
         name.replace("_", "-"): Picture(

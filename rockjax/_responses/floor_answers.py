@@ -1,0 +1,137 @@
+"""Answers of light things on the floors of a structure, for tables and datasets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from rockjax import _results as results
+from rockjax._results import RESULTS
+from rockjax._tree import Module
+
+
+class ContentsAnswer(Module):
+    """The answers of [`rockjax.Contents`][].
+
+    - `peak_rotation`: max|φ|/α_c, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first
+      reached [s]
+    - `margin`: its overturning margin [–], as in [`rockjax.Peak`][]: 1 if it never rocks, negative if it
+      overturns
+    - `uplifted`: the block started to rock, at `uplift_time` [s] (NaN if not); `started_by_impulse`: an
+      impact of the structure started it
+    - `overturned`: |φ| reached `overturn_ratio`·α_c, at `overturn_time` [s] (NaN if not)
+    - `impacts`: number of its own impacts
+    - `friction_demand`: largest |T|/N at its foot [–], (L15): at rest, while it rocks, at its own impacts and
+      at impulses of the floor; inf if they cannot be transferred at all
+    - `until_overturning`: the structure overturned; the answers cover the time until then
+    - `result`: a [`rockjax.RESULTS`][]
+    """
+
+    peak_rotation: Float[Array, "*batch"]
+    peak_rotation_time: Float[Array, "*batch"]
+    margin: Float[Array, "*batch"]
+    uplifted: Bool[Array, "*batch"]
+    uplift_time: Float[Array, "*batch"]
+    started_by_impulse: Bool[Array, "*batch"]
+    overturned: Bool[Array, "*batch"]
+    overturn_time: Float[Array, "*batch"]
+    impacts: Int[Array, "*batch"]
+    friction_demand: Float[Array, "*batch"]
+    until_overturning: Bool[Array, "*batch"]
+    result: RESULTS
+
+
+class OscillatorAnswer(Module):
+    """The answers of an [`rockjax.Oscillator`][], (L6).
+
+    - `relative_displacement`: S_d = max|x| relative to the floor [m]
+    - `pseudo_acceleration`: PSA = ω²S_d [m/s²]
+    - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²], on both sides of impulses
+    - `until_overturning`: the structure overturned; the answers cover the time until then
+    - `result`: a [`rockjax.RESULTS`][]
+    """
+
+    relative_displacement: Float[Array, "*batch"]
+    pseudo_acceleration: Float[Array, "*batch"]
+    absolute_acceleration: Float[Array, "*batch"]
+    until_overturning: Bool[Array, "*batch"]
+    result: RESULTS
+
+
+# kind → dim of datasets and prefix of their variables, and unit and description of each answer
+VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
+    ContentsAnswer: (
+        "contents",
+        {
+            "peak_rotation": ("1", "peak rotation of the block max|φ|/α_c"),
+            "peak_rotation_time": ("s", "time of the peak rotation of the block"),
+            "margin": ("1", "overturning margin of the block"),
+            "uplifted": ("1", "the block rocks"),
+            "uplift_time": ("s", "time at which the block starts to rock"),
+            "started_by_impulse": ("1", "an impact of the structure started the block"),
+            "overturned": ("1", "the block overturned"),
+            "overturn_time": ("s", "time at which the block overturned"),
+            "impacts": ("1", "impacts of the block on its floor"),
+            "friction_demand": ("1", "largest friction demand |T|/N at the foot of the block"),
+        },
+    ),
+    OscillatorAnswer: (
+        "oscillator",
+        {
+            "relative_displacement": ("m", "largest displacement of the oscillator relative to its floor"),
+            "pseudo_acceleration": ("m s-2", "pseudo-acceleration of the oscillator"),
+            "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),
+        },
+    ),
+}
+
+
+def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, Any]:
+    """Return the variables of a dataset of things on floors: `contents_peak_rotation` … with a last dim
+    `contents`, and `oscillator_pseudo_acceleration` … with a last dim `oscillator`.
+
+    - `answers`: of one scene or a batch, in the order in which the things were given
+    - `dims`: dims of the scenes; empty if the caller adds them
+    """
+    data: dict[str, Any] = {}
+    for kind, (dim, variables) in VARIABLES.items():
+        members = [answer for answer in answers if isinstance(answer, kind)]
+        if not members:
+            continue
+        stacked = lambda of, members=members: np.stack([np.asarray(of(y)) for y in members], axis=-1)
+        for name, (unit, description) in variables.items():
+            values = stacked(lambda y, name=name: getattr(y, name))
+            data[f"{dim}_{name}"] = (*dims, dim), values, {"units": unit, "long_name": description}
+        code = stacked(lambda y: results.code_of(y.result)).astype(np.int8)
+        about = {"units": "1", "long_name": f"result of the {dim}", **results.FLAGS}
+        data[f"{dim}_result"] = (*dims, dim), code, about
+    return data
+
+
+def floor_rows(answers: Sequence[Any]) -> Iterator[tuple[str, str]]:
+    """Yield rows (label, value) of the table of a scene for the things on its floors."""
+    for k, answer in enumerate(answers, 1):
+        code = int(results.code_of(answer.result))
+        is_block = isinstance(answer, ContentsAnswer)
+        if code > results.OVERTURNED:
+            value = results.NAMES[code]
+        elif is_block:
+            value = _block_in_words(answer)
+        else:
+            value = (
+                f"{float(answer.pseudo_acceleration):.6g} m/s², {float(answer.relative_displacement):.6g} m"
+            )
+        yield f"{'block' if is_block else 'oscillator'} {k}", value
+
+
+def _block_in_words(answer: ContentsAnswer) -> str:
+    friction = f"friction demand {float(answer.friction_demand):.4g}"
+    if not answer.uplifted:
+        return f"never rocks, {friction}"
+    if answer.overturned:
+        return f"overturned at {float(answer.overturn_time):.6g} s, {friction}"
+    peak = f"{float(answer.peak_rotation):.6g} α_c at t = {float(answer.peak_rotation_time):.6g} s"
+    return f"{peak}, {int(answer.impacts)} impacts, {friction}"

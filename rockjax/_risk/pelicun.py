@@ -1,0 +1,72 @@
+"""Fragilities of contents as a table of component fragilities for pelicun."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rockjax._files import write_atomically
+
+if TYPE_CHECKING:
+    import xarray
+
+# Units of pelicun for those of an intensity measure.
+UNITS = {"m s-2": "mps2", "m s-1": "mps"}
+HEADINGS = "ID", "Incomplete", "Demand-Type", "Demand-Unit", "Demand-Offset", "Demand-Directional"
+LIMIT_STATE = "Family", "Theta_0", "Theta_1"
+
+
+def write_pelicun(path: str | Path, fragility: xarray.Dataset) -> Path:
+    """Write fragilities of contents as a CSV table of component fragilities for pelicun, atomically (host).
+
+    - `path`: file to write
+    - `fragility`: dataset of [`rockjax.contents_fragility`][], whose measure is PGA, PGV or Sa(T s)
+
+    A block is a component with its name as `ID`, and each damage state is a limit state `LS1` … with the
+    lognormal median `Theta_0`, in m/s² or m/s, and dispersion `Theta_1`. The demand is the intensity of the
+    ground motion at the location of the component, along the direction in which it rocks: `Demand-Offset` 0,
+    `Demand-Directional` 1. Limit states without a curve are empty, and their component has `Incomplete` 1.
+    Returns the path. Raises `ValueError` for other datasets and other measures.
+    """
+    owner = "write_pelicun"
+    if getattr(fragility, "attrs", {}).get("kind") != "contents-fragility":
+        raise ValueError(
+            f"{owner}: fragility must come from rockjax.contents_fragility, got {type(fragility).__name__}"
+        )
+    demand = _demand_type(owner, fragility.attrs["measure"])
+    unit = UNITS[fragility["intensity"].attrs["units"]]
+    curves = fragility[["median_capacity", "dispersion"]].transpose("contents", "damage_state")
+    states = range(1, curves.sizes["damage_state"] + 1)
+    rows = [[*HEADINGS, *(f"LS{k}-{name}" for k in states for name in LIMIT_STATE)]]
+    for name in curves["contents"].values:
+        of_block = curves.sel(contents=name)
+        medians, dispersions = (of_block[y].values.tolist() for y in ("median_capacity", "dispersion"))
+        cells = [_limit_state(*pair) for pair in zip(medians, dispersions, strict=True)]
+        incomplete = str(int(any(not cell[0] for cell in cells)))
+        rows.append([str(name), incomplete, demand, unit, "0", "1", *itertools.chain(*cells)])
+
+    def write(name: str) -> None:
+        with open(name, "w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows(rows)
+
+    return write_atomically(path, write)
+
+
+def _limit_state(median: float, dispersion: float) -> tuple[str, str, str]:
+    """Return the cells of a limit state, empty without a curve."""
+    return ("", "", "") if math.isnan(median) else ("lognormal", repr(median), repr(dispersion))
+
+
+def _demand_type(owner: str, measure: str) -> str:
+    """Return pelicun's demand type of an intensity measure."""
+    simple = {"PGA": "Peak Ground Acceleration", "PGV": "Peak Ground Velocity"}
+    if measure in simple:
+        return simple[measure]
+    period = re.fullmatch(r"Sa\(([0-9.eE+-]+) s\)", measure)
+    if period is None:
+        raise ValueError(f"{owner}: intensity measure must be PGA, PGV or Sa(T s), got {measure!r}")
+    return f"Spectral Acceleration|{float(period[1])!r}"

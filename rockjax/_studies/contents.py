@@ -1,0 +1,258 @@
+"""Fragility of blocks on the floors of a podium: a lognormal curve for each damage state, from stripes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import jax
+import numpy as np
+from scipy.special import ndtr
+
+from rockjax import _results as results
+from rockjax._batch.batch import peak_responses
+from rockjax._checks import as_float, format_value, require
+from rockjax._lognormal import Lognormal
+from rockjax._machine.memory import require_memory
+from rockjax._machine.threads import TABLES, import_in_background
+from rockjax._motions.convert import AnyMotions, as_records
+from rockjax._motions.provenance import record_coords
+from rockjax._options import Options
+from rockjax._responses.arguments import check_single, check_types
+from rockjax._responses.datasets import describe_options, describe_podium
+from rockjax._responses.peak import data_variables
+from rockjax._structures import Contents, Podium
+
+from .curve import MIN_RECORDS, check_confidence, checked_intensities, fit_each_counts, stripe_bounds
+from .fragility import ENSEMBLE, Measure, checked_levels, checked_measure, record_labels
+
+if TYPE_CHECKING:
+    import xarray
+
+QUANTITIES, BOUNDS = ["median_capacity", "dispersion"], ["lower", "upper"]
+
+
+def contents_fragility(
+    podium: Podium,
+    contents: Mapping[str, Contents] | Sequence[Contents] | Contents,
+    records: AnyMotions,
+    intensity,
+    *,
+    damage_states: Sequence[float] = (0.0, 0.5, 1.0),
+    overturned: Literal["drop", "exceed"] = "drop",
+    measure: Measure | Literal["PGA", "scale"] = "PGA",
+    names: Sequence[str] | None = None,
+    at=None,
+    confidence: float | None = 0.9,
+    options: Options = ENSEMBLE,
+    progress: Any = False,
+) -> xarray.Dataset:
+    """Fit fragility curves of blocks on the floors of a podium, one for each damage state (host).
+
+    Every record is scaled to all levels, and lognormal curves are fitted to the counts of the records that
+    reach a damage state at each level, by maximum likelihood (multiple stripes).
+
+    - `podium`: podium with scalar parameters
+    - `contents`: the blocks: names → [`rockjax.Contents`][], or one or several of them, then named
+      `contents-1` …
+    - `records`, `intensity`, `measure`, `names`, `progress`: as for
+      [`rockjax.incremental_dynamic_analysis`][]
+    - `damage_states`: thresholds of max|φ|/α_c, ascending, from 0 to the `overturn_ratio` of the blocks [–].
+      A block is in the damage state 0 if it rocks at all, and in that of its `overturn_ratio` if it overturns
+    - `overturned`: scenes in which the podium overturns. `"drop"` leaves them out, because what stands on its
+      floors is then neither safe nor damaged: the curves are those of a podium that stands. With `"exceed"`
+      they exceed every damage state
+    - `at`: intensities of the curves, shape (x,), > 0; by default 200 up to the highest level
+    - `confidence`: confidence level of the intervals and bands, in (0, 1); None for the curves alone
+    - `options`: options of the scenes
+
+    Returns a Dataset. `median_capacity` and `dispersion` (dims `contents`, `damage_state`) have the
+    confidence intervals `interval` (further dims `quantity`, `bound`), from the jackknife over records.
+    `probability` and the band from `lower` to `upper` have the further dim `at`; `observed`, the share of the
+    counted records, has `intensity`, and `counted` is their number (dims `contents`, `intensity`). Over
+    `record` and `intensity` there are the answers of the podium, such as `overturned`, and with the further
+    dim `contents` those of the blocks, such as `contents_peak_rotation`. Curves that the counts do not
+    determine are NaN, and a `RuntimeWarning` names them; another one says if there are fewer than five
+    records. Each curve is one of [`rockjax.annual_frequency`][]:
+    `data.sel(contents="cabinet", damage_state=1.0)`.
+
+    Raises `ValueError` for invalid inputs.
+    """
+    owner = "contents_fragility"
+    check_types(owner, podium, options)
+    check_single(owner, podium)
+    blocks = _named(owner, contents)
+    states = _damage_states(owner, damage_states, blocks)
+    if overturned not in ("drop", "exceed"):
+        raise ValueError(f"{owner}: overturned must be 'drop' or 'exceed', got {overturned!r}")
+    check_confidence(owner, confidence)
+    motions = records
+    records, own_names = as_records(owner, motions)
+    labels = record_labels(owner, records, own_names if names is None else names)
+    levels = checked_levels(owner, intensity)
+    measure = checked_measure(owner, measure, records)
+    x = checked_intensities(owner, at, levels)
+    require_memory(owner, len(records) * levels.size)
+    import_in_background(*TABLES)
+    which = np.arange(len(records), dtype=np.int32)[:, None]
+    scaled = records.chosen(which, levels / np.asarray(measure.values, float)[which])
+    things = tuple(blocks.values())
+    peaks = peak_responses(podium, scaled, options=options, progress=progress, on_floors=things)
+    import xarray
+
+    dims = "record", "intensity"
+    data = xarray.Dataset(
+        data_variables(peaks, options.outputs, dims),
+        coords={
+            "record": ("record", labels, {"long_name": "record"}),
+            **record_coords(records, motions),
+            "intensity": ("intensity", levels, {"units": measure.units, "long_name": measure.name}),
+            "contents": ("contents", list(blocks), {"long_name": "block"}),
+            "block": (
+                "contents",
+                [repr(block) for block in things],
+                {"long_name": "parameters of the block"},
+            ),
+            "damage_state": (
+                "damage_state",
+                states,
+                {"units": "1", "long_name": "max|φ|/α_c that is reached; 0 if the block rocks"},
+            ),
+            "at": ("at", x, {"units": measure.units, "long_name": measure.name}),
+        },
+        attrs={
+            "title": "Fragility of contents",
+            "kind": "contents-fragility",
+            "measure": measure.name,
+            "overturned_scenes": overturned,
+            **describe_podium(podium),
+            **describe_options(options),
+        },
+    )
+    _add_curves(data, overturned == "exceed", confidence)
+    return data
+
+
+def _named(owner: str, contents: Any) -> dict[str, Contents]:
+    """Return blocks by name. Raises `ValueError` for anything else, and for blocks with array parameters."""
+    if isinstance(contents, Contents):
+        contents = (contents,)
+    if isinstance(contents, Mapping):
+        blocks = dict(contents)
+    else:
+        is_sequence = isinstance(contents, Sequence)
+        blocks = {f"contents-{k}": y for k, y in enumerate(contents, 1)} if is_sequence else {}
+    names = all(isinstance(name, str) for name in blocks)
+    if not blocks or not names or not all(isinstance(block, Contents) for block in blocks.values()):
+        raise ValueError(
+            f"{owner}: contents must be one or more rockjax.Contents, or a dict of them by name, got "
+            f"{format_value(contents)}"
+        )
+    if any(np.ndim(y) for y in jax.tree.leaves(list(blocks.values()))):
+        raise ValueError(f"{owner}: contents must hold single numbers; list a block for each of them")
+    return blocks
+
+
+def _damage_states(owner: str, damage_states: Any, blocks: Mapping[str, Contents]) -> np.ndarray:
+    """Return thresholds of damage states; raise `ValueError` unless they ascend in their range."""
+    states = np.asarray(as_float(damage_states, f"{owner}: damage_states"))
+    if states.ndim != 1 or states.size == 0 or np.any(np.diff(states) <= 0):
+        raise ValueError(f"{owner}: damage_states must be a 1-D array that ascends, got {damage_states!r}")
+    highest = min(float(block.overturn_ratio) for block in blocks.values())
+    in_range = f"from 0 to the overturn_ratio {highest:g} of the contents"
+    require(owner, "damage_states", states, lambda v: (v >= 0) & (v <= highest), in_range)
+    return states
+
+
+def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) -> None:
+    """Add the counts, and the curves with intervals and bands, to the answers of scenes and blocks.
+
+    - `exceed`: whether scenes in which the podium overturns exceed every damage state
+    - `confidence`: confidence level, or None
+    """
+    levels, x = data["intensity"].values, data["at"].values
+    units, name = data["intensity"].attrs["units"], data.attrs["measure"]
+    rotation, states = data["contents_peak_rotation"], data["damage_state"]
+    reached = (rotation >= states) | data["contents_overturned"]
+    reached = reached.where(states > 0, data["contents_uplifted"]).astype(bool)
+    stands = ~data["overturned"]
+    counted = (data["contents_result"] <= results.OVERTURNED) & stands
+    if exceed:
+        reached, counted = reached | ~stands, counted | ~stands
+    order = ("contents", "damage_state", "record", "intensity")
+    counted = counted.transpose("contents", "record", "intensity")
+    reached = (reached & counted).transpose(*order)
+    number = counted.sum("record")
+    data["counted"] = number.assign_attrs(units="1", long_name="records that count")
+    share = (reached.sum("record") / number).assign_attrs(
+        units="1", long_name="share of the counted records that reach the damage state"
+    )
+    data["observed"] = share
+    shape = rotation.sizes["contents"], states.size
+    medians, dispersions = np.full(shape, np.nan), np.full(shape, np.nan)
+    intervals, bands = np.full((*shape, 2, 2), np.nan), np.full((*shape, 2, x.size), np.nan)
+    curves = np.full((*shape, x.size), np.nan)
+    for index in np.ndindex(shape):
+        failed, among = reached.values[index].astype(float), counted.values[index[0]].astype(float)
+        fit, reduced = _fits(levels, failed, among)
+        medians[index], dispersions[index] = fit
+        curves[index] = fit.probability(x)
+        if confidence is not None:
+            bounds, probit = stripe_bounds(fit, reduced, x, confidence)
+            intervals[index], bands[index] = bounds, ndtr(probit)
+    dims = ("contents", "damage_state")
+    data["median_capacity"] = dims, medians, {"units": units, "long_name": f"median {name}"}
+    data["dispersion"] = (
+        dims, dispersions, {"units": "1", "long_name": "standard deviation of the logarithm"},
+    )  # fmt: skip
+    about = {"units": "1", "long_name": "probability of the damage state"}
+    data["probability"] = (*dims, "at"), curves, about
+    _warn(data, confidence, np.isnan(medians), np.isnan(intervals[..., 0, 0]))
+    if confidence is None:
+        return
+    data["interval"] = (
+        (*dims, "quantity", "bound"),
+        intervals,
+        {"long_name": f"{confidence:.0%} confidence interval", "records": data.sizes["record"]},
+    )
+    data.coords["quantity"], data.coords["bound"] = QUANTITIES, BOUNDS
+    for k, bound in enumerate(BOUNDS):
+        about = {"units": "1", "long_name": f"{bound} bound of the {confidence:.0%} band"}
+        data[bound] = (*dims, "at"), bands[..., k, :], about
+    data.attrs["confidence"] = confidence
+
+
+def _fits(levels: np.ndarray, reached: np.ndarray, counted: np.ndarray) -> tuple[Lognormal, Lognormal]:
+    """Return the curve of all records, and those that omit one record each.
+
+    - `levels`: intensities, shape (m,)
+    - `reached`, `counted`: 1 where a record reaches the damage state, and where it counts, shape (n, m)
+    """
+    omitted = lambda y: y.sum(axis=0) - np.concatenate([np.zeros((1, levels.size)), y])
+    fits = jax.tree.map(np.asarray, fit_each_counts(levels, omitted(reached), omitted(counted)))
+    return Lognormal(*(y[0] for y in fits)), Lognormal(*(y[1:] for y in fits))
+
+
+def _warn(data: xarray.Dataset, confidence: float | None, no_curve: np.ndarray, no_interval: np.ndarray):
+    """Warn of curves and intervals that the counts do not determine, and of few records.
+
+    - `no_curve`, `no_interval`: flags over contents and damage states
+    """
+    cure = "use more records, or levels at which some but not all records reach the damage state"
+    incomplete = no_interval & ~no_curve if confidence is not None else np.zeros_like(no_curve)
+    for what, flags in (("curve", no_curve), ("interval", incomplete)):
+        if np.any(flags):
+            cases = ", ".join(
+                f"{data['contents'].values[i]} at {data['damage_state'].values[j]:g}"
+                for i, j in np.argwhere(flags)
+            )
+            message = f"contents_fragility: the counts determine no {what} of {cases}; {cure}"
+            warnings.warn(message, RuntimeWarning, stacklevel=4)
+    count = data.sizes["record"]
+    if confidence is not None and count < MIN_RECORDS:
+        message = (
+            f"contents_fragility: the intervals rest on only {count} records; with fewer than {MIN_RECORDS} "
+            "they depend more on the assumed lognormal form than on the records"
+        )
+        warnings.warn(message, RuntimeWarning, stacklevel=4)
