@@ -9,8 +9,9 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from rockjax._checks import require
+from rockjax._checks import array_module, require
 from rockjax._structures import Podium, g_tan_alpha, slenderness_and_size
 from rockjax._structures.modes import split_row, split_unless_scalar, stack_row, with_fields
 
@@ -123,7 +124,11 @@ def with_values(podium: Podium, values: Mapping[str, Any]) -> Podium:
     if clash is not None:
         raise ValueError(f"{clash[0]} and {clash[1]} describe the same quantity; give one of them")
     places = {entry.name: entry.place for entry in parameters.values() if entry.place}
-    stored = {places[name]: value for name, value in values.items() if name in places}
+    stored = {
+        places[name]: _for_all_modes(podium, places[name], value)
+        for name, value in values.items()
+        if name in places
+    }
     if "tan_alpha" in values:
         stored["alpha"] = jnp.arctan(values["tan_alpha"])
     if any(name in values for name in WIDTH_AND_HEIGHT):
@@ -193,6 +198,17 @@ def _index_of_class(members: tuple, class_name: str) -> int:
     if len(indices) != 1:
         raise AttributeError(f"{len(indices)} members of class {class_name}")
     return indices[0]
+
+
+def _for_all_modes(podium: Podium, place: str, value: Any) -> Any:
+    """Return values of several podiums as rows, if a single number stands for all modes at this `place`.
+
+    Without rows, the axis of podiums would count as that of modes.
+    """
+    top, field = podium.superstructure, place.removeprefix("superstructure.")
+    if field == place or top is None or field not in top.rows or isinstance(getattr(top, field), tuple):
+        return value
+    return array_module(value).repeat(value[..., None], top.count, -1) if np.ndim(value) else value
 
 
 def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:

@@ -22,7 +22,7 @@ from rockjax._options import Options
 from rockjax._parameters.table import INITIAL, Parameter, motion_parameter
 from rockjax._parameters.variants import parameters_of
 from rockjax._responses.arguments import check_single, check_types
-from rockjax._responses.datasets import describe_options, describe_podium
+from rockjax._responses.datasets import describe_excitation, describe_options, describe_podium
 from rockjax._responses.peak import ALWAYS, Peak, data_variables
 from rockjax._responses.variants import (
     check_names,
@@ -61,7 +61,8 @@ def ensemble(
     """Compute peak responses of random variants of a podium under random motions (host).
 
     All scenes are one batch. Their values are independent of each other, so that the bounds of
-    [`rockjax.Ensemble`][] are exact.
+    [`rockjax.Ensemble`][] hold for every n. They are bounds for the given motions: they do not cover the
+    choice of a suite.
 
     - `podium`: podium with scalar parameters; the scenes are variants of it
     - `motions`: one motion; or several (`Motions`, `Records`, a list), of which every scene draws one, all
@@ -121,6 +122,7 @@ def ensemble(
             "kind": KIND,
             "parameters": " ".join(draws),
             "seed": seed,
+            **(describe_excitation(motion) if labels is None else {}),
             **describe_motions(motions),
             **describe_podium(podium),
             **describe_options(options),
@@ -138,7 +140,7 @@ def _find(podium: Podium, name: str) -> Parameter:
     return table[name] if name in table else motion_parameter(name.rpartition(".")[2])
 
 
-@dataclasses.dataclass(frozen=True, repr=False)
+@dataclasses.dataclass(frozen=True, repr=False, eq=False)
 class Ensemble:
     """Answers of random scenes, and their empirical distributions.
 
@@ -396,9 +398,11 @@ class Ensemble:
         """Return a headline, and the tables of draws and of quantiles, those that have rows."""
         share, low, high = self.overturning_probability()
         counts = self.counts
+        is_checked = "undecided" in self.data
+        undecided = f"{counts['undecided']} undecided" if is_checked else "undecided not checked ('errors')"
         headline = (
             f"Ensemble of {self.size} scenes: {share:.3g} overturned ({CONFIDENCE:.0%}: {low:.3g} to "
-            f"{high:.3g}), {counts['undecided']} undecided, {counts['unanswered']} unanswered"
+            f"{high:.3g}), {counts['unanswered']} unanswered, {undecided}"
         )
         draws = [
             (f"{name} [{displayed(self.data[name].attrs['units'])}]", *map(_number, _moments(y)))

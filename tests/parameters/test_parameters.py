@@ -52,6 +52,15 @@ def test_which_parameters_a_podium_has():
         variants.read(UNRESTRAINED, "T_s")
 
 
+def test_a_damping_ratio_of_all_modes_that_varies_is_no_row_of_modes():
+    """As many podiums as modes: their axis is not that of the modes."""
+    building = rj.ShearBuilding.uniform(stories=2, eta=5.0, T=0.5)
+    podium, ratios = rj.Podium(0.2, 1.5, 5.0, building), np.array([0.02, 0.05])
+    for values in (ratios, np.array([0.02, 0.03, 0.05])):
+        top = variants.with_values(podium, {"story_damping": values}).superstructure
+        np.testing.assert_array_equal(top.damping, values[:, None] * np.ones(2))
+
+
 def test_width_and_height_are_slenderness_and_size():
     podium = variants.with_values(UNRESTRAINED, {"width": 0.6, "height": 4.0})
     assert (float(podium.alpha), float(podium.R)) == pytest.approx(
