@@ -1,0 +1,284 @@
+"""Simplified methods of practice against the exact answer of rigid blocks.
+
+`python -m benchmarks.practice [N]` solves about N scenes (10⁶ by default): blocks of α = 10, 15, 20° and
+2π/p = 2 … 8 s under synthetic motions, half of them with a pulse of 0.6–3.5 s, scaled to
+PGA/(g tan α) = 1.2 … 6. It prints the tables of docs/practice.md and writes benchmarks/results/practice.json.
+
+All blocks of one α share the spectra of a motion: the periods of (P3) to (P5) are inversely proportional to
+p, and both p and the periods are in geometric steps of the same ratio. So every value of a spectrum is exact;
+only the roots between two points of a scan are interpolated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import functools
+import math
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import rockjax as rj
+from rockjax._practice import asce_rocking, fema, priestley
+from rockjax._practice.block import Block
+from rockjax._practice.circolare import SLV, Mechanism
+from rockjax._practice.roots import HIGHEST, LOWEST
+from rockjax._practice.spectra import spectrum
+
+from .measure import G, options, show, store_rows
+
+SLENDERNESS = np.radians([10.0, 15.0, 20.0])  # α [rad]
+SIZES = 40  # values of 2π/p
+SHORTEST, LONGEST = 2.0, 8.0  # of 2π/p [s]
+STEPS = {"(P3)": 9, "(P4)": 9, "(P5)": 15, "(P7)": 9}  # steps of a scan between two values of p
+RATIOS = np.geomspace(1.2, 6.0, 28)  # PGA/(g tan α)
+LEAST_STEPS = 1000
+LEAST_ROTATION = 0.01  # θ/α above which rotations are compared
+DT, DURATION, PGA = 0.02, 20.0, 0.3 * G
+ROTATION_COLUMNS = (
+    "method",
+    "scenes",
+    "unsafe",
+    "overturnings missed",
+    "overturnings in vain",
+    "5 %",
+    "50 %",
+    "95 %",
+    "several answers",
+)
+ACCEPTANCE_COLUMNS = (
+    "method",
+    "scenes",
+    "pass",
+    "of these above 0.4 α",
+    "of these overturned",
+    "of those that fail within 0.4 α",
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Scan:
+    """Periods and rotations of a scan that all sizes of a block share.
+
+    - `phi`: rotations θ/α of the scan, shape (n,) [–]
+    - `periods`: periods of all sizes, ascending, shape (n + steps (SIZES − 1),) [s]
+    - `steps`: position in `periods` of the first rotation, divided by the number of the size
+    """
+
+    phi: np.ndarray
+    periods: np.ndarray
+    steps: int
+
+    @classmethod
+    def of(cls, period: Callable[[np.ndarray], np.ndarray], steps: int) -> Scan:
+        """Return the scan of a method.
+
+        - `period`: period of the block with 2π/p = 2 s for each rotation θ/α, ascending [s]
+        - `steps`: number of steps between two sizes
+        """
+        ratio = (LONGEST / SHORTEST) ** (1 / (steps * (SIZES - 1)))
+        fine = 1 - np.geomspace(1 - LOWEST, 1 - HIGHEST, 20001)
+        first, last = period(np.array([LOWEST, HIGHEST]))
+        count = math.ceil(math.log(last / first) / math.log(ratio))
+        assert count >= LEAST_STEPS
+        periods = last * ratio ** np.arange(-count, steps * (SIZES - 1) + 1)
+        phi = np.exp(np.interp(np.log(periods[: count + 1]), np.log(period(fine)), np.log(fine)))
+        for _ in range(3):  # secant steps to the rotations of these periods
+            change = 1e-6 * (1 - phi)
+            slope = (period(phi + change) - period(phi)) / change
+            phi = np.clip(phi - (period(phi) - periods[: count + 1]) / slope, 1e-3, HIGHEST)
+        np.testing.assert_allclose(period(phi), periods[: count + 1], rtol=1e-6)
+        return cls(phi, periods, steps)
+
+    def windows(self, values: np.ndarray) -> np.ndarray:
+        """Return the values at the periods of each size, shape (SIZES, n)."""
+        return np.lib.stride_tricks.sliding_window_view(values, self.phi.size)[:: self.steps]
+
+
+@dataclasses.dataclass(frozen=True)
+class Answers:
+    """Largest θ/α of a method, 1 for overturning, and number of stable answers, (sizes, ratios)."""
+
+    rotation: np.ndarray
+    count: np.ndarray
+
+    @classmethod
+    def of(cls, phi: np.ndarray, critical: np.ndarray, factors: np.ndarray) -> Answers:
+        """Return the answers of all sizes and ratios.
+
+        - `phi`: rotations of the scan, shape (n,) [–]
+        - `critical`: factor on the motion at which each rotation is a root, shape (sizes, n)
+        - `factors`: factors on the motion, shape (ratios,)
+        """
+        is_above = factors[:, None] > critical[:, None, :]
+        falls = is_above[..., :-1] & ~is_above[..., 1:]
+        count = falls.sum(axis=-1)
+        last = falls.shape[-1] - 1 - np.argmax(falls[..., ::-1], axis=-1)
+        rows = np.arange(critical.shape[0])[:, None]
+        low, high = critical[rows, last], critical[rows, last + 1]
+        part = np.clip((factors - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
+        rotation = np.where(count > 0, phi[last] + part * (phi[last + 1] - phi[last]), 0.0)
+        overturns = is_above[..., -1]
+        return cls(np.where(overturns, 1.0, rotation), count + overturns)
+
+
+def blocks(alpha: float) -> list[Block]:
+    """Return the blocks of a slenderness, in ascending size."""
+    e = float(rj.Podium(alpha, 1.0).restitution_factor)
+    sizes = 0.75 * G * (np.geomspace(SHORTEST, LONGEST, SIZES) / (2 * math.pi)) ** 2
+    return [Block(alpha, float(R), 1 / 3, 0.0, e, G) for R in sizes]
+
+
+def motions(count: int, seed: int = 1) -> rj.Motions:
+    """Return synthetic motions, every other with a pulse."""
+    rng = np.random.default_rng(seed)
+    pulses = [
+        rj.MavroeidisPapageorgiou(
+            rng.uniform(0.3, 1.2),
+            1 / math.exp(rng.uniform(math.log(0.6), math.log(3.5))),
+            rng.uniform(1.2, 3.0),
+            rng.uniform(0, 2 * math.pi),
+        )
+        for _ in range(count // 2)
+    ]
+    sampled = functools.partial(rj.synthetic_motions, dt=DT, duration=DURATION, pga=PGA)
+    plain = sampled(count - count // 2, seed=seed)
+    return rj.Motions((*plain, *sampled(count // 2, seed=seed + 1, pulse=pulses)))
+
+
+class Slenderness:
+    """All blocks of one slenderness, with the scans of the methods."""
+
+    def __init__(self, alpha: float):
+        self.alpha = alpha
+        self.blocks = blocks(alpha)
+        first, tan_alpha = self.blocks[0], math.tan(alpha)
+        e = first.restitution
+        self.unit = G * tan_alpha
+        rocking = Scan.of(lambda phi: priestley.period(phi, first.p), STEPS["(P3)"])
+        of_asce = lambda phi: 1 / asce_rocking.frequency(alpha * phi, tan_alpha, G / first.half_height)
+        asce = Scan.of(of_asce, STEPS["(P5)"])
+        self.scans = {"(P3)": rocking, "(P4)": rocking, "(P5)": asce}
+        self.damping = {
+            "(P3)": priestley.damping(e), "(P4)": fema.damping(e), "(P5)": asce_rocking.damping(e)
+        }  # fmt: skip
+        self.mechanisms = [Mechanism.of(block, 1.0) for block in self.blocks]
+
+    def answers(self, motion: rj.Motion) -> dict[str, Answers]:
+        """Return the answers of (P3) to (P5) for a motion at all ratios."""
+        factors = RATIOS * self.unit / motion.pga
+        found = {}
+        for name, scan in self.scans.items():
+            values = spectrum(motion, scan.periods, self.damping[name])
+            if name == "(P5)":
+                theta = self.alpha * scan.phi
+                capacity = G * asce_rocking.capacity(theta, math.tan(self.alpha))
+                critical = capacity / scan.windows(values.acceleration)
+            else:
+                lengths = np.array([block.half_height * self.alpha for block in self.blocks])
+                critical = lengths[:, None] * scan.phi / scan.windows(values.displacement)
+            found[name] = Answers.of(scan.phi, critical, factors)
+        return found
+
+    def displacement_ratio(self, periods: np.ndarray, largest: np.ndarray, motion: rj.Motion) -> np.ndarray:
+        """Return the demand of (P7) divided by d_0, shape (sizes, ratios).
+
+        - `periods`, `largest`: periods and the largest S_d up to each of them, at 8 % damping
+        """
+        demand = np.array(
+            [np.interp(each.period(SLV), periods, largest) / each.displacement for each in self.mechanisms]
+        )
+        return demand[:, None] * RATIOS * self.unit / motion.pga
+
+    def exact(self, records: rj.Records, peaks: np.ndarray) -> np.ndarray:
+        """Return the exact max|θ|/α, 1 for overturning, shape (motions, sizes, ratios)."""
+        R = np.array([block.R for block in self.blocks])[:, None]
+        factor = RATIOS * self.unit / peaks[:, None, None]
+        picked = records.pick(np.arange(peaks.size)[:, None, None])
+        found = rj.peak_responses(
+            rj.Podium(self.alpha, R), picked.scaled(factor), options=options(1e-7), threads=1
+        )
+        return np.where(found.overturned, 1.0, found.peak_rotation)
+
+
+def rotation_row(name: str, rotation: np.ndarray, count: np.ndarray, exact: np.ndarray) -> dict[str, Any]:
+    """Return the row of a method that gives a rotation."""
+    overturned = exact == 1
+    rocks = ~overturned & (exact > LEAST_ROTATION)
+    quantiles = np.quantile(rotation[rocks] / exact[rocks], [0.05, 0.5, 0.95])
+    return {
+        "method": name,
+        "scenes": exact.size,
+        "unsafe": float(np.mean(rotation < exact)),
+        "overturnings missed": float(np.mean(rotation[overturned] < 1)),
+        "overturnings in vain": float(np.mean(rotation[~overturned] == 1)),
+        "5 %": float(quantiles[0]),
+        "50 %": float(quantiles[1]),
+        "95 %": float(quantiles[2]),
+        "several answers": float(np.mean(count > 1)),
+    }
+
+
+def acceptance_row(name: str, passes: np.ndarray, exact: np.ndarray) -> dict[str, Any]:
+    """Return the row of a method that accepts or refuses a scene, with the limit θ/α ≤ 0.4."""
+    return {
+        "method": name,
+        "scenes": exact.size,
+        "pass": float(passes.mean()),
+        "of these above 0.4 α": float(np.mean(exact[passes] > 0.4)),
+        "of these overturned": float(np.mean(exact[passes] == 1)),
+        "of those that fail within 0.4 α": None if passes.all() else float(np.mean(exact[~passes] <= 0.4)),
+    }
+
+
+def main(scenes: int = 10**6) -> None:
+    start = time.process_time()
+    count = max(2, round(scenes / (SLENDERNESS.size * SIZES * RATIOS.size)))
+    suite = motions(count)
+    records = rj.Records.of(list(suite))
+    peaks = np.array([motion.pga for motion in suite])
+    families = [Slenderness(alpha) for alpha in SLENDERNESS]
+    exact = np.stack([family.exact(records, peaks) for family in families], axis=1)
+    print(f"exact answers of {exact.size} scenes after {time.process_time() - start:.0f} s", flush=True)
+    rotation = {name: np.empty(exact.shape) for name in ("(P3)", "(P4)", "(P5)")}
+    answers = {name: np.empty(exact.shape, int) for name in rotation}
+    displacement = np.empty(exact.shape)
+    longest = max(each.period(SLV) for family in families for each in family.mechanisms)
+    periods = np.geomspace(2 * DT, longest, 1200)
+    for k, motion in enumerate(suite):
+        largest = np.maximum.accumulate(spectrum(motion, periods, SLV.damping).displacement)
+        for j, family in enumerate(families):
+            for name, found in family.answers(motion).items():
+                rotation[name][k, j], answers[name][k, j] = found.rotation, found.count
+            displacement[k, j] = family.displacement_ratio(periods, largest, motion)
+    rows = [rotation_row(name, rotation[name], answers[name], exact) for name in rotation]
+    at_two = int(np.argmin(np.abs(RATIOS - 2)))
+    rows += [
+        acceptance_row("(P7) displacement", displacement <= SLV.share, exact),
+        acceptance_row(
+            "(P7) q = 2", np.broadcast_to(RATIOS <= 2, exact.shape), exact
+        ),
+        acceptance_row(
+            f"(P7) q = 2, PGA = {RATIOS[at_two]:.3g} g tan α",
+            np.ones(exact.shape, bool)[..., at_two],
+            exact[..., at_two],
+        ),
+    ]  # fmt: skip
+    for row in rows:
+        row |= {
+            "motions": count,
+            "exact overturned": float(np.mean(exact == 1)),
+            "date": datetime.date.today().isoformat(),
+            "CPU s": round(time.process_time() - start),
+        }
+    store_rows("practice", rows)
+    show(rows[:3], ROTATION_COLUMNS)
+    show(rows[3:], ACCEPTANCE_COLUMNS)
+
+
+if __name__ == "__main__":
+    main(*(int(float(y)) for y in sys.argv[1:2]))
