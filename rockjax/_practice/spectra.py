@@ -12,9 +12,9 @@ import numpy as np
 from rockjax._motions.motion import Motion
 from rockjax._oscillators import ground_load, largest
 
-STEP = 1.01  # ratio of consecutive periods in the search for the largest spectral displacement
+STEP = 1.02  # ratio of consecutive periods in the search for the largest value of a spectrum
 ZOOM = 32  # points of each of the two refinements of that search
-NEAR = 0.99  # a period enters the refinements if its value exceeds this fraction of the largest
+NEAR = 0.98  # a period enters the refinements if its value exceeds this fraction of the largest
 
 
 class Spectrum(NamedTuple):
@@ -43,10 +43,10 @@ def spectrum(motion: Motion, periods, damping) -> Spectrum:
 def maximum(values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray) -> float:
     """Return the largest value of a spectrum between the first and the last period.
 
-    The neighbourhoods of all local maxima within 1 % of the largest are refined twice.
+    The neighbourhoods of all local maxima within 2 % of the largest are refined twice.
 
     - `values_at`: values of the spectrum at an array of periods
-    - `periods`: ascending periods in steps of about 1 % [s]
+    - `periods`: ascending periods in steps of at most 2 % [s]
     """
     values = values_at(periods)
     for _ in range(2):
@@ -60,7 +60,7 @@ def maximum(values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray) 
 
 
 def steps(shortest: float, longest: float) -> np.ndarray:
-    """Return periods from `shortest` to `longest` [s] in equal steps of at most 1 %."""
+    """Return periods from `shortest` to `longest` [s] in equal ratios of at most 2 %."""
     return np.geomspace(shortest, longest, 2 + math.ceil(math.log(longest / shortest) / math.log(STEP)))
 
 
