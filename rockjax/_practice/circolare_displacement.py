@@ -22,8 +22,9 @@ class CircolareDisplacement(AbstractMethod):
     statistic = "mean"
     conservative = "depends"
     verdict_known = (
-        "Mostly safe. The acceleration a_0* exceeds the true threshold of uplift by up to 12.5 % (at Γ = ½). "
-        "Its application to the frame is an extension of the Circolare, which is for walls."
+        "Mostly safe: in a survey of a million scenes of rigid blocks (November 2026) 1.9 % of what passed "
+        "exceeded 0.4 α and 0.08 % overturned. The acceleration a_0* exceeds the true threshold of uplift by "
+        "up to 12.5 % (at Γ = ½). The Circolare is for masonry; its application to the frame is an extension."
     )
 
     def outcome(self, case: Case) -> Outcome:

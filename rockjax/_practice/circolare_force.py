@@ -19,7 +19,10 @@ class CircolareForce(AbstractMethod):
     quantity = "peak ground acceleration"
     unit = "m/s2"
     conservative = "no"
-    verdict_known = "Unsafe for motions with long periods, to which PGA is blind."
+    verdict_known = (
+        "Unsafe for motions with long periods, which PGA does not contain. In a survey of rigid blocks "
+        "(November 2026) 31 % of the scenes at PGA = 1.93 g tan α exceeded 0.4 α, and 16 % overturned."
+    )
 
     def outcome(self, case: Case) -> Outcome:
         mechanism = Mechanism.of(case.block, case.confidence_factor)
