@@ -26,31 +26,26 @@ def effective_friction(friction: float, vertical: float, g: float) -> float:
     return friction * max(1 - 0.4 * vertical / g, 0.0)
 
 
-def sliding_frequency(motion: Motion, capacity: float) -> float:
-    """Return f_es, the lowest frequency at which the 10 % spectrum reaches c_s [Hz]; nan if it stays below
-    at all periods from 2 dt to 10 s.
+def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
+    """Return the largest absolute acceleration of the 10 % spectrum at periods up to 10 s [m/s²], and f_es,
+    the lowest frequency at which the spectrum reaches c_s [Hz]; nan if it does not from 2 dt to 10 s.
 
     - `motion`: ground motion
     - `capacity`: c_s [m/s²]
     """
+    values_at = lambda periods: spectrum(motion, periods, DAMPING).acceleration
     periods = steps(2 * motion.dt, LONGEST)
+    values = values_at(periods)
+    largest = max(maximum(values_at, periods, values), motion.pga)
     longest = math.nan
     for _ in range(3):
-        reaches = np.flatnonzero(_acceleration(motion, periods) >= capacity)
+        reaches = np.flatnonzero(values >= capacity)
         if not reaches.size:
             break
         longest, after = periods[reaches[-1]], periods[min(reaches[-1] + 1, periods.size - 1)]
         periods = np.linspace(longest, after, ZOOM)
-    return float(1 / longest)
-
-
-def _acceleration(motion: Motion, periods: np.ndarray) -> np.ndarray:
-    return spectrum(motion, periods, DAMPING).acceleration
-
-
-def largest_acceleration(motion: Motion) -> float:
-    """Return the largest absolute acceleration of the 10 % spectrum at periods up to 10 s [m/s²]."""
-    return max(maximum(lambda T: _acceleration(motion, T), steps(2 * motion.dt, LONGEST)), motion.pga)
+        values = values_at(periods)
+    return largest, float(1 / longest)
 
 
 class AsceSliding(AbstractMethod):
@@ -88,6 +83,6 @@ class AsceSliding(AbstractMethod):
             "A_v": Quantity(case.vertical, "m/s2", "A_v, largest vertical ground acceleration"),
         }
         capacity = 2 * mu_e * g
-        frequencies = case.each(lambda motion: sliding_frequency(motion, capacity))
+        demand, frequencies = np.array([sliding_demand(motion, capacity) for motion in case.motions]).T
         values["f_es"] = Quantity(frequencies, "Hz", "f_es of each motion, nan if the spectrum is below c_s")
-        return Outcome(capacity, case.each(largest_acceleration), values=values, is_complete=False)
+        return Outcome(capacity, demand, values=values, is_complete=False)

@@ -40,15 +40,14 @@ def spectrum(motion: Motion, periods, damping) -> Spectrum:
     return Spectrum(peaks.displacement, peaks.acceleration)
 
 
-def maximum(values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray) -> float:
+def maximum(values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray, values: np.ndarray) -> float:
     """Return the largest value of a spectrum between the first and the last period.
 
     The neighbourhoods of all local maxima within 2 % of the largest are refined twice.
 
     - `values_at`: values of the spectrum at an array of periods
-    - `periods`: ascending periods in steps of at most 2 % [s]
+    - `periods`, `values`: ascending periods in steps of at most 2 % [s], and the values there
     """
-    values = values_at(periods)
     for _ in range(2):
         padded = np.concatenate([[-np.inf], values, [-np.inf]])
         is_top = (values > padded[:-2]) & (values >= padded[2:]) & (values >= NEAR * values.max())
@@ -78,5 +77,6 @@ def largest_displacement(motion: Motion, longest: float, damping: float) -> floa
         return 0.0
     amplification = 1 / math.tanh(0.5 * math.pi * damping / math.sqrt(1 - damping**2))
     shortest = min(2 * math.pi * math.sqrt(at_longest / (amplification * motion.pga)), longest)
-    largest_at = maximum(lambda T: spectrum(motion, T, damping).displacement, steps(shortest, longest))
-    return max(largest_at, at_longest)
+    values_at = lambda T: spectrum(motion, T, damping).displacement
+    periods = steps(shortest, longest)
+    return max(maximum(values_at, periods, values_at(periods)), at_longest)

@@ -240,10 +240,10 @@ def test_sliding_needs_friction_and_vertical_motion():
 def test_the_sliding_frequency_is_the_lowest_at_the_capacity():
     motion = MOTIONS[1]
     for level in (3.0, 6.0):
-        f = asce_sliding.sliding_frequency(motion, level)
+        f = asce_sliding.sliding_demand(motion, level)[1]
         assert spectra.spectrum(motion, 1 / f, 0.1).acceleration[0] == pytest.approx(level, rel=1e-4)
         assert spectra.spectrum(motion, np.linspace(1.001 / f, 10, 500), 0.1).acceleration.max() < level
-    assert math.isnan(asce_sliding.sliding_frequency(motion, 100.0))
+    assert math.isnan(asce_sliding.sliding_demand(motion, 100.0)[1])
 
 
 def test_restrainers_and_an_inelastic_impact_are_reasons_not_to_make_a_method():
