@@ -23,6 +23,7 @@ from ._annual import AnnualFrequency
 from ._answer import Design, aligned
 from ._design import design
 from ._failure import FailureProbability
+from ._floor_targets import ContentsRotation, FloorSpectrum
 from ._objectives import (
     AbstractObjective,
     ExpectedLoss,
@@ -104,7 +105,7 @@ class GaussianKeys(models.Keys):
 TARGET_KEYS: dict[str, tuple[Any, str]] = {
     "limit": (
         Positive,
-        "Largest peak: |θ|/α, V/(m_t g), |T|/N, V/W_0 [–], deformation [m], acceleration [m/s²].",
+        "Largest peak: |θ|/α, |φ|/α_c, V/(m_t g), |T|/N, V/W_0 [–], deformation [m], acceleration [m/s²].",
     ),
     "at_least": (
         Positive,
@@ -127,6 +128,8 @@ TARGET_KEYS: dict[str, tuple[Any, str]] = {
     "cov": (Positive, "Coefficient of variation of the estimate [–]."),
     "rays": (Annotated[int, Field(ge=8)], "Number of rays."),
     "seed": (models.Index, "Seed of the rays."),
+    "contents": (list[str], "Names of [[contents]]; by default all."),
+    "oscillators": (list[str], "Names of [[oscillators]]; by default all."),
     "name": (str, "Name in reports."),
 }
 # Targets: kind → class, required keys in the order of the first arguments, and optional keys.
@@ -140,6 +143,8 @@ TARGETS: dict[str, tuple[Callable[..., AbstractTarget], str, str]] = {
     "peak-friction": (PeakFriction, "limit motions", ""),
     "peak-foundation-shear": (PeakFoundationShear, "limit motions", ""),
     "least-axial-force": (LeastAxialForce, "at_least motions", ""),
+    "contents-rotation": (ContentsRotation, "limit motions", "contents"),
+    "floor-spectrum": (FloorSpectrum, "limit motions", "oscillators"),
     "no-overturning": (NoOverturning, "motions", ""),
     "overturning-acceleration": (
         OverturningAcceleration,
@@ -322,8 +327,13 @@ class _Reader(Reader):
         motions = self.motions(checked.motions, podium)
         with self.at("vary"):
             make_variables(structure, checked.vary)
+        things = {
+            "contents": self.contents(checked.contents),
+            "oscillators": self.oscillators(checked.oscillators),
+        }
         targets = tuple(
-            self.target(entry, f"targets[{k}]", motions, podium) for k, entry in enumerate(checked.targets)
+            self.target(entry, f"targets[{k}]", motions, podium, things)
+            for k, entry in enumerate(checked.targets)
         )
         minimise = None if checked.minimise is None else self.minimise(checked.minimise, motions, podium)
         settings = {name: value for name, value in checked.as_arguments().items() if name in SETTINGS}
@@ -372,12 +382,18 @@ class _Reader(Reader):
         return rj.Hazard.from_file(self.folder / name).in_si()
 
     def target(
-        self, entry: Any, location: str, motions: Mapping[str, Any], podium: rj.Podium
+        self,
+        entry: Any,
+        location: str,
+        motions: Mapping[str, Any],
+        podium: rj.Podium,
+        things: Mapping[str, Mapping[str, Any]],
     ) -> AbstractTarget:
         """Return a target; its required keys are the first arguments of its class, in order.
 
         - `entry`: table of the target; `location`: its key, for errors
         - `motions`: sets of motions by name; `podium`: the structure at the start
+        - `things`: contents and oscillators of the file by name
         """
         with self.at(location):
             arguments: dict[str, Any] = entry.as_arguments("kind")
@@ -397,6 +413,18 @@ class _Reader(Reader):
                         envelope = motion_arguments["envelope"]
                         motion_arguments["envelope"] = rj.Envelope(**envelope.as_arguments())
                     arguments["motion"] = rj.GaussianMotion(**motion_arguments)
-            make, required, _ = TARGETS[entry.kind]
+            make, required, optional = TARGETS[entry.kind]
+            for table in set(optional.split()) & things.keys():
+                arguments[table] = self.chosen_things(table, things[table], arguments.get(table))
             positional = [arguments.pop(name) for name in required.split()]
             return make(*positional, **arguments)
+
+    def chosen_things(self, table: str, things: Mapping[str, Any], names: list[str] | None) -> list[Any]:
+        """Return the things of a table with these names, or all. Raises `ValueError` for other names, and
+        without any."""
+        if not things:
+            raise ValueError(f"needs [[{table}]], what stands on the floors")
+        for name in names or ():
+            if name not in things:
+                raise ValueError(f"{table} must be of {', '.join(things)}, got {name!r}")
+        return [things[name] for name in names or things]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rockjax._problem import models
 from rockjax._problem.models import MOTION
@@ -51,7 +51,8 @@ def fragility(
     Every record is scaled to all levels, and its least overturning intensity is found (incremental dynamic
     analysis). A lognormal curve is fitted, with confidence intervals. Prints median, dispersion and
     sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
-    OUTPUT-fragility.png and OUTPUT-ida.png. Ctrl-C saves nothing.
+    OUTPUT-fragility.png and OUTPUT-ida.png. Contents of floors in the problem file have curves of their own:
+    a table, a group and OUTPUT-contents.png. Ctrl-C saves nothing.
 
     \b
     Examples:
@@ -68,7 +69,9 @@ def fragility(
     from rockjax._motions.convert import make_unique
     from rockjax._structures import g_tan_alpha
 
-    files = parse_outputs(output, "rockjax-fragility").check(("fragility", "ida"))
+    contents = request.contents()
+    pictures = ("fragility", "ida", *(("contents",) if contents else ()))
+    files = parse_outputs(output, "rockjax-fragility").check(pictures)
     podium, settings = request.podium(), request.settings
     options = request_joints(podium, request.options())
     suite = _suite(request, synthetic, inputs or [])
@@ -97,13 +100,34 @@ def fragility(
             options=options,
             progress=bar,
         )
-    _finish(report, files, analysis, settings)
+        curves = None
+        if contents:
+            curves = rj.contents_fragility(
+                podium,
+                contents,
+                suite,
+                x,
+                damage_states=settings.damage_states,
+                overturned=settings.overturned,
+                measure=measure,
+                names=make_unique(suite.names),
+                confidence=settings.confidence,
+                options=options,
+                progress=bar,
+            )
+    _finish(report, files, analysis, settings, curves)
     for line in joint_warnings(podium, analysis, settings.friction):
         report.say(line)
 
 
-def _finish(report: Report, files: Outputs, analysis: xarray.Dataset, settings: models.Fragility) -> None:
-    """Fit the curve, report it and write the files."""
+def _finish(
+    report: Report,
+    files: Outputs,
+    analysis: xarray.Dataset,
+    settings: models.Fragility,
+    contents: xarray.Dataset | None,
+) -> None:
+    """Fit the curve, report it and write the files; `contents`: curves of contents, or None."""
     import numpy as np
 
     from rockjax._units import displayed_or_empty
@@ -125,12 +149,16 @@ def _finish(report: Report, files: Outputs, analysis: xarray.Dataset, settings: 
         "measure": name,
     }
     curve = _curve(report, analysis, settings)
+    groups = {} if contents is None else {"contents": contents}
+    if contents is not None:
+        _report_contents(report, contents, unit_suffix)
+        report.draw(files.picture("contents"), "contents_fragility", contents)
     if curve is None:
         # Save the analysis: it is expensive and shows which levels would be better.
-        report.write(files.data(), analysis)
+        report.write(files.data(), analysis, groups)
         report.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
         return
-    report.write(files.data(), curve, {"analysis": analysis})
+    report.write(files.data(), curve, {"analysis": analysis} | groups)
     report.draw(files.picture("fragility"), "fragility", curve)
     report.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
     median, dispersion = float(curve["median_capacity"]), float(curve["dispersion"])
@@ -159,6 +187,23 @@ def _finish(report: Report, files: Outputs, analysis: xarray.Dataset, settings: 
         from rockjax._results import explain_failures
 
         report.error(explain_failures(analysis["result"]))
+
+
+def _report_contents(report: Report, data: xarray.Dataset, unit_suffix: str) -> None:
+    """Print the table of the fragilities of contents; `unit_suffix`: unit of the measure after a space."""
+    from rockjax._text.tables import align_rows
+
+    rows = [["contents", "max|φ|/α_c", f"median {data.attrs['measure']}{unit_suffix}", "dispersion"]]
+    facts: list[dict[str, Any]] = []
+    for name in data["contents"].values.tolist():
+        for state in data["damage_state"].values.tolist():
+            curve = data.sel(contents=name, damage_state=state)
+            median, dispersion = float(curve["median_capacity"]), float(curve["dispersion"])
+            rows.append([name, f"{state:g}" if state else "rocks", f"{median:.4g}", f"{dispersion:.3f}"])
+            facts.append({"name": name, "damage_state": state, "median": median, "dispersion": dispersion})
+    for line in align_rows(rows):
+        report.say(line)
+    report.facts["contents"] = facts
 
 
 def _curve(report: Report, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:

@@ -192,6 +192,14 @@ class Request:
         MASSES.set(attributes)
         return self.reader.structure(structure)
 
+    def contents(self) -> dict[str, rj.Contents]:
+        """Return the blocks on floors of the problem file by name."""
+        return self.reader.contents(self.problem.contents)
+
+    def oscillators(self) -> dict[str, rj.Oscillator]:
+        """Return the oscillators on floors of the problem file by name."""
+        return self.reader.oscillators(self.problem.oscillators)
+
     def panels(self) -> Panels:
         """Return podiums for each mass ratio η/γ and each period T_s (0 for a rigid superstructure).
 

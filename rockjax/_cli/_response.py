@@ -37,7 +37,8 @@ def residual_share(podium: rj.Podium) -> float:
 def response(request: Request, report: Report, output: Output = "rockjax-response") -> None:
     """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
 
-    Writes OUTPUT.nc and OUTPUT.png, with forces and friction in the joints if the structure has an elevation.
+    Writes OUTPUT.nc and OUTPUT.png, with forces and friction in the joints if the structure has an elevation,
+    and with the answers of the contents and oscillators on its floors if the problem file has any.
     `rockjax plot OUTPUT.nc --kind …` draws phase portraits, energies and an animation.
 
     \b
@@ -54,8 +55,13 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
     files = parse_outputs(output, "rockjax-response").check(("",))
     podium = request.podium()
     excitation, options = request.motion(podium), request_joints(podium, request.options())
-    history = rj.simulate(podium, excitation, t_end=request.settings.t_end, options=options)
+    contents, oscillators = request.contents(), request.oscillators()
+    things = (*contents.values(), *oscillators.values())
+    end = request.settings.t_end
+    history = rj.simulate(podium, excitation, t_end=end, options=options, on_floors=things)
     data = history.dataset()
+    names = {"contents": list(contents), "oscillator": list(oscillators)}
+    data = data.assign_coords({dim: labels for dim, labels in names.items() if labels})
     report.say(repr(history))
     for line in _inputs(data.attrs | MASSES.get({})):
         report.say(f"  {line}")
@@ -75,6 +81,11 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
     code = int(results.code_of(history.result))
     peaks = {name: getattr(history, name) for name in all_variables() if name != "margin"}
     report.facts |= {"result": results.NAMES[code], **peaks, "inputs": dict(data.attrs)}
+    report.facts |= {
+        str(name): dict(zip(names[str(y.dims[-1])], y.values.tolist(), strict=True))
+        for name, y in data.data_vars.items()
+        if y.dims and y.dims[-1] in names
+    }
     if code > results.OVERTURNED:
         report.error(f"the scene did not finish. {results.explain(code)}")
 

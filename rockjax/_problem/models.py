@@ -284,6 +284,55 @@ Structure = Annotated[
 ]
 
 
+Level = Annotated[Literal["deck"] | Count, described_as("'deck' or the number of a story ≥ 1")]
+_LEVEL = "Floor: deck, or the number of a story from the bottom."
+_NAME = "Name in tables and reports; by default its kind and its number."
+
+
+class Contents(Keys):
+    """A light block on a floor, by alpha and R or by width and height, as `rockjax.Contents`."""
+
+    name: str | None = key(None, _NAME)
+    alpha: Annotated[float, Field(gt=0, lt=math.pi / 2)] | None = key(None, "Slenderness α_c [rad].")
+    R: Positive | None = key(None, "Half diagonal R_c [m].")
+    width: Positive | None = key(None, "Full width [m], instead of alpha and R.")
+    height: Positive | None = key(None, "Full height [m], with the width.")
+    lam: NotNegative | None = key(None, "Inertia factor λ_c [–]; by default 1/3, a uniform block.")
+    restitution: (
+        Annotated[
+            Literal["paper"] | Annotated[float, Field(ge=0, le=1)],
+            described_as("'paper' or a factor in [0, 1]"),
+        ]
+        | None
+    ) = key(None, "Law of its impacts: paper, or a factor [–].")
+    level: Level = key("deck", _LEVEL)
+    vertical: bool | None = key(None, "Whether the vertical motion of the floor acts; by default true.")
+    overturn_ratio: Positive | None = key(None, "|φ|/α_c that counts as overturning [–]; by default 1.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Contents:
+        pair = ("alpha", "R") if require_one(self.as_arguments(), "alpha", "width") == "alpha" else _SIZES
+        other = [name for name in ("R", "height") if name not in pair and getattr(self, name) is not None]
+        if getattr(self, pair[1]) is None or other:
+            raise ValueError("needs alpha and R, or width and height")
+        return self
+
+
+_SIZES = "width", "height"
+
+
+class Oscillator(Keys):
+    """A light linear oscillator on a floor, as `rockjax.Oscillator`."""
+
+    name: str | None = key(None, _NAME)
+    period: Positive = key(..., "Natural period T_e [s].")
+    damping: Annotated[float, Field(ge=0, lt=1), described_as("a number in [0, 1)")] = key(
+        0.05, "Damping ratio ζ [–]."
+    )
+    level: Level = key("deck", _LEVEL)
+    direction: Literal["horizontal", "vertical"] = key("horizontal", "Direction of the motion.")
+
+
 class Pulses(Keys):
     """Pulses. Lists of amplitudes and periods must have equal lengths; a single value applies to all."""
 
@@ -490,6 +539,12 @@ class Fragility(Keys):
     )
     confidence: Share = key(0.9, "Confidence level of intervals and bands, in (0, 1) [–].", STATISTICS)
     seed: Index = key(0, "Seed of --synthetic motions.", STATISTICS)
+    damage_states: NotNegatives = key(
+        [0.0, 0.5, 1.0], "Damage states of the contents: thresholds of max|φ|/α_c [–].", STATISTICS
+    )
+    overturned: Literal["drop", "exceed"] = key(
+        "drop", "Leave scenes out in which the podium overturns, or count them as damage of the contents."
+    )
     sensitivities: list[str] = key([], "Parameters y of d ln(median)/d ln y.", STATISTICS)
     friction: Positive | None = key(None, _FRICTION, STRUCTURE)
 
@@ -615,6 +670,8 @@ class Problem(Keys):
 
     structure: Structure | None = key(None, "The structure, by ratios or by dimensions.")
     motions: dict[str, MotionSet] = key({}, "Sets of motions, by names that you choose.")
+    contents: list[Contents] = key([], "Blocks on the floors, for response, fragility and design.")
+    oscillators: list[Oscillator] = key([], "Oscillators on the floors, for response and design.")
     options: Options = Field(default_factory=Options)
     response: Response = Field(default_factory=Response)
     floors: Floors = Field(default_factory=Floors)

@@ -23,12 +23,21 @@ from rockjax._options import Options
 from rockjax._parameters.table import STRUCTURE
 from rockjax._parameters.variants import pulse_acceleration, pulse_period
 from rockjax._restrainers import KINDS
-from rockjax._structures import Elevation, Modes, Podium, ShearBuilding, superstructure_of
+from rockjax._structures import (
+    Contents,
+    Elevation,
+    Modes,
+    Oscillator,
+    Podium,
+    ShearBuilding,
+    superstructure_of,
+)
 from rockjax._text.reading import read_text
 
 from . import models
 
 K = TypeVar("K", bound=models.Keys)
+T = TypeVar("T")
 
 
 class LocatedError(ValueError):
@@ -132,6 +141,25 @@ class Reader:
         with self.at("structure.superstructure"):
             return classes.get(type(given), superstructure_of)(**given.as_arguments())
 
+    def contents(self, given: Iterable[models.Contents]) -> dict[str, Contents]:
+        """Return the blocks on floors of a file by name."""
+        return self._named("contents", given, _contents)
+
+    def oscillators(self, given: Iterable[models.Oscillator]) -> dict[str, Oscillator]:
+        """Return the oscillators on floors of a file by name."""
+        return self._named("oscillators", given, Oscillator)
+
+    def _named(self, table: str, given: Iterable[Any], make: Callable[..., T]) -> dict[str, T]:
+        """Return things of a table by name, by default the table with their number."""
+        found: dict[str, T] = {}
+        for k, entry in enumerate(given):
+            with self.at(f"{table}[{k}]"):
+                name = entry.name or f"{table}-{k + 1}"
+                if name in found:
+                    raise ValueError(f"name must differ from those before, got {name!r}")
+                found[name] = make(**entry.as_arguments("name"))
+        return found
+
     def motions(
         self, sets: Mapping[str, models.MotionSet], podium: Podium
     ) -> dict[str, list[AbstractExcitation]]:
@@ -219,6 +247,11 @@ def _explain(error: ValidationError, table: Any) -> tuple[str, str, Any]:
         reason = "must be a table"
     reason = reason.replace("Input should be", "must be").replace("a valid string", "a string")
     return location or "file", f"{reason}, got {value!r}" if reason.startswith("must") else reason, value
+
+
+def _contents(**given: Any) -> Contents:
+    """Return a block by its dimensions, or by slenderness and size."""
+    return Contents.from_dimensions(**given) if "width" in given else Contents(**given)
 
 
 def entries_of(motions: models.MotionSet) -> list[Any]:

@@ -85,6 +85,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
     "fragility": {
         "fragility": Picture(plots.fragility),
         "ida": Picture(plots.incremental_dynamic_analysis, group="analysis"),
+        "contents": Picture(plots.contents_fragility, group="contents"),
     },
     "contents-fragility": {"contents": Picture(plots.contents_fragility)},
     "risk": {"risk": Picture(plots.risk)},

@@ -52,7 +52,8 @@ def time_limits(data: xarray.Dataset) -> tuple[float, float]:
     t, impacts = data["time"].values, data["impact_times"].values
     if not impacts.size:
         return t[0], t[-1]
-    events = [float(data[name]) for name in map(str, data.data_vars) if name.endswith("_time")]
+    times = [y for name, y in data.data_vars.items() if str(name).endswith("_time")]
+    events = np.concatenate([np.ravel(y.values) for y in times]).tolist()
     last_event = max(time for time in events if np.isfinite(time))
     return t[0], min(t[-1], max(last_event, t[0] + 1.2 * (impacts.max() - t[0])))
 

@@ -523,6 +523,86 @@ def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
     assert "wrote d-convergence.png" in out
 
 
+ON_FLOORS = """
+[[contents]]
+name = "cabinet"
+width = 0.16
+height = 1.6
+[[contents]]
+alpha = 0.3
+R = 0.5
+vertical = false
+[[oscillators]]
+period = 0.3
+damping = 0.02
+"""
+
+
+def test_a_response_has_what_stands_on_the_floors(run, tmp_path):
+    pulse = "[motions.pulse]\nkind = 'ricker'\na_p = 3.2\nT_p = 1.0\n"
+    podium = "[structure]\nalpha = 0.15\nR = 1.5\ngamma = 10.0\n"
+    problem = tmp_path / "things.toml"
+    problem.write_text(podium + pulse + ON_FLOORS)
+    code, out, _ = run("response", problem, "-o", "a")
+    assert code == 0
+    assert "block 1" in out and "block 2" in out and "oscillator 3" in out  # noqa: PT018
+    things = rj.Contents.from_dimensions(0.16, 1.6), rj.Contents(0.3, 0.5, vertical=False)
+    one = rj.peak_response(
+        rj.Podium(0.15, 1.5, 10.0),
+        rj.Ricker(3.2, 1.0),
+        options=rj.Options(rtol=1e-8, atol=1e-10),
+        on_floors=(*things, rj.Oscillator(0.3, 0.02)),
+    )
+    with xarray.open_dataset("a.nc") as data:
+        found = data["contents_peak_rotation"].sel(contents=["cabinet", "contents-2"])
+        np.testing.assert_allclose(found, [y.peak_rotation for y in one.on_floors[:2]], rtol=1e-5)
+        found = float(data["oscillator_pseudo_acceleration"].sel(oscillator="oscillators-1"))
+        np.testing.assert_allclose(found, one.on_floors[2].pseudo_acceleration, rtol=1e-5)
+    said = json.loads(run("response", problem, "-o", "a", "--json")[1])
+    assert said["contents_overturned"].keys() == {"cabinet", "contents-2"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("width = 0.16", "", "contents[0]: needs alpha or width"),
+        ("height = 1.6", "", "contents[0]: needs alpha and R, or width and height"),
+        ("height = 1.6", "height = 1.6\nR = 1.0", "contents[0]: needs alpha and R, or width and height"),
+        ("alpha = 0.3", "alpha = 3", "contents[1].alpha: must be less than 1.57"),
+        ("vertical = false", "level = 0", "contents[1].level: must be 'deck' or the number of a story ≥ 1"),
+        ("vertical = false", "overturn_ratio = 9.0", "contents[1]: Contents: overturn_ratio times alpha"),
+        ("vertical = false", 'name = "cabinet"', "contents[1]: name must differ from those before"),
+        ("damping = 0.02", "damping = 1.0", "oscillators[0].damping: must be a number in [0, 1)"),
+    ],
+)  # fmt: skip
+def test_wrong_keys_of_things_on_floors_are_named(run, tmp_path, old, new, words):
+    problem = tmp_path / "things.toml"
+    problem.write_text("[structure]\nalpha = 0.15\nR = 1.5\n" + ON_FLOORS.replace(old, new, 1))
+    code, _, err = run("response", problem, "--a-p", "3.2", "--T-p", "1")
+    assert code == 2
+    assert f"things.toml: {words}" in err
+
+
+@pytest.mark.slow
+def test_a_fragility_has_a_table_of_contents(run, tmp_path):
+    problem = tmp_path / "things.toml"
+    motions = "[motions.noise]\nsynthetic = 6\nseed = 1\nduration = 5.0\n"
+    podium = "[structure]\nalpha = 0.15\nR = 1.5\ngamma = 10.0\n"
+    problem.write_text(podium + motions + ON_FLOORS + "[fragility]\nintensity = [0.7, 9.0]\nlevels = 8\n")
+    code, out, err = run("fragility", problem, "-o", "a", "--damage-states", "0,1")
+    assert code == 0, err
+    rows = [line.split() for line in out.splitlines() if line.startswith(("cabinet", "contents-2"))]
+    with xarray.open_dataset("a.nc", group="contents") as data:
+        assert data["damage_state"].values.tolist() == [0.0, 1.0]
+        medians = data["median_capacity"].values.ravel()
+    assert [row[1] for row in rows] == ["rocks", "1", "rocks", "1"]
+    np.testing.assert_allclose([float(row[2]) for row in rows], medians, rtol=1e-3)
+    assert np.isfinite(medians[0])
+    assert (tmp_path / "a-contents.png").exists()
+    facts = json.loads(run("fragility", problem, "-o", "a", "--json")[1])["contents"]
+    assert len(facts) == 6
+
+
 def test_floors_writes_spectra_and_their_picture(run, tmp_path):
     problem = tmp_path / "floors.toml"
     table = "[floors]\nmotion = 'pulses'\nperiods = [0.1, 1.0]\npoints = 4\nt_end = 4.0\n"

@@ -755,6 +755,48 @@ def test_what_is_wrong_with_a_file_is_named(folder, old, new, words):
     assert "problem.toml" in str(caught.value)
 
 
+ON_FLOORS = """
+[[contents]]
+name = "cabinet"
+alpha = 0.2
+R = 0.5
+[[contents]]
+width = 0.4
+height = 1.8
+[[oscillators]]
+period = 0.3
+"""
+OF_FLOORS = """
+[[targets]]
+kind = "contents-rotation"
+limit = 0.5
+motions = "pulses"
+contents = ["cabinet"]
+[[targets]]
+kind = "floor-spectrum"
+limit = 9.0
+motions = "pulses"
+"""
+
+
+def test_targets_on_floors_name_things_of_the_file(folder):
+    *_, rotation, spectrum = optimise.load(write_problem(folder, FILE + ON_FLOORS + OF_FLOORS)).targets
+    assert isinstance(rotation, optimise.ContentsRotation)
+    assert isinstance(spectrum, optimise.FloorSpectrum)
+    assert (rotation.limit, spectrum.limit) == (0.5, 9.0)
+    assert [float(block.alpha) for block in rotation.things] == [0.2]
+    assert [float(y.period) for y in spectrum.things] == [0.3]
+    every = OF_FLOORS.replace('contents = ["cabinet"]', "")
+    assert len(optimise.load(write_problem(folder, FILE + ON_FLOORS + every)).targets[-2].things) == 2
+    for text, words in (
+        (OF_FLOORS, r"targets\[\d\]: needs \[\[contents\]\]"),
+        (ON_FLOORS + OF_FLOORS.replace("cabinet", "shelf"), r"contents must be of cabinet, contents-2"),
+        (ON_FLOORS + OF_FLOORS.replace("limit = 0.5", "limit = 1.5"), "ContentsRotation: limit"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            optimise.load(write_problem(folder, FILE + text))
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ValueError, match=r"none\.toml: cannot be read"):
         optimise.load(tmp_path / "none.toml")
