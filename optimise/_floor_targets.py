@@ -1,4 +1,4 @@
-"""Targets on what stands on the floors: rotations of contents, and floor response spectra."""
+"""Targets on things on floors: rotations of contents, and pseudo-accelerations of oscillators."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ._targets import AbstractTarget, Name, check_limit
 
 
 class AbstractFloorTarget(AbstractTarget):
-    """A target on things on floors under every motion of a suite."""
+    """A target on things on floors, under every motion of a suite."""
 
     limit: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
@@ -31,7 +31,7 @@ class AbstractFloorTarget(AbstractTarget):
         return limited_by_overturning((self.limit - sizes) / self.limit, peaks)
 
     def size(self, answer: Any) -> Margins:
-        """Return what the limit applies to, for every motion (k,)."""
+        """Return the quantity that `limit` bounds, for every motion (k,)."""
         raise NotImplementedError
 
     @property
@@ -39,25 +39,26 @@ class AbstractFloorTarget(AbstractTarget):
         return len(self.suite)
 
 
-def _things(owner: str, name: str, kind: type, things: Any) -> tuple[Any, ...]:
-    """Return things as a tuple. Raises `ValueError` for things of another kind, and for none."""
-    found = (things,) if isinstance(things, kind) else things
-    if not isinstance(found, Sequence) or not found or not all(isinstance(each, kind) for each in found):
+def _as_tuple(owner: str, name: str, required: type, things: Any) -> tuple[Any, ...]:
+    """Return one or several things as a tuple. Raises `ValueError` unless there are some, all of the class
+    `required`."""
+    members = (things,) if isinstance(things, required) else things
+    if not isinstance(members, Sequence) or not members or not all(isinstance(y, required) for y in members):
         raise ValueError(
-            f"{owner}: {name} must be one or several rockjax.{kind.__name__}, got {format_value(things)}"
+            f"{owner}: {name} must be one or several rockjax.{required.__name__}, got {format_value(things)}"
         )
-    return tuple(found)
+    return tuple(members)
 
 
 class ContentsRotation(AbstractFloorTarget):
     """Contents of floors rotate by at most `limit`·α_c under every motion: max|φ|/α_c ≤ limit.
 
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them
-    - `contents`: a [`rockjax.Contents`][] or several; `name`: in reports
+    - `contents`: one or several [`rockjax.Contents`][]; `name`: name of the target in reports
 
-    The margin of each block is (limit − s)/limit, where s is max|φ|/α_c, or 1 − M where the block overturns,
-    with its negative overturning margin M. Where the columns overturn, margins are at most their overturning
-    margin. Raises `ValueError` for other limits and contents.
+    The margin of each block is (limit − s)/limit with s = max|φ|/α_c. For a block that overturns, s = 1 − M
+    with its negative overturning margin M. If the columns overturn, margins are at most the overturning
+    margin of the columns. Raises `ValueError` for a limit out of range and for other things than contents.
     """
 
     limit: Any
@@ -69,7 +70,7 @@ class ContentsRotation(AbstractFloorTarget):
         owner = type(self).__name__
         check_limit(owner, "limit", limit, below=1)
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
-        self.things = _things(owner, "contents", rj.Contents, contents)
+        self.things = _as_tuple(owner, "contents", rj.Contents, contents)
 
     def size(self, answer: rj.ContentsAnswer) -> Margins:
         return jnp.where(answer.overturned, 1 - answer.margin, answer.peak_rotation)
@@ -82,10 +83,10 @@ class FloorSpectrum(AbstractFloorTarget):
     """Oscillators on floors reach at most the pseudo-acceleration `limit` under every motion: PSA ≤ limit.
 
     - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them
-    - `oscillators`: a [`rockjax.Oscillator`][] or several; `name`: in reports
+    - `oscillators`: one or several [`rockjax.Oscillator`][]; `name`: name of the target in reports
 
-    The margin of each oscillator is (limit − PSA)/limit. Where the columns overturn, margins are at most
-    their overturning margin. Raises `ValueError` for other limits and oscillators.
+    The margin of each oscillator is (limit − PSA)/limit. If the columns overturn, margins are at most their
+    overturning margin. Raises `ValueError` for a limit out of range and for other things than oscillators.
     """
 
     limit: Any
@@ -97,7 +98,7 @@ class FloorSpectrum(AbstractFloorTarget):
         owner = type(self).__name__
         check_limit(owner, "limit", limit)
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
-        self.things = _things(owner, "oscillators", rj.Oscillator, oscillators)
+        self.things = _as_tuple(owner, "oscillators", rj.Oscillator, oscillators)
 
     def size(self, answer: rj.OscillatorAnswer) -> Margins:
         return answer.pseudo_acceleration

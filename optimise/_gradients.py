@@ -6,8 +6,8 @@ With the largest value f, margins c and multipliers μ, the transformation follo
 
 where ρ_j is ρ divided by a running mean of |∇c_j|², so that steep and flat margins have equal weight. In
 each step μ_j moves a tenth of the way to max(0, μ_j − ρ_j c_j). After the first eighth of a search, steps
-shrink with 1/√t. They are projected onto the bounds. Values of different steps are never compared, because
-their motions may differ.
+shrink in proportion to 1/√t. Points are projected onto the bounds. Values of different steps are never
+compared, because the motions may differ from step to step.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ RHO = 10.0  # ρ of the augmented Lagrangian
 SMOOTHING = 0.1  # factor of the running means of multipliers and slopes
 STEP_DECAY = 8  # steps shrink after the first 1/STEP_DECAY of a search
 MAX_STEP = 0.25  # largest entry of a step in scaled variables
-MIN_SLOPE = 1e-2  # smaller slopes of margins count as this one in ρ_j
+MIN_SLOPE = 1e-2  # lower limit of the root of the running mean of |∇c_j|² in ρ_j
 
 
 def transformation_of(method: str | optax.GradientTransformation) -> optax.GradientTransformation | None:
     """Return the gradient transformation of a method, None for `"sqp"`.
 
-    Raises `ValueError` if `method` is not one, and for transformations that evaluate the objective
-    themselves, as line searches do.
+    Raises `ValueError` if `method` is neither a known name nor a gradient transformation, and for
+    transformations that evaluate the objective themselves, such as line searches.
     """
     if isinstance(method, str) and method == "sqp":
         return None
@@ -68,11 +68,12 @@ def transformation_of(method: str | optax.GradientTransformation) -> optax.Gradi
 class GradientSteps:
     """Gradient steps of all starts in one batch, under the same motions.
 
-    The first axis of arrays is the start: margins (s, m), scaled variables (s, n). `target_margins` holds the
-    margins aimed at, `last_steps` the points and evaluations of the second half of the steps.
+    The first axis of arrays is the start: margins have shape (s, m), scaled variables (s, n). The attribute
+    `target_margins` holds the margins aimed at, and `last_steps` the points and evaluations of the second
+    half of the steps.
 
     - `transformation`: an Optax gradient transformation; `evaluate`: evaluates one point of every start
-    - `points`: starting points (s, n); `first`: their evaluations
+    - `points`: starting points (s, n); `evaluations`: the evaluations of these points
     - `tolerance`: margin aimed at initially [–]; `history`: list to which iterates are appended
     """
 
@@ -81,7 +82,7 @@ class GradientSteps:
         transformation: optax.GradientTransformation,
         evaluate: Evaluator,
         points: np.ndarray,
-        first: list[Evaluation],
+        evaluations: list[Evaluation],
         tolerance: float,
         history: list[Iterate],
     ):
@@ -93,12 +94,12 @@ class GradientSteps:
             jax.vmap(lambda g, state, x, value: extended.update(g, state, x, value=value, grad=g))
         )
         self.evaluate, self.x, self.history, self.iteration = evaluate, np.array(points, float), history, 0
-        self.is_excluded = np.array([not evaluation.is_finite for evaluation in first])
-        self.scale = objective_scale([evaluation for evaluation in first if evaluation.is_finite])
-        self.target_margins = np.full((len(first), len(first[0].c)), tolerance)
+        self.is_excluded = np.array([not evaluation.is_finite for evaluation in evaluations])
+        self.scale = objective_scale([evaluation for evaluation in evaluations if evaluation.is_finite])
+        self.target_margins = np.full((len(evaluations), len(evaluations[0].c)), tolerance)
         self.multipliers = np.zeros_like(self.target_margins)
-        self.squared_slopes = np.stack([np.sum(evaluation.c_slope**2, axis=1) for evaluation in first])
-        self.last_steps: list[list[tuple[Vector, Evaluation]]] = [[] for _ in first]
+        self.squared_slopes = np.stack([np.sum(evaluation.c_slope**2, axis=1) for evaluation in evaluations])
+        self.last_steps: list[list[tuple[Vector, Evaluation]]] = [[] for _ in evaluations]
 
     def take_steps(self, steps: int, active: np.ndarray) -> None:
         """Take `steps` steps with the starts for which `active` (s,) is True.

@@ -3,8 +3,8 @@
     minimise    w·max_i(f_i + ∇f_i·d) + ν v + ½ dᵀB d        over d, v
     subject to  c_j + ∇c_j·d ≥ −v,   v ≥ 0,   lower ≤ d ≤ upper
 
-The maximum is replaced by a further variable, bounded below by all entries (epigraph form). The largest
-violation v makes the problem solvable everywhere.
+A further variable that is at least every entry replaces the maximum (epigraph form). Because violations up to
+v are allowed at the price ν v, a solution always exists.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Step(NamedTuple):
     """A solved subproblem.
 
     - `d`: the step (n,); `violation`: modelled violation after it [–]
-    - `value_multipliers` (k,), `margin_multipliers` (m,): multipliers of the rows of the model; those of the
-      values sum to the weight w
+    - `value_multipliers` (k,): multipliers of the modelled values, which sum to the weight w
+    - `margin_multipliers` (m,): multipliers of the modelled margins
     """
 
     d: Vector

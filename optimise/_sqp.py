@@ -36,8 +36,8 @@ def descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: 
     """Minimise from x in [0, 1]ⁿ: a coroutine that yields points and receives their `Evaluation`s.
 
     - `x`: first point (n,), in scaled variables; `rules`: scale, margins aimed at, stopping criteria
-    - `history`: receives the iterates; `start`: index of the start, for them; `first`: number of the first
-      iteration
+    - `history`: list to which iterates are appended; `start`: index of the start, which iterates contain
+    - `first`: number of the first iteration
 
     Returns the `End`. Responses have ripples and the feasible set may be disconnected. A descent therefore
     searches along the axes at its end, and continues from a better point if it finds one.

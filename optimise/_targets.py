@@ -50,12 +50,12 @@ class AbstractTarget(Module):
 
 
 class AbstractResponses(Module):
-    """Base class of targets and objectives computed from peak responses. Those with equal suites share the
-    simulations."""
+    """Base class of targets and objectives computed from peak responses. Targets and objectives with equal
+    suites share their simulations."""
 
     suite: eqx.AbstractVar[Suite]
     outputs: ClassVar[Any]  # required outputs, a tuple as in `rockjax.Options`
-    until_overturning: ClassVar[bool] = False  # whether it uses peaks that end at overturning
+    until_overturning: ClassVar[bool] = False  # whether it uses peaks that cover only the time to overturning
 
     @abc.abstractmethod
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:

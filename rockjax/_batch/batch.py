@@ -31,7 +31,7 @@ from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import companion, errors
 from rockjax._responses.on_floors import Things, checked
 from rockjax._responses.peak import Peak, peak_fields
-from rockjax._responses.sensitivities import of_scenes, sensitivities_of
+from rockjax._responses.sensitivities import check_sensitivities, sensitivities_of
 from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
 
@@ -164,7 +164,7 @@ def responses(
             f"peak_responses: options.engine must be 'flat', got "
             f"{options.engine!r}; call peak_response for each scene to use the segments engine"
         )
-    names = of_scenes("peak_responses", podiums, excitations, sensitivities)
+    names = check_sensitivities("peak_responses", podiums, excitations, sensitivities)
     varied = {place_of(name).partition(".")[0] for name in names}
     if "restrainers" not in varied:
         podiums = podiums.without_idle_restrainers()

@@ -23,7 +23,7 @@ from rockjax._options import Options
 from rockjax._outputs.margin import TurningPoints
 from rockjax._programs.barrier import barrier
 from rockjax._programs.derivatives import find_dependent_outputs, pushed
-from rockjax._responses.sensitivities import moved
+from rockjax._responses.sensitivities import with_unit_factors
 from rockjax._types import Flag
 
 
@@ -166,7 +166,7 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
     def prepare_scene(factors, *leaves) -> tuple[Scene, LoopState]:
         podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
         if names:
-            podium, excitation = moved(podium, excitation, names, factors)
+            podium, excitation = with_unit_factors(podium, excitation, names, factors)
         scene, lane = prepare(podium, excitation, initial, t_end, options, plan)
         return scene, lift_off(scene, lane)
 

@@ -32,7 +32,7 @@ from .exchange import Answers, Done, Lanes, Loop, empty_storage, exchange_scenes
 from .scenes import Numbers, SceneBatch
 
 PATIENCE = 3 / 32  # waiting lanes are served once they are this fraction of all lanes
-MANY = 2  # samples are passed while more than 1/MANY of the running lanes can pass their next sample
+PASSING_SHARE = 2  # samples are passed while more than 1/PASSING_SHARE of the running lanes can pass one
 
 
 def advance(
@@ -41,8 +41,8 @@ def advance(
     """Advance the lanes through a chunk of scenes.
 
     - `lanes`: lanes after the previous chunk
-    - `leaves`: leaves of the scenes' arguments, with a row for each scene if their entry in `layout.axes`
-      is 0
+    - `leaves`: leaves of the arguments of the scenes. Leaves whose entry in `layout.axes` is 0 have a row for
+      each scene
     - `first`, `stride`, `count`: the `count` scenes have the indices `first`, `first + stride`, … in the
       batch
     - `max_trials`: limit of trials after the last scene of the chunk is loaded
@@ -131,7 +131,7 @@ def _pass_samples(plan: Plan, options: Options, pass_sample: Callable[[Lanes], L
     if state.lane.passing is None:
         return state
     running = jnp.sum(makes_trials(plan, options, state.lane))
-    enough_pass = lambda state: MANY * jnp.sum(present(state.lane.passing)) > running
+    enough_pass = lambda state: PASSING_SHARE * jnp.sum(present(state.lane.passing)) > running
     return jax.lax.while_loop(enough_pass, pass_sample, state)
 
 
@@ -146,8 +146,8 @@ def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
 
 
 def _with_swapped_axes(state: Lanes) -> Lanes:
-    """Swap the first two axes of the slopes: parameters and lanes. In the loop the lanes come second, so
-    that they fill a vector."""
+    """Swap the first two axes of the slopes, parameters and lanes. In the loop the lanes are the second axis,
+    so that they fill a vector."""
     return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
 
 

@@ -25,12 +25,12 @@ CHUNK = 16  # number of scenes that are solved together
 def _chunk(leaves, things, options, *, structure, axes, history: int):
     """Return the answers of things on the floors of a chunk of scenes."""
 
-    def one(*leaves):
+    def solve_scene(*leaves):
         podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
         structures = podium.without_elevation(), things
         return of_scene.on_floors(structures, excitation, initial, t_end, options, history=history)
 
-    return jax.vmap(one, in_axes=axes)(*leaves)
+    return jax.vmap(solve_scene, in_axes=axes)(*leaves)
 
 
 def answers_on_floors(
@@ -44,17 +44,17 @@ def answers_on_floors(
 ) -> tuple[Any, ...]:
     """Return the answers of things on the floors of a batch, as arrays of its shape (host).
 
-    - `scenes`, `shape`, `options`: the batch
-    - `things`: what stands on the floors of every scene
+    - `scenes`, `shape`, `options`: scenes of the batch, its shape, and the options
+    - `things`: things on the floors of every scene
     - `progress`: as in `peak_responses`; `threads`: number of threads
     - `stop`: event that stops the batch
 
-    Raises [`rockjax.Interrupted`][] without answers if it is stopped.
+    Raises [`rockjax.Interrupted`][], without partial answers, if the batch is stopped.
     """
     from rockjax._progress import bar as bar_of
 
     options = of_scene.floor_options(options)
-    todo, found = deque(range(0, scenes.total, CHUNK)), {}
+    pending, answers = deque(range(0, scenes.total, CHUNK)), {}
 
     def solve(first: int) -> Any:
         count, history = min(CHUNK, scenes.total - first), options.history
@@ -62,8 +62,8 @@ def answers_on_floors(
         while True:
             static = {"structure": scenes.structure, "axes": scenes.axes, "history": history}
             answer = jax.tree.map(np.asarray, _chunk(leaves, things, options, **static))
-            full = np.any(answer[1][1][:count] == results.HISTORY_FULL)
-            if not full or history >= options.max_steps + 2:
+            is_full = np.any(answer[1][1][:count] == results.HISTORY_FULL)
+            if not is_full or history >= options.max_steps + 2:
                 return jax.tree.map(lambda y: y[:count] if y.ndim else np.full(count, y), answer)
             history *= 4
 
@@ -72,13 +72,13 @@ def answers_on_floors(
         def work() -> None:
             while not stop.is_set():
                 try:
-                    first = todo.popleft()
+                    first = pending.popleft()
                 except IndexError:
                     return
-                found[first] = solve(first)
-                bar.update(found[first][1][1].size)
+                answers[first] = solve(first)
+                bar.update(answers[first][1][1].size)
 
-        count = min(threads, len(todo))
+        count = min(threads, len(pending))
         futures = [submit(work) for _ in range(count - 1)]
         try:
             work()
@@ -88,10 +88,9 @@ def answers_on_floors(
             stop.set()
     if stop.is_set():
         raise Interrupted("stopped while things on floors were solved", None)
-    # Scenes in the order of the grid.
-    place = np.argsort(scenes.in_grid(np.arange(scenes.total)))
+    grid_order = np.argsort(scenes.in_grid(np.arange(scenes.total)))
     joined = jax.tree.map(
-        lambda *y: np.concatenate(y)[place].reshape(shape), *(found[k] for k in sorted(found))
+        lambda *y: np.concatenate(y)[grid_order].reshape(shape), *(answers[k] for k in sorted(answers))
     )
     floats, (integers, _) = joined
     return of_scene.named(things, floats, integers)

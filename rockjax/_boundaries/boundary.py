@@ -307,15 +307,15 @@ def _search_on_host(rows: list[np.ndarray], count: int, structure, margin: bool)
     - `rows`: leaves of the arguments with a first axis of length 1 (common to all searches) or `count`
     - `count`: number of searches
     - `structure`: tree structure of (podium, excitation, limit, (options, width))
-    - `margin`: True if the convention of overturning has a margin
+    - `margin`: True if there is an overturning margin (see `has_margin`)
     """
     podium, excitation, limit, settings = jax.tree.unflatten(structure, rows)
     limits = np.broadcast_to(limit, count)
 
-    def plane(line, part):
+    def plane(line, fraction):
         pick = lambda y: y[0] if y.shape[0] == 1 else y[np.asarray(line, np.int32)]
         motion = _pick_motions(excitation, np.asarray(line, np.int32), pick)
-        return jax.tree.map(pick, podium), motion.scaled(part * limits[np.asarray(line, np.int32)])
+        return jax.tree.map(pick, podium), motion.scaled(fraction * limits[np.asarray(line, np.int32)])
 
     options, width = jax.tree.map(lambda y: float(y[0]), settings)
     result = scan(plane, np.arange(count), (0.0, 1.0), WIDTH, options, refine="first", width=width)

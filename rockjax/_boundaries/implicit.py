@@ -47,7 +47,7 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
     """Return the tangent of a boundary from tangents of its parameters; zero if there is no boundary.
 
     - `leaves`: all leaves of the search's arguments
-    - `live_tangents`: tangents of the leaves that vary
+    - `live_tangents`: tangents of the leaves that vary (the live leaves)
     - `scale`: the boundary, inf without one
     - `structure`: tree structure of (podium, excitation, limit, (options, width))
     - `live`: for each leaf, whether it varies
@@ -60,10 +60,10 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
     past = numpy.where(is_found, numpy.multiply(scale, 1 + JUST_PAST), limit)
 
     def residual(scale, *values):
-        numbers = list(leaves)
+        new_leaves = list(leaves)
         for k, value in zip(live_indices, values, strict=True):
-            numbers[k] = value
-        podium, excitation, _, (options, _) = jax.tree.unflatten(structure, numbers)
+            new_leaves[k] = value
+        podium, excitation, _, (options, _) = jax.tree.unflatten(structure, new_leaves)
         return _residual(podium, excitation.scaled(scale), options, margin)
 
     point = tuple(leaves[k] for k in live_indices)
@@ -108,8 +108,8 @@ def log_sensitivities(
     - `podium`: podium with scalar parameters
     - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). For NaN the
       derivatives are NaN
-    - `rows`: for each boundary the period `T_p` of the pulse [s], or the index `which` of the record,
-      shape (n,)
+    - `rows`: for each boundary, the period `T_p` of the pulse [s] or the index `which` of the record, shape
+      (n,)
     - `names`: names of the parameters of the podium, or `"T_p"`
     - `options`: options of the scenes
     - `pulse`: function (a_p, T_p) ↦ excitation, or None for records

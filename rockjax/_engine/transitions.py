@@ -1,6 +1,7 @@
 """Events: their effect on mode and state, and the effect of their time on derivatives.
 
-The time of an event or breakpoint varies with the parameters. Its fixed value is called its stamp.
+The time of an event or breakpoint depends on the parameters. Its value, held constant under differentiation,
+is called its stamp.
 """
 
 from __future__ import annotations
@@ -93,13 +94,13 @@ def after_impact(
 class Jolt(NamedTuple):
     """A jump of the ground's velocity, and the state after it."""
 
-    jump: Value | Shaking  # velocity jump of the ground [m/s]; zero where there is none
-    side: Value  # mode about whose pivot the velocities change
-    change: Vector  # changes of the velocities, before an impact that follows
-    lifts: Flag  # columns at rest lift
-    strikes: Flag  # columns at θ = 0 are driven into the ground, which is another impact
-    v: Vector  # velocities after it
-    sigma: Value  # mode after it
+    jump: Value | Shaking  # velocity jump of the ground [m/s]; zero without a jump
+    side: Value  # mode in which the velocities change: the current one, or that of the uplift
+    change: Vector  # changes of the velocities, without those of an impact that follows
+    lifts: Flag  # whether columns at rest lift
+    strikes: Flag  # whether columns at θ = 0 are driven into the ground, which is another impact
+    v: Vector  # velocities after the jump
+    sigma: Value  # mode after the jump
 
 
 def jolt(
@@ -112,20 +113,20 @@ def jolt(
     - `ground`: ground acceleration after the jump, ü_g, or ü_g and v̈_g [m/s²]
     - `jump`: velocity jump of the ground, horizontal, or horizontal and vertical [m/s]
 
-    Accelerations are linear in those of the ground, so the equation of motion also maps jumps. Columns at
-    rest lift to the side −sign Δv if their speed then exceeds the rest velocity; otherwise they keep their
-    mode.
+    The equation of motion is linear in the accelerations of the structure and of the ground, so it also
+    relates their velocity jumps. Columns at rest lift to the side −sign Δv if their speed after the jump
+    exceeds the rest velocity; otherwise they keep their mode.
     """
     c, at_rest = scene.c, (x[0] == 0) & (v[0] == 0)
     side = jnp.where(at_rest, -jnp.sign(horizontal(jump)), sigma)
-    field = lambda jump: acceleration(c, side, jump, x, v)
-    change = jax.tree.map(jnp.subtract, field(jump), field(jax.tree.map(jnp.zeros_like, jump)))
+    under = lambda ground: acceleration(c, side, ground, x, v)
+    change = jax.tree.map(jnp.subtract, under(jump), under(jax.tree.map(jnp.zeros_like, jump)))
     v = tuple(map(jnp.add, v, change))
     lifts = at_rest & (side * v[0] > scene.rest_speed)
     strikes = ~at_rest & (x[0] == 0) & (side * v[0] < 0)
-    struck, mode = after_impact(scene, side, v[0], uplift_demand(c, ground, x, v))
-    theta_dot = jnp.where(strikes, struck, jnp.where(at_rest & ~lifts, 0.0, v[0]))
-    mode = jnp.where(strikes, mode, jnp.where(at_rest & ~lifts, sigma, side))
+    theta_dot_after, mode_after = after_impact(scene, side, v[0], uplift_demand(c, ground, x, v))
+    theta_dot = jnp.where(strikes, theta_dot_after, jnp.where(at_rest & ~lifts, 0.0, v[0]))
+    mode = jnp.where(strikes, mode_after, jnp.where(at_rest & ~lifts, sigma, side))
     return Jolt(jump, side, change, lifts, strikes, (theta_dot, *v[1:]), mode)
 
 
@@ -140,8 +141,8 @@ def past_breakpoint(
     - `x`, `v`, `sigma`: positions, velocities and mode
     - `pieces`: pieces before and after the breakpoint
 
-    Breakpoints of the horizontal and the vertical motion may coincide, but have different derivatives.
-    Then the field between them applies from one to the other.
+    A breakpoint of the horizontal motion and one of the vertical motion may coincide in value but have
+    different derivatives. The derivative then also contains the motion between the two breakpoints.
     """
     before, after = pieces
     if isinstance(scene.excitation, GroundMotion):
@@ -164,10 +165,10 @@ def restart(
     - `x`, `v`, `sigma`: positions, velocities and mode after the event
     - `piece`: piece of the excitation after the event
 
-    The event's time varies with the parameters; the stamp does not. The state goes to the event with the
-    field before it, is mapped by the transition, and returns to the stamp with the field after it. The
-    derivative of this sequence is the saltation matrix. This function is the return: it changes
-    derivatives, not values.
+    The time of the event depends on the parameters; its stamp does not. The state is moved to the event with
+    the equation of motion before it, changed by the transition, and moved back to the stamp with the equation
+    of motion after it. The derivative of this sequence is the saltation matrix. This function is the move
+    back: it changes derivatives, but not values.
     """
     del scene, t, delta, sigma, piece
     return x, v

@@ -39,7 +39,7 @@ def points_down(name: str) -> bool:
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Return the name of a motion without the suffix of a vertical component, and that suffix; an empty
-    string without one."""
+    """Split the name of a motion into the name without the suffix of a vertical component, and this suffix.
+    The suffix is empty if the name has none."""
     match = _VERTICAL_SUFFIX.search(name)
     return (name[: match.start()], match[1]) if match else (name, "")

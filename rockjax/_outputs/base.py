@@ -23,7 +23,7 @@ JOINT_NAMES = ("bottom", "top")
 class Variable(NamedTuple):
     """One answer of an output, for datasets, pictures and tables.
 
-    - `name`, `unit`, `description`, `symbol`: text for datasets and axes
+    - `name`, `unit`, `description`, `symbol`: strings for datasets and axes
     - `axis`: None for a scalar, or `MODES`, `STORIES`, `JOINTS`
     - `sensitive`: whether batches can compute its sensitivities
     - `estimated`: whether `"errors"` estimates its error
@@ -41,8 +41,8 @@ class Variable(NamedTuple):
 
 
 def larger(new: Values, record: Values) -> Values:
-    """Return the larger of two values with its derivative, at ties that of `record`. `jnp.maximum` would
-    average both derivatives."""
+    """Return the larger of two values with its derivative. For equal values the derivative is that of
+    `record`, while `jnp.maximum` would average both."""
     return jnp.where(new > record, new, record)
 
 
@@ -59,14 +59,13 @@ class AbstractOutput:
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
     value of the quantity over the scene, with its derivatives. Override `over_step`, `at_impact`, `update` or
-    `answer` for an output of another form. The other methods make it faster: rests, samples of a record
-    and bounces are skipped only if every requested output overrides `over_rest`, `over_sample` or
-    `over_bounces` respectively, and a scene continues to overturning or `t_end` unless `is_final` returns
-    True.
+    `answer` for an output of another form. The other methods save time: rests, samples of a record and
+    bounces are skipped only if every requested output overrides `over_rest`, `over_sample` or `over_bounces`
+    respectively. A scene continues to overturning or `t_end` unless `is_final` of every output returns True.
 
     - `name`: name in `Options.outputs`, and of the answer
-    - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: of the answer,
-      as in [`rockjax.Variable`][]; an output with several answers lists them in `variables`
+    - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of
+      the answer, as in [`rockjax.Variable`][]; an output with several answers lists them in `variables`
     - `by_default`: whether it is requested by default
     - `needs_flat`: whether only the flat engine supports it
     - `follows_impacts`: whether it needs every impact until rest, however slow
@@ -147,7 +146,7 @@ class AbstractOutput:
         return {self.name: record}
 
     def absent(self, ended: Ended) -> dict[str, Any]:
-        """Return the answers where the output was not requested: NaN."""
+        """Return the answers, NaN, of a scene for which the output was not requested."""
         return {self.name: jnp.full_like(ended.t, jnp.nan)}
 
     # ---------------------------------------------------------------------------- skipping parts of a scene
@@ -164,7 +163,7 @@ class AbstractOutput:
         raise NotImplementedError
 
     def is_final(self, bounds: Bounds, record: Any) -> Flag | bool:
-        """Return whether nothing that the bounds allow can change the record."""
+        """Return whether the record is final: no motion within the bounds can change it."""
         del bounds, record
         return False
 

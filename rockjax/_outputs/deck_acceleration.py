@@ -21,8 +21,8 @@ class PeakDeckAcceleration(AbstractOutput):
     """The peak absolute horizontal acceleration of the deck sup|a_b|, (L1) [m/s²], with the limits from both
     sides of events, and without the impulses of impacts. A rigid superstructure moves with the deck.
 
-    The bound of `is_final` is |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|), where the remaining energy E limits θ̇² to 2E
-    divided by the inertia, and by Cauchy–Schwarz the spring forces that act on θ̈ in Eq. (24).
+    `is_final` uses the bound |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|). The remaining energy E limits θ̇² to 2E divided by
+    the inertia. It also limits the spring forces in Eq. (24), and thus θ̈, by the Cauchy–Schwarz inequality.
     """
 
     name = "peak_deck_acceleration"

@@ -24,8 +24,8 @@ class PeakFloorAcceleration(AbstractStoryOutput):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
     building have the acceleration of the beam, which `PeakShear` follows.
 
-    With modes left out, floors also have a share 1 − ΣΓ_iφ_ji of the impulses of impacts on the deck, (L2),
-    (L3), which is left out.
+    If modes are omitted, floors also receive the fraction 1 − ΣΓ_iφ_ji of the impulses of impacts on the
+    deck, (L2), (L3). This output ignores it.
     """
 
     name = "peak_floor_acceleration"

@@ -22,7 +22,8 @@ from .views import Course, Ended, Start, Step
 class AnglePath(NamedTuple):
     """The angle φ of a force over a step, as tan(φ/4), from cubics of T and N.
 
-    No cubic of the angle itself would do: it turns within a fraction of a step where N is close to zero.
+    A cubic of the angle itself would not be accurate: where N is close to zero, the angle changes within a
+    fraction of a step.
     """
 
     tangential: Cubic

@@ -69,11 +69,11 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
         return _angles_and_ratios(c, impact.sigma, sway_of_modes(c, impact.sigma, impact.x), end_offsets(c))
 
     def over_bounces(self, bounces: Bounces, record: Values) -> bool:
-        del bounces, record  # only rigid podiums skip bounces, and all their impacts are alike
+        del bounces, record  # only rigid podiums skip bounces, and all their impacts have the same ratios
         return True
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        if bounds.c.vibration is None:  # all impacts are alike
+        if bounds.c.vibration is None:  # all impacts have the same ratios
             return bounds.rests | jnp.any(halves(record)[0] > 0)
         c, arms = bounds.c, present(bounds.c.joints).arms
         offsets, sway = None, 0.0

@@ -1,4 +1,4 @@
-"""The number of impacts until rest, and the sum over energetic impacts for the estimate of errors."""
+"""The number of impacts until rest, and the weighted sum over impacts for the estimate of errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from .views import Ended, Start, StepEnd
 
 @dataclasses.dataclass(frozen=True)
 class Impacts(AbstractInternalOutput):
-    """All impacts until rest. A scene counts the impacts that it follows; with this output it follows all."""
+    """All impacts until rest. A scene counts only the impacts that it follows; this output makes it follow
+    all of them."""
 
     name = "impacts"
     follows_impacts = True
@@ -29,8 +30,8 @@ class Impacts(AbstractInternalOutput):
 
 
 class Energetic(NamedTuple):
-    """Contributions of impacts. With y = |θ̇⁻|/(pα) an impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for
-    y > 1, so that practically only impacts count after which columns can overturn."""
+    """Contributions of impacts. With y = |θ̇⁻|/(pα), an impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for
+    y > 1. Impacts after which the columns cannot overturn therefore contribute very little."""
 
     total: Value  # sum over all impacts so far
     last: Value  # contribution of the last impact
@@ -38,8 +39,8 @@ class Energetic(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EnergeticImpacts(AbstractInternalOutput):
-    """The sum over energetic impacts. Two solutions of a chaotic scene differ in it. It is requested
-    as "errors"."""
+    """The weighted sum over impacts, which differs between two solutions of a chaotic scene. Its name in
+    `Options.outputs` is "errors"."""
 
     name = "errors"
     needs_flat = True

@@ -34,7 +34,8 @@ class MeanForces(NamedTuple):
     - `foundation`: (V, W), horizontal and vertical force on the foundation, (F5)
     - `eccentricity`: position of the resultants divided by half the width of a column: ξ in full contact,
       (F10), and σ while rocking
-    - `lean`: −dT_i/dN_i from column to column: ξ tan α in full contact, (F11), and tan ψ while rocking, (F9)
+    - `lean`: ratio −ΔT_i/ΔN_i of the differences between columns: ξ tan α in full contact, (F11), and tan ψ
+      while rocking, (F9)
     """
 
     bottom: tuple[Value, Value]
@@ -91,8 +92,8 @@ def mean_forces(
     joints = present(c.joints)
     gamma, eta = joints.gamma, c.eta
     s, cos = sincos(sigma * c.alpha - x[0])
-    turning = sigma, x[0], v[0], a[0]
-    sway, rise = beam_acceleration(c, *turning), beam_rise(c, *turning)
+    rotation = sigma, x[0], v[0], a[0]
+    sway, rise = beam_acceleration(c, *rotation), beam_rise(c, *rotation)
     ground_horizontal, weight = horizontal(ground), c.g + _vertical(ground)
     device_bottom, device_top = device_forces(c, sigma, x, v, a)
     half, cos_half = sincos(0.5 * x[0])
@@ -133,7 +134,7 @@ def overturning_moment(
 
 
 def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, offsets: Values) -> Values:
-    """Return the axial forces of columns minus that of the mean column, (F8) [m/s²], (columns,).
+    """Return the difference of the axial forces of columns from the mean column, (F8) [m/s²], (columns,).
 
     - `moment`: M divided by N m_c [m²/s²]
     - `eccentricity`: χ, relative to half the width of a column
@@ -178,20 +179,18 @@ def impulses_of_columns(
     columns), the bottom joint first, (F12) to (F14) [m/s].
 
     - `c`: constants of the podium, with those of the joints; `sigma`: mode before the impact
-    - `speed`: |θ̇| before it [rad/s]
+    - `speed`: |θ̇| before the impact [rad/s]
     - `sway`: Σ η_id_i of the modes, 0.0 without any [m]
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
     """
     joints = present(c.joints)
-    of_mean = joints.impulses
-    tangential, axial = (
-        jnp.stack(jnp.broadcast_arrays(*y))[:, None] for y in (of_mean.horizontal, of_mean.axial)
-    )
+    mean = joints.impulses
+    tangential, axial = (jnp.stack(jnp.broadcast_arrays(*y))[:, None] for y in (mean.horizontal, mean.axial))
     tangential, axial = sigma * speed * tangential, speed * axial
     if offsets is None:
         return tangential, axial
     eccentricity = -sigma * joints.impulse_eccentricity
-    moment = of_mean.rise * sway - present(joints.arms).beam * of_mean.sway * sigma
+    moment = mean.rise * sway - present(joints.arms).beam * mean.sway * sigma
     transferred = transfer(c, speed * moment, eccentricity, axial[1, 0], offsets)[None, :]
     return tangential - eccentricity * (c.sin_alpha / c.cos_alpha) * transferred, axial + transferred
 

@@ -26,7 +26,7 @@ from .views import Bounces, Ended, Moment, Start
 def quarter_tangent(tangential: Values, axial: Values) -> Values:
     """Return tan(φ/4) ∈ [−1, 1] of the angle φ = atan2(T, N) of a force from the vertical; 0 for no force.
 
-    Like φ it is smooth at N = 0. It is computed from square roots, while an arc tangent is much slower in
+    Like φ it is smooth at N = 0. It is computed with square roots, because an arc tangent is much slower in
     batches.
     """
     squares, is_zero = _squares(tangential, axial)
@@ -69,8 +69,8 @@ def end_offsets(c: Coefficients) -> Values | None:
 
 
 def end_forces(moment: Moment) -> Values:
-    """Return one row [m/s²]: T of the end columns at the bottom joint, then at the top joint, then N
-    likewise."""
+    """Return one row [m/s²]: T of the end columns at the bottom joint, then at the top joint, and then N in
+    the same order."""
     c, sigma, _, ground, x, v, a = moment
     forces = column_forces(c, sigma, ground, x, v, a, end_offsets(c))
     return jnp.concatenate([y.ravel() for y in forces])
@@ -90,7 +90,7 @@ class AbstractForceOutput(AbstractOutput):
     of_joints = True
 
     def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
-        """Return whether no forces within the bounds can change the record."""
+        """Return whether the record is unchanged for all forces within the bounds."""
         raise NotImplementedError
 
     def over_bounces(self, bounces: Bounces, record: Values) -> Flag | bool:
@@ -134,7 +134,7 @@ class Devices(NamedTuple):
     """Bounds of the sum of the forces of some restrainers [m/s²]."""
 
     least: Value
-    least_vertical: Value  # of the vertical component, force times cos(θ/2)
+    least_vertical: Value  # lower bound of the vertical component, force times cos(θ/2)
     largest: Value
 
 
@@ -308,7 +308,7 @@ class JointBounds:
 
     @functools.cached_property
     def foundation_shear(self) -> Value:
-        """Bound of |V| [m/s²]: the smaller of a bound of the terms of (F5) and one of the terms of (F9)."""
+        """Bound of |V| [m/s²]: the smaller of the bounds that follow from (F5) and from (F9)."""
         c = self.c
         gamma, sway = self.joints.gamma, jnp.maximum(*map(jnp.abs, self._sway))
         springs = 0.0 if self.modes is None else self.modes.springs

@@ -19,7 +19,8 @@ from .views import Bounces, Start, Step, StepEnd, Turn
 
 @dataclasses.dataclass(frozen=True)
 class Margin(AbstractEventOutput):
-    """The overturning margin: the least of all turning points; negative for a scene that overturned."""
+    """The overturning margin: the least margin of all turning points; negative for a scene that
+    overturned."""
 
     name = "margin"
     unit = "1"
@@ -50,7 +51,7 @@ class Margin(AbstractEventOutput):
         return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        # A lower bound: gravity alone turns the columns back.
+        # A lower bound of the margins of the bounces, in which only gravity stops the columns.
         return record <= margin_at_rest(bounces.c, bounces.overturn_angle, bounces.height)
 
     def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:

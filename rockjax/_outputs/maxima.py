@@ -82,7 +82,7 @@ class Maximum(NamedTuple):
 
 
 class End(NamedTuple):
-    """A quantity at an end of a step, and its rate in time."""
+    """A quantity at an end of a step, with its rate in time."""
 
     value: Values
     rate: Values
@@ -109,8 +109,8 @@ def largest(
     - `ends`: f at both ends
     - `end_zone`: fraction of the step at both ends where an extremum needs no shorter step
     - `lands`: whether steps are shortened at all
-    - `sizes`: "absolute" for max|f|; "signed" for max f; "both" for a row of max(−f) and max f, also in
-      `record`
+    - `sizes`: "absolute" for max|f|; "signed" for max f; "both" for a row of max(−f) and max f, for which
+      `record` is such a row as well
 
     If f turns twice in the step, and either extremum may raise the record, the step ends between them.
     """
@@ -133,17 +133,17 @@ def largest(
     largest_end = jnp.maximum(*end_sizes)
     rounding = ROUNDING * jnp.finfo(h.dtype).eps
     if sizes != "absolute":
-        stands_out = jax.lax.stop_gradient(value > largest_end + rounding * jnp.abs(largest_end))
-        near = record - jnp.where(jnp.isfinite(record), NEAR_RECORD * jnp.abs(record), 0.0)
+        exceeds_ends = jax.lax.stop_gradient(value > largest_end + rounding * jnp.abs(largest_end))
+        threshold = record - jnp.where(jnp.isfinite(record), NEAR_RECORD * jnp.abs(record), 0.0)
     else:
-        stands_out = jax.lax.stop_gradient(value > largest_end * (1 + rounding))
-        near = record * (1 - NEAR_RECORD)
-    raises = lands & repeat(turned) & stands_out & (value > near)
-    raises |= repeat(long & dips) & (
-        jnp.maximum(largest_end, size_at_z + repeat(jnp.abs(path.slope(z)))) > near
+        exceeds_ends = jax.lax.stop_gradient(value > largest_end * (1 + rounding))
+        threshold = record * (1 - NEAR_RECORD)
+    shortens = lands & repeat(turned) & exceeds_ends & (value > threshold)
+    shortens |= repeat(long & dips) & (
+        jnp.maximum(largest_end, size_at_z + repeat(jnp.abs(path.slope(z)))) > threshold
     )
-    raises &= repeat((z > end_zone) & (z < 1 - end_zone))
-    return Maximum(value, jnp.where(raises, repeat(z), jnp.inf))
+    shortens &= repeat((z > end_zone) & (z < 1 - end_zone))
+    return Maximum(value, jnp.where(shortens, repeat(z), jnp.inf))
 
 
 def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Quintic:

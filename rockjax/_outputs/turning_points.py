@@ -2,7 +2,7 @@
 
 It is an energy divided by the depth of the potential well, from full contact to the overturning angle α_o =
 overturn_ratio·α. The margin of a turning point |θ| = θ_m < α_o is the work against gravity, G, and against
-other decelerating moments, W, over the remaining angle:
+other decelerating moments, W, over the remaining angle up to α_o:
 
     M = G + W/(1 + W/w),   G = [cos(α−α_o) − cos(α−θ_m)] / d,   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / d,
     d = cos(α−α_o) − cos α,
@@ -18,10 +18,10 @@ restrainers the potential V of (C3) replaces the potential of gravity, (C21):
 
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
-The margin of a scene is the least margin of its turning points, 1 if the columns never lift, or the margin of
-its fall. Turning points appear and vanish as the parameters change, and f differs between them. The term of W
-is therefore limited to w, so that M, away from the boundary, depends on the largest rotation, which is
-continuous.
+The margin of a scene is the least margin of its turning points. It is 1 if the columns never lift. For a
+scene that overturns, it is the margin of the fall. Turning points appear and vanish as the parameters change,
+and f differs between them. The term with W is therefore limited to w. Away from the boundary, M then depends
+mainly on the largest rotation, which is continuous.
 """
 
 from __future__ import annotations

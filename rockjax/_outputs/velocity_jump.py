@@ -19,9 +19,9 @@ from .views import Bounces, Ended, Impact, Start, Step
 class PeakVelocityJump(AbstractEventOutput):
     """The largest jump of the horizontal velocity of the deck at an impact, max|Δv_b|, (L3) [m/s].
 
-    The bound of `is_final` is that of the fastest impact to come. At θ = 0 the potential energy is zero, and
-    columns, beam and superstructure have at least the kinetic energy ½(spin + η(2R sin α)²)θ̇², which cannot
-    exceed the remaining energy.
+    `is_final` uses a bound of the jump at the fastest impact that can follow. At θ = 0 the potential energy
+    is zero. Columns, beam and superstructure have at least the kinetic energy ½(spin + η(2R sin α)²)θ̇², which
+    cannot exceed the remaining energy.
     """
 
     name = "peak_velocity_jump"
@@ -55,7 +55,7 @@ class PeakVelocityJump(AbstractEventOutput):
 
 
 def _jump_bound(c: Coefficients, speed: Value, min_impact_speed: Value) -> Value:
-    """Bound the jumps of impacts with |θ̇⁻| ≤ `speed` [m/s]. An impact with |θ̇⁻| ≤ `min_impact_speed` leads to
-    rest, and its jump is the whole velocity."""
-    lost = jnp.maximum(jnp.minimum(1 - c.restitution, 1.0) * speed, jnp.minimum(speed, min_impact_speed))
-    return c.two_R * c.cos_alpha * lost
+    """Return a bound of the jumps at impacts with |θ̇⁻| ≤ `speed` [m/s]. An impact with |θ̇⁻| ≤
+    `min_impact_speed` leads to rest, and its jump is the whole velocity."""
+    change = jnp.maximum(jnp.minimum(1 - c.restitution, 1.0) * speed, jnp.minimum(speed, min_impact_speed))
+    return c.two_R * c.cos_alpha * change

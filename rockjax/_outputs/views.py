@@ -1,6 +1,7 @@
 """Views of a scene for its outputs: of moments, steps, impacts, and parts that are skipped.
 
-An output reads these views instead of the loop's state. From a view and its record it computes a new record.
+An output reads these views instead of the state of the loop, and computes its new record from a view and the
+current record.
 
 A *stamp* is the value of a time, held constant under differentiation. The time of an event or a breakpoint
 depends on the parameters and has a derivative.
@@ -95,9 +96,10 @@ class Start(NamedTuple):
 class Span(NamedTuple):
     """Times of a step [s].
 
-    - `h`: its length
-    - `long`: whether it is long enough for the curvatures of its polynomials (`hermite.is_long`)
-    - `before`, `after`: from its start and its end to the event or breakpoint there, with derivatives
+    - `h`: length of the step
+    - `long`: whether the step is long enough for the curvatures of its polynomials (`hermite.is_long`)
+    - `before`, `after`: times from the start and from the end to the event or breakpoint there, with
+      derivatives
     """
 
     h: Value
@@ -129,7 +131,8 @@ class Step:
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the current piece of the excitation [m/s²]
     - `trial`, `guard`: the step and its guard
-    - `before`, `after`: from start and end of the step to the event or breakpoint there [s]
+    - `before`, `after`: times from the start and from the end of the step to the event or breakpoint there
+      [s]
     """
 
     def __init__(
@@ -384,8 +387,9 @@ class Rest:
     def largest_ground_acceleration(self) -> Value:
         """Largest |ü_g| during the rest [m/s²].
 
-        It is 0 after the end of the motion. A largest value at an end of the rest, a jump or a kink has the
-        derivative of that time; the time of a smooth maximum has no influence to first order.
+        It is 0 after the end of the motion. A maximum at an end of the rest, at a jump or at a kink depends
+        on that time, whose derivative is included. At a smooth maximum the time has no influence to first
+        order.
         """
         constant, excitation = jax.lax.stop_gradient, self.scene.excitation
         start, end = constant(self.start), constant(self.end) - self.short
@@ -399,10 +403,10 @@ class Rest:
 
 
 class Sample(NamedTuple):
-    """A sample of a record that is passed without a trial; θ is monotone in it.
+    """A sampling interval of a record that is skipped without a trial; θ is monotone in it.
 
     - `c`: constants of the podium; `sigma`: the mode
-    - `h`: length of the sample [s]
+    - `h`: length of the interval [s]
     - `start`, `end`: ground acceleration [m/s²] (linear in between), positions, velocities and accelerations
     """
 
@@ -421,7 +425,7 @@ class Bounces(NamedTuple):
     - `ground`: bound of |ü_g| [m/s²]
     - `height`: bound of |θ| [rad]
     - `speed`: bound of |θ̇| [rad/s]
-    - `min_impact_speed`: |θ̇| before an impact up to which it leads to rest [rad/s]
+    - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
     """
 
     c: Coefficients

@@ -1,12 +1,12 @@
-"""The motion of the deck, of floors and of modal combinations: accelerations, velocity jumps, and pieces.
+"""The motion of the deck, of floors and of weighted sums of modes: accelerations and velocity jumps.
 
-An impact changes the velocity of the deck in an instant. Accelerations here are those between impacts; the
-velocity jumps are apart from them, (L1) to (L3).
+An impact changes the velocity of the deck in an instant. Accelerations here are those between impacts, and
+the velocity jumps are separate, (L1) to (L3). The *bodies* are the modes of the superstructure and the beam.
+A scene is divided into *pieces*, in which the accelerations of all bodies are smooth.
 """
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -30,24 +30,27 @@ from rockjax._types import Value
 
 from . import history
 
-WHOLE = 1e-12  # 1 − ΣW_i below this is rounding: all of the floor's motion is in the modes
+MIN_BEAM_WEIGHT = 1e-12  # a smaller weight of the beam, 1 − ΣW_i, is rounding and counts as zero
 
-# Degree of the polynomials, their points in a piece, and the largest share of the last Chebyshev polynomial.
-DEGREE, ROUGH = 5, 1e-8
-ROUNDS = 12  # limit of halvings of a piece
-MOTION_PIECES = 64  # least number of pieces of a motion in full contact, which the solver passes in one step
-POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
+DEGREE = 5  # degree of the polynomials of accelerations
+MAX_LAST_COEFFICIENT = 1e-8  # limit of the last Chebyshev coefficient divided by the largest acceleration
+MAX_HALVINGS = 12  # limit of halvings of a piece
+MOTION_PIECES = 64  # least number of pieces of a ground motion; a step in full contact may cover all of it
+POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))  # fractions of a piece
 TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T  # values at the points → coefficients c_k
+# Values at the points → coefficient of the last Chebyshev polynomial.
 TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * POINTS - 1, DEGREE))[-1]
 
 
 class Bodies(NamedTuple):
-    """Motion of the modes and of the beam: u_i … and u_b along the last axis, and of the beam vertically.
+    """Motion of the modes and of the beam at n times.
 
-    - `displacement`, `velocity`: relative to the ground, of the modes and of the beam horizontally [m], [m/s]
-    - `acceleration`: absolute, of the same [m/s²]
-    - `climb`, `rise`: vertical velocity relative to the ground, and absolute acceleration, of the beam
-    - `ground`: ground acceleration, horizontal and vertical
+    - `displacement` [m], `velocity` [m/s]: horizontal, relative to the ground, of the modes and, last, of the
+      beam, shape (n, modes + 1)
+    - `acceleration`: absolute horizontal acceleration of the same bodies [m/s²]
+    - `climb`: vertical velocity of the beam relative to the ground, shape (n,) [m/s]
+    - `rise`: absolute vertical acceleration of the beam, shape (n,) [m/s²]
+    - `ground`: ground acceleration, horizontal and vertical, shape (n, 2) [m/s²]
     """
 
     displacement: Array
@@ -59,25 +62,30 @@ class Bodies(NamedTuple):
 
     @property
     def accelerations(self) -> Any:
-        """All accelerations, the vertical one of the beam last."""
+        """Accelerations of modes and beam, then the vertical acceleration of the beam."""
         return array_module(self.rise).concatenate([self.acceleration, self.rise[:, None]], axis=1)
 
     @property
     def velocities(self) -> Any:
-        """All velocities, the vertical one of the beam last."""
+        """Velocities of modes and beam, then the vertical velocity of the beam."""
         return array_module(self.climb).concatenate([self.velocity, self.climb[:, None]], axis=1)
 
 
 def bodies(scene: history.Solved, t, left, node) -> Bodies:
-    """Return the motion at times t (n,), just before them where `left` (n,).
+    """Return the motion of modes and beam at given times.
 
-    - `scene`: solved scene; `node`: node from which the motion starts (n,); −1 for the one before t
+    - `scene`: solved scene
+    - `t`: times, shape (n,) [s]
+    - `left`: whether to return the limit from before the time, shape (n,)
+    - `node`: index of the node of the history from which the motion starts, shape (n,); −1 for the last node
+      before the time
     """
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
     def at(t, left, node):
-        # Just before a time is one rounding before it: there both nodes and pieces of the motion are others.
+        # The limit from before is taken one rounding error earlier. This selects the node, and the piece of
+        # the ground motion, before an event or a breakpoint.
         t = jnp.where(left, t - jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0), t)
         node = jnp.where(node < 0, history.node_before(nodes, t, jnp.zeros((), bool)), node)
         sigma, ground, x, v = history.sample(c, excitation, nodes, method, node, t)
@@ -89,7 +97,7 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
         def joined(of_modes, of_beam):
             return jnp.concatenate([*map(jnp.atleast_1d, of_modes), of_beam[None]])
 
-        found = Bodies(
+        motion = Bodies(
             joined(x[1:], u_b),
             joined(v[1:], u_b_dot),
             joined([y + u_g for y in a[1:]], beam_absolute(c, sigma, ground, x, v, a)),
@@ -98,27 +106,30 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
             jnp.stack([u_g, v_g]),
         )
         inside = (t >= nodes.t[0]) & (t <= end)
-        return jax.tree.map(lambda y: jnp.where(inside, y, jnp.nan), found)
+        return jax.tree.map(lambda y: jnp.where(inside, y, jnp.nan), motion)
 
     return jax.vmap(at)(t, left, node)
 
 
-along = StoredProgram(bodies)
+bodies_program = StoredProgram(bodies)
 
 
 @StoredProgram
-def landmarks(excitation: AbstractExcitation) -> tuple[Array, tuple[Any, Any]]:
+def breakpoints_and_support(excitation: AbstractExcitation) -> tuple[Array, tuple[Any, Any]]:
     """Return the breakpoints of a ground motion, and its start and end [s]."""
     return excitation.breakpoints, excitation.support
 
 
-def evaluated(evaluate: Callable, t: np.ndarray, left: np.ndarray, node: np.ndarray) -> Bodies:
-    """Return the motion at times (n,), padded to one of a few sizes for the program `evaluate`."""
-    return jax.tree.map(lambda y: np.asarray(y)[: t.size], evaluate(*padded_places(t, left, node)))
+def evaluate_padded(scene: history.Solved, t: np.ndarray, left: np.ndarray, node: np.ndarray) -> Bodies:
+    """Return the motion of modes and beam at n times, as `bodies` does. The number of times is padded to one
+    of a few sizes, so that few programs are compiled."""
+    motion = bodies_program(scene, *pad(t, left, node))
+    return jax.tree.map(lambda y: np.asarray(y)[: t.size], motion)
 
 
-def padded_places(t: np.ndarray, left: np.ndarray, node: np.ndarray) -> tuple[Any, Any, np.ndarray]:
-    """Return times, flags and nodes (n,), padded to one of a few sizes by repeating the last."""
+def pad(t: np.ndarray, left: np.ndarray, node: np.ndarray) -> tuple[Any, Any, np.ndarray]:
+    """Return arguments of `bodies`, of shape (n,), padded to one of a few sizes by repeating the last
+    entry."""
     times, flags = history.filled(t, left)
     nodes = np.pad(node, (0, times.size - t.size), mode="edge") if t.size else node
     return times, flags, nodes.astype(np.int32)
@@ -128,10 +139,11 @@ def floor_weights(owner: str, podium: Podium, level: Any, weights: Any = None) -
     """Return the weights W_i of the modes in the motion of a floor, (L2), shape (modes,).
 
     - `owner`: name of the calling function, for messages
-    - `level`: "deck" or the number of a story from the bottom
-    - `weights`: weights of the modes instead; None for the level
+    - `level`: "deck" or the number of a story from the bottom; ignored if `weights` are given
+    - `weights`: weights of the modes, or None for those of the level
 
-    Raises `ValueError` for a level that is not there, and for weights of another length.
+    Raises `ValueError` for a level that the structure does not have, and if `weights` has another length than
+    the number of modes.
     """
     top = podium.superstructure
     resolved = None if top is None else top.resolved()
@@ -140,35 +152,40 @@ def floor_weights(owner: str, podium: Podium, level: Any, weights: Any = None) -
         row = as_float(weights, f"{owner}: weights")
         if row.shape != (count,):
             raise ValueError(
-                f"{owner}: weights must hold one number for each of the {count} modes, got shape {row.shape}"
+                f"{owner}: weights must have one value for each of the {count} modes, got shape {row.shape}"
             )
         return row
     if isinstance(level, str) and level == DECK:
         return np.zeros(count)  # pyright: ignore[reportReturnType]
     stories = None if top is None else top.story_weights
-    numbers = 0 if stories is None else stories.shape[-2]
+    story_count = 0 if stories is None else stories.shape[-2]
     number = level if isinstance(level, int | np.integer) and not isinstance(level, bool) else 0
-    if stories is None or not 1 <= number <= numbers:
-        if numbers:
-            there = f"'deck' or a story from 1 to {numbers}"
+    if stories is None or not 1 <= number <= story_count:
+        if story_count:
+            valid = f"'deck' or a story from 1 to {story_count}"
         else:
-            there = "'deck'" + (", as modes have no stories; or pass weights of the modes" if count else "")
-        raise ValueError(f"{owner}: level must be {there}, got level = {format_value(level)}")
+            valid = "'deck'" + (
+                ", because modes have no stories (or pass weights of the modes)" if count else ""
+            )
+        raise ValueError(f"{owner}: level must be {valid}, got level = {format_value(level)}")
     return stories[number - 1]
 
 
 def with_beam(weights: Any) -> Any:
-    """Return weights with that of the beam, 1 − ΣW_i, along the last axis, (L2)."""
+    """Return the weights of the modes followed by the weight of the beam, 1 − ΣW_i, along the last axis,
+    (L2)."""
     xp = array_module(weights)
-    rest = 1 - weights.sum(axis=-1, keepdims=True)
-    return xp.concatenate([weights, xp.where(xp.abs(rest) < WHOLE, 0.0, rest)], axis=-1)
+    of_beam = 1 - weights.sum(axis=-1, keepdims=True)
+    of_beam = xp.where(xp.abs(of_beam) < MIN_BEAM_WEIGHT, 0.0, of_beam)
+    return xp.concatenate([weights, of_beam], axis=-1)
 
 
 class Pieces(NamedTuple):
-    """Pieces of a scene in which all accelerations are smooth, and the node from which each starts.
+    """The n pieces of a scene, in which all accelerations are smooth.
 
-    - `start`, `length`: of the n pieces [s]; `node`: index, shape (n,)
-    - `is_impact`: whether an impact is at the start, shape (n,)
+    - `start`, `length`: start and length of each piece, shape (n,) [s]
+    - `node`: index of the node of the history from which each piece starts, shape (n,)
+    - `is_impact`: whether the piece starts with an impact, shape (n,)
     """
 
     start: np.ndarray
@@ -178,14 +195,14 @@ class Pieces(NamedTuple):
 
     @property
     def points(self) -> tuple[np.ndarray, np.ndarray]:
-        """The times at which polynomials are fitted, and their nodes, shape (n · points,)."""
+        """Times at which polynomials are fitted, and their nodes, shape (n · points,)."""
         t = self.start[:, None] + self.length[:, None] * POINTS
         return t.ravel(), np.repeat(self.node, POINTS.size)
 
     @property
-    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Times, whether just before them, and nodes (−1 for the one before): of the points, and of both
-        sides of all starts."""
+    def samples(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Arguments `t`, `left` and `node` of `bodies`: for all points, then just before each start, then at
+        each start."""
         (t, node), size = self.points, self.start.size
         left = np.arange(t.size + 2 * size) - t.size
         return (
@@ -194,17 +211,19 @@ class Pieces(NamedTuple):
             np.concatenate([node, np.full(2 * size, -1)]),
         )
 
-    def chosen(self, which: np.ndarray) -> Pieces:
+    def select(self, which: np.ndarray) -> Pieces:
+        """Return the pieces with these indices, or for which this is True."""
         return Pieces(*(y[which] for y in self))
 
 
-class Motions(NamedTuple):
-    """Accelerations in pieces, and velocities at both sides of their starts, of modes and beam. The beam's
-    vertical motion comes last.
+class PieceMotions(NamedTuple):
+    """Motion of modes and beam in n pieces. The axis of bodies ends with the vertical motion of the beam.
 
-    - `terms`: coefficients of polynomials of absolute accelerations, shape (n, m+1, bodies)
-    - `before`, `after`: velocities relative to the ground at the start of each piece, shape (n, bodies)
-    - `jump`: jump of the ground acceleration there, shape (n, 2)
+    - `terms`: coefficients of polynomials of absolute accelerations, shape (n, m+1, bodies) [m/s²]
+    - `before`, `after`: velocities relative to the ground just before and at the start of each piece, shape
+      (n, bodies) [m/s]
+    - `jump`: jump of the ground acceleration at the start of each piece, horizontal and vertical, shape (n,
+      2) [m/s²]
     """
 
     terms: np.ndarray
@@ -213,14 +232,14 @@ class Motions(NamedTuple):
     jump: np.ndarray
 
 
-def motions(found: Bodies, pieces: Pieces) -> Motions:
-    """Return the motion of modes and beam in pieces, from `found`, that at `pieces.places`."""
+def motions(sampled: Bodies, pieces: Pieces) -> PieceMotions:
+    """Return the motion of modes and beam in pieces, from their motion at `pieces.samples`."""
     size = pieces.start.size
     count = size * POINTS.size
-    values, velocity = found.accelerations[:count], found.velocities[count:]
+    values, velocity = sampled.accelerations[:count], sampled.velocities[count:]
     terms = np.einsum("npb,pk->nkb", values.reshape(size, POINTS.size, -1), TO_TERMS)
-    ground = np.asarray(found.ground)[count:]
-    return Motions(terms, velocity[:size], velocity[size:], ground[size:] - ground[:size])
+    ground = np.asarray(sampled.ground)[count:]
+    return PieceMotions(terms, velocity[:size], velocity[size:], ground[size:] - ground[:size])
 
 
 def pieces_of(scene: history.Solved, end: float) -> Pieces:
@@ -230,46 +249,52 @@ def pieces_of(scene: history.Solved, end: float) -> Pieces:
     """
     nodes = scene[2]
     times, count = np.asarray(nodes.t), int(nodes.used)
-    breaks, (first, last) = (jax.tree.map(np.asarray, y) for y in landmarks(scene[1]))
+    breaks, (first, last) = (jax.tree.map(np.asarray, y) for y in breakpoints_and_support(scene[1]))
     cuts = np.concatenate([times[:count], breaks, np.linspace(first, last, MOTION_PIECES + 1)])
     cuts = np.unique(np.append(cuts[(cuts >= times[0]) & (cuts < end)], end))
     start, length = cuts[:-1], np.diff(cuts)
     node = np.searchsorted(times[:count], start, side="right") - 1
-    left = Pieces(start, length, node, np.isin(start, times[np.isfinite(np.asarray(nodes.impact_time))]))
-    done, scale = [], 0.0
-    for _ in range(ROUNDS):
-        t, node = left.points
-        found = evaluated(functools.partial(along, scene), t, np.zeros(t.size, bool), node)
-        values = found.accelerations.reshape(left.start.size, POINTS.size, -1)
+    pending = Pieces(start, length, node, np.isin(start, times[np.isfinite(np.asarray(nodes.impact_time))]))
+    accurate, scale = [], 0.0
+    for _ in range(MAX_HALVINGS):
+        t, node = pending.points
+        motion = evaluate_padded(scene, t, np.zeros(t.size, bool), node)
+        values = motion.accelerations.reshape(pending.start.size, POINTS.size, -1)
         scale = np.maximum(scale, np.abs(values).max(axis=(0, 1)))
-        rough = (np.abs(np.einsum("npb,p->nb", values, TO_LAST)) > ROUGH * scale).any(axis=1)
-        done.append(left.chosen(~rough))
-        if not rough.any():
+        last_coefficients = np.abs(np.einsum("npb,p->nb", values, TO_LAST))
+        is_rough = (last_coefficients > MAX_LAST_COEFFICIENT * scale).any(axis=1)
+        accurate.append(pending.select(~is_rough))
+        if not is_rough.any():
             break
-        left = left.chosen(rough)
-        half, never = 0.5 * left.length, np.zeros(left.start.size, bool)
-        second = Pieces(left.start + half, half, left.node, never)
-        left = Pieces(*map(np.concatenate, zip(left._replace(length=half), second, strict=True)))
+        pending = pending.select(is_rough)
+        half, no_impact = 0.5 * pending.length, np.zeros(pending.start.size, bool)
+        second = Pieces(pending.start + half, half, pending.node, no_impact)
+        pending = Pieces(*map(np.concatenate, zip(pending._replace(length=half), second, strict=True)))
     else:
-        done.append(left)
-    joined = Pieces(*map(np.concatenate, zip(*done, strict=True)))
-    return joined.chosen(np.argsort(joined.start))
+        accurate.append(pending)
+    pieces = Pieces(*map(np.concatenate, zip(*accurate, strict=True)))
+    return pieces.select(np.argsort(pieces.start))
 
 
-def load_of(pieces: Pieces, found: Motions, weights: np.ndarray) -> Load:
+def load_of(pieces: Pieces, motion: PieceMotions, weights: np.ndarray) -> Load:
     """Return the acceleration and the velocity jumps of one floor, (L2), (L3).
 
-    - `weights`: weights of modes, beam, and the beam's vertical motion
+    - `pieces`, `motion`: pieces of the scene, and the motion of the bodies in them
+    - `weights`: weights of the bodies, shape (bodies,): modes, beam, and vertical motion of the beam
     """
-    of_beam = (found.after - found.before)[:, -2:] @ weights[-2:]  # velocities of modes do not jump
+    of_beam = (motion.after - motion.before)[:, -2:] @ weights[-2:]  # velocities of modes do not jump
     jumps = np.where(pieces.is_impact, of_beam, 0.0)
-    none = np.zeros(pieces.start.size)
-    return Load(pieces.start, pieces.length, found.terms @ weights, jumps, none, none)
+    zeros = np.zeros(pieces.start.size)
+    return Load(pieces.start, pieces.length, motion.terms @ weights, jumps, zeros, zeros)
 
 
 def in_direction(weights: Any, direction: str) -> Any:
-    """Return weights of modes and beam with that of the vertical motion, in which all floors move with the
-    beam."""
+    """Return the weights of all bodies, shape (bodies,), for the motion of a floor in a direction.
+    Vertically, all floors move with the beam.
+
+    - `weights`: weights of the modes and the beam, as returned by `with_beam`
+    - `direction`: "horizontal" or "vertical"
+    """
     xp = array_module(weights)
     if direction == "horizontal":
         return xp.append(weights, 0.0)
@@ -289,10 +314,10 @@ class FloorMotion(Module):
     Methods that take times return NaN outside the scene, and work under `jit`; the peaks and `to_record` are
     for the host.
 
-    - `weights`: W_i of the modes, (L2) [–]; the rest 1 − ΣW_i moves with the deck
+    - `weights`: weights W_i of the modes, (L2) [–]; the weight of the deck is 1 − ΣW_i
     - `level`: "deck", the number of the story, or "weights"
     - `impulse_times`: times of the impacts [s], at which velocities jump; padded with NaN under `jit`
-    - `podium`, `excitation`, `nodes`, `end_time`: of the scene
+    - `podium`, `excitation`, `nodes`, `end_time`: structure, ground motion, history and end [s] of the scene
     """
 
     weights: Float[Array, " modes"]
@@ -301,75 +326,81 @@ class FloorMotion(Module):
     excitation: AbstractExcitation
     nodes: Nodes
     end_time: Float[Array, ""]
-    _limit: Float[Array, ""]  # time until which the motion is known: inf if the podium rests for good
+    _limit: Float[Array, ""]  # time up to which the motion is known; inf if the podium rests for good
     _rtol: Value | None
     _method: Any = eqx.field(static=True)
     level: str | int = eqx.field(static=True)
 
     @property
     def scene(self) -> history.Solved:
-        """The solved scene, as functions of histories take it."""
+        """The solved scene, as an argument of functions of histories."""
         return self.podium, self.excitation, self.nodes, self._limit, self._method, self._rtol
 
     def acceleration(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the absolute horizontal acceleration at times t [s], (L1), (L2) [m/s²]; with `left=True`
-        just before them, for example before an impact."""
-        return self._at(t, left, lambda found: self._combined(found.acceleration))
+        """Return the absolute horizontal acceleration at times t [s], (L1), (L2) [m/s²]; with `left=True` the
+        limit from before these times, for example before an impact."""
+        return self._at(t, left, lambda motion: self._combined(motion.acceleration))
 
     def vertical_acceleration(
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times"]:
-        """Return the absolute vertical acceleration, upwards, at times t [s], (L1) [m/s²]. All floors have
-        that of the deck."""
-        return self._at(t, left, lambda found: found.rise)
+        """Return the absolute vertical acceleration, upwards, at times t [s], (L1) [m/s²]. It is the same for
+        the deck and all floors."""
+        return self._at(t, left, lambda motion: motion.rise)
 
     def velocity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
         """Return the horizontal velocity relative to the ground [m/s] at times t [s]."""
-        return self._at(t, left, lambda found: self._combined(found.velocity))
+        return self._at(t, left, lambda motion: self._combined(motion.velocity))
 
     def displacement(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the horizontal displacement relative to the ground [m] at times t [s]."""
-        return self._at(t, False, lambda found: self._combined(found.displacement))
+        return self._at(t, False, lambda motion: self._combined(motion.displacement))
 
     @property
     def velocity_jumps(self) -> Float[Array, " impacts"]:
-        """Jumps Δv of the horizontal velocity at the impacts, (L3) [m/s]: zero for a floor that moves with
-        complete modes only."""
-        return self._jumps(lambda found: found.velocity[..., -1] * with_beam(self.weights)[-1])
+        """Jumps Δv of the horizontal velocity at the impacts, (L3) [m/s]. They are zero for a floor whose
+        weights W_i sum to 1, such as a story of a building with all its modes."""
+        return self._jumps(lambda motion: motion.velocity[..., -1] * with_beam(self.weights)[-1])
 
     @property
     def vertical_velocity_jumps(self) -> Float[Array, " impacts"]:
         """Jumps Δw ≥ 0 of the vertical velocity at the impacts, (L3) [m/s]."""
-        return self._jumps(lambda found: found.climb)
+        return self._jumps(lambda motion: motion.climb)
 
     @property
     def peak_acceleration(self) -> float:
-        """Peak floor acceleration sup|a| over the scene with one-sided limits at events, without velocity
-        jumps (host) [m/s²]."""
+        """Peak floor acceleration sup|a| over the scene (host) [m/s²]. It includes the limits from both sides
+        of events, but not the velocity jumps."""
         return largest_acceleration(self.load())
 
     @property
     def peak_velocity_jump(self) -> float:
-        """Largest |Δv| of the impacts (host) [m/s]; 0 without any."""
+        """Largest |Δv| of the impacts (host) [m/s]; 0 without impacts."""
         return float(np.abs(np.asarray(self.velocity_jumps)).max(initial=0.0))
 
     def last(self, end: float | None = None) -> float:
-        """Return the end of the scene [s]; of a rigid podium that rests for good before, `end`, or by default
-        the end of the ground motion if that is later (host)."""
-        own = float(self.end_time)
+        """Return the time up to which the motion of the floor is known [s] (host).
+
+        It is the end of the scene. For a rigid podium that rests for good, it is `end` if that is later; the
+        default of `end` is the end of the ground motion.
+        """
+        scene_end = float(self.end_time)
         if np.isfinite(self._limit):
-            return own
-        return max(own, float(np.asarray(landmarks(self.excitation)[1][1]) if end is None else end))
+            return scene_end
+        if end is None:
+            end = float(np.asarray(breakpoints_and_support(self.excitation)[1][1]))
+        return max(scene_end, float(end))
 
     def load(self, direction: str = "horizontal", end: float | None = None) -> Load:
-        """Return acceleration and velocity jumps as polynomials in pieces, (L7) (host).
+        """Return the acceleration as polynomials in pieces, with the velocity jumps between them, (L7)
+        (host).
 
         - `direction`: "horizontal" or "vertical"
-        - `end`: end for a rigid podium that rests for good before, as for `last`
+        - `end`: end of the pieces for a rigid podium that rests for good, as for `last`
         """
         pieces = pieces_of(self.scene, self.last(end))
-        found = motions(evaluated(functools.partial(along, self.scene), *pieces.places), pieces)
-        return load_of(pieces, found, in_direction(with_beam(np.asarray(self.weights)), direction))
+        motion = motions(evaluate_padded(self.scene, *pieces.samples), pieces)
+        return load_of(pieces, motion, in_direction(with_beam(np.asarray(self.weights)), direction))
 
     def to_record(self, dt: float, direction: str = "horizontal") -> Record:
         """Return the floor's motion as a record, with velocity jumps as large accelerations (host).
@@ -377,16 +408,17 @@ class FloorMotion(Module):
         - `dt`: sampling interval, > 0 [s]
         - `direction`: "horizontal" or "vertical"
 
-        Sample k is ∫a ∧(t−t_k) dt + ΣΔv ∧(t_i−t_k), ∧(τ) = max(0, 1−|τ|/dt)/dt. Final velocity and
-        displacement are exact, and spectra right to O((dt/T)²). The peak of the samples depends on dt and
-        means nothing. The record starts one interval before the scene, and its last sample is zero.
+        Sample k is ∫a ∧(t−t_k) dt + ΣΔv ∧(t_i−t_k) with the hat function ∧(τ) = max(0, 1−|τ|/dt)/dt. The
+        final velocity and displacement are exact, and spectra are accurate to O((dt/T)²). The peak of the
+        samples depends on dt and must not be used. The record starts one interval before the scene, and its
+        last sample is zero.
         """
         owner = "FloorMotion.to_record"
         dt = require_number(owner, "dt", dt, lambda v: v > 0, "finite and > 0 s")
         load = self.load(check_direction(owner, direction))
         count = int(np.ceil((load.end - load.start[0]) / dt - 1e-9))
-        moved = _moved(load, load.start[0] + dt * np.arange(-2, count + 3))
-        return Record(np.diff(moved, 2) / dt**2, dt, 1.0, float(load.start[0]) - dt)
+        displacement = _displacement(load, load.start[0] + dt * np.arange(-2, count + 3))
+        return Record(np.diff(displacement, 2) / dt**2, dt, 1.0, float(load.start[0]) - dt)
 
     def __repr__(self) -> str:
         return f"FloorMotion(level={self.level!r})"
@@ -397,12 +429,12 @@ class FloorMotion(Module):
     def _at(self, t: Any, left: bool, read: Callable[[Bodies], Any]) -> Array:
         t = as_float(t)
         times, flags = history.filled(t.ravel(), np.full(t.size, left))
-        found = along(self.scene, times, flags, np.full(times.shape, -1, np.int32))
+        motion = bodies_program(self.scene, times, flags, np.full(times.shape, -1, np.int32))
         with nans_allowed():
-            numbers = jax.tree.map(concrete, found)
-            host = all(y is not None for y in numbers)
-            values = read(numbers if host else found)[: t.size].reshape(t.shape)
-            return as_array(values) if host and not isinstance(values, jax.Array) else values
+            concrete_motion = jax.tree.map(concrete, motion)
+            is_concrete = all(y is not None for y in concrete_motion)
+            values = read(concrete_motion if is_concrete else motion)[: t.size].reshape(t.shape)
+            return as_array(values) if is_concrete and not isinstance(values, jax.Array) else values
 
     def _jumps(self, read: Callable[[Bodies], Any]) -> Array:
         times = self.impulse_times
@@ -414,27 +446,31 @@ class FloorMotion(Module):
 def largest_acceleration(load: Load) -> float:
     """Return the largest |a| of a load, at the ends of its pieces or at turning points in between [m/s²]."""
     at_ends = np.concatenate([load.terms[:, 0], load.terms.sum(axis=1)])
-    best = float(np.abs(at_ends).max())
-    inner = np.abs(load.terms[:, 1:]).sum(axis=1) + np.abs(load.terms[:, 0])
-    for terms in load.terms[inner > best]:
+    largest = float(np.abs(at_ends).max())
+    bounds = np.abs(load.terms[:, 1:]).sum(axis=1) + np.abs(load.terms[:, 0])
+    for terms in load.terms[bounds > largest]:
         roots = np.polynomial.polynomial.polyroots(np.polynomial.polynomial.polyder(terms))
-        places = roots.real[(np.abs(roots.imag) < 1e-7) & (roots.real > 0) & (roots.real < 1)]
-        best = max(best, float(np.abs(np.polynomial.polynomial.polyval(places, terms)).max(initial=0.0)))
-    return best
+        turns = roots.real[(np.abs(roots.imag) < 1e-7) & (roots.real > 0) & (roots.real < 1)]
+        largest = max(largest, float(np.abs(np.polynomial.polynomial.polyval(turns, terms)).max(initial=0.0)))
+    return largest
 
 
-def _moved(load: Load, t: np.ndarray) -> np.ndarray:
-    """Return ∬a with the velocity jumps at times t, zero until the start [m]."""
+def _displacement(load: Load, t: np.ndarray) -> np.ndarray:
+    """Return the displacement at times t, the double integral of the acceleration with the velocity jumps
+    [m]. It is zero up to the start."""
     k = np.arange(load.terms.shape[1])
     h = load.length[:, None]
-    once = h * load.terms / (k + 1)  # powers τ^(k+1) of the velocity gained in a piece
-    gained = load.kick + once.sum(axis=1)
-    speed = np.cumsum(gained) - gained + load.kick  # just after the kick
-    shifts = speed * load.length + (h * once / (k + 2)).sum(axis=1)
-    place = np.cumsum(shifts) - shifts
-    which = np.clip(np.searchsorted(load.start, t, side="right") - 1, 0, None)
-    tau = np.clip(t - load.start[which], 0.0, load.length[which])
-    part = (tau / load.length[which])[:, None]
-    twice = (h * once / (k + 2))[which] * part ** (k + 2)
-    now = place[which] + speed[which] * tau + twice.sum(axis=1)
-    return now + (speed[-1] + once[-1].sum()) * np.maximum(t - load.end, 0.0)
+    velocity_terms = h * load.terms / (k + 1)  # coefficients of (τ/h)^(k+1)
+    displacement_terms = h * velocity_terms / (k + 2)  # coefficients of (τ/h)^(k+2)
+    gained = load.kick + velocity_terms.sum(axis=1)
+    velocity = np.cumsum(gained) - gained + load.kick  # at the start of each piece, after the velocity jump
+    moved = velocity * load.length + displacement_terms.sum(axis=1)
+    displacement = np.cumsum(moved) - moved  # at the start of each piece
+    piece = np.clip(np.searchsorted(load.start, t, side="right") - 1, 0, None)
+    tau = np.clip(t - load.start[piece], 0.0, load.length[piece])
+    fraction = (tau / load.length[piece])[:, None]
+    inside = (displacement_terms[piece] * fraction ** (k + 2)).sum(axis=1)
+    final_velocity = velocity[-1] + velocity_terms[-1].sum()
+    return (
+        displacement[piece] + velocity[piece] * tau + inside + final_velocity * np.maximum(t - load.end, 0.0)
+    )

@@ -22,15 +22,17 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 from . import history
-from .floor import Bodies, Motions, Pieces, bodies, in_direction, motions, padded_places, with_beam
-from .sensitivities import moved
+from .floor import Bodies, PieceMotions, Pieces, bodies, in_direction, motions, pad, with_beam
+from .sensitivities import with_unit_factors
 
 
 class Solution(NamedTuple):
-    """A scene with derivatives along a first axis of parameters.
+    """A solved scene with its derivatives.
 
-    - `nodes`: of the history; `breakpoints`, `start`: of the ground motion [s]; `weights`: of the floors
-    - `slopes`: derivatives of these
+    - `nodes`: nodes of the history
+    - `breakpoints`, `start`: breakpoints and start of the ground motion [s]
+    - `weights`: weights of the modes in the motion of each floor
+    - `slopes`: derivatives of all these, with the parameters along the first axis
     """
 
     nodes: Nodes
@@ -51,19 +53,20 @@ def solved(
     levels: tuple[Any, ...] = (),
     history: int = 0,
 ) -> Solution:
-    """Solve a scene with derivatives with respect to the logarithms of the parameters `names`.
+    """Solve a scene with derivatives with respect to the logarithms of named parameters.
 
-    - `podium`, `excitation`, `initial`, `t_end`, `options`: of the scene
-    - `levels`: floors whose weights are returned; `history`: number of nodes that can be stored
+    - `podium`, `excitation`, `initial`, `t_end`, `options`: the scene
+    - `names`: the parameters
+    - `levels`: numbers of the stories whose weights are returned
+    - `history`: number of nodes that can be stored
     """
 
     def function(factors):
-        changed = moved(podium, excitation, names, factors)
-        (_, nodes), (_, (piece, used)) = solve(changed[0], changed[1], initial, t_end, options, history)
-        top = changed[0].superstructure
+        structure, motion = with_unit_factors(podium, excitation, names, factors)
+        (_, nodes), (_, (piece, used)) = solve(structure, motion, initial, t_end, options, history)
+        top = structure.superstructure
         stories = None if top is None or not levels else top.story_weights
         weights = [present(stories)[level - 1] for level in levels]
-        motion = changed[1]
         return (nodes, motion.breakpoints, motion.support[0], weights), (piece, used)
 
     ones = jnp.ones(len(names))
@@ -74,36 +77,39 @@ def solved(
 
 
 @StoredProgram
-def along_with_slopes(
+def bodies_with_slopes(
     scene: history.Solved, node_slopes: Nodes, t, left, node, names: tuple[str, ...] = ()
 ) -> tuple[Bodies, Bodies]:
-    """Return the motion at times t (n,) as `bodies` does, and its derivatives along a first axis.
+    """Return the motion of modes and beam as `bodies` does, and its derivatives, with the parameters along
+    the first axis.
 
-    - `scene`: solved scene; `node_slopes`: derivatives of its nodes along a first axis
+    - `scene`: solved scene; `node_slopes`: derivatives of its nodes, with the parameters along the first axis
+    - `t`, `left`, `node`: as for `bodies`
     - `names`: the parameters
     """
     podium, excitation, nodes, end, method, rtol = scene
 
     def function(factors):
-        changed = moved(podium, excitation, names, factors)
+        changed = with_unit_factors(podium, excitation, names, factors)
         move = lambda y, slope: y + jnp.tensordot(factors - 1, slope, axes=1)
         x, v = (jax.tree.map(move, *pair) for pair in ((nodes.x, node_slopes.x), (nodes.v, node_slopes.v)))
         changed_scene = (*changed, nodes._replace(x=x, v=v), end, method, rtol)
         return bodies(changed_scene, t, left, node), None
 
     ones = jnp.ones(len(names))
-    found, slopes, _ = pushed(function, [ones], [jnp.eye(len(names))])
-    return found, slopes
+    motion, slopes, _ = pushed(function, [ones], [jnp.eye(len(names))])
+    return motion, slopes
 
 
 class Slopes(NamedTuple):
-    """Derivatives of a scene's motion with respect to one parameter.
+    """Derivatives of the motion of a scene with respect to one parameter.
 
-    - `motions`: of accelerations at fixed times, and of velocities; `times`: of the starts of pieces [s]
-    - `weights`: of the weights of floors, by level
+    - `motions`: derivatives of the motion of modes and beam at fixed times
+    - `times`: derivatives of the starts of the pieces [s]
+    - `weights`: derivatives of the weights of the modes, by level
     """
 
-    motions: Motions
+    motions: PieceMotions
     times: np.ndarray
     weights: dict[str, np.ndarray]
 
@@ -115,66 +121,72 @@ def capacity_for(used: int) -> int:
 
 def motions_with_slopes(
     scene: history.Solved, solution: Solution, pieces: Pieces, names: tuple[str, ...], levels: Sequence[str]
-) -> tuple[Motions, list[Slopes]]:
+) -> tuple[PieceMotions, list[Slopes]]:
     """Return the motion in pieces, and its derivatives with respect to each parameter.
 
-    - `scene`: scene with the nodes of `solution`
-    - `levels`: those of `solution.weights`, as keys of `Slopes.weights`
+    - `scene`: the solved scene, with the nodes of `solution`
+    - `solution`: the scene with its derivatives
+    - `pieces`: pieces of the scene; `names`: the parameters
+    - `levels`: levels of `solution.weights`, which become the keys of `Slopes.weights`
     """
     node_slopes, breaks, start, weights = jax.tree.map(np.asarray, solution.slopes)
-    places = pieces.places
-    count = places[0].size
-    found, slopes = along_with_slopes(scene, node_slopes, *padded_places(*places), names=names)
-    found = jax.tree.map(lambda y: np.asarray(y)[:count], found)
+    samples, count = pieces.samples, pieces.samples[0].size
+    sampled, slopes = bodies_with_slopes(scene, node_slopes, *pad(*samples), names=names)
+    sampled = jax.tree.map(lambda y: np.asarray(y)[:count], sampled)
     slopes = jax.tree.map(lambda y: np.asarray(y)[:, :count], slopes)
-    moved_times = np.zeros((len(names), pieces.start.size))
-    of_breaks = np.asarray(solution.breakpoints)
-    own, first = np.isfinite(of_breaks), float(np.asarray(solution.start))
-    stamps = np.asarray(solution.nodes.t)
-    hit = np.isfinite(np.asarray(solution.nodes.impact_time))
-    at_impacts = node_slopes.impact_time[:, hit]
-    for at, slope in ((first, start[:, None]), (of_breaks[own], breaks[:, own]), (stamps[hit], at_impacts)):
-        at = np.atleast_1d(at)
-        place = np.searchsorted(pieces.start, at)
-        there = (place < pieces.start.size) & (pieces.start[np.minimum(place, pieces.start.size - 1)] == at)
-        moved_times[:, place[there]] = slope[:, there]
-    of_each = [
+    time_slopes = np.zeros((len(names), pieces.start.size))
+    breakpoints = np.asarray(solution.breakpoints)
+    is_finite = np.isfinite(breakpoints)
+    is_impact = np.isfinite(np.asarray(solution.nodes.impact_time))
+    # Starts of pieces that depend on the parameters: start and breakpoints of the motion, and impacts.
+    for times, slope in (
+        (np.atleast_1d(np.asarray(solution.start)), start[:, None]),
+        (breakpoints[is_finite], breaks[:, is_finite]),
+        (np.asarray(solution.nodes.t)[is_impact], node_slopes.impact_time[:, is_impact]),
+    ):
+        index = np.searchsorted(pieces.start, times)
+        is_start = pieces.start[np.minimum(index, pieces.start.size - 1)] == times
+        is_start &= index < pieces.start.size
+        time_slopes[:, index[is_start]] = slope[:, is_start]
+    slopes_of_parameters = [
         Slopes(
             motions(jax.tree.map(lambda y, q=q: y[q], slopes), pieces),
-            moved_times[q],
+            time_slopes[q],
             {level: weight[q] for level, weight in zip(levels, weights, strict=True)},
         )
         for q in range(len(names))
     ]
-    return motions(found, pieces), of_each
+    return motions(sampled, pieces), slopes_of_parameters
 
 
 def slope_of_load(
     load: Load,
     pieces: Pieces,
-    found: Motions,
+    motion: PieceMotions,
     slope: Slopes,
     weights: np.ndarray,
     change: np.ndarray,
     direction: str,
 ) -> Load:
-    """Return the derivative of a load, (L8).
+    """Return the derivative of the load of a floor with respect to one parameter, (L8).
 
-    - `load`, `pieces`, `found`: of the floor
-    - `slope`: derivatives of the motion; `weights`: W_i and `change`, their derivatives, shape (modes,)
+    - `load`: acceleration of the floor; `pieces`, `motion`: pieces of the scene, and the motion in them
+    - `slope`: derivatives of the motion
+    - `weights`, `change`: weights W_i of the floor and their derivatives, shape (modes,)
     - `direction`: "horizontal" or "vertical"
 
-    Velocities at the fixed stamps of events differ by Δv' + (a⁺ − a⁻ − jump of ü_g) t', so the kick
-    (a⁻ − a⁺) t' + Δv' of (L8) is that difference less the jump of ü_g times t'.
+    The derivatives of the velocities just before and after the fixed stamp of an event differ by
+    Δv' + (a⁻ − a⁺ + jump of ü_g) t'. The velocity jump (a⁻ − a⁺) t' + Δv' in (L8) is this difference minus
+    the jump of ü_g times t'.
     """
     row = in_direction(with_beam(weights), direction)
-    moved_row = in_direction(np.append(change, -change.sum()), direction)
+    row_slope = in_direction(np.append(change, -change.sum()), direction)
     if direction == "vertical":
-        moved_row = 0 * moved_row
-    terms = slope.motions.terms @ row + found.terms @ moved_row
+        row_slope = 0 * row_slope
+    terms = slope.motions.terms @ row + motion.terms @ row_slope
     differences = (slope.motions.after - slope.motions.before) @ row
-    of_beam = (found.after - found.before)[:, -2:] @ moved_row[-2:]
+    of_beam = (motion.after - motion.before)[:, -2:] @ row_slope[-2:]
     kick = differences + np.where(pieces.is_impact, of_beam, 0.0)
-    kick -= found.jump[:, int(direction == "vertical")] * slope.times
-    kick[0] = -load.terms[0, 0] * slope.times[0]  # floors start at rest, whatever their velocity
+    kick -= motion.jump[:, int(direction == "vertical")] * slope.times
+    kick[0] = -load.terms[0, 0] * slope.times[0]  # oscillators start at rest relative to their floor
     return Load(load.start, load.length, terms, kick, load.kick * slope.times, slope.times)

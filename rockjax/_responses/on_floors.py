@@ -1,4 +1,4 @@
-"""Light things on the floors of one scene: their answers from the history of the structure."""
+"""Light things on the floors of one scene, solved along the history of the structure."""
 
 from __future__ import annotations
 
@@ -32,17 +32,20 @@ from rockjax._types import Value, Values
 
 from .floor import DECK, DIRECTIONS, floor_weights, in_direction, with_beam
 from .floor_answers import ContentsAnswer, OscillatorAnswer
-from .floor_course import NEVER_LIFTS, FloorCourse, end_with_oscillators, floor_course, followed
+from .floor_course import NEVER_LIFTS, FloorCourse, end_with_oscillators, floor_course, without_fast_forwards
 
-BOTTOM = 0  # the joint of a block with the floor
-# A rest velocity that no jolt exceeds, and the factor on `atol` that makes it one of short oscillators.
-NEVER, FINER = 1e300, 1e-4
+BOTTOM = 0  # index of the bottom joint, between a block and the floor
+UNREACHABLE = 1e300  # a rest velocity that no velocity jump of a floor exceeds
+OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, whose displacements are small at short periods
 
 
 @dataclasses.dataclass(frozen=True)
 class JoltFriction(AbstractOutput):
-    """The largest friction demand of a block at velocity jumps of its floor beyond the rest velocity, (L15),
-    as tan(φ/4) of the angle of the impulse; and whether a jump started it, as a note."""
+    """The largest friction demand of a block at velocity jumps of its floor, (L15). Jumps below the rest
+    velocity do not count.
+
+    The record is tan(φ/4) of the angle φ of the impulse. The note is 1 if a jump started the block, else 0.
+    """
 
     name = "jolt_friction"
     needs_flat = True
@@ -60,7 +63,7 @@ class JoltFriction(AbstractOutput):
         s, cos = sincos(jolt.side * c.alpha - end.x[0])
         turn = jnp.where(jolt.sigma == 0, 0.0, 0.5 * c.two_R * jolt.change[0])
         demand = jnp.abs(quarter_tangent(jump.horizontal + turn * cos, jump.vertical + turn * s))
-        # Below the rest velocity the direction of a jump depends on how the structure comes to rest.
+        # The direction of a jump below the rest velocity depends on how the structure comes to rest.
         size = jnp.abs(jump.horizontal) + jnp.abs(jump.vertical)
         raises = end.accepted & (size > c.two_R * end.step.scene.rest_speed) & (demand > record)
         started = end.accepted & jolt.lifts & ~state.uplifted
@@ -71,9 +74,11 @@ class JoltFriction(AbstractOutput):
 
 
 def _rock(block: Contents, g: Value, weights: Values, course: FloorCourse, options: Options):
-    """Return the answers of a block by name: floats, and integers and flags.
+    """Return the answers of a block by name: first floats, then integers and flags.
 
-    - `weights`: of the bodies, horizontally and vertically, shape (2, bodies)
+    - `g`: acceleration of gravity [m/s²]
+    - `weights`: weights of the bodies in the motion of the floor, horizontally and vertically, shape
+      (2, bodies)
     - `course`, `options`: motion of the bodies, and options of the scene
     """
     outputs = "peak_rotation", "margin", "peak_friction", JoltFriction()
@@ -92,18 +97,18 @@ def _rock(block: Contents, g: Value, weights: Values, course: FloorCourse, optio
 
 
 def _vibrate(oscillator: Oscillator, g: Value, weights: Values, course: FloorCourse, options: Options):
-    """Return the answers of an oscillator by name, as `_rock` does.
+    """Return the answers of an oscillator by name; arguments and result are as for `_rock`.
 
-    It is the superstructure without mass of a podium that never lifts: its columns are almost flat, and the
-    rest velocity keeps jolts from lifting them.
+    The oscillator is solved as a superstructure without mass on a podium that never lifts: its columns are
+    almost flat, and no velocity jump exceeds the rest velocity.
     """
     flat = Podium(NEVER_LIFTS, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g)
     outputs = "peak_rotation", "peak_deformation", "peak_shear"
     finer = options.replace(
         outputs=outputs,
         overturn_ratio=1.0,
-        rest_velocity=NEVER,
-        atol=jnp.maximum(FINER * options.atol, 1e-17),
+        rest_velocity=UNREACHABLE,
+        atol=jnp.maximum(OSCILLATOR_ATOL * options.atol, 1e-17),
     )
     motion = course.motion(weights[DIRECTIONS.index(oscillator.direction)])
     floats, integers = _solve(flat, motion, course.end, finer)
@@ -116,14 +121,14 @@ def _vibrate(oscillator: Oscillator, g: Value, weights: Values, course: FloorCou
 
 
 def _solve(structure: Podium, motion: AbstractExcitation, end: Value, options: Options):
-    """Return the answers of a structure on a floor, to the end of the floor's motion."""
+    """Return the answers of a structure on a floor up to the time `end` [s]."""
     structure = structure.split()
-    plan = followed(plan_for(structure, options, history=True))
+    plan = without_fast_forwards(plan_for(structure, options, history=True))
     scene, state = prepare(structure, motion, REST, end, options, plan)
     return answers(scene, plan, run(scene, plan, state, options.max_steps))
 
 
-# Things that may stand on floors: how their answers are computed, and in which class they are returned.
+# For each class of things on floors: the function that computes the answers, and the class of the answers.
 KINDS: dict[type, tuple[Any, type]] = {
     Contents: (_rock, ContentsAnswer),
     Oscillator: (_vibrate, OscillatorAnswer),
@@ -134,11 +139,14 @@ Things = Sequence[Contents | Oscillator] | Contents | Oscillator
 
 
 def on_floors(structures, excitation, initial, t_end, options: Options, *, history: int):
-    """Return the answers of things on the floors of a scene, a tuple of floats for each, and of integers.
+    """Return the answers of things on the floors of a scene.
 
     - `structures`: the podium, and the things on its floors
-    - `excitation`, `initial`, `t_end`, `options`: of the scene
+    - `excitation`, `initial`, `t_end`, `options`: the scene
     - `history`: number of steps that the history of the floors can hold
+
+    The result is (floats, (integers, code)): the floats and the integers of each thing by name, and the
+    result code of the scene.
     """
     leaves, structure = jax.tree.flatten((structures, excitation, initial, t_end, options))
 
@@ -148,42 +156,43 @@ def on_floors(structures, excitation, initial, t_end, options: Options, *, histo
             periods = [thing.period for thing in things if isinstance(thing, Oscillator)]
             t_end = end_with_oscillators(podium, excitation, functools.reduce(jnp.maximum, periods, 0.0))
         course, code = floor_course(podium, excitation, initial, t_end, options, history)
-        groups: dict[Any, list[int]] = {}  # things of the same kind are solved together
+        groups: dict[Any, list[int]] = {}  # things of the same class and direction are solved together
         for k, thing in enumerate(things):
             groups.setdefault((type(thing), getattr(thing, "direction", None)), []).append(k)
-        found = {}
+        answer_of = {}
         for members in groups.values():
             group = [things[k] for k in members]
-            found |= dict(zip(members, _of_group(podium, group, course, options), strict=True))
-        failed = code > results.OVERTURNED
-        floats, integers = zip(*(found[k] for k in range(len(things))), strict=True)
-        floats = jax.tree.map(lambda y: jnp.where(failed, jnp.nan, y), floats)
+            answer_of |= dict(zip(members, _solve_group(podium, group, course, options), strict=True))
+        has_failed = code > results.OVERTURNED
+        floats, integers = zip(*(answer_of[k] for k in range(len(things))), strict=True)
+        floats = jax.tree.map(lambda y: jnp.where(has_failed, jnp.nan, y), floats)
         flags = {"until_overturning": code == results.OVERTURNED}
-        integers = tuple(y | flags | {"code": jnp.where(failed, code, y["code"])} for y in integers)
+        integers = tuple(y | flags | {"code": jnp.where(has_failed, code, y["code"])} for y in integers)
         return floats, (integers, code)
 
     return with_jacobian_rule(function, function, True)(*leaves)
 
 
-def _of_group(podium: Podium, things: list[Any], course: FloorCourse, options: Options) -> list[Any]:
-    """Return the answers of things of one kind, computed in lanes."""
-    answer, _ = KINDS[type(things[0])]
+def _solve_group(podium: Podium, things: list[Any], course: FloorCourse, options: Options) -> list[Any]:
+    """Return the answers of things of one class and direction, computed in lanes."""
+    solve, _ = KINDS[type(things[0])]
     weights = jnp.stack([_weights_of(podium, thing) for thing in things])
-    lanes = jax.tree.map(lambda *y: jnp.stack(y), *map(_uniform, things))
-    found = jax.vmap(lambda thing, w: answer(thing, podium.g, w, course, options))(lanes, weights)
-    return [jax.tree.map(functools.partial(jnp.take, indices=k, axis=0), found) for k in range(len(things))]
+    lanes = jax.tree.map(lambda *y: jnp.stack(y), *map(_stackable, things))
+    answers = jax.vmap(lambda thing, w: solve(thing, podium.g, w, course, options))(lanes, weights)
+    return [jax.tree.map(functools.partial(jnp.take, indices=k, axis=0), answers) for k in range(len(things))]
 
 
 def _weights_of(podium: Podium, thing: Any) -> Values:
-    """Return the weights of the bodies in the motion of a thing's floor, horizontally and vertically."""
+    """Return the weights of the bodies in the motion of the floor under a thing, horizontally and vertically,
+    shape (2, bodies). The vertical weights are zero for contents that ignore the vertical motion."""
     modes = with_beam(jnp.asarray(floor_weights("on_floors", podium, thing.level)))
-    across, up = (in_direction(modes, direction) for direction in DIRECTIONS)
-    return jnp.stack([across, float(getattr(thing, "vertical", True)) * up])
+    horizontal, vertical = (in_direction(modes, direction) for direction in DIRECTIONS)
+    return jnp.stack([horizontal, float(getattr(thing, "vertical", True)) * vertical])
 
 
-def _uniform(thing: Any) -> Any:
-    """Return a thing without what its weights say already, and with a number for its law of restitution, so
-    that all of its kind can be stacked."""
+def _stackable(thing: Any) -> Any:
+    """Return a thing in a form that all things of its class share, so that they can be stacked: with the same
+    level and `vertical`, which its weights replace, and with a restitution factor instead of a law."""
     thing = dataclasses.replace(thing, level=DECK)
     if isinstance(thing, Contents):
         e = GivenRestitution(thing.block(jnp.ones(())).restitution_factor)
@@ -192,8 +201,8 @@ def _uniform(thing: Any) -> Any:
 
 
 def _with_slopes(structures, excitation, initial, t_end, options, numbers, *, history: int):
-    """Return the answers, and the derivatives of their floats with respect to the leaves with the indices
-    `numbers`, one row per leaf."""
+    """Return the answers, and the derivatives of their floats with respect to some leaves of the arguments,
+    one row per leaf. `numbers` holds the indices of these leaves."""
     leaves, structure = jax.tree.flatten((structures, excitation, initial, t_end, options))
     function = lambda *leaves: on_floors(*jax.tree.unflatten(structure, leaves), history=history)
     floats, jacobian, integers = with_jacobian(function, leaves, numbers)
@@ -210,10 +219,10 @@ def answers_on_floors(
     """Return the answers of things on the floors of one scene.
 
     - `owner`: name of the calling function, for messages
-    - `podium`, `excitation`, `initial`, `t_end`, `options`: checked arguments of the scene
-    - `things`: [`rockjax.Contents`][] and [`rockjax.Oscillator`][]s
+    - `podium`, `excitation`, `initial`, `t_end`, `options`: arguments of the scene, which are already checked
+    - `things`: [`rockjax.Contents`][] and [`rockjax.Oscillator`][], one or a sequence of them
 
-    Raises `ValueError` for things of another kind, and for levels that the structure does not have.
+    Raises `ValueError` for things of another class, and for levels that the structure does not have.
     """
     things = checked(owner, podium, things)
     if not things:
@@ -234,28 +243,31 @@ def answers_on_floors(
 
 
 def floor_options(options: Options) -> Options:
-    """Return the options of the history of floors."""
+    """Return the options for the history of the floors: the flat engine, without the requested outputs."""
     method = options.method if options.engine == "flat" else "dopri8"
     return options.replace(outputs=("peak_rotation",), engine="flat", method=method)
 
 
 def named(things: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
-    """Return the answers of things in their classes."""
-    found = []
-    for thing, mine, counts in zip(things, floats, integers, strict=True):
-        kind = KINDS[type(thing)][1]
-        fields = {field.name for field in dataclasses.fields(kind)}
+    """Return the answers of things as `ContentsAnswer` and `OscillatorAnswer`.
+
+    - `things`: the things; `floats`, `integers`: their answers by name
+    """
+    answers = []
+    for thing, values, counts in zip(things, floats, integers, strict=True):
+        answer_class = KINDS[type(thing)][1]
+        fields = {field.name for field in dataclasses.fields(answer_class)}
         flags = {name: y for name, y in counts.items() if name in fields}
-        found.append(kind(**mine, **flags, result=results.named(counts["code"])))
-    return tuple(found)
+        answers.append(answer_class(**values, **flags, result=results.named(counts["code"])))
+    return tuple(answers)
 
 
 def checked(owner: str, podium: Podium, on_floors: Any) -> tuple[Any, ...]:
     """Return things on floors as a tuple. Raises `ValueError` as `answers_on_floors` does."""
     things = (on_floors,) if isinstance(on_floors, tuple(KINDS)) else on_floors
     if not isinstance(things, Sequence) or not all(isinstance(thing, tuple(KINDS)) for thing in things):
-        kinds = " or ".join(f"rockjax.{kind.__name__}" for kind in KINDS)
-        raise ValueError(f"{owner}: on_floors must hold {kinds}, got {format_value(on_floors)}")
+        classes = " or ".join(f"rockjax.{y.__name__}" for y in KINDS)
+        raise ValueError(f"{owner}: on_floors must hold {classes}, got {format_value(on_floors)}")
     for thing in things:
         floor_weights(f"{owner}: on_floors", podium, thing.level)
     return tuple(things)

@@ -30,9 +30,10 @@ class Sensitivities(Module):
     constant.
 
     - `parameters`: names of the parameters, along the last axis of the following arrays
-    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: y ∂(…)/∂y of the answers
-      with these names, stored in `values`; None for answers that were not requested or do not exist; zero for
-      a parameter of value zero. Axes of modes, stories and joints precede the axis of parameters
+    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: y ∂(…)/∂y of the answer
+      of this name. It is None for an answer that was not requested or does not exist, and zero for a
+      parameter with the value zero. Axes of modes, stories and joints precede the axis of parameters
+    - `values`: these derivatives by name
     """
 
     parameters: tuple[str, ...] = eqx.field(static=True)
@@ -62,14 +63,14 @@ def slope_name(answer: str) -> str:
     return f"{answer}_sensitivity"
 
 
-def number_fields(motion: AbstractExcitation) -> dict[str, str]:
+def scalar_fields(motion: AbstractExcitation) -> dict[str, str]:
     """Return the fields of a motion that hold scalar parameters, by parameter name.
 
-    Names of fields of a pair of motions start with `horizontal.` or `vertical.`; parameters of the vertical
-    motion have the same names as their fields.
+    The fields of a pair of motions start with `horizontal.` or `vertical.`. Parameters of the horizontal
+    motion have no such prefix; those of the vertical motion have the same names as their fields.
     """
     if isinstance(motion, GroundMotion):
-        components = {part: number_fields(getattr(motion, part)) for part in PARTS}
+        components = {part: scalar_fields(getattr(motion, part)) for part in PARTS}
         fields = {name: f"horizontal.{field}" for name, field in components["horizontal"].items()}
         return fields | {
             f"vertical.{field}": f"vertical.{field}" for field in components["vertical"].values()
@@ -84,8 +85,8 @@ def _is_float_array(value: Any) -> bool:
     return isinstance(value, jax.Array | np.ndarray) and jnp.issubdtype(value.dtype, jnp.floating)
 
 
-def with_numbers(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:
-    """Return the motion with other values of scalar parameters, given by field as in `number_fields`."""
+def with_scalars(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:
+    """Return the motion with other values of scalar parameters, given by field as in `scalar_fields`."""
     for path, value in values.items():
         part, _, field = path.rpartition(".")
         if part:
@@ -95,44 +96,44 @@ def with_numbers(motion: AbstractExcitation, values: Mapping[str, Any]) -> Abstr
     return dataclasses.replace(motion, **fields)
 
 
-def of_scenes(
+def check_sensitivities(
     owner: str, podium: Podium, motion: AbstractExcitation, names: Sequence[str]
 ) -> tuple[str, ...]:
     """Return the names of requested parameters of a structure and a ground motion as a tuple.
 
     - `owner`: name of the calling function, for messages
-    - `podium`, `motion`: of the scenes
+    - `podium`, `motion`: structure and ground motion of the scenes
     - `names`: requested parameters
 
-    Raises `ValueError` for a name of no parameter of either, for a name that occurs twice, and for two names
-    of the same value.
+    Raises `ValueError` for a name that is not a parameter of the structure or the motion, for a name that
+    occurs twice, and for two names of the same quantity, such as `alpha` and `tan_alpha`.
     """
     names = _checks.as_strings(owner, "sensitivities", names)
     if not names:
         return names
-    check_parameters(owner, podium, names, more=[*number_fields(motion), "scale"])
+    check_parameters(owner, podium, names, more=[*scalar_fields(motion), "scale"])
     if len(set(names)) < len(names):
         raise ValueError(f"{owner}: sensitivities must name each parameter once, got {list(names)}")
     return names
 
 
-def moved(
+def with_unit_factors(
     podium: Podium, motion: AbstractExcitation, names: Sequence[str], factors: Float[Array, " n"]
 ) -> tuple[Podium, AbstractExcitation]:
-    """Return the structure and the ground motion with parameters multiplied by factors of value 1.
+    """Return the structure and the ground motion with each named parameter multiplied by a factor of 1.
 
-    - `podium`, `motion`: of the scene
-    - `names`: parameters, as returned by `of_scenes`
-    - `factors`: factor on each parameter, equal to 1, for derivatives, (n,)
+    - `podium`, `motion`: structure and ground motion of the scene
+    - `names`: n parameters, as returned by `check_sensitivities`
+    - `factors`: the factors, equal to 1, with respect to which the caller differentiates, (n,)
 
-    All values are unchanged; only derivatives with respect to the factors differ.
+    Values are unchanged; the result only depends on the factors for differentiation.
     """
     factor_of = dict(zip(names, factors, strict=True))
     fields = {
-        field: factor_of.pop(name) for name, field in number_fields(motion).items() if name in factor_of
+        field: factor_of.pop(name) for name, field in scalar_fields(motion).items() if name in factor_of
     }
     scale = factor_of.pop("scale", None)
-    changed = with_numbers(motion, {path: y * _value_at(motion, path) for path, y in fields.items()})
+    changed = with_scalars(motion, {path: y * _value_at(motion, path) for path, y in fields.items()})
     changed = changed if scale is None else changed.scaled(scale)
     structure = podium
     if factor_of:
@@ -145,6 +146,6 @@ def _value_at(motion: AbstractExcitation, path: str) -> Any:
 
 
 def _with_derivatives(original: Any, changed: Any) -> Any:
-    """Return exactly the values of `original`, with the derivatives of `changed`."""
+    """Return a tree with exactly the values of `original` and the derivatives of `changed`."""
     constant = jax.lax.stop_gradient
     return jax.tree.map(lambda y, z: y if z is y else y + (z - constant(z)), original, changed)

@@ -1,9 +1,8 @@
-"""Floor response spectra: largest answers of oscillators on the deck and on floors."""
+"""Floor response spectra: largest responses of oscillators on the deck and on floors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import jax
@@ -25,9 +24,8 @@ from rockjax._responses.arguments import as_start, check_single, check_types
 from rockjax._responses.datasets import describe_excitation, describe_options, describe_podium
 from rockjax._responses.floor import (
     DECK,
-    along,
     check_direction,
-    evaluated,
+    evaluate_padded,
     floor_weights,
     in_direction,
     largest_acceleration,
@@ -40,7 +38,7 @@ from rockjax._responses.floor_course import NEVER_LIFTS, end_with_oscillators
 from rockjax._responses.floor_end import Ending, ending, remaining
 from rockjax._responses.floor_slopes import capacity_for, motions_with_slopes, slope_of_load, solved
 from rockjax._responses.response import Response
-from rockjax._responses.sensitivities import of_scenes, slope_name
+from rockjax._responses.sensitivities import check_sensitivities, slope_name
 from rockjax._responses.simulate import simulate
 from rockjax._results import REST, State
 from rockjax._structures import Podium
@@ -48,7 +46,8 @@ from rockjax._structures import Podium
 if TYPE_CHECKING:
     import xarray
 
-# name: (unit, description), over levels, dampings and periods, and over levels
+# Variables of a dataset: name → (unit, description). The first two dictionaries have dims of levels, dampings
+# and periods, the third of levels only, and the last has none of them.
 SPECTRA = {
     "pseudo_acceleration": ("m s-2", "pseudo-acceleration ω² max|x|"),
     "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),
@@ -56,14 +55,14 @@ SPECTRA = {
 }
 OTHERS = {
     "peak_time": ("s", "time at which the displacement is largest"),
-    "remaining_ratio": ("1", "bound of later displacements over the largest, final up to 1"),
+    "remaining_ratio": ("1", "bound of later displacements divided by the largest; final if at most 1"),
 }
 OF_LEVELS = {
     "peak_acceleration": ("m s-2", "largest acceleration of the floor without velocity jumps"),
     "peak_velocity_jump": ("m s-1", "largest velocity jump of the floor"),
 }
 OF_SCENES = {
-    "overturned": ("1", "the podium overturned: values are largest until then, lower bounds"),
+    "overturned": ("1", "the podium overturned; spectra cover the time until then and are lower bounds"),
     "overturn_time": ("s", "time of overturning"),
 }
 
@@ -89,30 +88,40 @@ def floor_spectrum(
 ) -> xarray.Dataset:
     """Compute floor response spectra under one ground motion or a suite (host), (L5) to (L10).
 
-    Oscillators start at rest relative to their floor and do not act back. Impulses of impacts count exactly.
+    Oscillators start at rest relative to their floor and do not affect it. Impulses of impacts are included
+    exactly.
 
-    - `podium`: podium of single numbers
-    - `excitation`: one motion; or `Motions`, `Records` or a list, for a dim `motion`
-    - `periods`: T_e of the oscillators, shape (n,), > 0 [s]
-    - `damping`: ζ of the oscillators, one or several, in [0, 1) [–]
-    - `level`: `"deck"`, a story from 1, the lowest, or several of them in a list
-    - `weights`: instead of levels, weights of the modes, (L2), shape (modes,) [–]
+    - `podium`: podium with scalar parameters
+    - `excitation`: one motion; or `Motions`, `Records` or a list, which add a dim `motion`
+    - `periods`: periods T_e of the oscillators, shape (n,), > 0 [s]
+    - `damping`: damping ratios ζ of the oscillators, one or several, in [0, 1) [–]
+    - `level`: `"deck"`, the number of a story from 1 at the bottom, or a list of several levels
+    - `weights`: weights of the modes instead of a level, (L2), shape (modes,) [–]
     - `direction`: `"horizontal"` or `"vertical"`
-    - `initial`, `options`: of the scenes
-    - `t_end`: end of the scenes [s]; by default as for histories, or 5 max T_e after the motion if that is
-      later
+    - `initial`, `options`: initial state and options of the scenes
+    - `t_end`: end of the scenes [s]; by default as for `simulate`, or 5 times the longest period after the
+      ground motion if that is later
     - `fixed_base`: also compute the spectra of the ground, `ground_pseudo_acceleration` …, and of the same
       floors on a base that never lifts, `fixed_base_pseudo_acceleration` …
     - `sensitivities`: parameters y for which y ∂/∂y of the spectra is computed as well, (L8), as in
       [`rockjax.peak_responses`][]
-    - `progress`: `True` for a progress bar over the motions, or anything with `update(number)`
+    - `progress`: `True` for a progress bar over the motions, or any object with a method `update(number)`
 
-    Returns a Dataset with dims (motion, level, damping, period): `pseudo_acceleration` ω² max|x| and
-    `absolute_acceleration` [m/s²], `relative_displacement` max|x| [m], its `peak_time` [s], and
-    `remaining_ratio`: what can still follow over max|x|, final up to 1, inf without a bound.
-    `peak_acceleration` without velocity jumps [m/s²] and `peak_velocity_jump` [m/s] are of the floors,
-    `overturned` and `overturn_time` of the scenes. Values of a scene that overturned cover the time until
-    then. Sensitivities are `pseudo_acceleration_sensitivity` … (further dim `parameter`).
+    Returns a Dataset. Its spectra have the dims (motion, level, damping, period):
+
+    - `pseudo_acceleration`: ω² max|x| [m/s²]
+    - `absolute_acceleration`: largest absolute acceleration of the oscillator [m/s²]
+    - `relative_displacement`: max|x| [m]; `peak_time`: when it is first reached [s]
+    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by max|x|. The spectrum is
+      final where it is at most 1; inf without a bound
+    - `pseudo_acceleration_sensitivity` …: sensitivities, with the further dim `parameter`
+
+    Other variables describe floors, with the dims (motion, level), and scenes, with the dim motion:
+
+    - `peak_acceleration`: peak acceleration of the floor without velocity jumps [m/s²]
+    - `peak_velocity_jump`: largest velocity jump of the floor [m/s]
+    - `overturned`, `overturn_time`: whether and when the podium overturned. Values of such a scene cover the
+      time until then
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` for a scene that does not finish.
     """
@@ -134,48 +143,53 @@ def floor_spectrum(
     end = None if t_end is None else require_number(owner, "t_end", t_end, np.isfinite, "finite")
     start = as_start(owner, initial, podium)
     for member in members:
-        sensitivities = of_scenes(owner, podium, member, sensitivities)
+        sensitivities = check_sensitivities(owner, podium, member, sensitivities)
     import_in_background(*TABLES)
     stories = {str(y): y for y in levels if y != DECK} if sensitivities else {}
     request = _Request(rows, stories, T, zeta, direction, tuple(sensitivities))
     labels = None if not is_suite else list(range(1, len(members) + 1)) if names is None else names
 
     def solve(podium: Podium, options: Options, request: _Request) -> xarray.Dataset:
-        found = []
+        spectra = []
         for member in members:
-            own_end = end
-            if own_end is None:
-                own_end = float(_end(podium.split(), member.common_form(), T.max()))
-            response = simulate(podium, member, initial=initial, t_end=own_end, options=options)
-            found.append(_spectrum(response, start, own_end, request))
+            scene_end = end
+            if scene_end is None:
+                scene_end = float(_end(podium.split(), member.common_form(), T.max()))
+            response = simulate(podium, member, initial=initial, t_end=scene_end, options=options)
+            spectra.append(_spectrum(response, start, scene_end, request))
             counter.update(1)
-        return _dataset(request, labels, found)
+        return _dataset(request, labels, spectra)
 
     with bar(len(members) * (1 + fixed_base), "motions", progress) as counter:
         data = solve(podium, options, request)
         if fixed_base:
-            still = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
-            of_ground = request._replace(
-                weights={DECK: 0 * next(iter(rows.values()))} | rows, stories={}, names=()
-            )
-            fixed = solve(still, options.replace(overturn_ratio=1.0), of_ground)
+            fixed_podium = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
+            # The deck of this podium moves with the ground.
+            weights_with_deck = {DECK: 0 * next(iter(rows.values()))} | rows
+            fixed_request = request._replace(weights=weights_with_deck, stories={}, names=())
+            fixed = solve(fixed_podium, options.replace(overturn_ratio=1.0), fixed_request)
             for name in SPECTRA:
                 data[f"ground_{name}"] = fixed[name].sel(level=DECK, drop=True)
                 data[f"fixed_base_{name}"] = fixed[name].sel(level=list(rows))
-    about = {} if is_suite else describe_excitation(members[0]) | dict(describe_origin(excitation))
+    of_motion = {} if is_suite else describe_excitation(members[0]) | dict(describe_origin(excitation))
     data.attrs = {
         "title": "Floor response spectra",
         "kind": "floor-spectrum",
         "direction": direction,
-        **about,
+        **of_motion,
     }
     data.attrs |= describe_podium(podium) | describe_options(options)
     return data
 
 
 class _Request(NamedTuple):
-    """The request to every scene: `weights` of the modes by level, and the `stories` among the levels whose
-    weights have derivatives; periods and dampings; direction; parameters."""
+    """The requested spectra, which are the same for every scene.
+
+    - `weights`: weights of the modes by level
+    - `stories`: numbers of the stories, by level, whose weights have derivatives
+    - `periods`, `damping`: axes of the spectra
+    - `direction`: "horizontal" or "vertical"; `names`: parameters of the sensitivities
+    """
 
     weights: dict[str, np.ndarray]
     stories: dict[str, Any]
@@ -186,8 +200,12 @@ class _Request(NamedTuple):
 
 
 class _Spectrum(NamedTuple):
-    """Spectra of one scene by name: arrays over levels, dampings, periods and, for sensitivities, parameters;
-    over levels; and of the scene."""
+    """Variables of one scene by name.
+
+    - `values`: arrays over levels, dampings, periods and, for sensitivities, parameters
+    - `of_levels`: arrays over levels
+    - `of_scene`: scalars
+    """
 
     values: dict[str, np.ndarray]
     of_levels: dict[str, np.ndarray]
@@ -196,12 +214,12 @@ class _Spectrum(NamedTuple):
 
 def _axis(owner: str, name: str, values: Any) -> np.ndarray:
     """Return periods or dampings as an array of one dimension."""
-    found = np.atleast_1d(np.asarray(as_float(values, f"{owner}: {name}")))
-    if found.ndim != 1 or found.size == 0:
+    array = np.atleast_1d(np.asarray(as_float(values, f"{owner}: {name}")))
+    if array.ndim != 1 or array.size == 0:
         raise ValueError(
-            f"{owner}: {name} must be a number or a 1-D array with values, got shape {found.shape}"
+            f"{owner}: {name} must be a number or a 1-D array with values, got shape {array.shape}"
         )
-    return found
+    return array
 
 
 def _spectrum(response: Response, start: State, t_end: float, request: _Request) -> _Spectrum:
@@ -224,7 +242,7 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     end = deck.last(t_end)
     pieces = pieces_of(scene, end)
     if solution is None:
-        motion, slopes = motions(evaluated(partial(along, scene), *pieces.places), pieces), []
+        motion, slopes = motions(evaluate_padded(scene, *pieces.samples), pieces), []
     else:
         motion, slopes = motions_with_slopes(scene, solution, pieces, request.names, list(request.stories))
     ended = Ending(*(np.asarray(y) for y in ending(scene, as_float(end))))
@@ -235,23 +253,24 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     of_levels: dict[str, list[float]] = {name: [] for name in OF_LEVELS}
     for level, weights in request.weights.items():
         load = load_of(pieces, motion, in_direction(with_beam(weights), request.direction))
-        left = np.inf if bool(response.overturned) else remaining(ended, weights, damping, is_vertical)
-        of_load = [
+        has_fallen = bool(response.overturned)
+        remaining_impulse = np.inf if has_fallen else remaining(ended, weights, damping, is_vertical)
+        load_slopes = [
             slope_of_load(
-                load, pieces, motion, each, weights, each.weights.get(level, 0 * weights), request.direction
+                load, pieces, motion, slope, weights, slope.weights.get(level, 0 * weights), request.direction
             )
-            for each in slopes
+            for slope in slopes
         ]
-        stays = bool(ended.rests) and not bool(np.any(left)) and not bool(response.overturned)
-        peaks = largest(load, period, damping, stays, tuple(of_load))
+        rests = bool(ended.rests) and not bool(np.any(remaining_impulse)) and not has_fallen
+        peaks = largest(load, period, damping, rests, tuple(load_slopes))
         size = peaks.displacement
-        later = np.minimum(peaks.later, size) if stays else peaks.envelope + left / omega
+        later = np.minimum(peaks.later, size) if rests else peaks.envelope + remaining_impulse / omega
         ratio = np.where(size > 0, later / np.where(size > 0, size, 1.0), np.where(later > 0, np.inf, 0.0))
-        found = omega**2 * size, peaks.acceleration, size, peaks.time, ratio
-        changes = omega**2 * peaks.slopes[0], peaks.slopes[1], peaks.slopes[0]
-        for name, value in zip(values, found, strict=True):
+        of_load = omega**2 * size, peaks.acceleration, size, peaks.time, ratio
+        slopes_of_load = omega**2 * peaks.slopes[0], peaks.slopes[1], peaks.slopes[0]
+        for name, value in zip(values, of_load, strict=True):
             values[name].append(value.reshape(shape))
-        for name, value in zip(sensitivities, changes, strict=True):
+        for name, value in zip(sensitivities, slopes_of_load, strict=True):
             sensitivities[name].append(np.moveaxis(value, 0, -1).reshape(*shape, -1))
         of_levels["peak_acceleration"].append(largest_acceleration(load))
         of_levels["peak_velocity_jump"].append(float(np.abs(load.kick).max()))
@@ -262,8 +281,8 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     )
 
 
-def _dataset(request: _Request, labels: list | None, found: list[_Spectrum]) -> xarray.Dataset:
-    """Return the spectra of all scenes, with a dim `motion` if there are `labels`."""
+def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -> xarray.Dataset:
+    """Return the spectra of all scenes as a dataset, with a dim `motion` if there are `labels`."""
     import xarray
 
     def joined(values: list) -> np.ndarray:
@@ -274,35 +293,36 @@ def _dataset(request: _Request, labels: list | None, found: list[_Spectrum]) -> 
     slopes = {slope_name(name): (unit, f"y ∂/∂y of the {words}") for name, (unit, words) in SPECTRA.items()}
     data = {}
     for name, (unit, words) in (SPECTRA | OTHERS | slopes).items():
-        if name in found[0].values:
+        if name in spectra[0].values:
             more = ("parameter",) if name in slopes else ()
-            data[name] = (*dims, *more), joined([y.values[name] for y in found]), _about(unit, words)
+            data[name] = (*dims, *more), joined([y.values[name] for y in spectra]), _attributes(unit, words)
     for name, (unit, words) in OF_LEVELS.items():
-        data[name] = dims[:-2], joined([y.of_levels[name] for y in found]), _about(unit, words)
+        data[name] = dims[:-2], joined([y.of_levels[name] for y in spectra]), _attributes(unit, words)
     for name, (unit, words) in OF_SCENES.items():
-        data[name] = of_motions, joined([y.of_scene[name] for y in found]), _about(unit, words)
+        data[name] = of_motions, joined([y.of_scene[name] for y in spectra]), _attributes(unit, words)
     coords: dict[str, Any] = {
         "level": list(request.weights),
-        "damping": ("damping", request.damping, _about("1", "damping ratio of the oscillator ζ")),
-        "period": ("period", request.periods, _about("s", "period of the oscillator T_e")),
+        "damping": ("damping", request.damping, _attributes("1", "damping ratio of the oscillator ζ")),
+        "period": ("period", request.periods, _attributes("s", "period of the oscillator T_e")),
     }
     coords |= {} if labels is None else {"motion": labels}
     coords |= {"parameter": list(request.names)} if request.names else {}
     return xarray.Dataset(data, coords=coords)
 
 
-def _about(unit: str, words: str) -> dict[str, str]:
+def _attributes(unit: str, words: str) -> dict[str, str]:
     return {"units": unit, "long_name": words}
 
 
 def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
-    """Return a floor spectrum with broader peaks: the largest value between T/(1+β) and T/(1−β), (L11).
+    """Return a floor spectrum with broader peaks: its largest values between T/(1+β) and T/(1−β), (L11).
 
-    - `spectrum`: from [`rockjax.floor_spectrum`][] with ascending periods, or an envelope of one
-    - `ratio`: β, in [0, 1) [–]; practice for nuclear facilities uses 0.15
+    - `spectrum`: result of [`rockjax.floor_spectrum`][] with ascending periods, or its envelope
+    - `ratio`: β, in [0, 1) [–]; 0.15 is usual for nuclear facilities
 
-    The spectrum counts as piecewise linear over log T, and ends at its first and last period. The result has
-    only the spectra themselves. Raises `ValueError` for periods that do not ascend, and for other ratios.
+    Between its periods, the spectrum is interpolated linearly over log T; it is not extrapolated. The result
+    has only the variables `pseudo_acceleration`, `absolute_acceleration` and `relative_displacement`. Raises
+    `ValueError` for periods that do not ascend, and for a ratio out of range.
     """
     owner = "broadened"
     ratio = require_number(owner, "ratio", ratio, lambda v: 0 <= v < 1, "in [0, 1)")
@@ -335,13 +355,15 @@ def envelope(
 ) -> xarray.Dataset:
     """Return the envelope or a quantile of floor spectra over a dim, at each period.
 
-    - `spectra`: from [`rockjax.floor_spectrum`][]
+    - `spectra`: result of [`rockjax.floor_spectrum`][]
     - `over`: dim, `"motion"` or `"level"`
-    - `quantile`: in [0, 1], such as 0.84 [–]; None for the largest
-    - `overturned`: `"raise"`, or `"drop"` to leave out scenes that overturned, whose spectra are lower bounds
+    - `quantile`: quantile in [0, 1], such as 0.84 [–]; None for the largest value
+    - `overturned`: `"raise"`, or `"drop"` to leave out scenes that overturned, whose spectra are lower
+      bounds; scenes can be dropped only over `"motion"`
 
-    The result has only the spectra themselves. Raises `ValueError` for scenes that overturned unless they are
-    dropped, if all did, and for other invalid inputs.
+    The result has only the variables `pseudo_acceleration`, `absolute_acceleration` and
+    `relative_displacement`. Raises `ValueError` if scenes overturned and are not dropped, if all scenes
+    overturned, and for other invalid inputs.
     """
     owner = "envelope"
     names = _spectra_of(owner, spectra)
@@ -355,18 +377,19 @@ def envelope(
     if fallen.any():
         if overturned == "raise" or over != "motion" or fallen.all():
             raise ValueError(
-                f"{owner}: {int(fallen.sum())} of {fallen.size} scenes overturned, so that their spectra are "
-                "lower bounds; leave them out with overturned='drop' over motions, or scale the motions down"
+                f"{owner}: {int(fallen.sum())} of {fallen.size} scenes overturned, so their spectra are only "
+                "lower bounds; leave them out with over='motion' and overturned='drop', or scale the "
+                "motions down"
             )
         data = data.isel(motion=np.flatnonzero(~fallen))
-    found = (
+    result = (
         data.max(over, keep_attrs=True)
         if quantile is None
         else data.quantile(quantile, over, keep_attrs=True)
     )
-    found.attrs["envelope"] = over if quantile is None else f"{quantile:g} quantile over {over}"
-    found.attrs["scenes"] = int((~fallen).sum())
-    return found
+    result.attrs["envelope"] = over if quantile is None else f"{quantile:g} quantile over {over}"
+    result.attrs["scenes"] = int((~fallen).sum())
+    return result
 
 
 def _spectra_of(owner: str, spectra: Any) -> list[str]:

@@ -1,4 +1,4 @@
-"""Overturning spectra: the boundaries between survival and overturning over pulse frequency."""
+"""Overturning spectra: boundaries between survival and overturning as a function of the pulse frequency."""
 
 from __future__ import annotations
 
@@ -64,7 +64,8 @@ def overturning_spectrum(
       with NaN; exact to about 1e-10
     - `impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no boundary
     - `one_sided`: True where the minimum is about to jump to another branch
-    - `certain_width`: the widest interval below the minimum that may overturn unseen
+    - `certain_width`: every interval of overturning amplitudes below the minimum that is wider than this was
+      found
     - `sensitivity` (additional dim `parameter`): d a_ov/d ln y
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` if no scene of a frequency finishes.

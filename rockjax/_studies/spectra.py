@@ -25,7 +25,7 @@ from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._responses.peak import Peak, data_variables, parameter_axis
-from rockjax._responses.sensitivities import of_scenes
+from rockjax._responses.sensitivities import check_sensitivities
 from rockjax._results import REST, Interrupted
 from rockjax._structures import Podium
 
@@ -122,7 +122,7 @@ def rocking_spectra(
         )
     names = as_strings(owner, "sensitivities", sensitivities)
     for podium in podiums if names else ():
-        of_scenes(owner, podium, pulse(1.0, 1.0), names)
+        check_sensitivities(owner, podium, pulse(1.0, 1.0), names)
     total = len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size
     require_memory(owner, total, BYTES + len(names) * BYTES_OF_SLOPES)
     groups = list(group_by_structure(podiums).values())

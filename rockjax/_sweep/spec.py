@@ -17,7 +17,7 @@ from rockjax._options import Options
 from rockjax._parameters.table import variable_attributes
 from rockjax._responses.arguments import as_end, as_start, check_range, check_types
 from rockjax._responses.datasets import describe_versions
-from rockjax._responses.sensitivities import of_scenes
+from rockjax._responses.sensitivities import check_sensitivities
 
 from .layout import ChunkLayout
 from .scene_arrays import SceneArrays
@@ -100,7 +100,7 @@ def make_spec(
     initial, t_end = as_start("sweep", initial, structures), as_end("sweep", t_end)
     scene_arrays = SceneArrays.of("sweep", structures.split(), excitations, initial, t_end)
     dims, labels = _axes(coords, scene_arrays.shape)
-    names = of_scenes("sweep", structures, excitations, sensitivities)
+    names = check_sensitivities("sweep", structures, excitations, sensitivities)
     return SweepSpec(scene_arrays, dims, labels, options, bool(jax.config.jax_enable_x64), names)  # pyright: ignore[reportAttributeAccessIssue]
 
 

@@ -15,7 +15,7 @@ from rockjax._engine.step import trial
 from rockjax._outputs.registry import VARIABLES
 from rockjax._parameters.variants import parameters_of, read
 from rockjax._parameters.variants import with_values as variant
-from rockjax._responses.sensitivities import moved, of_scenes
+from rockjax._responses.sensitivities import check_sensitivities, with_unit_factors
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
 NAMES = ("alpha", "R", "gamma", "a_p", "T_p")
@@ -30,7 +30,7 @@ def of_single_scene(podium, motion, names, how):
     """y ∂/∂y of the peaks of one scene, by `jax.jacfwd`."""
 
     def peaks(factors):
-        found = rj.peak_response(*moved(podium, motion, names, factors), options=how)
+        found = rj.peak_response(*with_unit_factors(podium, motion, names, factors), options=how)
         return {name: getattr(found, name) for name in SENSITIVE}
 
     return jax.jacfwd(peaks)(jnp.ones(len(names)))
@@ -108,7 +108,7 @@ def test_a_scene_moves_with_its_parameters():
     names = ("width", "T_s", "lam", "excitation.gamma", "scale")
 
     def leaves(factors):
-        return jax.tree.leaves(moved(podium, motion, names, factors))
+        return jax.tree.leaves(with_unit_factors(podium, motion, names, factors))
 
     def changed(factors):
         values = {name: f * read(podium, name) for name, f in zip(names[:3], factors, strict=False)}
@@ -130,7 +130,7 @@ def test_what_is_said_to_be_constant_is():
 
     def after(factor):
         scene, state = prepare(
-            *moved(podium, motion, ("T_s",), factor), rj.State(), None, TIGHT_OPTIONS, plan
+            *with_unit_factors(podium, motion, ("T_s",), factor), rj.State(), None, TIGHT_OPTIONS, plan
         )
         return trial(scene, plan, trial(scene, plan, state)[0])[0]
 
@@ -184,11 +184,11 @@ def test_a_listed_parameter_has_a_derivative_or_one_line_says_why_not(name):
     refused = {}
     for parameter in parameters_of(podium):
         try:
-            of_scenes("here", podium, motion, [parameter])
+            check_sensitivities("here", podium, motion, [parameter])
         except ValueError as error:
             refused[parameter] = str(error)
             continue
-        move = lambda factors, names=(parameter,): moved(podium.split(), motion, names, factors)
+        move = lambda factors, names=(parameter,): with_unit_factors(podium.split(), motion, names, factors)
         _, slopes = jax.jvp(move, (jnp.ones(1),), (jnp.ones(1),))
         assert all(np.isfinite(slope).all() for slope in jax.tree.leaves(slopes))
     assert list(refused) == ([FIXED[name]] if name in FIXED else [])

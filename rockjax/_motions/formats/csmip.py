@@ -26,8 +26,8 @@ _CSMIP_DATA = re.compile(rf"\s*(\d{{1,9}})\s+POINTS OF ACCEL DATA EQUALLY SPACED
 def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
     """Read volume 2 of CSMIP.
 
-    Each channel has 25 lines of text, integers, reals, and the samples of acceleration, velocity and
-    displacement.
+    Each channel consists of 25 lines of text, then integers, then real numbers, and finally the samples of
+    acceleration, velocity and displacement.
     """
     starts = [(k, match) for k, line in enumerate(lines) if (match := _CSMIP.match(line))]
     channels = [(int(match[1] or n), match[2] or "") for n, (_, match) in enumerate(starts, start=1)]
@@ -37,8 +37,8 @@ def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
     data = first_match(_CSMIP_DATA, lines, start, end)
     if data is None:
         raise ValueError(
-            f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N points of accel data', as "
-            "CSMIP volume 2 has"
+            f"{path}:{start + 1}: channel {channels[chosen][0]} has no line 'N points of accel data', which "
+            "CSMIP volume 2 requires"
         )
     k, match = data
     stated_unit = re.search(r"UNITS:\s*([^)]*)\)|,\s*IN\s+(\S+)", lines[k], re.I)

@@ -14,8 +14,8 @@ from rockjax._risk.limit_state import AbstractLimitState
 from rockjax._risk.search import DesignPoints
 
 LEVEL = 0.95  # confidence level of the interval
-ROUNDS = 2  # smallest number of rounds of a converged estimate
-EFFECTIVE = 20  # smallest effective number of failures of a converged estimate
+MIN_ROUNDS = 2  # smallest number of rounds of a converged estimate
+MIN_EFFECTIVE = 20  # smallest effective number of failures of a converged estimate
 
 
 class ProbabilityEstimate(NamedTuple):
@@ -72,12 +72,13 @@ class AbstractEstimator(abc.ABC):
     def converged(self, estimate: ProbabilityEstimate, cov: float) -> bool:
         """Return True if an estimate has the coefficient of variation `cov` or a smaller one.
 
-        At least `ROUNDS` rounds and `EFFECTIVE` effective failures are also required.
+        At least `MIN_ROUNDS` rounds and `MIN_EFFECTIVE` effective failures are also required.
         """
-        return self.rounds >= ROUNDS and estimate.effective >= EFFECTIVE and estimate.cov <= cov
+        return self.rounds >= MIN_ROUNDS and estimate.effective >= MIN_EFFECTIVE and estimate.cov <= cov
 
     def has_light_tail(self) -> bool:
-        """Return True if the spread of the contributions measures the error: no few of them dominate."""
+        """Return True if no small number of contributions dominates the sum. Only then does their spread
+        measure the error."""
         return True
 
     def exhausted(self) -> bool:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ._base import LEVEL, ROUNDS, AbstractEstimator, ProbabilityEstimate, lognormal_interval
+from ._base import LEVEL, MIN_ROUNDS, AbstractEstimator, ProbabilityEstimate, lognormal_interval
 
 SHARE = 0.05  # default share of the samples that pass to the next level
 RUNS = 6  # number of independent runs of a round, in one batch
@@ -119,8 +119,8 @@ class Subset(AbstractEstimator):
         return np.concatenate(us), np.concatenate(gs), spread
 
     def exhausted(self) -> bool:
-        """Return True if no run of the first `ROUNDS` rounds or later has reached failure."""
-        return len(self.runs) >= ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
+        """Return True if no run of the first `MIN_ROUNDS` rounds or later has reached failure."""
+        return len(self.runs) >= MIN_ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> ProbabilityEstimate:
         # Much smaller runs vary too much; they served to choose the size of the others.
