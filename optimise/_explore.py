@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 OUTPUTS = (*PEAKS, "margin")
 POINTS = 1001  # points of each curve
 TIME_AFTER = 12.0  # time drawn after the end of the motion, in units of 1/p
-_WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # of the picture: width [in], height of a row [in], dots per inch
+_WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width of the picture [in], height of a row [in], dots per inch
 PIXEL_RATIO = 2  # the PNG has this many pixels for each pixel of layout, for high-resolution screens
 SLIDER_POSITIONS = 500  # approximate number of positions of a slider
 MAX_REFINEMENTS = 3  # a step is divided by at most 10^MAX_REFINEMENTS to make the first value a position

@@ -280,7 +280,7 @@ def _covariance(residuals: np.ndarray, slope: np.ndarray) -> np.ndarray:
     count, n = slope.shape
     variance = float(residuals @ residuals) / max(count - n, 1)
     information = slope.T @ slope
-    norms = np.sqrt(np.diag(information))  # of the columns of J
+    norms = np.sqrt(np.diag(information))  # norms of the columns of J
     if not (norms > 0).all() or np.linalg.cond(information / np.outer(norms, norms)) > 1e14:
         return np.full((n, n), np.inf)
     return variance * np.linalg.inv(information)

@@ -128,8 +128,8 @@ class Suite(Module):
     ) -> dict[str, np.ndarray]:
         """Return some answers by name for all motions, on all cores (host, without derivatives).
 
-        - `podium`: the structure; `options`: of the simulations
-        - `outputs`: the requested outputs, as in `rockjax.Options`; `names`: of the answers
+        - `podium`: the structure; `options`: options of the simulations
+        - `outputs`: the requested outputs, as in `rockjax.Options`; `names`: names of the answers
         """
         options = options.replace(outputs=outputs, throw=False)
         parts = [rj.peak_responses(podium, group, options=options) for group in self.groups]

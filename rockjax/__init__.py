@@ -11,9 +11,9 @@ from jaxlib import version as _jaxlib
 from ._version import __version__ as __version__
 
 # __init__.pyi lists the public names and their modules, which are imported on first use.
-_found, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
+_load_public_name, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
 _RENAMED = {"AbstractOutlook": "AbstractLookahead"}
-_FOLDERS = ("plots",)  # public as well, and with a face of their own
+_FOLDERS = ("plots",)  # public subpackages, which have public names of their own
 
 
 def __getattr__(name: str) -> Any:
@@ -23,7 +23,7 @@ def __getattr__(name: str) -> Any:
         new = _RENAMED[name]
         warnings.warn(f"rockjax.{name} is called rockjax.{new} now", DeprecationWarning, stacklevel=2)
         return __getattr__(new)
-    value = _import_module(f".{name}", __name__) if name in _FOLDERS else _found(name)
+    value = _import_module(f".{name}", __name__) if name in _FOLDERS else _load_public_name(name)
     globals()[name] = value
     return value
 
@@ -44,14 +44,15 @@ if _jaxlib.__version__.startswith("0.10.") and "xla_disable_hlo_passes" not in _
     _flag = "--xla_disable_hlo_passes=cse_barrier_expander"
     _os.environ["XLA_FLAGS"] = f"{_os.environ.get('XLA_FLAGS', '')} {_flag}".strip()
 
-# Rocking is chaotic enough without rounding at 1e-7: float64 unless the user's environment says otherwise.
+# Rocking is chaotic, and rounding at 1e-7 would change results. The default is therefore float64, unless the
+# environment sets another precision.
 if _is_command():
-    # For JAX when it is imported, and for the processes of a sweep.
+    # JAX reads the variable when it is imported, and so do the processes of a sweep.
     _os.environ.setdefault("JAX_ENABLE_X64", "1")
 else:
     import jax as _jax
 
     if "JAX_ENABLE_X64" not in _os.environ:
         _jax.config.update("jax_enable_x64", True)
-    for _module in ("_responses.simulate", "_batch.batch"):  # what nearly everybody needs
+    for _module in ("_responses.simulate", "_batch.batch"):  # modules that nearly every process uses
         _import_module(f".{_module}", __name__)

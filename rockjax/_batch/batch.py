@@ -40,7 +40,7 @@ from .edge_distance import SCALE
 from .exchange import Done
 from .executors import AbstractExecutor, executor_for
 from .on_floors import answers_on_floors
-from .scenes import NOTHING, Numbers, SceneBatch, broadcast
+from .scenes import NO_SCENES, SceneBatch, SceneIndices, broadcast
 
 # Number of lanes per core: they fill the vector unit, and their data fit into the first-level cache.
 LANES = 32
@@ -48,14 +48,11 @@ CHUNK = 1024  # number of scenes in a chunk, which are prepared together
 QUICK = 5  # another thread is used only if there are this many quick scenes per lane
 
 # An accelerator has far more units than a core has vector lanes. These values are estimates.
-ACCELERATOR_LANES = (
-    1024,
-    32768,
-)  # limits of the number of lanes; with the lower one, few programs are compiled
+# Least and largest number of lanes. A number below 1024 would need further programs.
+ACCELERATOR_LANES = (1024, 32768)
 ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
-ACCELERATOR_NUMBERS = (
-    2**26
-)  # limit of the size of an array of all lanes; scenes with many samples get fewer lanes
+# Limit of the size of an array of all lanes. Scenes with many samples get fewer lanes.
+ACCELERATOR_VALUES = 2**26
 
 _REPORTING = threading.Lock()  # concurrent batches may share one progress bar
 
@@ -256,7 +253,7 @@ def run_batch(
     - `edge_distance`: True if the floats include the edge distance; then `sensitivities` must be `("scale",)`
     """
     executor = executor_for("run_batch") if executor is None else executor
-    # All numbers in the options get the same type, so that one program serves all tolerances.
+    # All values in the options get the same type, so that one program serves all tolerances.
     options = jax.tree.map(lambda y: np.asarray(y, float_type()), options)
     options = as_compiled(scenes.podium, options)
     lane_layout = layout(scenes, executor, sensitivities)._replace(edge_distance=edge_distance)
@@ -274,10 +271,10 @@ def run_batch(
                 # chunks although others are idle.
                 jax.block_until_ready(lanes)
             with lock:
-                numbers = todo.popleft() if todo else NOTHING
+                indices = todo.popleft() if todo else NO_SCENES
                 # If no chunk is left for this thread, its lanes finish their scenes.
                 last = len(todo) < executor.hosts
-            lanes, done = advance(lanes, numbers, last)
+            lanes, done = advance(lanes, indices, last)
             yield done
             if last and not todo and not np.any(np.asarray(done.left)):
                 return
@@ -362,17 +359,19 @@ class _Answers:
             self._closed = True
 
 
-def _chunks(scenes: SceneBatch, lane_layout: LaneLayout, executor: AbstractExecutor) -> Iterator[Numbers]:
+def _chunks(
+    scenes: SceneBatch, lane_layout: LaneLayout, executor: AbstractExecutor
+) -> Iterator[SceneIndices]:
     """Yield the chunks of a batch. Successive scenes belong to different chunks: neighbours take about
     the same time, so all threads end at about the same time."""
     # Fewer scenes than lanes take as long as one scene per lane, and to start a thread takes longer than
     # a few scenes.
-    scenes_per_host = lane_layout.lanes * executor.devices * (QUICK if scenes.quick else 1)
+    scenes_per_host = lane_layout.lanes * executor.devices * (QUICK if scenes.is_quick else 1)
     hosts = min(executor.hosts, -(-scenes.total // scenes_per_host))
     group = lane_layout.size * executor.devices * hosts
     for start in range(0, scenes.total, group):
         yield from (
-            Numbers(start + k, hosts, len(range(start + k, min(start + group, scenes.total), hosts)))
+            SceneIndices(start + k, hosts, len(range(start + k, min(start + group, scenes.total), hosts)))
             for k in range(min(hosts, scenes.total - start))
         )
 
@@ -383,14 +382,14 @@ def layout(scenes: SceneBatch, executor: AbstractExecutor, sensitivities: tuple[
     - `scenes`, `executor`: the batch, and the executor of its lanes
     - `sensitivities`: parameters for derivatives with respect to their logarithms
     """
-    refill = not scenes.wide
+    refill = not scenes.is_wide
     if executor.platform == "cpu":
         lanes, size = LANES, CHUNK if refill else LANES  # one program for any number of scenes
     else:
         min_lanes, max_lanes = ACCELERATOR_LANES
         scenes_per_device = -(-scenes.total // executor.devices)
         lanes = min(max_lanes, max(min_lanes, 1 << (scenes_per_device - 1).bit_length()))
-        while lanes > LANES and lanes * scenes.numbers > ACCELERATOR_NUMBERS:
+        while lanes > LANES and lanes * scenes.values_per_scene > ACCELERATOR_VALUES:
             lanes //= 2
         has_many_scenes = scenes.total > max(2, executor.devices) * lanes
         size = ACCELERATOR_CHUNK * lanes if refill and has_many_scenes else lanes

@@ -145,10 +145,11 @@ class Chunk(NamedTuple):
         if slopes is None or self.slopes is None:
             floats, rest = every(parts, self.common, lane)
             return floats, None, rest
-        beside = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
-        beside = slopes.parts, self.slopes.common, beside
-        single = slopes.lane["event_time"].shape[0] == 1  # one row shares nothing, and compiles faster
-        return pushed(every, (parts, self.common, lane), beside, loops=loops or single)
+        lane_slopes = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
+        all_slopes = slopes.parts, self.slopes.common, lane_slopes
+        # A single row of derivatives shares no work with other rows, and the form for loops compiles faster.
+        is_single = slopes.lane["event_time"].shape[0] == 1
+        return pushed(every, (parts, self.common, lane), all_slopes, loops=loops or is_single)
 
 
 def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:

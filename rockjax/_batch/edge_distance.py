@@ -17,8 +17,8 @@ from jax import Array
 
 from rockjax._engine.state import LoopState
 
-SMALL = 0.95  # turning points count if their margin is below this value
-NOT_LARGE = 0.8  # their decelerations count if their margin is below this value
+MAX_MARGIN = 0.95  # the margin of a turning point counts if it is below this value
+MAX_SLOWING_MARGIN = 0.8  # the deceleration of a turning point counts if its margin is below this value
 SCALE = "scale"  # name of the differentiated parameter, a factor on the motion
 
 
@@ -31,8 +31,8 @@ def least_edge_distance(distance: Array, lane: LoopState, slopes: dict[str, Any]
     """
     margin, slowing = lane.records[-1]  # of `TurningPoints`
     of_margin, of_slowing = (row[0] for row in slopes["records"][-1])
-    distance = jnp.minimum(distance, _distance(margin, of_margin, margin < SMALL))
-    return jnp.minimum(distance, _distance(slowing, of_slowing, margin < NOT_LARGE))
+    distance = jnp.minimum(distance, _distance(margin, of_margin, margin < MAX_MARGIN))
+    return jnp.minimum(distance, _distance(slowing, of_slowing, margin < MAX_SLOWING_MARGIN))
 
 
 def _distance(value: Array, slope: Array, is_counted: Array) -> Array:

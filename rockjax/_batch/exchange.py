@@ -17,9 +17,9 @@ from rockjax._engine.state import LoopState, differentiated_fields
 from rockjax._types import Flag
 
 from .chunk import Chunk, LaneDerivatives
-from .scenes import Numbers
+from .scenes import SceneIndices
 
-ONE_BY_ONE = 64  # largest number of lanes that are served one after another
+MAX_SERIAL_LANES = 64  # largest number of lanes that are served one after another
 
 
 class Lanes(NamedTuple):
@@ -63,11 +63,11 @@ def empty_storage(rows: int, answers: Answers, index_type: Any) -> Done:
 
 
 def exchange_scenes(
-    chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
+    chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
     """Serve all lanes whose scene has ended, and lanes without a scene.
 
-    - `chunk`, `numbers`: the chunk of scenes, and their indices in the batch
+    - `chunk`, `indices`: the chunk of scenes, and their indices in the batch
     - `loop`: state of the loop
     - `ended`: True for lanes whose scene has ended
     - `answers`: answers of all lanes
@@ -75,12 +75,12 @@ def exchange_scenes(
 
     Returns the new state of the loop.
     """
-    serve = _one_by_one if ended.size <= ONE_BY_ONE else _in_parallel
-    return serve(chunk, numbers, loop, ended, answers, refill)
+    serve = _one_by_one if ended.size <= MAX_SERIAL_LANES else _in_parallel
+    return serve(chunk, indices, loop, ended, answers, refill)
 
 
 def _one_by_one(
-    chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
+    chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
     count = jnp.arange(ended.size, dtype=jnp.int32)
 
@@ -102,28 +102,28 @@ def _one_by_one(
         k = jnp.min(jnp.where(waits, count, count.size))
         write = lambda stores, values: put(stores, row(values, k), done.used)
         done = _store_answers(done, write, state.scene_index, answers, row(ended, k))
-        loads = following < numbers.scenes
+        loads = following < indices.scenes
 
         def load(store, differs, current, axis=0):
             new = row(store, jnp.where(loads, following, 0), axis) if differs else store
             return put(current, jnp.where(loads, new, row(current, k, axis)), k, axis)
 
-        scene_index = put(state.scene_index, jnp.where(loads, numbers.of(following), -1), k)
+        scene_index = put(state.scene_index, jnp.where(loads, indices.of(following), -1), k)
         state = _load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index)
         return Loop(state, following + loads.astype(following.dtype), done), put(waits, False, k)
 
-    waits = ended | ((loop.lanes.scene_index < 0) & (loop.following < numbers.scenes))
+    waits = ended | ((loop.lanes.scene_index < 0) & (loop.following < indices.scenes))
     return jax.lax.while_loop(lambda carry: jnp.any(carry[1]), serve_first, (loop, waits))[0]
 
 
 def _in_parallel(
-    chunk: Chunk, numbers: Numbers, loop: Loop, ended: Flag, answers: Answers, refill: bool
+    chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
     state, following, done = loop
     done = _append_answers(done, ended, state.scene_index, answers)
     is_free = ended | (state.scene_index < 0)
     position = following + jnp.cumsum(is_free, dtype=following.dtype) - 1
-    loads = is_free & (position < numbers.scenes)
+    loads = is_free & (position < indices.scenes)
     loaded = jnp.where(loads, position, 0)
 
     def load(store, differs, current, axis=0):
@@ -131,10 +131,10 @@ def _in_parallel(
         new = jnp.take(store, loaded, axis=axis) if differs else jnp.expand_dims(store, axis)
         return jnp.where(flag, new, current)
 
-    scene_index = jnp.where(loads, numbers.of(position), jnp.where(is_free, -1, state.scene_index)).astype(
+    scene_index = jnp.where(loads, indices.of(position), jnp.where(is_free, -1, state.scene_index)).astype(
         state.scene_index.dtype
     )
-    following = jnp.minimum(following + jnp.sum(is_free, dtype=following.dtype), numbers.scenes)
+    following = jnp.minimum(following + jnp.sum(is_free, dtype=following.dtype), indices.scenes)
     return Loop(_load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index), following, done)
 
 

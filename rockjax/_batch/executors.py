@@ -20,10 +20,10 @@ from rockjax._programs.program import StoredProgram
 from .chunk import LaneLayout
 from .exchange import Done, Lanes
 from .lanes import advance, idle_lanes
-from .scenes import Numbers, SceneBatch
+from .scenes import SceneBatch, SceneIndices
 
 # (lanes, indices of the next scenes, whether no scenes follow) ↦ (lanes, scenes that have ended)
-Program = Callable[[Lanes, Numbers, bool], tuple[Lanes, Done]]
+Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, Done]]
 
 # Limit of trials in one call for the last scenes of a batch. Ctrl-C acts between calls, so a call must be
 # short.
@@ -66,11 +66,11 @@ class ThreadExecutor(AbstractExecutor):
         self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        def advance_lanes(lanes: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
+        def advance_lanes(lanes: Lanes, indices: SceneIndices, last: bool) -> tuple[Lanes, Done]:
             max_trials = (MANY_TRIALS if last else 0) if layout.refill else ALL_TRIALS
-            leaves = scenes.part(numbers, layout.size)
+            leaves = scenes.part(indices, layout.size)
             with self._cores():
-                return _on_one(lanes, leaves, *numbers, max_trials, options, layout=layout)
+                return _on_one(lanes, leaves, *indices, max_trials, options, layout=layout)
 
         return idle_lanes(scenes, options, layout), advance_lanes
 
@@ -96,16 +96,16 @@ class DeviceExecutor(AbstractExecutor):
         shardings = [common if rows is None else dealt for rows in scenes.rows]
         call = _on_mesh(self.mesh)
 
-        def advance_lanes(lanes: Lanes, numbers: Numbers, last: bool) -> tuple[Lanes, Done]:
-            dealt_numbers, parts = (
-                numbers.dealt(self.devices),
-                scenes.part(numbers, layout.size, self.devices),
+        def advance_lanes(lanes: Lanes, indices: SceneIndices, last: bool) -> tuple[Lanes, Done]:
+            split_indices, parts = (
+                indices.split(self.devices),
+                scenes.part(indices, layout.size, self.devices),
             )
             parts, first, count = jax.device_put(
-                (parts, dealt_numbers.first, dealt_numbers.scenes), (shardings, dealt, dealt)
+                (parts, split_indices.first, split_indices.scenes), (shardings, dealt, dealt)
             )
             max_trials = ALL_TRIALS if last or not layout.refill else 0
-            return call(lanes, parts, first, dealt_numbers.stride, count, max_trials, options, layout=layout)
+            return call(lanes, parts, first, split_indices.stride, count, max_trials, options, layout=layout)
 
         idle = idle_lanes(scenes, options, layout)
         idle = jax.tree.map(lambda y: np.concatenate([y] * self.devices), idle)

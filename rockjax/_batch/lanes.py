@@ -29,7 +29,7 @@ from rockjax._types import Flag
 from .chunk import Chunk, LaneLayout, automaton, makes_trials, prepare_chunk, prepare_in_blocks
 from .edge_distance import least_edge_distance
 from .exchange import Answers, Done, Lanes, Loop, empty_storage, exchange_scenes
-from .scenes import Numbers, SceneBatch
+from .scenes import SceneBatch, SceneIndices
 
 PATIENCE = 3 / 32  # waiting lanes are served once they are this fraction of all lanes
 PASSING_SHARE = 2  # samples are passed while more than 1/PASSING_SHARE of the running lanes can pass one
@@ -85,8 +85,8 @@ def advance(
     def exchange(loop: Loop) -> Loop:
         state = apply(lift_off, loop.lanes)
         ended = (state.scene_index >= 0) & ~is_running(state.lane, options.max_steps)
-        lane_answers, numbers = _answers_of(chunk, plan, state), Numbers(first, stride, count)
-        return exchange_scenes(chunk, numbers, loop._replace(lanes=state), ended, lane_answers, refill)
+        lane_answers, indices = _answers_of(chunk, plan, state), SceneIndices(first, stride, count)
+        return exchange_scenes(chunk, indices, loop._replace(lanes=state), ended, lane_answers, refill)
 
     def count_waiting(loop: Loop) -> jax.Array:
         """Return the number of lanes that wait for an exchange."""
@@ -177,8 +177,8 @@ def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lane
         (y.shape if axis is None else (layout.size, *y.shape[1:]), y.dtype)
         for y, axis in zip(scenes.leaves, layout.axes, strict=True)
     )
-    numbers, plan = jax.tree.flatten(options)
-    return _blank_lanes(shapes, tuple(np.asarray(y).dtype for y in numbers), plan, layout)
+    values, plan = jax.tree.flatten(options)
+    return _blank_lanes(shapes, tuple(np.asarray(y).dtype for y in values), plan, layout)
 
 
 @functools.lru_cache(maxsize=256)
@@ -194,15 +194,15 @@ def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) ->
     """Return lanes without scenes. This is a stored program, because their shapes are only known from
     tracing."""
 
-    def hold(leaves, numbers):
-        chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, numbers))
+    def hold(leaves, values):
+        chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, values))
         parts = [y[: layout.lanes] for y in chunk.parts]
         lane, slopes = chunk.starts(layout.lanes)
         number = jnp.zeros(layout.lanes, jnp.result_type(int))
         return _with_swapped_axes(Lanes(lane, parts, number, slopes, _first_edge_distance(layout)))
 
-    numbers = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
-    lanes = jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], numbers)
+    values = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
+    lanes = jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], values)
     lanes = jax.tree.map(lambda y: jnp.zeros(y.shape, y.dtype), lanes)
     code = jnp.full_like(lanes.lane.code, results.END_OF_TIME)
     return lanes._replace(

@@ -16,7 +16,7 @@ from rockjax._programs.program import StoredProgram
 from rockjax._responses import on_floors as of_scene
 from rockjax._results import Interrupted
 
-from .scenes import Numbers, SceneBatch
+from .scenes import SceneBatch, SceneIndices
 
 CHUNK = 16  # number of scenes that are solved together
 
@@ -58,7 +58,7 @@ def answers_on_floors(
 
     def solve(first: int) -> Any:
         count, history = min(CHUNK, scenes.total - first), options.history
-        leaves = scenes.part(Numbers(first, 1, count), CHUNK)
+        leaves = scenes.part(SceneIndices(first, 1, count), CHUNK)
         while True:
             static = {"structure": scenes.structure, "axes": scenes.axes, "history": history}
             answer = jax.tree.map(np.asarray, _chunk(leaves, things, options, **static))

@@ -20,7 +20,7 @@ SORTED = 4096  # largest number of scenes that are sorted; larger batches gain l
 WIDE = 64  # a scene with more values of its own in one leaf, such as a record, keeps its lane
 
 
-class Numbers(NamedTuple):
+class SceneIndices(NamedTuple):
     """Indices of the scenes of a chunk in the batch: first, first + stride, …"""
 
     first: Any  # index of the first scene
@@ -31,14 +31,14 @@ class Numbers(NamedTuple):
         """Return the index of the scene at a position of the chunk."""
         return self.first + self.stride * position
 
-    def dealt(self, devices: int) -> Numbers:
+    def split(self, devices: int) -> SceneIndices:
         """Return the indices for each device, as arrays. Successive scenes go to different devices."""
         device = np.arange(devices)
         scenes_per_device = np.maximum(0, -(-(self.scenes - device) // devices))
-        return Numbers(self.of(device), self.stride * devices, scenes_per_device)
+        return SceneIndices(self.of(device), self.stride * devices, scenes_per_device)
 
 
-NOTHING = Numbers(0, 1, 0)
+NO_SCENES = SceneIndices(0, 1, 0)
 
 
 class SceneBatch(NamedTuple):
@@ -65,36 +65,36 @@ class SceneBatch(NamedTuple):
         return jax.tree.unflatten(self.structure, self.leaves)[0]
 
     @property
-    def quick(self) -> bool:
+    def is_quick(self) -> bool:
         """True if scenes take only a few steps: the podium is rigid, and the motion is a pulse."""
         podium, excitation, *_ = jax.tree.unflatten(self.structure, self.leaves)
         return isinstance(excitation, AbstractPulse) and not podium.vibrates
 
     @property
-    def numbers(self) -> int:
+    def values_per_scene(self) -> int:
         """Largest number of values in one leaf that belong to a single scene."""
         return max(y[0].size for y, rows in zip(self.leaves, self.rows, strict=True) if rows is not None)
 
     @property
-    def wide(self) -> bool:
+    def is_wide(self) -> bool:
         """True if a scene has more than `WIDE` values of its own in one leaf. It then keeps its lane."""
-        return self.numbers > WIDE
+        return self.values_per_scene > WIDE
 
     def in_grid(self, which: np.ndarray) -> np.ndarray:
         """Return the positions of scenes in the grid, in C order."""
         return which if self.order is None else self.order[which]
 
-    def part(self, numbers: Numbers, size: int, devices: int = 1) -> list[Any]:
+    def part(self, indices: SceneIndices, size: int, devices: int = 1) -> list[Any]:
         """Return the leaves of the scenes of a chunk, in the order of the devices.
 
-        - `numbers`: indices of the scenes
+        - `indices`: indices of the scenes in the batch
         - `size`: number of rows for each device; unused rows are copies that are not solved
         - `devices`: number of devices. Successive scenes go to different devices
         """
         position = np.arange(size)
         if devices > 1:
             position = (np.arange(devices)[:, None] + devices * position).ravel()
-        which = numbers.of(np.where(position < numbers.scenes, position, 0))
+        which = indices.of(np.where(position < indices.scenes, position, 0))
         which = self.in_grid(np.minimum(which, self.total - 1))
         return [
             y if rows is None else y[_picked(rows, which)]

@@ -45,7 +45,7 @@ from rockjax._tree import Module
 from rockjax._types import Value
 
 from .crossings import scan
-from .first import WIDTH, FirstBoundary, first_boundary
+from .first import ROW_SIZE, FirstBoundary, first_boundary
 from .implicit import boundary_gradient, traced_boundary_change
 from .margin import DEFAULT_WIDTH, has_margin, margin_options, scan_options, signed_margin
 from .refinement import SPACING_SHARE
@@ -210,8 +210,8 @@ def check_search(owner: str, width, resolution) -> None:
     require(owner, "width", width, lambda v: (v > 0) & (v <= 0.1), "in (0, 0.1]")
     if jnp.ndim(width):
         raise ValueError(f"{owner}: width must be a single number, got shape {jnp.shape(width)}")
-    if not isinstance(resolution, int) or resolution < WIDTH:
-        raise ValueError(f"{owner}: resolution must be a whole number ≥ {WIDTH}, got {resolution!r}")
+    if not isinstance(resolution, int) or resolution < ROW_SIZE:
+        raise ValueError(f"{owner}: resolution must be a whole number ≥ {ROW_SIZE}, got {resolution!r}")
 
 
 def positive_limit(owner: str, name: str, value) -> None:
@@ -318,7 +318,7 @@ def _search_on_host(rows: list[np.ndarray], count: int, structure, margin: bool)
         return jax.tree.map(pick, podium), motion.scaled(fraction * limits[np.asarray(line, np.int32)])
 
     options, width = jax.tree.map(lambda y: float(y[0]), settings)
-    result = scan(plane, np.arange(count), (0.0, 1.0), WIDTH, options, refine="first", width=width)
+    result = scan(plane, np.arange(count), (0.0, 1.0), ROW_SIZE, options, refine="first", width=width)
     first, impacts = (y[:, 0] for y in result.crossings.table(count))
     scale = np.where(np.isnan(first), np.inf, first) * limits
     dtype = float_type()

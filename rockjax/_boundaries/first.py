@@ -22,13 +22,13 @@ from jax import Array
 
 from rockjax._roots import points_near_root
 
-WIDTH = 32  # number of scales in a row
-DIPS = WIDTH // 2  # number of the lowest dips that are refined, by one scale on either side
+ROW_SIZE = 32  # number of scales in a row
+DIPS = ROW_SIZE // 2  # number of the lowest dips that are refined, each by one scale on either side
 MAX_ZOOMS = 7  # number of these refinements; each halves the width of the dips
 BRACKET_TOLERANCE = 1e-12  # relative width at which a bracket is narrow enough
 MAX_DIVISIONS = 12  # limit of divisions of a bracket
 ROOT_OFFSETS = np.logspace(
-    -9, -1, WIDTH // 4
+    -9, -1, ROW_SIZE // 4
 )  # distances of scales from the root of the straight line [bracket]
 
 COARSE, SCAN, CONFIRM, ZOOM, NARROW = range(5)  # the stages
@@ -110,12 +110,12 @@ def _is_unfinished(state: _State, limit: Array) -> Array:
 
 
 def _steps(template: Array) -> Array:
-    """Return the numbers 1 … WIDTH with the type of `template`."""
-    return jnp.arange(1, WIDTH + 1, dtype=template.dtype)
+    """Return the integers 1 … ROW_SIZE with the type of `template`."""
+    return jnp.arange(1, ROW_SIZE + 1, dtype=template.dtype)
 
 
 def _coarse_scales(state: _State, limit: Array, spacing: Array) -> Array:
-    return limit * _steps(limit) / WIDTH
+    return limit * _steps(limit) / ROW_SIZE
 
 
 def _update_coarse(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
@@ -171,7 +171,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
 def _confirm_scales(state: _State, limit: Array, spacing: Array) -> Array:
     """Return scales from the survivor before `lo` to one step after `hi`."""
     end = jnp.minimum(state.hi + (state.hi - state.lo), limit)
-    return state.before + (end - state.before) * _steps(limit) / WIDTH
+    return state.before + (end - state.before) * _steps(limit) / ROW_SIZE
 
 
 def _update_confirm(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
@@ -228,7 +228,7 @@ def _update_zoom(state: _State, scales: Array, margin: Array, impacts: Array, li
 
 def _narrowing_scales(state: _State, limit: Array, spacing: Array) -> Array:
     fractions = points_near_root(
-        state.lo_margin, state.hi_margin, WIDTH - 2 * ROOT_OFFSETS.size, ROOT_OFFSETS, jnp
+        state.lo_margin, state.hi_margin, ROW_SIZE - 2 * ROOT_OFFSETS.size, ROOT_OFFSETS, jnp
     )
     return state.lo + (state.hi - state.lo) * fractions
 

@@ -1,12 +1,12 @@
 """Points along lines of scenes: their spacing, and the search for windows between them.
 
-A window is an interval of y in which scenes overturn. Two neighbours that both survive may be apart by
-`DISTANCE_SHARE` times the sum of their edge distances, the estimated changes of y at which they could
-overturn (see `_batch/edge_distance.py`): a window between them would contradict the derivatives of all
-turning points of both. But there are windows a few spacings wide of which neighbouring scenes show no
-sign. Therefore neighbours are at most `MAX_SPACINGS` spacings apart. If edge distances are short or
-unknown, they are one spacing apart, which is slightly less than the requested width. This is an estimate,
-not a proof; `benchmarks/boundaries.py` evaluates every scale.
+A window is an interval of y in which scenes overturn. The edge distance of a scene is the estimated change of
+y at which it could overturn (see `_batch/edge_distance.py`). Two neighbours that both survive may be as far
+apart as `DISTANCE_SHARE` times the sum of their edge distances: a window between them would contradict the
+derivatives of all turning points of both. But some windows that are a few spacings wide have no effect on
+neighbouring scenes. Therefore neighbours are at most `MAX_SPACINGS` spacings apart. If edge distances are
+short or unknown, they are one spacing apart, which is slightly less than the requested width. This is an
+estimate, not a proof; `benchmarks/boundaries.py` evaluates every scale.
 
 Points are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
 """

@@ -62,7 +62,8 @@ class Request:
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
         self.table = {} if path is None else reading.load_table(path)
         self.reader = reading.Reader(path, explicit)
-        self.keys = getattr(models, command.title(), models.Keys).model_fields  # of the command's table
+        # keys of the table of the command
+        self.keys = getattr(models, command.title(), models.Keys).model_fields
         self.merged = self._merged(values)
         self.problem = self.reader.check(models.Problem, self.merged)
         self.settings: Any = getattr(self.problem, command, None)

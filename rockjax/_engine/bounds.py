@@ -27,7 +27,8 @@ def every(flags: Flags) -> Flag:
 
 
 class Bounds:
-    """Bounds from a state on, whatever the rest of the excitation does. All are constants for derivatives.
+    """Bounds from a state on, whatever the rest of the excitation does. All are held constant under
+    differentiation.
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
@@ -35,10 +36,10 @@ class Bounds:
     - `ground`, `vertical`: bounds of the remaining |ü_g| and |v̈_g| [m/s²]; `vertical` is 0.0 without vertical
       motion
     - `energy`: bound of the energy per N m_c, (C19) [m²/s²]
-    - `min_impact_speed`: |θ̇| before an impact up to which it leads to rest [rad/s]
-    - `stays_inside`: the rotation stays inside the well
-    - `rests`: the columns rest for good
-    - `demand`: bound of the demand |q| of Eq. (9) of columns that rest for good [m/s²]
+    - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
+    - `stays_inside`: whether the rotation stays inside the well
+    - `rests`: whether the columns rest for good
+    - `demand`: bound of the demand |q| of Eq. (9) for columns that rest for good [m/s²]
     - `swing`: for each mode, bound of √(u̇_i² + ω_i²u_i²) in full contact; None without modes
     """
 
@@ -108,25 +109,25 @@ class Bounds:
         return self
 
     def shared(self, make: Callable[[Self], T]) -> T:
-        """Return what a function makes of the bounds, made once for all outputs."""
+        """Return the result of a function of the bounds, computed once for all outputs."""
         if make not in self._made:
             self._made[make] = make(self)
         return self._made[make]
 
     def either(self, at_rest: Values, rocking: Values) -> Values:
-        """Return one of two bounds: that of columns that rest for good, or of others."""
+        """Return the bound `at_rest` if the columns rest for good, else the bound `rocking`."""
         return rocking if isinstance(self.rests, bool) else jnp.where(self.rests, at_rest, rocking)
 
     def of_sum(self, weights: Values, beam: Value | float = 0.0) -> Value:
         """Bound Σ w_i y_i for |y_i| ≤ √(u̇_i² + ω_i²d_i²); `beam` adds to Σ w_i²/η_i while the columns
         rock."""
-        rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _some(self.c.etas)) + beam))
+        rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _nonzero(self.c.etas)) + beam))
         return self.either(weighted(jnp.abs(weights), present(self.swing)), rocking)
 
     def deformations(self) -> Values:
         """Bound the deformation of each mode [m]."""
         omega2 = present(self.c.vibration).omega2
-        rocking = jnp.sqrt(2 * self.energy / (_some(self.c.etas) * omega2))
+        rocking = jnp.sqrt(2 * self.energy / (_nonzero(self.c.etas) * omega2))
         return self.either(present(self.swing) / jnp.sqrt(omega2), rocking)
 
     def springs(self, weights: Values) -> Value:
@@ -143,7 +144,7 @@ class Bounds:
         return self.ground + self.either(jnp.zeros_like(rocking), rocking)
 
     def force(self) -> Value:
-        """Bound the shear of a superstructure of one mode or none over its mass [m/s²]."""
+        """Bound the shear of a superstructure with at most one mode, divided by its mass [m/s²]."""
         return self.beam if self.c.vibration is None else self.springs(jnp.ones_like(self.c.eta))
 
     def carried(self, weights: Values) -> Value:
@@ -163,8 +164,8 @@ class Bounds:
     def angular_at_most(self, springs: Value | None) -> Value:
         """Bound |θ̈| + θ̇²|sin ψ| inside the well, (C20) [rad/s²].
 
-        `springs`: bound of Σ η_iF_i [m/s²]; None without springs. With it |ü_b| ≤ 2R(|θ̈| + θ̇²|sin ψ|), Eq.
-        (14), and |sin ψ| ≤ sin α there. (C20) omits the sine.
+        `springs`: bound of Σ η_iF_i [m/s²]; None without springs. By Eq. (14) the result times 2R also bounds
+        |ü_b|. (C20) omits the factor |sin ψ|.
         """
         c, most, steepest = self.c, self.energy, self.steepest
         weight = c.gravity if isinstance(self.vertical, float) else c.gravity * (1 + self.vertical / c.g)
@@ -177,6 +178,6 @@ class Bounds:
         return angular
 
 
-def _some(mass: Values) -> Values:
-    """Return a positive mass to divide by."""
+def _nonzero(mass: Values) -> Values:
+    """Return the mass with zeros replaced by a positive value, to divide by."""
     return jnp.maximum(mass, jnp.finfo(mass.dtype).tiny)

@@ -36,7 +36,7 @@ class Vibration(NamedTuple):
     demand: Values  # 2η_i/(1+2γ), Eq. (9), (C10)
     omega2: Values  # ω_i²
     damping: Values  # 2ζ_iω_i
-    uplifted_frequency: Value  # of the uplifted structure, Eq. (31); for several modes the largest of (C15)
+    uplifted_frequency: Value  # frequency after uplift, Eq. (31); for several modes the largest, (C15)
     modal: ModalConstants | None  # None for a single mode that is the whole superstructure
 
 

@@ -42,7 +42,7 @@ class Quintic(NamedTuple):
         return 2 * self.c2 + z * (6 * self.c3 + z * (12 * self.c4 + z * (20 * self.c5)))
 
     def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-        """Return the result of the function of this name."""
+        """Return the result of the function `turning_point_or_dip` for this polynomial."""
         return turning_point_or_dip(self, turned, rising)
 
 
@@ -128,10 +128,10 @@ def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> t
 def turning_point_of_slope(
     coefficients: Sequence[Values], size: Values, turned: Flags, rising: Flags
 ) -> tuple[Values, Flags]:
-    """Return the same of a quantity whose slope has the sign of a polynomial.
+    """Return the result of `turning_point_or_dip` for a quantity whose slope has the sign of a polynomial.
 
-    - `coefficients`: of that polynomial, lowest power first
-    - `size`: its order of magnitude, to which rounding is relative
+    - `coefficients`: coefficients of this polynomial, lowest power first
+    - `size`: order of magnitude of the polynomial, to which rounding is relative
     - `turned`, `rising`: as for `turning_point_or_dip`
     """
     sign = barrier(jnp.where(rising, 1.0, -1.0))

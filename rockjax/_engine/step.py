@@ -213,7 +213,7 @@ def _advance(
     x, v, mode = barrier((x, v, mode))
     uplifts = accepted & ~rocking & (mode != 0)
 
-    # Skipped bounces put the columns to rest; the velocity after the impact itself is another.
+    # Skipped bounces put the columns to rest. The velocity just after the impact is still nonzero.
     theta_dot_after, _ = after_impact(scene, sigma, at_impact[1][0], guard.end_value)
     impact = Impact(scene.c, sigma, now, ground, *at_impact, (theta_dot_after, *v[1:]), mode)
     end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact, shaken)

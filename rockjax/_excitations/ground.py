@@ -342,8 +342,8 @@ class PairLookahead(AbstractLookahead):
             last = motion.before(current)
             jumped = jnp.where(last == current, -jnp.inf, motion.breakpoint(last))
             floor = jnp.maximum(jnp.maximum(search_start, s - 2 * least), jnp.minimum(jumped, s))
-            # Always advance by a digit: breakpoints and comparisons that are evaluated twice may differ in
-            # the last digit.
+            # Advance by at least the last digit, because breakpoints and comparisons may differ in the last
+            # digit when they are evaluated again.
             next_time = jnp.maximum(jnp.minimum(s + step, motion.breakpoint(current)), s + last_digit)
             return jnp.maximum(crossing, floor), jnp.where(is_reached, next_time, jnp.inf), found
 

@@ -1,4 +1,5 @@
-"""Motions that are polynomials between breakpoints, with jumps of the velocity at them: those of a floor."""
+"""Motions that are polynomials between breakpoints, at which the velocity may jump, such as those of
+floors."""
 
 from __future__ import annotations
 
@@ -15,11 +16,12 @@ from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead
 
-DEGREE = 7  # of the polynomials: over a step of the solver their error is below that of the step
-# Chebyshev nodes z ∈ [−1, 1], both ends among them, and the coefficients in powers of z from values there.
+DEGREE = 7  # degree of the polynomials; over a step of the solver their error is below the error of the step
+# Chebyshev nodes z ∈ [−1, 1], including both ends, and the matrix that maps values at the nodes to
+# coefficients of powers of z.
 NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
 FROM_VALUES = np.linalg.inv(np.vander(NODES, increasing=True))
-FINE = 33  # points of a piece at which its least value is looked for
+FINE = 33  # number of points of a piece among which the least value is found
 
 
 class PiecewiseMotion(AbstractExcitation):

@@ -32,7 +32,7 @@ BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
 _NEGLIGIBLE = 1e-15  # a value of a shape below this, at an end of the span, is rounding
-_HALVINGS, _NEWTON_STEPS = 10, 5  # of the search for a root
+_HALVINGS, _NEWTON_STEPS = 10, 5  # numbers of bisections and Newton steps of the search for a root
 
 
 def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:

@@ -55,8 +55,8 @@ class _BoundedLookahead(AbstractLookahead):
             is_above = jnp.abs(a) > threshold
             step = jnp.minimum(safe_step(a, slope, 1.0), safe_step(a, slope, -1.0))
             # Steps are at least the resolution of time, to pass a point that only touches the threshold.
-            # They are so also after an exceedance, because a comparison that is evaluated twice may
-            # differ.
+            # This also applies after an exceedance, because a second evaluation of the comparison may have
+            # another result.
             min_step = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
             return t, t + jnp.maximum(step, min_step), is_above
 

@@ -149,14 +149,14 @@ def warn_if_implausible(
         )
     if damage := motion.metadata.get("damaged"):
         warn_about_units(
-            f"{where}: is damaged, and only {len(motion)} samples could be read: {damage}",
+            f"{where}: the file is damaged, and only {len(motion)} samples could be read: {damage}",
             stacklevel,
             RecordWarning,
         )
     processing = str(motion.metadata.get("processing", ""))
     if processing.startswith(RAW):
         warn_about_units(
-            f"{where}: is {processing}, not corrected, so it contains offset and drift; "
+            f"{where}: the motion is {processing}, not corrected, so it contains offset and drift; "
             "Motion.baseline_corrected(1) removes an offset",
             stacklevel,
             RecordWarning,

@@ -49,9 +49,9 @@ def read(
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+        raise ValueError(f"{path}: the file cannot be read: {error.strerror}") from None
     except ValueError as error:  # the name contains a NUL
-        raise ValueError(f"{path}: cannot be read: {error}") from None
+        raise ValueError(f"{path}: the file cannot be read: {error}") from None
     if not content.strip():
         raise ValueError(f"{path}: the file is empty")
     parsed = parse(path, content, component)

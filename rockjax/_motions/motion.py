@@ -165,7 +165,8 @@ class Motion(Accelerogram):
             require_number("trimmed", name, value, lambda v: 0 <= v <= 1, "in [0, 1], and lower < upper")
         if not lower < upper:
             raise ValueError(
-                f"trimmed: must have 0 <= lower < upper <= 1, got lower = {lower!r} and upper = {upper!r}"
+                f"trimmed: lower and upper must satisfy 0 <= lower < upper <= 1, got lower = {lower!r} and "
+                f"upper = {upper!r}"
             )
         cumulative_energy = energy(self)
         if cumulative_energy[-1] == 0:

@@ -53,7 +53,7 @@ def read_pulses(path: str | Path) -> PulseTable:
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     rows = list(csv.DictReader(line for line in lines if not line.lstrip().startswith("#")))
     if not rows:
-        raise ValueError(f"{path}: holds no pulses; columns are {', '.join(COLUMNS)}")
+        raise ValueError(f"{path}: the file has no pulses; its columns must be {', '.join(COLUMNS)}")
     headings = {heading.strip() for heading in rows[0] if heading}
     alternatives = {"A": ("A_cm_s", UNITS["cm/s"].factor), "nu": ("nu_deg", DEGREE)}
     values = {}

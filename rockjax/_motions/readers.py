@@ -85,9 +85,9 @@ def read_suite(
                     p for p in path.glob(pattern or "*") if p.is_file() and not p.name.startswith(".")
                 )
             except (ValueError, NotImplementedError, OSError) as error:
-                raise ValueError(f"{path}: pattern {pattern!r} cannot be looked for: {error}") from None
+                raise ValueError(f"{path}: pattern {pattern!r} is not valid: {error}") from None
             if not files:
-                raise ValueError(f"{path}: holds no file" + (f" {pattern}" if pattern else ""))
+                raise ValueError(f"{path}: the folder has no file" + (f" {pattern}" if pattern else ""))
             return _read_all(
                 path,
                 [(str(file), {"file": str(file)}) for file in files],
@@ -98,7 +98,7 @@ def read_suite(
                 pattern,
             )
     elif pattern is not None:
-        raise ValueError(f"{path}: is a file, but pattern applies to folders; leave pattern out")
+        raise ValueError(f"{path}: pattern applies to folders, but this is a file; leave pattern out")
     return _read_all(path, _table(path), units, dt, scale, component, "")
 
 
@@ -126,21 +126,23 @@ def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
             if any(cell.strip() for cell in row)
         ]
     except csv.Error as error:
-        raise ValueError(f"{path}: is not a table of files: {error}") from None
+        raise ValueError(f"{path}: the file is not a table of files: {error}") from None
     if not rows or "file" not in rows[0][1]:
         raise ValueError(
-            f"{path}:1: needs a row of headings with the column 'file'; known are {', '.join(_COLUMNS)}"
+            f"{path}:1: the table needs a row of headings with the column 'file'; known are "
+            f"{', '.join(_COLUMNS)}"
         )
     _, names = rows[0]
     if len(set(names)) != len(names):
-        raise ValueError(f"{path}:{rows[0][0]}: names a column twice; rename or remove one")
+        raise ValueError(f"{path}:{rows[0][0]}: two columns have the same name; rename or remove one")
     if len(rows) == 1:
-        raise ValueError(f"{path}: lists no file; add a line for each file below the headings")
+        raise ValueError(f"{path}: the table lists no file; add a line for each file below the headings")
     described_rows = []
     for line, cells in rows[1:]:
         if len(cells) > len(names):
             raise ValueError(
-                f"{path}:{line}: has {len(cells)} cells, but there are {len(names)} headings; quote cells "
+                f"{path}:{line}: the line has {len(cells)} cells, but there are {len(names)} headings; "
+                f"quote cells "
                 "that contain commas"
             )
         row = {name: cell for name, cell in zip(names, cells, strict=False) if cell}

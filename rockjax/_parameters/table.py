@@ -95,7 +95,7 @@ def _ratio(name: str, symbol: str, meaning: str, place: str, formula: str = "", 
     return Parameter(name, symbol, "1", NOT_NEGATIVE, meaning, place, formula, note)
 
 
-WIDTH_AND_HEIGHT = ("width", "height")  # of a column; together they determine alpha and R
+WIDTH_AND_HEIGHT = ("width", "height")  # dimensions of a column, which together determine alpha and R
 _SLENDER = "slenderness of the columns"
 _COLUMN = ("alpha", "tan_alpha", "R")
 _PERIOD, _RIGID = "period of the superstructure", "without it the superstructure is rigid"

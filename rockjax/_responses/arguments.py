@@ -48,14 +48,16 @@ def _least_tolerance(dtype: np.dtype) -> tuple[float, str]:
 def check_single(owner: str, podium: Podium) -> None:
     """Raise `ValueError` for a batch of podiums. Axes of modes, stories and columns are allowed."""
     if any(np.ndim(y) for y in jax.tree.leaves(podium.split())):
-        raise ValueError(f"{owner}: podium must hold single numbers; call it once for each podium")
+        raise ValueError(
+            f"{owner}: podium must have scalar parameters; call the function once for each podium"
+        )
 
 
 def as_start(owner: str, initial, podium: Podium) -> State:
     """Return the initial state as arrays over scenes.
 
     - `owner`: name of the calling function, for messages
-    - `initial`, `podium`: of the scenes
+    - `initial`, `podium`: initial state and structure of the scenes
 
     With an axis of modes, `u_t` and `u_t_dot` become tuples of arrays, one for each mode. A scalar applies to
     all modes, as if all floors moved by it. Raises `ValueError` for another number of modes.
@@ -87,7 +89,7 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
     """Check concrete values against each other.
 
     - `owner`: name of the calling function, for messages
-    - `podium`, `excitation`, `options`: of the scenes
+    - `podium`, `excitation`, `options`: structure, ground motion and options of the scenes
     - `t_end`: end of the scenes [s], or None
 
     Raises `ValueError` for an `overturn_ratio` above π/(2α), or above θ_s/α if the margin is requested, and

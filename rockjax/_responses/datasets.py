@@ -55,7 +55,7 @@ def derived_numbers(podium: Podium) -> dict[str, float]:
 def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     """Return the attributes of a spectrum.
 
-    - `podium`, `options`: of the scenes
+    - `podium`, `options`: structure and options of the scenes
     - `pulse`: class of the pulses, or an excitation
     """
     return {

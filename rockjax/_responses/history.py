@@ -128,7 +128,7 @@ def sample(
 ) -> _Instant:
     """Return the motion at time t, by one step of the method from node k.
 
-    - `c`, `excitation`, `nodes`, `method`: of the scene
+    - `c`, `excitation`, `nodes`, `method`: constants, ground motion, nodes and method of the scene
     - `k`: index of the node from which the motion at t starts, `node_before`
     - `t`: time [s]
     """

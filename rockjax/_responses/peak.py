@@ -167,7 +167,7 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
     """Return the fields of a `Peak` from the outputs of its lanes.
 
     - `floats`, `integers`: outputs of the lanes by name
-    - `options`: of the scenes
+    - `options`: options of the scenes
     - `throw`: whether to raise `RuntimeError` for a scene that did not finish
     - `history`: whether the scenes have a history, which continues to rest
     """

@@ -50,8 +50,8 @@ def peak_response(
     - `t_end`: latest end of the scene [s]; by default the end of the support plus 30/p, or 10 T_s if that is
       longer
     - `options`: accuracy, requested outputs and limits
-    - `on_floors`: light things on its floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][]s; their
-      answers are the field `on_floors` of the result, and nothing else changes
+    - `on_floors`: light things on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][], one or a
+      sequence of them; their answers are the field `on_floors` of the result, and nothing else changes
 
     If values are concrete, raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError`
     for a scene that does not finish. Under `jit` check `result`.
@@ -81,8 +81,8 @@ def simulate(
       under `jit` the history has a capacity of `options.history` steps, otherwise it grows as needed
 
     The peaks equal those of `peak_response` within the tolerance, unless rocking is chaotic; the output
-    `"errors"` detects that. Impacts are counted to the end of the history. Errors are those of
-    `peak_response`. Raises the errors of `peak_response`.
+    `"errors"` detects that. Impacts are counted to the end of the history. Estimated errors are those of
+    `peak_response`. Raises the same exceptions as `peak_response`.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
@@ -128,7 +128,6 @@ def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
 
 def _solved(podium, excitation, initial, t_end, options, history):
     """Return floats and integers by name, and the nodes of a history of the capacity `history`, or None."""
-    """Return floats and integers by name, and the nodes of a history of the capacity `history`, or None."""
     (floats, smooth), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, history)
     nodes = None if smooth is None else smooth._replace(piece=node_integers[0], used=node_integers[1])
     return floats, integers, nodes
@@ -154,7 +153,7 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
         shapes = {jnp.shape(y) for y in jax.tree.leaves(tree)} - {()}
         if shapes:
             raise ValueError(
-                f"{owner}: {name} must hold single numbers, got arrays of shape {shapes}; "
+                f"{owner}: {name} must have scalar parameters, got arrays of shape {shapes}; "
                 f"for batches use rockjax.peak_responses or jax.vmap"
             )
     for name in ("theta", "theta_dot", "u_t", "u_t_dot"):

@@ -33,7 +33,7 @@ def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
     comments = [row for row in rows if row.is_comment]
     rows = [row for row in rows if not row.is_comment]
     if not rows:
-        raise ValueError(f"{path}: is empty; expected a hazard curve")
+        raise ValueError(f"{path}: the file is empty; expected a hazard curve")
     if sum(cell.startswith("poe-") for cell in rows[0].cells) > 1:
         return _openquake(path, rows, comments, site)
     if site is not None:

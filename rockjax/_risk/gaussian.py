@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import xarray
 
 Number = Float[Array, ""]
-MAX_SQUARINGS = 48  # of a matrix exponential; enough for matrices with a norm of up to 1e14
+MAX_SQUARINGS = 48  # squarings for a matrix exponential; enough for matrices with a norm up to 1e14
 
 
 class Envelope(Module):

@@ -16,7 +16,7 @@ DENSITIES = 300.0, 8000.0  # [kg/m³], from light timber or a hollow section to 
 def check_column_units(width, height, mass) -> None:
     """Warn about a size that suggests mm, or a mass that suggests tonnes, of a square column.
 
-    - `width`, `height`, `mass`: of a column [m, m, kg]
+    - `width` [m], `height` [m], `mass` [kg]: full dimensions and mass of a column
     """
     sides, mass = (concrete(width), concrete(height)), concrete(mass)
     if sides[0] is None or sides[1] is None:

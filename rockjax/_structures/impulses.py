@@ -32,7 +32,7 @@ def impulses(
 ) -> Impulses:
     """Return the impulses in the joints of the mean column, (F12).
 
-    - `two_R`: 2R [m]; `sin_alpha`, `cos_alpha`: of the slenderness
+    - `two_R`: 2R [m]; `sin_alpha`, `cos_alpha`: sine and cosine of the slenderness α
     - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
     - `inertances`: μ_b and μ_t of the inerters that act on the bottom and the top joint [–]
     - `e`: velocity factor of the impact, ≥ 0 [–]

@@ -82,7 +82,7 @@ class Modes(AbstractSuperstructure):
 
     For one mode use [`rockjax.Elastic`][], for none `Rigid(residual)`. Displacements and deformations have a
     last axis of modes, in [`rockjax.State`][] and in `peak_deformation`. Raises `ValueError` for unequal
-    lengths and for concrete numbers outside these ranges.
+    lengths and for concrete values outside these ranges.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("eta", "T", "zeta")

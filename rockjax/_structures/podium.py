@@ -612,7 +612,7 @@ def _building(
     """Return the building of `Podium.from_dimensions`.
 
     - `owner`: name for error messages; `columns_mass`: N m_c [kg]; `eta`: m_t/(N m_c) [–]
-    - other arguments: of `from_dimensions`
+    - other arguments: as for `from_dimensions`
 
     Raises `ValueError` for missing or redundant arguments.
     """

@@ -79,7 +79,7 @@ class AbstractSuperstructure(Module):
 
     @property
     def height_count(self) -> int | None:
-        """Number of heights in `Elevation.top_height`: that of modes or floors; None for a scalar."""
+        """Number of heights in `Elevation.top_height`, one for each mode or floor; None for a scalar."""
         return None
 
     @property

@@ -32,7 +32,7 @@ def fragility(
 ) -> xarray.Dataset:
     """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood (host).
 
-    - `analysis`: from [`rockjax.incremental_dynamic_analysis`][]
+    - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
     - `method`: `"capacities"` fits the least overturning intensities; records that do not overturn are
       censored at the highest level. `"stripes"` fits the counts of overturned records at the levels,
       including survivals above the first overturning. The default is `"capacities"`. With a `limit` it is

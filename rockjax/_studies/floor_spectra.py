@@ -396,5 +396,7 @@ def _spectra_of(owner: str, spectra: Any) -> list[str]:
     """Return the names of the spectra in a dataset. Raises `ValueError` if there are none."""
     names = [name for name in SPECTRA if name in getattr(spectra, "data_vars", ())]
     if not names:
-        raise ValueError(f"{owner}: needs the result of rockjax.floor_spectrum, got {format_value(spectra)}")
+        raise ValueError(
+            f"{owner}: the spectra must be a result of rockjax.floor_spectrum, got {format_value(spectra)}"
+        )
     return names

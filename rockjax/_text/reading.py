@@ -22,9 +22,9 @@ def read_text(path: str | Path, *, utf8_only: bool = False) -> str:
     try:
         content = Path(path).read_bytes()
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+        raise ValueError(f"{path}: the file cannot be read: {error.strerror}") from None
     except ValueError as error:  # the path contains a NUL character
-        raise ValueError(f"{path}: cannot be read: {error}") from None
+        raise ValueError(f"{path}: the file cannot be read: {error}") from None
     return decode(path, content, utf8_only=utf8_only)
 
 
@@ -47,7 +47,7 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
         line = content.count(b"\n", 0, error.start) + 1
         if encoding or utf8_only:
             raise ValueError(
-                f"{path}:{line}: is not {(encoding or 'utf-8').removesuffix('-sig').upper()}: byte "
+                f"{path}:{line}: the text is not {(encoding or 'utf-8').removesuffix('-sig').upper()}: byte "
                 f"0x{content[error.start]:02x} at offset {error.start}; save the file as UTF-8"
             ) from None
         text = content.decode("cp1252", errors="replace")
@@ -55,6 +55,7 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
         line = text.count("\n", 0, control.start()) + 1
         cure = "; if it is UTF-16, save it as UTF-8" if control[0] == "\0" else ""
         raise ValueError(
-            f"{path}:{line}: is not text: character 0x{ord(control[0]):02x} at offset {control.start()}{cure}"
+            f"{path}:{line}: the file is not text: character 0x{ord(control[0]):02x} at offset "
+            f"{control.start()}{cure}"
         )
     return text

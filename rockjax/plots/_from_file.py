@@ -112,7 +112,7 @@ def load(path: str | Path) -> xarray.Dataset:
         data = xarray.load_dataset(path, engine="netcdf4")
     except (OSError, RuntimeError, ValueError, AttributeError) as error:
         raise ValueError(
-            f"{path}: cannot be read as netCDF: {getattr(error, 'strerror', None) or error}"
+            f"{path}: the file cannot be read as netCDF: {getattr(error, 'strerror', None) or error}"
         ) from None
     if data.attrs.get("title") == "Interrupted run":
         raise ValueError(f"{path}: the run was interrupted; finish it with --resume, then draw it")

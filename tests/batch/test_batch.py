@@ -189,7 +189,7 @@ def test_every_scene_is_dealt_to_a_thread_once(total, hosts, name):
     from rockjax._batch.scenes import broadcast
 
     scenes, _ = broadcast("", PODIUMS[name], rj.Ricker(np.arange(1.0, total + 1), 1.0), rj.State(), None)
-    assert scenes.quick == (name == "block")
+    assert scenes.is_quick == (name == "block")
     who = ThreadExecutor(hosts)
     made = layout(scenes, who)
     chunks = list(_chunks(scenes, made, who))
@@ -197,7 +197,7 @@ def test_every_scene_is_dealt_to_a_thread_once(total, hosts, name):
     np.testing.assert_array_equal(np.sort(np.concatenate(dealt)), np.arange(total))
     sizes = np.array([chunk.scenes for chunk in chunks])
     assert np.all((sizes > 0) & (sizes <= made.size))
-    busy = min(hosts, -(-total // (made.lanes * (QUICK if scenes.quick else 1))))
+    busy = min(hosts, -(-total // (made.lanes * (QUICK if scenes.is_quick else 1))))
     assert len(chunks) >= busy
     by_thread = [sizes[k::busy].sum() for k in range(busy)]
     assert max(by_thread) - min(by_thread) <= len(chunks)
@@ -239,7 +239,7 @@ def test_one_program_serves_batches_of_all_sizes(name):
 
 
 def test_rows_are_stored_once_however_many_scenes_share_them():
-    from rockjax._batch.scenes import Numbers, broadcast
+    from rockjax._batch.scenes import SceneIndices, broadcast
 
     scenes, shape = broadcast(
         "", PODIUMS["rigid"], rj.Record(np.ones((3, 1, 500)), 0.02, np.ones(400)), rj.State(), None
@@ -248,18 +248,18 @@ def test_rows_are_stored_once_however_many_scenes_share_them():
     filled_up = 2048
     assert sum(np.asarray(y).size for y in scenes.leaves) < 3 * filled_up + 400 + 50
     assert all(0 in rows.strides for rows in scenes.rows if rows is not None)
-    own = scenes.part(Numbers(395, 1, 10), 64)
+    own = scenes.part(SceneIndices(395, 1, 10), 64)
     assert all(y.shape[0] == 64 for y, rows in zip(own, scenes.rows, strict=True) if rows is not None)
 
 
 def test_scenes_begin_in_the_order_of_their_motions_strength():
     """Whatever the order of the batch; strong motions end soon, so that they are the last."""
-    from rockjax._batch.scenes import SORTED, Numbers, broadcast
+    from rockjax._batch.scenes import SORTED, SceneIndices, broadcast
 
     a_p = np.random.default_rng(0).permutation(amplitudes(200)) * np.where(np.arange(200) % 2, 1, -1)
     of = lambda motion: broadcast("", PODIUMS["rigid"], motion, rj.State(), None)[0]
     scenes = of(rj.Ricker(a_p, 1.0))
-    (begun,) = [y for y in scenes.part(Numbers(0, 2, 100), 100) if np.ndim(y)]
+    (begun,) = [y for y in scenes.part(SceneIndices(0, 2, 100), 100) if np.ndim(y)]
     assert np.all(np.diff(np.abs(begun)) >= 0)
     np.testing.assert_array_equal(np.sort(scenes.in_grid(np.arange(200))), np.arange(200))
     record = np.sin(np.linspace(0, 6, 50))

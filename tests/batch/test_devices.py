@@ -19,7 +19,7 @@ import rockjax as rj
 from rockjax._batch.batch import layout, responses
 from rockjax._batch.executors import DeviceExecutor, ThreadExecutor, _on_mesh, executor_for
 from rockjax._batch.lanes import idle_lanes
-from rockjax._batch.scenes import NOTHING, Numbers, broadcast
+from rockjax._batch.scenes import NO_SCENES, SceneIndices, broadcast
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
 DEVICES = 3
@@ -184,16 +184,16 @@ def test_threads_and_devices_that_cannot_be():
 
 def test_scenes_are_dealt_out_in_turn():
     scenes, _ = broadcast("", PODIUMS["block"], rj.Ricker(np.arange(10.0), 1.0), rj.State(), None)
-    seven = Numbers(2, 1, 7)
+    seven = SceneIndices(2, 1, 7)
     (dealt,) = [y for y in scenes.part(seven, 4, 3) if np.ndim(y)]
     np.testing.assert_array_equal(dealt.reshape(3, 4), [[2, 5, 8, 2], [3, 6, 2, 2], [4, 7, 2, 2]])
-    first, stride, count = seven.dealt(3)
+    first, stride, count = seven.split(3)
     np.testing.assert_array_equal(first, [2, 3, 4])
     assert stride == 3
     np.testing.assert_array_equal(count, [3, 2, 2])
-    (odd,) = [y for y in scenes.part(Numbers(1, 2, 5), 6) if np.ndim(y)]
+    (odd,) = [y for y in scenes.part(SceneIndices(1, 2, 5), 6) if np.ndim(y)]
     np.testing.assert_array_equal(odd, [1, 3, 5, 7, 9, 1])
-    (none,) = [y for y in scenes.part(NOTHING, 2, 3) if np.ndim(y)]
+    (none,) = [y for y in scenes.part(NO_SCENES, 2, 3) if np.ndim(y)]
     assert none.shape == (6,)
 
 
@@ -231,7 +231,7 @@ def test_accelerators_have_more_lanes(monkeypatch):
     assert lanes(500_000, 2) == (32768, 4 * 32768)
     assert lanes(500_000, 2, "cpu") == lanes(1, 2, "cpu") == (32, 1024)
     # Of a record of 100 samples, and its padding.
-    monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_NUMBERS", 2**20)
+    monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_VALUES", 2**20)
     assert lanes(2000, 1, samples=100) == (512, 512)
 
 
@@ -245,7 +245,7 @@ def test_a_program_for_accelerators_is_made_of_what_they_have(name):
     scenes, _ = broadcast("", podium, motion, rj.State(), None)
     plan = layout(scenes, who)
     assert plan.lanes >= 1024
-    leaves, numbers = scenes.part(Numbers(0, 1, scenes.total), plan.size), np.zeros(1, int)
+    leaves, numbers = scenes.part(SceneIndices(0, 1, scenes.total), plan.size), np.zeros(1, int)
     program = _on_mesh(who.mesh).trace(
         idle_lanes(scenes, how, plan), leaves, numbers, 1, numbers, 0, how, layout=plan
     )

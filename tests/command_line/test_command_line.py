@@ -218,7 +218,7 @@ def test_panels_are_what_options_and_file_say():
 
 
 WRONG = [  # each message once
-    ("response none.toml", "none.toml: cannot be read: No such file"),
+    ("response none.toml", "none.toml: the file cannot be read: No such file"),
     ("response bad.toml", "bad.toml: structure.foo: unknown key; valid keys are alpha, tan_alpha, R, gamma"),
     ("spectrum worse.toml", "worse.toml: spektrum: unknown key; did you mean spectrum?"),
     ("response text.toml", "text.toml: structure.tan_alpha: must be a number > 0, got '0.15'"),
@@ -262,7 +262,7 @@ WRONG = [  # each message once
     ("response --width 0.4 --R 2", "--width: unknown key; valid keys are alpha, tan_alpha, R"),
     ("response --restitution lawless", "--restitution: must be 'paper', 'compatible' or a factor in [0, 1]"),
     ("response --rtol 2", "options: Options: rtol must be in [1e-14, 0.1], got rtol = 2.0"),
-    ("response --record none.AT2", "none.AT2: cannot be read: No such file"),
+    ("response --record none.AT2", "none.AT2: the file cannot be read: No such file"),
     (
         "response --record record.txt",
         "record.txt: the file does not state the unit of its samples; give units (on the command line",

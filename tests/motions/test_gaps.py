@@ -93,7 +93,7 @@ def test_damaged_miniseed_is_reported(tmp_path):
         (tmp_path / "a.mseed").write_bytes(damaged)
         with pytest.warns(rj.RecordWarning) as said:
             motion = rj.read_motion(tmp_path / "a.mseed", units="m/s2")
-        expected = f"a.mseed: is damaged, and only {len(motion)} samples could be read: "
+        expected = f"a.mseed: the file is damaged, and only {len(motion)} samples could be read: "
         assert any(expected in str(each.message) and cause in str(each.message) for each in said)
         assert "damaged" in motion.metadata
     (tmp_path / "a.mseed").write_bytes(content[:half] + bytes(512) + content[half + 512 :])
@@ -143,5 +143,5 @@ def test_gaps_of_waveforms_are_named_as_gaps(tmp_path):
 
 def test_counts_of_waveforms_are_raw(tmp_path):
     path = write_stream(tmp_path / "a.mseed", waveform(np.round(1000 * LONG_SAMPLES).astype("int32")))
-    with pytest.warns(rj.RecordWarning, match=r"a\.mseed: is raw \(whole numbers\), not corrected"):
+    with pytest.warns(rj.RecordWarning, match=r"a\.mseed: the motion is raw \(whole numbers\)"):
         rj.read_motion(path, units="mm/s2")

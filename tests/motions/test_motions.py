@@ -365,11 +365,11 @@ def test_a_folder_is_a_suite(folder, suite):
         rj.read_suite(folder)
     lines = str(error.value).splitlines()
     assert lines[0].startswith(f"{folder}: 2 of 4 files cannot be read; a pattern such as ")
-    assert lines[1].startswith(f"  {folder / 'notes.pdf'}:1: is not text")
+    assert lines[1].startswith(f"  {folder / 'notes.pdf'}:1: the file is not text")
     assert lines[2].startswith(f"  {folder / 'short.txt'}:3: 'x' is not a number")
-    with pytest.raises(ValueError, match=r"holds no file \*\.V2"):
+    with pytest.raises(ValueError, match=r"the folder has no file \*\.V2"):
         rj.read_suite(folder, pattern="*.V2")
-    with pytest.raises(ValueError, match=r"none: cannot be read: No such file"):
+    with pytest.raises(ValueError, match=r"none: the file cannot be read: No such file"):
         rj.read_suite(folder / "none")
 
 
@@ -395,12 +395,15 @@ def test_a_table_is_a_suite(folder, suite):
     [
         ("name,scale\na,1\n", [":1:", "column 'file'"]),
         ("file,file\na,b\n", [":1:", "twice"]),
-        ("file\n", ["lists no file"]),
+        ("file\n", ["the table lists no file"]),
         ("file,scale\na.csv,big\n", [":2:", "scale", "'big'"]),
         ("file,scale\na.csv,inf\n", [":2:", "scale", "'inf'"]),
         ("file,scale\na.csv,1,2\n", [":2:", "3 cells", "2 headings"]),
         ("file,scale\n,1\n", [":2:", "file is missing"]),
-        ("file,units\nb.AT2,gal\nc.AT2,\n", ["2 of 2 files", "gives the unit as g", "c.AT2: cannot be read"]),
+        (
+            "file,units\nb.AT2,gal\nc.AT2,\n",
+            ["2 of 2 files", "the unit as g", "c.AT2: the file cannot be"],
+        ),
         ("", [":1:", "column 'file'"]),
     ],
 )
@@ -412,7 +415,7 @@ def test_tables_that_cannot_be_read_say_why(folder, text, words):
     assert str(error.value).startswith(str(table))
     for word in words:
         assert word in str(error.value)
-    with pytest.raises(ValueError, match="is a file, but pattern applies to folders; leave pattern out"):
+    with pytest.raises(ValueError, match="pattern applies to folders, but this is a file; leave pattern out"):
         rj.read_suite(table, pattern="*")
 
 
@@ -659,7 +662,7 @@ def test_problems_take_suites(folder, suite):
     np.testing.assert_array_equal(two.acceleration, suite[0].acceleration)
     for entry, words in (
         ('suite = "."\nfile = "a.csv"', "needs one of kind"),
-        ('suite = "none"', "motions.records: .*none: cannot be read"),
+        ('suite = "none"', "motions.records: .*none: the file cannot be read"),
         ("suite = 1", "suite: must be a string, got 1"),
         ('file = "a.csv"\npattern = "*"', "pattern: unknown key"),
         ('suite = "."\ncomponent = 1.5', "component: must be a whole number or text"),

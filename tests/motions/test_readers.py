@@ -332,7 +332,7 @@ def test_esm(tmp_path):
 def test_knet(tmp_path):
     counts = [round(8388608 / 2000 * a) for a in GALS]
     path = write_file(tmp_path, knet(counts), "AKT0139608110312.EW")
-    with pytest.warns(rj.RecordWarning, match=r"312\.EW: is raw \(as all K-NET data\), not corrected"):
+    with pytest.warns(rj.RecordWarning, match=r"312\.EW: the motion is raw \(as all K-NET data\)"):
         motion = rj.read_motion(path)
     np.testing.assert_allclose(motion.acceleration, 20 * np.array(counts) / 8388608, rtol=1e-14)
     assert motion.dt == 0.01
@@ -644,7 +644,7 @@ def test_what_cannot_be_read_says_why(tmp_path, name, text, arguments, words):
 
 
 def test_files_that_are_not_there(tmp_path):
-    with pytest.raises(ValueError, match=r"none\.txt: cannot be read: No such file"):
+    with pytest.raises(ValueError, match=r"none\.txt: the file cannot be read: No such file"):
         rj.Record.from_file(tmp_path / "none.txt", units="g")
     with pytest.raises(ValueError, match="cannot be read"):
         rj.Record.from_file(tmp_path, units="g")
@@ -844,13 +844,13 @@ def test_encodings_of_editors(tmp_path, encoding):
     np.testing.assert_allclose(motion.acceleration, G * VALUES, rtol=1e-15)
     problem_file = write_file(tmp_path, PROBLEM.encode(encoding), "a.toml")
     assert problem.load(problem_file).targets
-    with pytest.raises(ValueError, match=r"b\.AT2:1: is not text: .* if it is UTF-16, save it as UTF-8"):
+    with pytest.raises(ValueError, match=r"b\.AT2:1: the file is not text: .* save it as UTF-8"):
         rj.read_motion(write_file(tmp_path, AT2.encode("utf-16-le"), "b.AT2"))
 
 
 def test_text_that_is_not_utf_8(tmp_path):
     latin = "[structure]\n# Straße\n".encode("latin-1")
-    with pytest.raises(ValueError, match=r"a\.toml:2: is not UTF-8: byte 0xdf .*; save the file as UTF-8"):
+    with pytest.raises(ValueError, match=r"a\.toml:2: the text is not UTF-8: byte 0xdf .*; save"):
         problem.load(write_file(tmp_path, latin, "a.toml"))
     text = "# Straße\nPGA [g],annual_rate\n0.1,1e-2\n1,1e-4\n".encode("latin-1")
     assert rj.Hazard.from_file(write_file(tmp_path, text, "hazard.csv")).measure == "PGA"

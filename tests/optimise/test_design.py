@@ -735,7 +735,7 @@ def test_a_file_is_the_problem_it_says(folder):
         ('kind = "ricker"', 'kind = "mexican"', r"motions\.pulses\.kind: must be 'ricker'"),
         ("frequency_ratio = 4.0", "", r"motions\.pulses: needs T_p or frequency_ratio"),
         ("frequency_ratio = 4.0", "T_p = [1.0, 1.1, 1.2]", r"2 amplitudes and 3 periods"),
-        ("one.txt", "none.txt", r"motions\.records\[0\]: .*none\.txt: cannot be read: No such file"),
+        ("one.txt", "none.txt", r"motions\.records\[0\]: .*none\.txt: the file cannot be read: No such file"),
         ('units = "g"', 'units = "ft"', r"motions\.records\[0\]\.units: must be 'g', 'm/s2', .*, got 'ft'"),
         ("dt = 0.01", "", r"give dt"),
         ('motions = "pulses"', 'motions = "quakes"', r"targets\[0\]\.motions: must name a set"),
@@ -798,7 +798,7 @@ def test_targets_on_floors_name_things_of_the_file(folder):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(ValueError, match=r"none\.toml: cannot be read"):
+    with pytest.raises(ValueError, match=r"none\.toml: the file cannot be read"):
         optimise.load(tmp_path / "none.toml")
 
 

@@ -349,7 +349,7 @@ def test_bad_input_is_refused(changes, message):
 def test_envelopes_refuse_other_datasets_and_dims(suite):
     with pytest.raises(ValueError, match="over must be a dim of the spectra"):
         rj.envelope(suite, over="period")
-    with pytest.raises(ValueError, match=r"needs the result of rockjax.floor_spectrum"):
+    with pytest.raises(ValueError, match=r"must be a result of rockjax.floor_spectrum"):
         rj.envelope(None)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="must ascend"):
         rj.broadened(suite.isel(period=slice(None, None, -1)))

@@ -464,7 +464,7 @@ def test_the_distribution_is_differentiable():
         ({"names": ["a", "a", "b"]}, "3 different strings"),
         ({"sensitivities": ["eta"]}, "sensitivities must be some of"),
         ({"resolution": 3}, "resolution"),
-        ({"podium": rj.Podium(np.array([0.1, 0.2]), 1.0)}, "single numbers"),
+        ({"podium": rj.Podium(np.array([0.1, 0.2]), 1.0)}, "scalar parameters"),
     ],
 )
 def test_analyses_that_make_no_sense(change, words):

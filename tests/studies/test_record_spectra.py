@@ -108,7 +108,7 @@ def test_it_is_drawn(spectrum):
         (lambda: rj.record_spectrum(BLOCK, RECORDS, [-1.0, 1.0]), "finite and > 0 rad/s"),
         (lambda: rj.record_spectrum(BLOCK, RECORDS, [1.0], names=["a", "a"]), "2 different strings"),
         (lambda: rj.record_spectrum(BLOCK, RECORDS, [1.0], max_scale=-1.0), "max_scale"),
-        (lambda: rj.record_spectrum(BLOCK.replace(alpha=[0.1, 0.2]), RECORDS, [1.0]), "single numbers"),
+        (lambda: rj.record_spectrum(BLOCK.replace(alpha=[0.1, 0.2]), RECORDS, [1.0]), "scalar parameters"),
     ],
 )
 def test_bad_input_says_what_would_be_right(call, words):

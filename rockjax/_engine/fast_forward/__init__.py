@@ -1,9 +1,9 @@
 """Fast-forwards: parts of a scene that are passed without trial steps.
 
-Each module has one fast-forward, which asks the outputs of the plan. The methods `over_rest`,
-`over_sample` and `over_bounces` of an output return its record after the passed part, or whether its
-record stays the same. A fast-forward never names an output. It may be used only if every followed output
-implements the method.
+Each module has one fast-forward. It calls the method `over_rest`, `over_sample` or `over_bounces` of every
+output of the plan, which returns the record of the output after the passed part, or whether the record stays
+the same. A fast-forward may be used only if every followed output implements its method. No fast-forward
+depends on a particular output.
 
 | name | module | passed part |
 |---|---|---|

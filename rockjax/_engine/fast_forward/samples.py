@@ -2,7 +2,7 @@
 
 Under a record, steps end on every sample and are far shorter than the tolerance requires. No event occurs
 between most samples: rigid columns rock on from one sample to the next. Such samples are passed by a
-Nyström step without the search for events. Its error is checked, and that the rotation is monotone and
+Nyström step without the search for events, if its error is small enough and the rotation is monotone and
 stays inside the well; then no guard breaks. All other samples get a trial.
 """
 
@@ -27,8 +27,8 @@ from rockjax._types import Flag, Value, Vector
 
 
 def passes_samples(scene: Scene, plan: Plan) -> bool:
-    """Return whether the plan allows to pass samples, the excitation is sampled, and accelerations depend
-    only on time and rotation."""
+    """Return whether samples may be passed: the plan allows it, the excitation is sampled, and accelerations
+    depend only on time and rotation."""
     sampled = isinstance(scene.excitation, AbstractSampled)
     return "samples" in plan.fast_forwards and sampled and scene.c.restraint is None
 
