@@ -113,7 +113,7 @@ for targets in ([rotation], [rotation, closed]):
 # ## Tendon force against lift-off
 #
 # Tendons across both joints press the beam on the columns and reduce the rotation. How much force is needed
-# if the spacing is nine tenths of the least one?
+# if the spacing is nine tenths of the least spacing found above?
 
 
 # %%
@@ -129,8 +129,8 @@ optimise.design(tight, {"tendon_force": (1e3, 400e3)}, force, [closed], starts=S
 # %% [markdown]
 # ## The number of columns and their width
 #
-# More columns carry the same weight at the same distance of the outer columns. Middle columns carry a part of
-# the load but little of the moment, so the core distance becomes smaller.
+# Here more columns carry the same weight, and the distance between the outer columns stays the same. The
+# middle columns carry a part of the load but little of the moment, so the core distance becomes smaller.
 
 # %%
 for count in (2, 3) if REDUCED else (2, 3, 5):

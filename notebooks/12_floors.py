@@ -29,8 +29,8 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # fewer motions and 
 # %% [markdown]
 # ## Two buildings
 #
-# The podium has columns of 0.45 m by 3 m. Columns that are almost as wide as high never lift under these
-# motions, so the same building on them is fixed at its base.
+# The podium has columns of 0.45 m by 3 m. With α = 1 the columns are wider than high and never lift under
+# this motion, so the building on them is the same building with a fixed base.
 
 # %%
 podium = rj.Podium.from_dimensions(
@@ -51,8 +51,8 @@ rocking, bool(rj.peak_response(fixed, motion).uplifted)
 # ## Floor response spectra
 #
 # Impacts of the columns change the velocity of the deck in an instant. The spectra contain these impulses
-# exactly. Stories of a building with all its modes have no impulses horizontally; vertically all floors have
-# those of the deck.
+# exactly. If a building has all its modes, no horizontal impulse reaches its stories. Vertically every floor
+# has the impulses of the deck.
 
 # %%
 periods = np.geomspace(0.05, 4.0, 40 if REDUCED else 200)
@@ -64,10 +64,11 @@ rj.plots.floor_spectrum(spectra)
 # ## The vertical kick
 #
 # The vertical jump of the deck's velocity at an impact is several times the horizontal one. Under a rigid
-# building it exceeds the horizontal spectrum below 0.07 s only: the last hops, ever shorter, change the sign
-# of the deck's acceleration at every impact and so sweep through all frequencies, which makes the horizontal
-# spectrum flat, eight times the peak acceleration of 1.5 m/s². Eight stories leave a light deck, which they
-# shake between the impacts.
+# building the vertical spectrum nevertheless exceeds the horizontal one only at periods below 0.07 s. The
+# reason is the last, ever shorter hops. The deck's acceleration changes its sign at each of their impacts,
+# which excites oscillators of all periods, so the horizontal spectrum is flat at eight times the deck's peak
+# acceleration of 1.5 m/s². Under eight stories the deck is light, and the stories shake it between the
+# impacts.
 
 # %%
 stiff = rj.Podium.from_dimensions(
@@ -86,7 +87,8 @@ axes[0].legend()
 # ## A cabinet and a bookshelf on each floor
 #
 # Both are light blocks that rock and do not slide. Their rotation is a fraction of the angle at which they
-# overturn, 1 if they do. `friction_demand` says how much friction it takes that they do not slide.
+# overturn, and 1 if they overturn. `friction_demand` is the friction coefficient that keeps them from
+# sliding.
 
 # %%
 stories = (1, 8) if REDUCED else tuple(range(1, 9))
@@ -100,7 +102,7 @@ answers = {
     for name, structure in (("podium", podium), ("fixed base", fixed))
 }
 rotations = {
-    name: np.array([float(each.peak_rotation) for each in found]).reshape(2, -1)
+    name: np.array([float(answer.peak_rotation) for answer in found]).reshape(2, -1)
     for name, found in answers.items()
 }
 fig, axes = plt.subplots(1, 2, sharey=True, figsize=(8, 4), layout="constrained")
@@ -113,12 +115,12 @@ axes[0].set_ylabel("story")
 axes[0].legend()
 
 # %%
-[float(each.friction_demand) for each in answers["podium"]]
+[float(answer.friction_demand) for answer in answers["podium"]]
 
 # %% [markdown]
-# On the podium cabinets stand that would overturn in the building with a fixed base, but hardly any
-# bookshelf does. Impacts shake the stories at short periods, while the podium keeps the long periods away
-# that overturn large blocks. The friction demand is below common friction coefficients for most of them.
+# Some cabinets that overturn in the building with a fixed base stay upright on the podium. Hardly any
+# bookshelf does. The impacts add short periods to the motions of the stories, but the podium removes the long
+# periods, which overturn large blocks. Most friction demands are below common friction coefficients.
 #
 # ## Next
 #

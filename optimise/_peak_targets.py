@@ -23,7 +23,7 @@ from ._targets import AbstractResponses, AbstractResponseTarget, Name, check_lim
 class PeakRotation(AbstractResponseTarget):
     """The columns rotate by at most `limit`·α under every motion: max|θ|/α ≤ limit.
 
-    - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them; `name`: in reports
+    - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them; `name`: name in reports
 
     The margin is (limit − s)/limit, where s is max|θ|/α, or overturn_ratio − M where the columns overturn,
     with the negative overturning margin M. Raises `ValueError` for other limits; for a limit of 1 use
@@ -51,7 +51,8 @@ class PeakLimit(AbstractResponseTarget):
 
     - `output`: name of an output of `rockjax.Options.outputs` that is a peak, such as `"peak_shear"`, or an
       instance of [`rockjax.AbstractOutput`][]
-    - `limit`: > 0, in the unit of the output; `excitations`: a motion or a list of them; `name`: in reports
+    - `limit`: > 0, in the unit of the output; `excitations`: a motion or a list of them; `name`: name in
+      reports
 
     Every mode, story, floor or joint has its own margin, (limit − peak)/limit. Where the columns overturn,
     the peak covers only the time until then, and the margin is at most the overturning margin, which is
@@ -141,7 +142,7 @@ def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, 
 class PeakShear(PeakLimit):
     """The shear of the superstructure divided by its weight is at most `limit`: max|V_s|/(m_t g) ≤ limit.
 
-    - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: in reports
+    - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: name in reports
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -154,7 +155,7 @@ class PeakShear(PeakLimit):
 class PeakDeformation(PeakLimit):
     """The deformation of each mode of the superstructure is at most `limit`: max|u_t − u_b| ≤ limit.
 
-    - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
+    - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: name in reports
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -164,7 +165,7 @@ class PeakDeformation(PeakLimit):
 class PeakDrift(PeakLimit):
     """The drifts of all stories of a building are at most `limit`.
 
-    - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: in reports
+    - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: name in reports
 
     Raises `ValueError` during evaluation for a podium without stories.
     """
@@ -176,7 +177,7 @@ class PeakDrift(PeakLimit):
 class PeakFloorAcceleration(PeakLimit):
     """The absolute horizontal accelerations of all floors of a building are at most `limit`.
 
-    - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them; `name`: in reports
+    - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them; `name`: name in reports
 
     Raises `ValueError` during evaluation for a podium without stories.
     """
@@ -189,7 +190,7 @@ class PeakFriction(PeakLimit):
     """The joints of all columns need at most the friction coefficient `limit`: max|T|/N ≤ limit, (F9).
 
     - `limit`: > 0 [–], such as μ divided by a safety factor
-    - `excitations`: a motion or a list of them; `name`: in reports
+    - `excitations`: a motion or a list of them; `name`: name in reports
 
     The margins of the bottom and the top joint are the least (limit·N − |T|)/(limit·N_0), with the dead load
     N_0 of the mean column. They are smooth where a joint pulls, so that a design can start there. Positions
@@ -209,7 +210,7 @@ class PeakFriction(PeakLimit):
 class PeakFoundationShear(PeakLimit):
     """The shear on the foundation divided by the total weight is at most `limit`: max|V|/W_0 ≤ limit, (F5).
 
-    - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: in reports
+    - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: name in reports
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -223,7 +224,7 @@ class LeastAxialForce(AbstractResponseTarget):
     """The axial force in all joints is at least a fraction of the dead load: N ≥ at_least·N_0, (F8).
 
     - `at_least`: 0 ≤ at_least < 1 [–]; 0 keeps the joints closed
-    - `excitations`: a motion or a list of them; `name`: in reports
+    - `excitations`: a motion or a list of them; `name`: name in reports
 
     The margins of the bottom and the top joint are min N/N_0 − at_least, with the dead load N_0 of the mean
     column. Where the columns overturn they are at most the overturning margin. Positions of columns are in

@@ -95,7 +95,7 @@ def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
 class NoOverturning(AbstractResponseTarget):
     """No motion overturns the columns. The margin is the overturning margin M.
 
-    - `excitations`: a motion or a list of them; `name`: in reports
+    - `excitations`: a motion or a list of them; `name`: name in reports
     """
 
     suite: Suite

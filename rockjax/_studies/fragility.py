@@ -138,7 +138,8 @@ def incremental_dynamic_analysis(
     - `boundaries` (additional dim `boundary`): intensities at which the outcome changes between survival and
       overturning, ascending. They are exact to about 1e-9. Above the capacity their number grows with
       `resolution` without limit, because rocking through many impacts creates windows within windows
-    - `certain_width`: the widest interval of intensities below the capacity that may overturn unseen
+    - `certain_width`: every interval of overturning intensities below the capacity that is wider than this
+      was found
     - `sensitivity` (additional dim `parameter`): d ln(capacity)/d ln y
 
     Raises `ValueError` for invalid inputs.

@@ -437,7 +437,7 @@ def test_problem_files(table, expected):
             lambda: rj.peak_response(podium(TWO_MODES), rj.Rest(), initial=rj.State(u_t=[0.1, 0.1, 0.1])),
             "initial.u_t must be one number or one for each of the 2 modes",
         ),
-        (lambda: rj.peak_response(podium(rj.Modes([[1.0], [2.0]], [0.5])), rj.Rest()), "must hold single"),
+        (lambda: rj.peak_response(podium(rj.Modes([[1.0], [2.0]], [0.5])), rj.Rest()), "must have scalar"),
     ],
 )
 def test_bad_input(make, says):
