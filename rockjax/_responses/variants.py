@@ -26,7 +26,7 @@ from rockjax._parameters.variants import (
 )
 from rockjax._structures import Podium
 
-from .sensitivities import number_fields, with_numbers
+from .sensitivities import scalar_fields, with_scalars
 
 _HINTS = {"restitution": "; it varies if the podium has a factor, such as restitution=0.9"}
 _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)
@@ -67,7 +67,7 @@ def variable_parameters(podium: Podium, motion: AbstractExcitation, single: bool
     """
     pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
     ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
-    return [*parameters_of(podium), *(number_fields(motion) if single else {}), *ratios, "scale"]
+    return [*parameters_of(podium), *(scalar_fields(motion) if single else {}), *ratios, "scale"]
 
 
 def check_names(owner: str, argument: str, names: Sequence[str], valid: Sequence[str]) -> None:
@@ -105,12 +105,12 @@ def with_parameters(
     check_values(owner, {name: values[name] for name in _RATIOS if name in values})
     podium = with_values(podium, of_podium)
     changes: dict[str, Any] = {
-        field: values[name] for name, field in number_fields(motion).items() if name in values
+        field: values[name] for name, field in scalar_fields(motion).items() if name in values
     }
     component = "horizontal." if isinstance(motion, GroundMotion) else ""
     if "acceleration_ratio" in values:
         changes[f"{component}a_p"] = pulse_acceleration(podium, values["acceleration_ratio"])
     if "frequency_ratio" in values:
         changes[f"{component}T_p"] = pulse_period(podium.p, values["frequency_ratio"])
-    motion = with_numbers(motion, changes)
+    motion = with_scalars(motion, changes)
     return podium, motion.scaled(values["scale"]) if "scale" in values else motion
