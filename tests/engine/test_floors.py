@@ -183,7 +183,7 @@ def test_levels_that_are_not_there_are_refused(level):
 def test_floors_refuse_other_bad_input(free):
     with pytest.raises(ValueError, match="level must be 'deck', got level = 1"):
         free.floor(1)
-    with pytest.raises(ValueError, match="weights must hold one number for each of the 0 modes"):
+    with pytest.raises(ValueError, match="weights must have one value for each of the 0 modes"):
         free.floor(weights=np.ones(1))
     with pytest.raises(ValueError, match="direction must be one of"):
         free.floor().to_record(0.01, "up")

@@ -394,7 +394,7 @@ def test_a_table_is_a_suite(folder, suite):
     ("text", "words"),
     [
         ("name,scale\na,1\n", [":1:", "column 'file'"]),
-        ("file,file\na,b\n", [":1:", "twice"]),
+        ("file,file\na,b\n", [":1:", "two columns"]),
         ("file\n", ["the table lists no file"]),
         ("file,scale\na.csv,big\n", [":2:", "scale", "'big'"]),
         ("file,scale\na.csv,inf\n", [":2:", "scale", "'inf'"]),

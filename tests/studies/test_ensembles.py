@@ -312,7 +312,7 @@ def test_an_interruption_leaves_the_answers_so_far():
         ({"spread": [("R", 1.0)]}, "spread must be a dict"),
         ({"n": 0}, "n must be a whole number >= 1"),
         ({"seed": -1}, "seed must be a whole number >= 0"),
-        ({"podium": RIGID.replace(R=np.array([1.0, 2.0]))}, "single numbers"),
+        ({"podium": RIGID.replace(R=np.array([1.0, 2.0]))}, "scalar parameters"),
         ({"motions": "file.AT2"}, "motions must be a rockjax motion"),
     ],
 )

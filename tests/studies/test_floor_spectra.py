@@ -331,7 +331,7 @@ def test_progress_counts_motions():
         ({"damping": [-0.1]}, r"damping must be in \[0, 1\), got damping = -0.1"),
         ({"level": "roof"}, "level must be 'deck' or a story from 1 to 1, got level = 'roof'"),
         ({"level": ["deck", 2]}, "got level = 2"),
-        ({"weights": np.ones(2)}, "weights must hold one number for each of the 1 modes"),
+        ({"weights": np.ones(2)}, "weights must have one value for each of the 1 modes"),
         ({"direction": "up"}, "direction must be one of"),
         ({"t_end": math.nan}, "t_end must be finite"),
         ({"sensitivities": ["beta"]}, "sensitivities must be some of"),
