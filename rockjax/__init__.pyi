@@ -35,6 +35,13 @@ from ._outputs.base import AbstractOutput as AbstractOutput
 from ._outputs.base import Variable as Variable
 from ._practice.base import MethodResult as MethodResult
 from ._practice.methods import simplified_methods as simplified_methods
+from ._report.evaluate import evaluate as evaluate
+from ._report.evaluation import Check as Check
+from ._report.evaluation import Evaluation as Evaluation
+from ._report.problem import Problem as Problem
+from ._report.reading import read_problem as read_problem
+from ._report.report import Report as Report
+from ._report.report import report as report
 from ._responses.estimate import Errors as Errors
 from ._responses.floor import FloorMotion as FloorMotion
 from ._responses.floor_answers import ContentsAnswer as ContentsAnswer

@@ -9,6 +9,7 @@ from ._fragility import fragility
 from ._motions import motions, synthetic
 from ._overturning import overturning
 from ._plot import plot
+from ._report import report
 from ._response import response
 from ._risk import risk
 from ._schema import schema
@@ -23,6 +24,7 @@ for _function in (
     ensemble,
     fragility,
     risk,
+    report,
     design,
     sweep,
     motions,

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     import rockjax as rj
     from rockjax._motions.motion import Motions
 
-HIGHEST = 6.0  # default of the highest level: median PGA divided by g tan α
 FILE_KEYS = ("units", "dt", "component", "pattern", "paired")  # options for reading files of records
 
 
@@ -63,11 +62,9 @@ def fragility(
         --intensity 0.5 12 --method stripes
       rockjax fragility --example fragility --levels 40
     """
-    import numpy as np
-
     import rockjax as rj
     from rockjax._motions.convert import make_unique
-    from rockjax._structures import g_tan_alpha
+    from rockjax._studies.fragility import levels_of
 
     contents = request.contents()
     pictures = ("fragility", "ida", *(("contents",) if contents else ()))
@@ -76,16 +73,7 @@ def fragility(
     options = request_joints(podium, request.options())
     suite = _suite(request, synthetic, inputs or [])
     measure = _measure(settings, suite)
-    if settings.intensity is None:
-        highest = (
-            HIGHEST
-            * float(g_tan_alpha(podium.alpha, podium.g))
-            * float(np.median(measure.values / np.array([motion.pga for motion in suite])))
-        )
-        low, high = highest / settings.levels, highest
-    else:
-        low, high = settings.intensity
-    x = np.linspace(low, high, settings.levels)
+    x = levels_of(podium, suite, measure, settings.intensity, settings.levels)
     report.note(
         f"{len(suite)} records of up to {max(map(len, suite))} samples × {x.size} levels, with boundaries"
     )
@@ -249,10 +237,7 @@ def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motion
 
 
 def _measure(settings: models.Fragility, suite: Motions) -> rj.Measure:
-    import numpy as np
-
-    import rockjax as rj
-    from rockjax._motions.intensity import measure_by_label
+    from rockjax._studies.fragility import measure_of
 
     name = settings.measure
     if name != "Sa" and settings.measure_period is not None:
@@ -261,8 +246,4 @@ def _measure(settings: models.Fragility, suite: Motions) -> rj.Measure:
         )
     if name == "Sa" and settings.measure_period is None:
         raise ValueError("--measure Sa needs --measure-period, such as --measure-period 1")
-    if name == "scale":
-        return rj.Measure(name, np.ones(len(suite)), "1")
-    label = f"Sa({settings.measure_period:g} s)" if name == "Sa" else name
-    values = np.array([measure_by_label(motion, label) for motion in suite])
-    return rj.Measure(label, values, "m s-1" if name == "PGV" else "m s-2")
+    return measure_of(name, settings.measure_period, suite)

@@ -57,6 +57,7 @@ Example = Annotated[
         "ensemble",
         "floors",
         "fragility",
+        "report",
         "response",
         "risk",
         "spectrum",

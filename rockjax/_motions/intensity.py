@@ -70,10 +70,10 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
     includes times between samples and the free vibration after the motion, in which the peak of a slow
     oscillator may lie.
     """
-    return float(_spectrum(motion, np.array([period]), damping)[0])
+    return float(spectral_accelerations(motion, np.array([period]), damping)[0])
 
 
-def _spectrum(motion: Accelerogram, periods: np.ndarray, damping: float) -> np.ndarray:
+def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: float) -> np.ndarray:
     """Return Sa at several periods, shape (n,) [m/s²]."""
     if not np.all(np.isfinite(periods) & (periods >= 0)):
         period = float(periods[~(np.isfinite(periods) & (periods >= 0))][0])
@@ -201,7 +201,7 @@ def intensity_measures(
         },
         attrs={"title": "Intensity measures", "Conventions": CONVENTIONS, **attrs},
     )
-    spectra = [_spectrum(m, T, damping) for m in motions]
+    spectra = [spectral_accelerations(m, T, damping) for m in motions]
     shape = (len(motions), len(T)) if is_sequence else (len(T),)
     words = {"units": "m s-2", "long_name": "pseudo-spectral acceleration"}
     data["Sa"] = ((*dims, "period"), np.reshape(spectra, shape), words)

@@ -665,6 +665,39 @@ class Ensemble(_OneMotion):
     )
 
 
+class Project(Keys):
+    """Texts of `rockjax report`, which change no number."""
+
+    title: str | None = key(None, "Title of the report; by default the name of the file.")
+    subject: str | None = key(None, "Subject of the report.")
+    number: str | None = key(None, "Number of the project.")
+    revision: str | None = key(None, "Revision of the report.")
+    author: str | None = key(None, "Author of the report.")
+    organisation: str | None = key(None, "Organisation of the author.")
+    date: str | None = key(None, "Date of the report; by default SOURCE_DATE_EPOCH, else today.")
+
+
+class JointKeys(Keys):
+    """Properties of the joints that checks of `rockjax report` need."""
+
+    friction: Positive | None = key(None, "Friction coefficient μ of the joints [–].")
+    contact_width: Positive | None = key(None, "Width of the strip that bears at an edge, in the plane [m].")
+    contact_depth: Positive | None = key(None, "Depth of a column across the plane [m].")
+
+
+class ReportKeys(Keys):
+    """Settings of `rockjax report`."""
+
+    units: list[str] | None = key(None, "Units of the page, one of a kind: kN, m, deg, g, mm.")
+    spread: Annotated[float, Field(gt=0, lt=1), described_as("a number in (0, 1)")] = key(
+        0.05, "Relative change of each parameter for the range of the utilisations [–]."
+    )
+    laws: list[Literal["paper", "compatible"]] = key(
+        ["paper", "compatible"], "Laws of impact, besides that of the structure."
+    )
+    motions: dict[str, str] = key({}, "Labels of the sets of motions, such as '475 years'.")
+
+
 class Problem(Keys):
     """A problem file: tables for several commands, and one for each command."""
 
@@ -681,6 +714,12 @@ class Problem(Keys):
     risk: Risk = Field(default_factory=Risk)
     sweep: Sweep = Field(default_factory=Sweep)
     ensemble: Ensemble = Field(default_factory=Ensemble)
+
+    project: Project = Field(default_factory=Project)
+    joints: JointKeys = Field(default_factory=JointKeys)
+    report: ReportKeys = Field(default_factory=ReportKeys)
+    sources: dict[str, str] = key({}, "Where inputs come from: key of this file → source, for the report.")
+    checks: Any = key(None, "Checks of the report.")
     # Keys of `rockjax design`, whose full models are in `optimise`.
     starts: Count | None = key(None, "Number of starting points; by default 1.", ACCURACY)
     seed: Index | None = key(None, "Seed of the starting points; by default 0.", ACCURACY)

@@ -20,6 +20,8 @@ from rockjax._lognormal import Lognormal, fit_capacities
 from rockjax._machine.memory import FEWER_LINES, require_memory
 from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import AnyMotions, as_records
+from rockjax._motions.intensity import measure_by_label
+from rockjax._motions.motion import Motions
 from rockjax._motions.provenance import record_coords
 from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
@@ -27,7 +29,7 @@ from rockjax._parameters.sensitivities import check_parameters
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import data_variables
-from rockjax._structures import Podium
+from rockjax._structures import Podium, g_tan_alpha
 
 from .spectra import boundary_axis
 
@@ -53,6 +55,41 @@ class Measure(NamedTuple):
 def pga(records: Records | RecordPairs) -> Measure:
     """Return the peak ground acceleration of each record [m/s²]."""
     return Measure("PGA", np.asarray(records.sizes()).max(axis=1), "m s-2")
+
+
+HIGHEST = 6.0  # default of the highest level: median PGA divided by g tan α
+
+
+def measure_of(name: str, period: float | None, suite: Motions) -> Measure:
+    """Return the intensity measure of motions.
+
+    - `name`: "PGA", "PGV", "Sa" with `period` [s], or "scale" for the factor on the motions
+    """
+    if name == "scale":
+        return Measure(name, np.ones(len(suite)), "1")
+    label = f"Sa({period:g} s)" if name == "Sa" else name
+    values = np.array([measure_by_label(motion, label) for motion in suite])
+    return Measure(label, values, "m s-1" if name == "PGV" else "m s-2")
+
+
+def levels_of(
+    podium: Podium, suite: Motions, measure: Measure, ends: tuple[float, float] | None, count: int
+) -> np.ndarray:
+    """Return levels of an analysis at equal distances.
+
+    - `ends`: lowest and highest level. By default they go up to the level at which the median PGA is
+      6 g tan α
+    - `count`: number of levels
+    """
+    if ends is None:
+        pga_of_suite = np.array([motion.pga for motion in suite])
+        highest = (
+            HIGHEST
+            * float(g_tan_alpha(podium.alpha, podium.g))
+            * float(np.median(np.asarray(measure.values) / pga_of_suite))
+        )
+        ends = highest / count, highest
+    return np.linspace(*ends, count)
 
 
 def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:

@@ -1,0 +1,98 @@
+"""`rockjax report`."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+from rockjax._problem.models import OUTPUT
+
+from ._context import COMMAND
+from ._options import option, structure_options
+from ._request import Request
+from ._run import NO_ANSWER, Report, command
+
+
+class _Progress:
+    """Progress of a report: a bar that counts scenes and names what is computed."""
+
+    def __init__(self, bar: Any):
+        self.update, self._bar = bar.update, bar
+
+    def describe(self, text: str) -> None:
+        """Show what is computed."""
+        self._bar.set_postfix_str(text)
+
+
+@command(structure_options())
+def report(
+    request: Request,
+    report: Report,
+    output: Annotated[
+        Path, option("--output", "-o", metavar="FILE.html", panel=OUTPUT, help="The page.")
+    ] = Path("rockjax-report.html"),
+    units: Annotated[
+        str | None,
+        option("--units", panel=OUTPUT, help="Units of the page, such as kN,m,deg,g,mm."),
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        option("--csv", metavar="FOLDER", panel=OUTPUT, help="Folder for a CSV file of each table."),
+    ] = None,
+    xlsx: Annotated[
+        Path | None,
+        option("--xlsx", metavar="FILE", panel=OUTPUT, help="Workbook with a sheet for each table."),
+    ] = None,
+    skip: Annotated[
+        str, option("--skip", panel=OUTPUT, help="What to leave out: risk, methods, spread.")
+    ] = "",
+) -> None:
+    """Write the design report: every check of a problem file on one page, with its utilisation, its numerical
+    error and what moves it.
+
+    Writes FILE.html, FILE.json (all numbers in SI) and FILE.nc (all scenes). Scenes that FILE.nc already has
+    are not solved again, so that a new text or limit takes seconds. Exit status: 0 if every check passes, 1
+    if not.
+
+    \b
+    Examples:
+      rockjax report --example report -o report.html
+      rockjax report problem.toml --units kN,m,deg,g,mm --xlsx report.xlsx
+      rockjax report problem.toml --width 0.65 --skip risk,spread
+    """
+    if request.path is None:
+        raise ValueError("rockjax report needs a problem file with [[checks]], or --example report")
+    from rockjax._report.reading import problem_of
+    from rockjax._report.report import report as make_report
+
+    if xlsx is not None:
+        from rockjax._report._formats.xlsx import require_library
+
+        require_library()
+    parts = tuple(name.strip() for name in skip.split(",") if name.strip())
+    problem = problem_of(request.merged, request.path)
+    with report.progress(None, "scenes") as bar:
+        found = make_report(
+            problem, output, units=units, skip=parts, progress=_Progress(bar), command=_command(request)
+        )
+    for path in found.written:
+        report.add_file(path)
+    for path in () if csv is None else found.to_csv(csv):
+        report.add_file(path)
+    if xlsx is not None:
+        report.add_file(found.to_xlsx(xlsx))
+    report.say(repr(found))
+    report.facts |= {
+        "verdict": found.evaluation.verdict,
+        "checks": {check.id: check.result for check in found.evaluation.checks},
+    }
+    if not found.verified:
+        report.status = NO_ANSWER
+
+
+def _command(request: Request) -> str:
+    """Return the command with the name of the problem file instead of its path."""
+    words = shlex.split(COMMAND.get())
+    assert request.path is not None
+    return shlex.join(Path(word).name if "/" in word else word for word in words)

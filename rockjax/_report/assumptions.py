@@ -1,0 +1,126 @@
+"""The assumptions A1–A9 of the model, and their tests on the scenes of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray
+
+    from .problem import Problem
+
+
+class Outcome(NamedTuple):
+    """Result of the test of an assumption on a set of scenes.
+
+    - `violated`: (n,) for each scene
+    - `worst`: the worst value; `text`: the result in words, with `{}` for this value
+    """
+
+    violated: np.ndarray
+    worst: float
+    text: str
+
+
+class Assumption(NamedTuple):
+    """An assumption.
+
+    - `id`, `text`: its number and what it says
+    - `conservative`: whether results are on the safe side where it does not hold
+    - `test`: problem, scenes of a set ↦ outcome, or the reason why it is not tested
+    - `invalidates`: whether a violation makes a check that passes not valid
+    """
+
+    id: str
+    text: str
+    conservative: str
+    test: Callable[[Problem, xarray.Dataset], Outcome | str]
+    invalidates: bool = False
+
+
+def opens(data: xarray.Dataset) -> np.ndarray:
+    """Return whether a joint opens or the beam lifts off at an impact, (n,)."""
+    return (data["least_axial_force"].values.min(axis=-1) < 0) | (
+        data["least_impulse_share"].values.min(axis=-1) < 0
+    )
+
+
+def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+    mu = problem.joints.friction
+    if mu is None:
+        return "Not tested: the file has no joints.friction."
+    if "peak_friction" not in data:
+        return "Not tested: the structure has no positions of columns."
+    demand = data["peak_friction"].values.max(axis=-1)
+    closed = ~opens(data) if "least_axial_force" in data else np.ones(len(demand), bool)
+    finite = np.where(np.isfinite(demand) & closed, demand, -np.inf)
+    worst = float(finite.max())
+    if worst == -np.inf:
+        return "Not tested: a joint opens under every motion."
+    return Outcome(finite > mu, worst, f"largest demand {{}} of μ = {mu:g} while all joints are closed")
+
+
+def _closed_vertically(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+    from rockjax import _results as results
+
+    del problem
+    weightless = np.array([results.NAMES[int(code)] == "weightless" for code in data["result"].values])
+    return Outcome(weightless, float(weightless.sum()), "{} scenes in which the weight vanishes")
+
+
+def _rests_on_all(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+    del problem
+    if "least_axial_force" not in data:
+        return "Not tested: the structure has no positions of columns."
+    least = data["least_axial_force"].values.min(axis=-1)
+    return Outcome(opens(data), float(least.min()), "least axial force {} m_c g of a column")
+
+
+def _never(reason: str) -> Callable[[Any, Any], str]:
+    return lambda problem, data: f"Never tested: {reason}"
+
+
+def _edges(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+    del problem, data
+    return "Tested by checks of the kind contact-pressure only."
+
+
+def _laws(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+    del data
+    return f"All checks again under the laws {', '.join(problem.report.laws)}, below."
+
+
+def _linear(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+    del problem
+    if "peak_drift" not in data:
+        return "Never tested: the building must bear the shear of section 6 elastically."
+    return "Never tested: the building must bear the shear and the drifts of section 6 elastically."
+
+
+def _p_delta(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+    heights = problem.story_heights
+    if heights is None or "peak_drift" not in data or "peak_shear" not in data:
+        return "Not tested: the structure has no stories with heights."
+    ratio = (data["peak_drift"].values / heights).max(axis=-1)
+    shear = data["peak_shear"].values
+    coefficient = np.divide(ratio, shear, out=np.zeros_like(ratio), where=shear > 0)
+    return Outcome(
+        coefficient > 0.1, float(coefficient.max()), "largest drift ratio · W/V {} (usual limit 0.1)"
+    )
+
+
+ASSUMPTIONS = (
+    Assumption("A1", "No column slides.", "depends", _no_sliding, True),
+    Assumption("A2", "Joints stay closed under vertical motion.", "no", _closed_vertically, True),
+    Assumption("A3", "Motion is in one plane.", "no", _never("the model has one plane.")),
+    Assumption("A4", "Columns turn about sharp edges of full strength.", "no", _edges),
+    Assumption("A5", "The ground is rigid.", "depends", _never("the model has no soil.")),
+    Assumption("A6", "Impacts follow the law of restitution.", "depends", _laws),
+    Assumption("A7", "The beam rests on all columns.", "no", _rests_on_all, True),
+    Assumption("A8", "The building stays linear.", "depends", _linear),
+    Assumption("A9", "Second-order moments in the building are small.", "no", _p_delta),
+)
+INVALIDATING = tuple(assumption for assumption in ASSUMPTIONS if assumption.invalidates)

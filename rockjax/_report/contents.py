@@ -1,0 +1,120 @@
+"""The page of a report, made from an evaluation."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rockjax._version import __version__
+
+from .assumptions import ASSUMPTIONS
+from .blocks import Page
+from .plausibility import warnings_of
+from .sections import SECTIONS
+from .tables import Code, Link, Table, Text
+from .units import Units
+
+if TYPE_CHECKING:
+    from .evaluation import Evaluation
+
+USUAL_UNITS = ("kN", "m", "deg", "g", "mm")
+MIN_EXTRAPOLATED = 0.05  # share of a frequency from beyond the hazard curve that the page reports
+
+
+def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -> Units:
+    """Return the units of a page: those given, or of `[report]`, or the usual ones."""
+    problem = evaluation.problem
+    return Units.parse(units or problem.report.units or USUAL_UNITS, float(problem.podium.g))
+
+
+def page_of(evaluation: Evaluation, units: Units | None = None, command: str = "") -> Page:
+    """Return the page of an evaluation.
+
+    - `units`: units of its drawings and texts; by default those of the problem file
+    - `command`: the command that made it, for the head of the page
+    """
+    units = units or units_of(evaluation)
+    problem = evaluation.problem
+    project = problem.project
+    head = {
+        "Project": project.number,
+        "Revision": project.revision,
+        "Author": project.author,
+        "Organisation": project.organisation,
+        "Date": date_of(evaluation),
+    }
+    origin: dict[str, Text] = {
+        "Problem file": (Code(problem.path.name), f", SHA-256 {problem.sha256[:12]}…"),
+    }
+    if command:
+        origin["Command"] = (Code(command),)
+    title = project.title or problem.path.stem
+    revision = f" · rev. {project.revision}" if project.revision else ""
+    return Page(
+        title=title,
+        subject=project.subject or "",
+        head={name: text for name, text in head.items() if text},
+        origin=origin,
+        verdict=evaluation.verdict,
+        notices=tuple(_notices(evaluation)),
+        sections=tuple(section(evaluation, units) for section in SECTIONS),
+        is_verified=evaluation.is_verified,
+        footer=f"{title}{revision} · rockjax {__version__}",
+    )
+
+
+def tables_of(evaluation: Evaluation) -> dict[str, Table]:
+    """Return name → table, of all tables of the page."""
+    return {table.name: table for table in page_of(evaluation).tables()}
+
+
+def date_of(evaluation: Evaluation) -> str:
+    """Return the date of the page: of the file, of SOURCE_DATE_EPOCH, or today."""
+    if evaluation.problem.project.date:
+        return evaluation.problem.project.date
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
+    if epoch and epoch.isdigit():
+        return datetime.datetime.fromtimestamp(int(epoch), datetime.UTC).date().isoformat()
+    return datetime.date.today().isoformat()
+
+
+def _notices(evaluation: Evaluation):
+    """Yield what the reader must know, one text each."""
+    problem = evaluation.problem
+    texts = {assumption.id: assumption.text for assumption in ASSUMPTIONS}
+    violated: dict[str, list[str]] = {}
+    for check in evaluation.checks:
+        for name in check.violated:
+            violated.setdefault(name, []).append(check.id)
+    for name, checks in violated.items():
+        yield (
+            "Assumption ",
+            Link(name, name),
+            f" is violated in the motions of {', '.join(checks)}, whose numbers are not verified: ",
+            f"“{texts[name]}”",
+        )
+    undecided = [check.id for check in evaluation.checks if check.result == "UNDECIDED"]
+    if undecided:
+        yield f"Undecided within the numerical error, or without an answer: {', '.join(undecided)}."
+    if problem.podium.elevation is None:
+        yield "Not checked, because the structure has no positions of columns: joint forces, A1 and A7."
+    missing = [entry.key for entry in problem.inputs if entry.source is None]
+    if missing:
+        yield (
+            f"Inputs without a source: {len(missing)} of {len(problem.inputs)} (",
+            Code(", ".join(missing)),
+            ").",
+        )
+    for check in evaluation.checks:
+        if check.kind.name == "annual-frequency" and check.values is not None:
+            share = float(evaluation.scenes.risk(str(check.motions), True)["extrapolated"])
+            if share > MIN_EXTRAPOLATED:
+                yield f"{share:.0%} of the annual frequency of {check.id} comes from beyond the hazard curve."
+    yield from warnings_of(evaluation)
+    unused = [name for name in problem.motions if all(check.motions != name for check in evaluation.checks)]
+    if unused:
+        yield ("No check uses the sets of motions ", Code(", ".join(unused)), ".")
+    if evaluation.skipped:
+        yield f"Left out on request: {', '.join(evaluation.skipped)}."

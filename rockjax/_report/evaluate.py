@@ -1,0 +1,237 @@
+"""Evaluation of the checks of a problem: values, utilisations and the words for their results."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rockjax._responses.estimate import SAFETY
+
+from .assumptions import INVALIDATING, Outcome
+from .contents import tables_of
+from .evaluation import Check, Evaluation
+from .keys import CheckKeys
+from .kinds import KINDS, ByOthers, Kind, RiskKind, Values
+from .problem import Problem
+from .reading import read_problem
+from .scenes import Scenes, Silent
+from .store import Store
+
+ROUNDING = 8 * np.finfo(float).eps  # least relative error of a value
+PARTS = ("risk", "methods", "spread")  # what `skip` can leave out
+
+
+def evaluate(
+    problem: Problem | str | Path, *, skip: tuple[str, ...] = (), store: Any = None, progress: Any = None
+) -> Evaluation:
+    """Evaluate all checks of a problem (host).
+
+    - `problem`: a [`rockjax.Problem`][], or the path of a problem file
+    - `skip`: what is left out: `"risk"` (checks of annual frequency and median capacity), `"methods"` (the
+      simplified methods) and `"spread"` (changed parameters)
+    - `store`: path of a file (.nc) that keeps the answers of scenes, so that a later call does not solve them
+      again; None for no file
+    - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`; None for none
+
+    Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for invalid files and other names in `skip`.
+    """
+    if isinstance(problem, str | Path):
+        problem = read_problem(problem)
+    for name in skip:
+        if name not in PARTS:
+            raise ValueError(f"evaluate: skip must hold some of {', '.join(PARTS)}, got {name!r}")
+    path = None if store is None else Path(store)
+    scenes = Scenes(problem, Store(path), needed_outputs(problem), progress or Silent())
+    checks = tuple(_evaluate(entry, scenes, skip) for entry in problem.checks)
+    outcomes = {
+        name: {y.id: y.test(problem, scenes.peaks(name)) for y in INVALIDATING}
+        for name in scenes.used_sets
+        if any(check.motions == name and check.values is not None for check in checks)
+    }
+    return Evaluation(problem, scenes, checks, outcomes, tuple(skip), tables_of)
+
+
+def needed_outputs(problem: Problem) -> dict[str, tuple[str, ...]]:
+    """Return set of motions → outputs that its checks need."""
+    needed: dict[str, dict[str, None]] = {name: {} for name in problem.motions}
+    for entry in problem.checks:
+        kind = KINDS[entry.kind]
+        if entry.motions and not kind.missing(entry, problem):
+            needed[entry.motions] |= dict.fromkeys(kind.outputs(entry))
+    return {name: tuple(outputs) for name, outputs in needed.items()}
+
+
+def _evaluate(entry: CheckKeys, scenes: Scenes, skip: tuple[str, ...]) -> Check:
+    """Return a check. A check that fails to run is not made, with the message as its reason."""
+    kind = KINDS[entry.kind]
+    problem = scenes.problem
+    limit = kind.limit(entry, float(problem.podium.g))
+    if isinstance(kind, ByOthers):
+        texts = [getattr(entry, name) or "" for name in ("text", "reference")]
+        return Check(entry, kind, "BY OTHERS", ": ".join(filter(None, texts)) or "Made by others.")
+    reason = kind.missing(entry, problem)
+    if not reason and isinstance(kind, RiskKind) and "risk" in skip:
+        reason = "Left out by --skip risk."
+    if reason:
+        return Check(entry, kind, "NOT MADE", reason, limit=limit)
+    try:
+        return _made(entry, kind, limit, scenes, "spread" not in skip)
+    except (ValueError, RuntimeError, OSError, NotImplementedError) as error:
+        return Check(entry, kind, "NOT MADE", f"{type(error).__name__}: {error}", limit=limit)
+
+
+def _made(entry: CheckKeys, kind: Kind, limit: float, scenes: Scenes, with_spread: bool) -> Check:
+    """Return a check that can be made."""
+    values = kind.values(entry, scenes)
+    value, error, governing = statistic_of(values, entry.statistic, kind.is_minimum, limit)
+    utilisations = utilisations_of(value, error, limit, kind.is_minimum)
+    violated = _violated(kind, entry, scenes)
+    without = sorted({name for name in values.unanswered if name})
+    result = decide(utilisations, bool(without), bool(violated))
+    word = "" if math.isfinite(value) else (values.words[governing or 0] or "no finite value")
+    reason = ""
+    if without and result == "UNDECIDED":
+        count = sum(map(bool, values.unanswered))
+        reason = f"{count} of {len(values.unanswered)} scenes have no decided answer: {', '.join(without)}"
+    check = Check(
+        entry,
+        kind,
+        result,
+        reason,
+        violated,
+        limit,
+        value,
+        error,
+        word,
+        utilisations[1],
+        None if values.is_of_set else governing,
+        values.places[governing or 0],
+        values,
+    )
+    return dataclasses.replace(
+        check,
+        sensitivities=_sensitivities(check, scenes),
+        spread=_spread(check, scenes) if with_spread and kind.repeats else {},
+        laws=_laws(check, scenes) if kind.repeats else {},
+    )
+
+
+def statistic_of(
+    values: Values, statistic: str, is_minimum: bool, limit: float
+) -> tuple[float, float, int | None]:
+    """Return the statistic of values, its error, and the index of the governing motion.
+
+    - `statistic`: "max" (the largest utilisation), "mean", "median" or "p84"
+    - `limit`: decides which of several values governs a minimum
+
+    What overturns counts as ±inf.
+    """
+    del limit
+    y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
+    errors = np.maximum(errors, ROUNDING * np.abs(np.where(np.isfinite(y), y, 0.0)))
+    governing = int(np.argmin(y) if is_minimum else np.argmax(y))
+    if statistic == "max":
+        return float(y[governing]), float(errors[governing]), governing
+    if statistic == "mean":
+        return float(np.mean(y)), float(np.mean(errors)), governing
+    share = {"median": 0.5, "p84": 0.84}[statistic]
+    share = 1 - share if is_minimum else share
+    return _quantile(y, share), float(errors.max()), governing
+
+
+def _quantile(y: np.ndarray, share: float) -> float:
+    """Return a quantile by linear interpolation; infinite if a neighbour that counts is infinite."""
+    ordered = np.sort(y)
+    position = share * (len(ordered) - 1)
+    low, high = math.floor(position), math.ceil(position)
+    weight = position - low
+    if weight == 0:
+        return float(ordered[low])
+    return float((1 - weight) * ordered[low] + weight * ordered[high])
+
+
+def utilisations_of(value: float, error: float, limit: float, is_minimum: bool) -> tuple[float, float, float]:
+    """Return the utilisation with the value decreased by ten times its error, as it is, and increased."""
+
+    def of(y: float) -> float:
+        if not is_minimum:
+            return y / limit if math.isfinite(y) else math.inf
+        if y == math.inf:
+            return 0.0
+        return limit / y if y > 0 else (math.inf if limit > 0 else 0.0 if y >= limit else math.inf)
+
+    every = [of(value + sign * SAFETY * error) if math.isfinite(value) else of(value) for sign in (-1, 0, 1)]
+    return min(every), every[1], max(every)
+
+
+def decide(utilisations: tuple[float, float, float], has_no_answer: bool, is_violated: bool) -> str:
+    """Return the word for a result.
+
+    - `utilisations`: least, estimated and largest utilisation within ten times the error
+    - `has_no_answer`: whether a scene of the set is undecided or has no answer
+    - `is_violated`: whether an assumption does not hold
+    """
+    least, _, largest = utilisations
+    if least > 1:
+        return "FAIL"
+    if has_no_answer or largest > 1 or math.isnan(largest):
+        return "UNDECIDED"
+    return "NOT VALID" if is_violated else "PASS"
+
+
+def _violated(kind: Kind, entry: CheckKeys, scenes: Scenes) -> tuple[str, ...]:
+    """Return the numbers of the assumptions that do not hold in a motion of the set; for searches, at the
+    boundary found."""
+    if not entry.motions:
+        return ()
+    data = scenes.peaks(entry.motions) if kind.repeats else scenes.at_boundary(entry)
+    found = {}
+    for assumption in INVALIDATING:
+        outcome = assumption.test(scenes.problem, data)
+        if isinstance(outcome, Outcome) and outcome.violated.any():
+            found[assumption.id] = outcome
+    return tuple(found)
+
+
+def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
+    """Return d ln U/d ln y of the governing motion; for a mean, of the mean of all motions."""
+    if check.governing is None or not math.isfinite(check.value) or check.value == 0:
+        return {}
+    assert check.values is not None
+    of_all = check.statistic == "mean"
+    motions = tuple(range(len(check.values.values))) if of_all else (check.governing,)
+    functions = {k: check.kind.traced(check.entry, scenes, k) for k in motions}
+    known = {k: function for k, function in functions.items() if function is not None}
+    if not known:
+        return {}
+    data = scenes.slopes(check.entry, known, check.kind.powers)
+    weights = data["value"] / data["value"].sum()
+    slopes = (weights * data["slope"]).sum("motion")
+    sign = -1 if check.kind.is_minimum else 1
+    return {str(name): sign * float(y) for name, y in zip(data["parameter"].values, slopes, strict=True)}
+
+
+def _utilisation(check: Check, scenes: Scenes, law: str | None = None, change: str = "") -> Any:
+    values = check.kind.values(check.entry, scenes, law, change)
+    value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum, check.limit)
+    return utilisations_of(value, error, check.limit, check.kind.is_minimum), values
+
+
+def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:
+    """Return input → U of the set with the input decreased and increased."""
+    found = {change: _utilisation(check, scenes, change=change)[0][1] for change in scenes.changes}
+    names = dict.fromkeys(change[:-1] for change in scenes.changes)
+    return {name: (found[f"{name}-"], found[f"{name}+"]) for name in names}
+
+
+def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:
+    """Return law of impact → (U, result)."""
+    laws = {}
+    for law in scenes.problem.report.laws:
+        utilisations, values = _utilisation(check, scenes, law=law)
+        laws[law] = utilisations[1], decide(utilisations, any(values.unanswered), False)
+    return laws

@@ -1,0 +1,143 @@
+"""Results of a report: checks, and the evaluation of a problem."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from .assumptions import Outcome
+from .keys import CheckKeys
+from .kinds import Kind, Values
+from .problem import Problem
+from .scenes import Scenes
+
+if TYPE_CHECKING:
+    from .tables import Table
+
+
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """A check with its result.
+
+    - `id`, `name`, `kind`, `clause`: of the problem file; `is_target`: whether it is a design target
+    - `motions`, `statistic`: name of its set, and statistic over the set
+    - `result`: `"PASS"`, `"FAIL"`, `"UNDECIDED"`, `"NOT VALID"`, `"NOT MADE"` or `"BY OTHERS"`
+    - `reason`: why it has no value, or which scenes have no answer; "" otherwise
+    - `violated`: numbers of the assumptions that do not hold, such as `"A7"`
+    - `limit`, `value`, `error`: in SI; the value is ±inf where it is a word, and NaN where there is none
+    - `word`: what replaces the value, such as "overturned at 5.85 s"; "" for a number
+    - `utilisation`: value/limit, or limit/value for a minimum [–]; inf where the columns overturn
+    - `governing`: index of the governing motion, or None; `place`: storey or joint, and time
+    - `values`: the values of all motions
+    - `sensitivities`: d ln U/d ln y for every input y and the factor on the motions; empty without
+    - `spread`: input → U of the whole set with the input decreased and increased; empty without
+    - `laws`: law of impact → (U, result)
+    """
+
+    entry: CheckKeys
+    kind: Kind
+    result: str
+    reason: str = ""
+    violated: tuple[str, ...] = ()
+    limit: float = math.nan
+    value: float = math.nan
+    error: float = math.nan
+    word: str = ""
+    utilisation: float = math.nan
+    governing: int | None = None
+    place: str = ""
+    values: Values | None = None
+    sensitivities: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    spread: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    laws: Mapping[str, tuple[float, str]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def id(self) -> str:
+        return str(self.entry.id)
+
+    @property
+    def name(self) -> str:
+        return self.entry.name or self.kind.title
+
+    @property
+    def clause(self) -> str:
+        return self.entry.clause or ""
+
+    @property
+    def motions(self) -> str | None:
+        return self.entry.motions
+
+    @property
+    def statistic(self) -> str:
+        return self.entry.statistic
+
+    @property
+    def is_target(self) -> bool:
+        return bool(getattr(self.entry, "is_target", False))
+
+    @property
+    def is_verified(self) -> bool:
+        """True if the check passes or is made by others."""
+        return self.result in ("PASS", "BY OTHERS")
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation:
+    """An evaluated problem, from [`rockjax.evaluate`][].
+
+    - `problem`: the problem; `scenes`: its solved scenes
+    - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
+    - `assumptions`: set of motions → number of the assumption → its `Outcome`, or why it is not tested
+    - `skipped`: what was left out
+    - `make_tables`: returns the tables of an evaluation
+    """
+
+    problem: Problem
+    scenes: Scenes
+    checks: tuple[Check, ...]
+    assumptions: Mapping[str, Mapping[str, Outcome | str]]
+    skipped: tuple[str, ...]
+    make_tables: Callable[[Evaluation], dict[str, Table]]
+
+    @property
+    def is_verified(self) -> bool:
+        """True if every check passes; those that others make do not count."""
+        return all(check.is_verified for check in self.checks)
+
+    @property
+    def verdict(self) -> str:
+        """The first sentence of the report."""
+        return verdict([check.result for check in self.checks])
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """Name → table, of all tables of the report."""
+        return self.make_tables(self)
+
+
+def verdict(words: list[str]) -> str:
+    """Return the verdict on checks with these results, such as "Verified: all 14 checks pass."."""
+    own = [word for word in words if word != "BY OTHERS"]
+    others = len(words) - len(own)
+    count = {word: own.count(word) for word in ("PASS", "FAIL", "UNDECIDED", "NOT VALID", "NOT MADE")}
+    by_others = f" {others} more {'is' if others == 1 else 'are'} made by others." if others else ""
+    if count["PASS"] == len(own) and own:
+        return f"Verified: {'all ' if len(own) > 1 else 'the only '}{_checks(len(own))}." + by_others
+    if not own:
+        return "Not verified: every check is made by others."
+    phrases = {
+        "PASS": ("passes", "pass"),
+        "FAIL": ("fails", "fail"),
+        "UNDECIDED": ("is undecided", "are undecided"),
+        "NOT VALID": ("is not valid", "are not valid"),
+        "NOT MADE": ("was not made", "were not made"),
+    }
+    parts = [f"{n} {phrases[word][n != 1]}" for word, n in count.items() if n or word == "PASS"]
+    of = f"of {len(own)} checks" if len(own) > 1 else "of one check"
+    return f"Not verified: {of} {', '.join(parts)}.{by_others}"
+
+
+def _checks(count: int) -> str:
+    return f"{count} checks pass" if count > 1 else "check passes"

@@ -1,0 +1,57 @@
+"""Warnings of plausibility: numbers that are possible but probably a mistake."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .evaluation import Evaluation
+
+DENSITIES = 300.0, 8000.0  # of columns [kg/m³]
+STRESSES = 0.01e6, 50e6  # mean stress of columns [Pa]
+PERIODS = 0.05, 10.0  # first period of a building [s]
+LARGEST_DRIFT = 0.1  # limit of a drift, as a share of the height of the storey
+LEAST_U = 0.01
+FEW_MOTIONS = 7
+
+
+def warnings_of(evaluation: Evaluation) -> Iterator[str]:
+    """Yield a sentence for each number that is probably a mistake."""
+    problem = evaluation.problem
+    podium, mass, depth = problem.podium, problem.column_mass, problem.joints.contact_depth
+    width, height = float(podium.width), float(podium.height)
+    if mass is not None:
+        depth = width if depth is None else depth
+        density = mass / (width * height * depth)
+        if not DENSITIES[0] <= density <= DENSITIES[1]:
+            yield (
+                f"The columns have {density:.4g} kg/m³; usual are 300 to 8000 kg/m³. Is "
+                "structure.column_mass in kilograms?"
+            )
+        stress = float(np.asarray(podium.dead_load)[0]) * mass * float(podium.g) / (width * depth)
+        if not STRESSES[0] <= stress <= STRESSES[1]:
+            yield f"The mean stress of the columns is {stress / 1e6:.3g} MPa; usual are 0.01 to 50 MPa."
+    oscillators = None if podium.superstructure is None else podium.superstructure.oscillators
+    if oscillators is not None:
+        period = float(np.max(np.asarray(oscillators.T_s)))
+        if not PERIODS[0] <= period <= PERIODS[1]:
+            yield f"The first period of the building is {period:.3g} s; usual are 0.05 to 10 s."
+    heights = problem.story_heights
+    for check in evaluation.checks:
+        if (
+            check.kind.name == "peak-drift"
+            and heights is not None
+            and check.limit > LARGEST_DRIFT * heights.min()
+        ):
+            yield f"The limit of {check.id} exceeds a tenth of a storey height; limits are in m by default."
+        if check.kind.name == "peak-drift-ratio" and check.limit > LARGEST_DRIFT:
+            yield f"The limit of {check.id} exceeds a tenth of the height; is its unit missing?"
+        if math.isfinite(check.utilisation) and 0 < check.utilisation < LEAST_U:
+            yield f"The utilisation of {check.id} is below {LEAST_U:g}; is the unit of its limit right?"
+        if check.statistic == "mean" and check.motions and len(problem.motions[check.motions]) < FEW_MOTIONS:
+            count = len(problem.motions[check.motions])
+            yield f"{check.id} is a mean over {count} motions; usual are at least {FEW_MOTIONS}."

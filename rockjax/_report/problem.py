@@ -1,0 +1,168 @@
+"""Problem files of reports: the structure, named motions, checks, joints and sources of inputs."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._motions.motion import Motion
+from rockjax._motions.provenance import sha256
+from rockjax._options import Options
+from rockjax._problem import models
+from rockjax._problem.reading import Reader, to_excitation
+from rockjax._structures import Podium
+
+from .keys import CheckKeys
+
+WHOLE_NUMBERS = ("columns", "stories", "modes", "superstructure.stories", "superstructure.modes")
+
+
+@dataclasses.dataclass(frozen=True)
+class MotionSet:
+    """A named set of motions.
+
+    - `name`, `label`: key under `[motions]`, and its label from `[report]`
+    - `members`: records with name and source, or pulses; `names`: one for each
+    """
+
+    name: str
+    label: str
+    members: tuple[Motion | AbstractExcitation, ...]
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    @property
+    def excitations(self) -> list[AbstractExcitation]:
+        """The motions as excitations."""
+        return [to_excitation(member) for member in self.members]
+
+    @property
+    def has_vertical(self) -> bool:
+        """True if every motion has a vertical component."""
+        return all(
+            member.vertical is not None if isinstance(member, Motion) else hasattr(member, "vertical")
+            for member in self.members
+        )
+
+    @property
+    def hashes(self) -> tuple[str, ...]:
+        """SHA-256 of the samples of each motion, or of the parameters of each pulse."""
+
+        def of(member: Any) -> str:
+            if not isinstance(member, Motion):
+                leaves = np.array([float(y) for y in jax.tree.leaves(member)])
+                return hashlib.sha256(f"{type(member).__name__} {leaves.tolist()}".encode()).hexdigest()
+            own = sha256(member.acceleration)
+            return own if member.vertical is None else f"{own}+{sha256(member.vertical.acceleration)}"
+
+        return tuple(map(of, self.members))
+
+
+@dataclasses.dataclass(frozen=True)
+class Input:
+    """An input of the structure: its key such as `width` or `superstructure.T_s`, its value or values, and
+    the source that the file gives for it, or None."""
+
+    key: str
+    value: Any
+    source: str | None
+
+    @property
+    def varies(self) -> bool:
+        """True if the input is a positive number or a list of numbers, not a law, a count or a zero."""
+        values = np.ravel(self.value) if not isinstance(self.value, str) else np.zeros(0)
+        return bool(values.size) and self.key not in WHOLE_NUMBERS and bool(np.any(values != 0))
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A problem file as objects (host). Get it by [`rockjax.read_problem`][].
+
+    - `path`, `sha256`: the file and the hash of its text
+    - `podium`: the structure; `inputs`: its numbers in the file, a tuple of `Input`
+    - `motions`: name → `MotionSet`
+    - `checks`: the entries of `[[checks]]` and `[[targets]]`
+    - `options`: options of the solver
+    - `sources`: key of the file → source; `project`, `joints`, `report`, `fragility`, `risk`: its tables
+    - `text`: the whole file
+    """
+
+    path: Path
+    text: str
+    podium: Podium
+    inputs: tuple[Input, ...]
+    motions: Mapping[str, MotionSet]
+    checks: tuple[CheckKeys, ...]
+    options: Options
+    sources: Mapping[str, str]
+    project: models.Project
+    joints: models.JointKeys
+    report: models.ReportKeys
+    fragility: models.Fragility
+    risk: models.Risk
+    years: float
+    structure: models.ByRatios | models.ByDimensions
+
+    @property
+    def sha256(self) -> str:
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def varied(self, factors: Mapping[str, Any]) -> Podium:
+        """Return the structure with inputs multiplied by factors; traceable.
+
+        - `factors`: key of an input → factor. A list of values has one factor for all
+        """
+        return podium_with(self.structure, factors)
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Keys of the inputs that can vary."""
+        return tuple(entry.key for entry in self.inputs if entry.varies)
+
+    @property
+    def story_heights(self) -> np.ndarray | None:
+        """Heights of the stories [m], or None."""
+        top = self.podium.superstructure
+        heights = getattr(self.structure, "story_heights", None)
+        if heights is None:
+            heights = getattr(top, "heights", None)
+        return None if heights is None else np.asarray(heights, float)
+
+    @property
+    def column_mass(self) -> float | None:
+        """Mass of a column m_c [kg], or None for a structure by ratios."""
+        mass = getattr(self.structure, "column_mass", None)
+        return None if mass is None else float(mass)
+
+
+def podium_with(structure: models.ByRatios | models.ByDimensions, factors: Mapping[str, Any]) -> Podium:
+    """Return the podium of a table whose values are multiplied by factors; traceable."""
+    changes: dict[str, Any] = {}
+    nested: dict[str, dict[str, Any]] = {}
+
+    def times(value: Any, factor: Any) -> Any:
+        return jnp.asarray(value) * factor if isinstance(value, list | tuple) else value * factor
+
+    for name, factor in factors.items():
+        table, _, inner = name.rpartition(".")
+        if table:
+            owner = getattr(structure, table)
+            nested.setdefault(table, {})[inner] = times(getattr(owner, inner), factor)
+        elif name == "tan_alpha":
+            changes["alpha"] = jnp.arctan(times(getattr(structure, name), factor))
+            changes["tan_alpha"] = None
+        else:
+            changes[name] = times(getattr(structure, name), factor)
+    for table, inner in nested.items():
+        changes[table] = getattr(structure, table).model_copy(update=inner)
+    return Reader().structure(structure.model_copy(update=changes))

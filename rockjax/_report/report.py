@@ -1,0 +1,136 @@
+"""Reports: an evaluation as a page and as files."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rockjax._files import write_atomically
+
+from .contents import page_of, units_of
+from .evaluate import evaluate
+from .evaluation import Evaluation
+from .problem import Problem
+
+if TYPE_CHECKING:
+    from .blocks import Page
+    from .tables import Table
+    from .units import Units
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """A report, from [`rockjax.report`][].
+
+    - `evaluation`: the checks and their scenes; `page`: contents of the page; `units`: its units
+    - `written`: files that were written
+    """
+
+    evaluation: Evaluation
+    page: Page
+    units: Units
+    written: tuple[Path, ...] = ()
+
+    @property
+    def html(self) -> str:
+        """The page, one self-contained HTML file."""
+        return self._encoded("html")["report.html"].decode()
+
+    @property
+    def json(self) -> str:
+        """All numbers of the page in SI."""
+        return next(iter(self._encoded("json").values())).decode()
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """Name → table."""
+        return {table.name: table for table in self.page.tables()}
+
+    @property
+    def verified(self) -> bool:
+        """True if every check passes."""
+        return self.evaluation.is_verified
+
+    def to_csv(self, folder: str | Path) -> list[Path]:
+        """Write a CSV file for each table into a folder. Return their paths."""
+        return [
+            write_atomically(Path(folder) / name, _writer(content))
+            for name, content in self._encoded("csv").items()
+        ]
+
+    def to_xlsx(self, path: str | Path) -> Path:
+        """Write a workbook with a sheet for each table. Return its path.
+
+        Raises `ImportError` without XlsxWriter, with the command that installs it.
+        """
+        (content,) = self._encoded("xlsx").values()
+        return write_atomically(path, _writer(content))
+
+    def _encoded(self, name: str) -> dict[str, bytes]:
+        from ._formats import FORMATS
+
+        return FORMATS[name](self.page, self.units)
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f'<iframe srcdoc="{escape(self.html, quote=True)}" width="100%" height="700"></iframe>'
+
+    def __repr__(self) -> str:
+        rows = [f"  {check.id:<6} {check.result:<10} {check.name}" for check in self.evaluation.checks]
+        return "\n".join([self.evaluation.verdict, *rows])
+
+
+def _writer(content: bytes) -> Any:
+    return lambda name: Path(name).write_bytes(content)
+
+
+def report(
+    problem: Problem | Evaluation | str | Path,
+    output: str | Path | None = None,
+    *,
+    units: str | Sequence[str] | None = None,
+    skip: tuple[str, ...] = (),
+    progress: Any = None,
+    command: str = "",
+) -> Report:
+    """Return the design report of a problem (host).
+
+    - `problem`: path of a problem file, a [`rockjax.Problem`][], or an [`rockjax.Evaluation`][]
+    - `output`: path of the page, NAME.html. NAME.json (all numbers in SI) and NAME.nc (all scenes) are
+      written beside it; scenes that NAME.nc already has are not solved again. None writes nothing
+    - `units`: units of the page, at most one of a kind, such as "kN,m,deg,g,mm"; by default those of the file
+    - `skip`, `progress`: as for [`rockjax.evaluate`][]
+    - `command`: the command that makes the report, for the head of the page
+
+    Returns a [`rockjax.Report`][]. Raises `ValueError` for an invalid file, for unknown units, and for an
+    `output` that is not .html (print the page from a browser to get a PDF), before anything is solved.
+    """
+    path = None if output is None else Path(output)
+    if path is not None and path.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(
+            f"report: output must be a .html file, got {path.name}; for a PDF, print the page from a browser"
+        )
+    store = None if path is None else path.with_suffix(".nc")
+    if isinstance(problem, Evaluation):
+        evaluation = problem
+    else:
+        if isinstance(problem, str | Path):
+            from .reading import read_problem
+
+            problem = read_problem(problem)
+        if units is not None or problem.report.units:
+            from .units import Units
+
+            Units.parse(units or problem.report.units or ())  # raises before anything is solved
+        evaluation = evaluate(problem, skip=skip, store=store, progress=progress)
+    chosen = units_of(evaluation, units)
+    found = Report(evaluation, page_of(evaluation, chosen, command), chosen)
+    if path is None:
+        return found
+    contents = {path: found.html.encode(), path.with_suffix(".json"): found.json.encode()}
+    written = [write_atomically(name, _writer(content)) for name, content in contents.items()]
+    saved = evaluation.scenes.store.save()
+    return dataclasses.replace(found, written=(*written, *([saved] if saved else [])))

@@ -1,0 +1,468 @@
+"""The scenes of a report: each is solved once, when a check or a section first needs it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._options import Options
+from rockjax._outputs.registry import REGISTRY
+from rockjax._responses.peak import Peak, data_variables
+from rockjax._structures import Podium, ShearBuilding
+from rockjax._structures.modes import with_fields
+from rockjax._types import Value
+
+from .keys import CheckKeys
+from .problem import MotionSet, Problem
+from .store import Store, fingerprint
+from .uplift import UpliftRatio
+
+if TYPE_CHECKING:
+    import xarray
+
+    from rockjax._risk.hazard import Hazard
+
+Traced = Callable[[Podium, Any], Value]  # podium, excitation ↦ value of a check
+
+BASE = ("peak_rotation", "impacts", "errors")
+JOINT_OUTPUTS = ("peak_friction", "axial_force", "impact_friction")
+MAX_SCALE = 10.0  # end of the search for overturning factors
+NEAR = 1e-6  # relative distance of scenes from the boundary
+BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances of boundaries
+
+
+class Scenes:
+    """The scenes of a problem.
+
+    - `problem`: the problem; `store`: keeps their answers
+    - `needed`: set of motions → outputs that its checks need
+    - `progress`: object with `update(number)` and `describe(text)`, or None
+    """
+
+    def __init__(
+        self, problem: Problem, store: Store, needed: Mapping[str, tuple[str, ...]], progress: Any = None
+    ):
+        self.problem, self.store, self.needed, self.progress = problem, store, needed, progress
+
+    def _say(self, text: str) -> None:
+        if self.progress is not None:
+            self.progress.describe(text)
+
+    @functools.cached_property
+    def changes(self) -> tuple[str, ...]:
+        """Names of the changed structures: each input ± spread, such as "width+" and "width-", and
+        "motion+", "motion-" for the factor on all motions."""
+        return tuple(f"{name}{sign}" for name in (*self.problem.variables, "motion") for sign in "-+")
+
+    def factors(self, change: str) -> dict[str, float]:
+        """Return key → factor of a change."""
+        spread = self.problem.report.spread
+        return {change[:-1]: 1 + spread if change[-1] == "+" else 1 - spread} if change else {}
+
+    def podium(self, law: str | None = None, change: str = "") -> Podium:
+        """Return the structure with a law of impact and a change."""
+        factors = {name: y for name, y in self.factors(change).items() if name != "motion"}
+        podium = self.problem.varied(factors) if factors else self.problem.podium
+        return podium if law is None else podium.replace(restitution=law)
+
+    def motion_set(self, name: str) -> MotionSet:
+        """Return a set of motions."""
+        return self.problem.motions[name]
+
+    @functools.cached_property
+    def used_sets(self) -> tuple[str, ...]:
+        """Names of the sets that a check uses, in the order of the file."""
+        used = {entry.motions for entry in self.problem.checks}
+        return tuple(name for name in self.problem.motions if name in used)
+
+    def outputs(self, name: str) -> tuple[str, ...]:
+        """Return the outputs of the scenes of a set: those of its checks, of the joints if the structure has
+        an elevation, and of the tables of the page."""
+        podium = self.problem.podium
+        wanted: dict[str, None] = dict.fromkeys(BASE)
+        for output in ("peak_shear", "peak_drift", "peak_floor_acceleration", "peak_velocity_jump"):
+            if podium.superstructure is not None and REGISTRY[output].applies(podium):
+                wanted[output] = None
+        wanted |= dict.fromkeys(self.needed.get(name, ()))
+        if podium.elevation is not None:
+            wanted |= dict.fromkeys((*JOINT_OUTPUTS, "peak_foundation_shear"))
+        return tuple(wanted)
+
+    def options(self, name: str) -> Options:
+        """Return the options of the scenes of a set."""
+        return self.problem.options.replace(outputs=self.outputs(name), throw=False)
+
+    # -------------------------------------------------------------------------------------------------- peaks
+    def peaks(self, name: str, law: str | None = None, change: str = "") -> xarray.Dataset:
+        """Return the peaks of the scenes of a set, along `motion`.
+
+        - `name`: the set; `law`: law of impact instead of that of the structure
+        - `change`: one of `changes`
+        """
+        if change:
+            return self._changed_peaks(name).sel(change=change)
+        law = None if law is None or self._is_own_law(law) else law
+        motions, options, podium = self.motion_set(name), self.options(name), self.podium(law)
+        mark = fingerprint(podium, motions.hashes, options)
+
+        def solve() -> xarray.Dataset:
+            self._say(f"scenes of {name}" + (f", law {law}" if law else ""))
+            return self._solve(podium, motions.excitations, options, ("motion",))
+
+        return self.store.get(f"peaks.{name}.{law or 'own'}", mark, solve)
+
+    def _is_own_law(self, law: str) -> bool:
+        return fingerprint(self.podium(law)) == fingerprint(self.problem.podium)
+
+    def _changed_peaks(self, name: str) -> xarray.Dataset:
+        """Return the peaks of a set with every change, along `change` and `motion`."""
+        motions, options = self.motion_set(name), self.options(name)
+        podiums = [self.podium(None, change) for change in self.changes]
+        mark = fingerprint(podiums, self.changes, motions.hashes, options, self.problem.report.spread)
+
+        def solve() -> xarray.Dataset:
+            self._say(f"scenes of {name} with changed parameters")
+            by_change = []
+            for sign in ("-", "+"):  # of all podiums with equal factors on the motions
+                factor = self.factors(f"motion{sign}")["motion"]
+                scaled = [y.scaled(factor) for y in motions.excitations]
+                by_change.append(self._solve(self.problem.podium, scaled, options, ("motion",)))
+            stacked = _stacked(podiums[:-2])
+            data = self._solve(stacked, motions.excitations, options, ("change", "motion"))
+            import xarray
+
+            return xarray.concat(
+                [data, *[y.expand_dims("change") for y in by_change]], "change"
+            ).assign_coords(change=list(self.changes))
+
+        return self.store.get(f"spread.{name}", mark, solve)
+
+    def _solve(self, podium: Podium, excitations: Any, options: Options, dims: tuple[str, ...]) -> Any:
+        """Return the peaks of a batch as a dataset."""
+        import xarray
+
+        from rockjax._batch.batch import peak_responses
+
+        peaks: Peak = peak_responses(podium, excitations, options=options, progress=self.progress or False)
+        return xarray.Dataset(data_variables(peaks, options.outputs, dims))
+
+    # ----------------------------------------------------------------------------------------------- searches
+    def scales(self, name: str, event: str) -> xarray.Dataset:
+        """Return the least factors on the motions of a set that lift or overturn the columns, along `motion`,
+        with estimates of their errors.
+
+        - `name`: the set; `event`: "uplift" or "overturning"
+        """
+        motions, podium, options = self.motion_set(name), self.problem.podium, self.problem.options
+        mark = fingerprint(podium, motions.hashes, options, event, MAX_SCALE)
+        solve = self._uplift if event == "uplift" else self._overturning
+        return self.store.get(f"scales.{name}.{event}", mark, lambda: solve(motions))
+
+    def _uplift(self, motions: MotionSet) -> xarray.Dataset:
+        import xarray
+
+        self._say(f"uplift factors of {motions.name}")
+        factor = self._uplift_guess(motions)
+        # Close to uplift, where the tolerance of the scenes is that of the factor.
+        scaled = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
+        data = self._solve(self.problem.podium, scaled, self._uplift_options, ("motion",))
+        factor = 0.9 * factor / data["uplift_ratio"].values
+        error = factor * data["uplift_ratio_error"].values / data["uplift_ratio"].values
+        return xarray.Dataset(
+            {"factor": ("motion", factor), "error": ("motion", error)}, attrs={"limit": np.inf}
+        )
+
+    @property
+    def _uplift_options(self) -> Options:
+        return self.problem.options.replace(outputs=(UpliftRatio(), "peak_rotation", "errors"), throw=False)
+
+    def _uplift_guess(self, motions: MotionSet) -> np.ndarray:
+        """Return factors on the motions from scenes that do not lift the columns."""
+        from rockjax._batch.batch import peak_responses
+
+        podium = self.problem.podium
+        threshold = float(podium.uplift_ground_acceleration)
+        largest = np.array([_largest_acceleration(y) for y in motions.excitations])
+        scale = 0.3 * threshold / largest
+        for _ in range(20):
+            scaled = [y.scaled(f) for y, f in zip(motions.excitations, scale, strict=True)]
+            peaks = peak_responses(podium, scaled, options=self._uplift_options)
+            if not np.any(peaks.uplifted):
+                return scale / np.asarray(peaks.uplift_ratio)
+            scale = np.where(peaks.uplifted, scale / 3, scale)
+        raise RuntimeError(f"report: no factor keeps the columns of {motions.name} in contact")
+
+    def _overturning(self, motions: MotionSet) -> xarray.Dataset:
+        import xarray
+
+        from rockjax._boundaries.boundary import overturning_scale
+
+        factors = []
+        for name, excitation in zip(motions.names, motions.excitations, strict=True):
+            self._say(f"overturning factor of {name}")
+            factors.append(float(overturning_scale(self.problem.podium, excitation, **self._boundary)))
+        found = np.array(factors)
+        # Boundaries are bisected to rounding, so that the error is that of their scenes.
+        error = np.where(np.isfinite(found), found * BOUNDARY_ERROR, np.nan)
+        return xarray.Dataset(
+            {"factor": ("motion", found), "error": ("motion", error)}, attrs={"limit": MAX_SCALE}
+        )
+
+    @property
+    def _boundary(self) -> dict[str, Any]:
+        """Arguments of `overturning_scale`."""
+        from rockjax._boundaries.boundary import BOUNDARY
+
+        ratio = self.problem.options.overturn_ratio
+        return {"max_scale": MAX_SCALE, "options": BOUNDARY.replace(overturn_ratio=ratio)}
+
+    def scale_function(self, event: str, name: str, motion: int) -> Traced:
+        """Return the least factor on a motion as a function of podium and excitation, for derivatives."""
+        from rockjax._boundaries.boundary import overturning_scale
+        from rockjax._responses.simulate import peak_response
+
+        if event == "overturning":
+            return lambda podium, excitation: overturning_scale(podium, excitation, **self._boundary)
+        scale = 0.9 * float(self.scales(name, event)["factor"][motion])
+        options = self._uplift_options.replace(outputs=(UpliftRatio(),))
+
+        def factor(podium: Podium, excitation: Any):
+            peak = peak_response(podium, excitation.scaled(scale), options=options)
+            return scale / peak.uplift_ratio
+
+        return factor
+
+    def at_boundary(self, entry: CheckKeys) -> xarray.Dataset:
+        """Return the peaks of the motions of a search, each scaled to just below the boundary that was found,
+        or to the end of the search."""
+        name = str(entry.motions)
+        motions, podium = self.motion_set(name), self.problem.podium
+        if entry.kind in ("overturning-scale", "uplift-scale"):
+            factor = self.scales(name, entry.kind.removesuffix("-scale"))["factor"].values
+        else:
+            factor = self.risk(name, entry.kind == "annual-frequency")["scale"].values
+        factor = np.where(np.isfinite(factor), (1 - NEAR) * factor, MAX_SCALE)
+        options = self.options(name)
+        mark = fingerprint(podium, motions.hashes, options, factor)
+
+        def solve() -> xarray.Dataset:
+            self._say(f"scenes of {name} at the boundary")
+            scaled = [y.scaled(f) for y, f in zip(motions.excitations, factor, strict=True)]
+            return self._solve(podium, scaled, options, ("motion",))
+
+        return self.store.get(f"boundary.{name}.{entry.kind}", mark, solve)
+
+    # --------------------------------------------------------------------------------------------------- risk
+    def risk(self, name: str, with_hazard: bool) -> xarray.Dataset:
+        """Return the fragility of a set by `[fragility]`, and the annual frequency by `[risk]` (host).
+
+        - `name`: the set; `with_hazard`: whether the annual frequency is computed
+
+        The variables are `capacity` along `motion`; `median`, `dispersion`, their intervals
+        `median_interval`, `dispersion_interval` along `bound`; and `frequency`, `return_period`,
+        `probability`, `extrapolated`. A curve of `risk.fragility` (a file) replaces the analysis.
+        """
+        import xarray
+
+        problem, motions = self.problem, self.motion_set(name)
+        settings, hazard = problem.fragility, self._hazard() if with_hazard else None
+        mark = fingerprint(
+            problem.podium,
+            motions.hashes,
+            problem.options,
+            settings.model_dump(),
+            hazard,
+            problem.risk.model_dump(),
+        )
+
+        def solve() -> xarray.Dataset:
+            curve = self._curve(motions, hazard)
+            bounds = curve["interval"].transpose("quantity", "bound").values
+            data: dict[str, Any] = {
+                "capacity": ("motion", curve.attrs.pop("capacity")),
+                "scale": ("motion", curve.attrs.pop("scale")),
+                "median": float(curve["median_capacity"]),
+                "dispersion": float(curve["dispersion"]),
+                "median_interval": ("bound", bounds[0]),
+                "dispersion_interval": ("bound", bounds[1]),
+            }
+            slopes: dict[str, float] = {}
+            if hazard is not None:
+                from rockjax._risk.annual import annual_frequency
+
+                annual = annual_frequency(curve, hazard)
+                data |= {
+                    "frequency": float(annual.frequency),
+                    "return_period": float(annual.return_period),
+                    "probability": float(annual.probability(problem.years)),
+                    "extrapolated": float(annual.extrapolated),
+                }
+                slopes = {key: float(y) for key, y in annual.sensitivities.items()}
+            attrs = {"measure": curve.attrs["measure"], "units": curve["at"].attrs.get("units", "1")}
+            found = xarray.Dataset(data, attrs=attrs)
+            found["sensitivity"] = "parameter", np.array(list(slopes.values()), float)
+            return found.assign_coords(parameter=np.array(list(slopes), dtype=str))
+
+        return self.store.get(f"risk.{name}.{'annual' if with_hazard else 'median'}", mark, solve)
+
+    def _hazard(self) -> Hazard:
+        from rockjax._risk.hazard import Hazard
+
+        path = self.problem.path.parent / str(self.problem.risk.hazard)
+        return Hazard.from_file(path, site=self.problem.risk.site).in_si()
+
+    def _curve(self, motions: MotionSet, hazard: Hazard | None) -> xarray.Dataset:
+        """Return the fragility curve of a set, with the least overturning intensities of its motions as the
+        attribute `capacity`."""
+        from rockjax._motions.motion import Motions
+        from rockjax._studies.curve import fragility
+        from rockjax._studies.fragility import incremental_dynamic_analysis, levels_of, measure_of
+
+        problem = self.problem
+        settings = problem.fragility
+        self._say(f"fragility of {motions.name}")
+        suite = Motions(motions.members)  # pyright: ignore[reportArgumentType]
+        measure = measure_of(settings.measure, settings.measure_period, suite)
+        levels = levels_of(problem.podium, suite, measure, settings.intensity, settings.levels)
+        analysis = incremental_dynamic_analysis(
+            problem.podium,
+            suite,
+            levels,
+            measure=measure,
+            names=motions.names,
+            sensitivities=settings.sensitivities,
+            options=problem.options,
+            progress=self.progress or False,
+        )
+        curve = fragility(analysis, method=settings.method, confidence=settings.confidence)
+        curve.attrs["capacity"] = analysis["capacity"].values
+        curve.attrs["scale"] = analysis["capacity"].values / np.asarray(measure.values)
+        return curve
+
+    # ------------------------------------------------------------------------------------------- derivatives
+    def slopes(
+        self, entry: CheckKeys, functions: Mapping[int, Traced], powers: Mapping[str, float]
+    ) -> xarray.Dataset:
+        """Return d ln(value)/d ln y of a check for every input y and the factor on the motion, along `motion`
+        and `parameter`.
+
+        - `entry`: the check; `functions`: index of a motion of its set → its value as a function
+        - `powers`: inputs that multiply the value besides their effect on the structure: key → exponent
+        """
+        import xarray
+
+        problem, motion_set = self.problem, self.motion_set(str(entry.motions))
+        names, motions = [*problem.variables, "motion"], list(functions)
+        hashes = [motion_set.hashes[k] for k in motions]
+        joints = problem.joints.model_dump()
+        mark = fingerprint(problem.podium, hashes, problem.options, entry.kind, names, motions, joints)
+
+        def solve() -> xarray.Dataset:
+            self._say(f"derivatives of {entry.id}")
+            rows = [self._slopes(value, motion_set.excitations[k]) for k, value in functions.items()]
+            exponents = np.array([powers.get(name, 0.0) for name in names])
+            return xarray.Dataset(
+                {
+                    "slope": (("motion", "parameter"), np.array([row[1] for row in rows]) + exponents),
+                    "value": ("motion", np.array([row[0] for row in rows])),
+                },
+                coords={"parameter": names, "motion": motions},
+            )
+
+        return self.store.get(f"slopes.{entry.id}", mark, solve)
+
+    def _slopes(self, value: Any, excitation: Any) -> tuple[float, np.ndarray]:
+        """Return a value and d ln(value)/d ln y for every input and the factor on the motion.
+
+        The value depends on the inputs by the leaves of the podium, and the leaves by the chain rule on the
+        inputs.
+        """
+        problem = self.problem
+        leaves, structure = jax.tree.flatten(problem.podium)
+        leaves = [jnp.asarray(y, float) for y in leaves]
+
+        def of_leaves(leaves: list[Any], log_scale: Any):
+            return value(jax.tree.unflatten(structure, leaves), excitation.scaled(jnp.exp(log_scale)))
+
+        result, (by_leaf, by_scale) = jax.value_and_grad(of_leaves, argnums=(0, 1))(leaves, jnp.zeros(()))
+
+        rows = [
+            jnp.tensordot(g, J, axes=jnp.ndim(g)) for g, J in zip(by_leaf, self._leaves_by_input, strict=True)
+        ]
+        total = np.asarray(sum(rows))
+        number = float(result)
+        return number, np.append(total, float(by_scale)) / number
+
+    @functools.cached_property
+    def _leaves_by_input(self) -> list[Any]:
+        """Derivatives of the leaves of the podium with respect to ln y of each input, along the last axis."""
+        problem = self.problem
+
+        def to_leaves(logs: Any) -> list[Any]:
+            factors = dict(zip(problem.variables, jnp.exp(logs), strict=True))
+            return [jnp.asarray(y, float) for y in jax.tree.leaves(problem.varied(factors))]
+
+        return jax.jit(jax.jacfwd(to_leaves))(jnp.zeros(len(problem.variables)))
+
+    # ---------------------------------------------------------------------------------------------- histories
+    def history(self, name: str, motion: int) -> xarray.Dataset:
+        """Return the history of a motion of a set, as [`rockjax.Response.dataset`][]."""
+        from rockjax._responses.response import with_joints
+        from rockjax._responses.simulate import simulate
+
+        motions, podium = self.motion_set(name), self.problem.podium
+        options = self.problem.options.replace(throw=False)
+        mark = fingerprint(podium, motions.hashes[motion], options)
+
+        def solve() -> xarray.Dataset:
+            self._say(f"history of {motions.names[motion]}")
+            response = simulate(podium, motions.members[motion], options=options)
+            data = response.dataset()
+            return data if podium.elevation is None else with_joints(data, response)
+
+        return self.store.get(f"history.{name}.{motion}", mark, solve)
+
+
+def _largest_acceleration(excitation: Any) -> float:
+    """Return the largest horizontal acceleration of an excitation [m/s²]."""
+    horizontal = getattr(excitation, "horizontal", excitation)
+    samples = getattr(horizontal, "acceleration", None)
+    if samples is not None:
+        return float(np.abs(np.asarray(samples)).max()) * float(abs(horizontal.scale))
+    start, end = (float(y) for y in horizontal.support)
+    return float(np.abs(np.asarray(jax.vmap(horizontal)(jnp.linspace(start, end, 1001)))).max())
+
+
+def _stacked(podiums: list[Podium]) -> Podium:
+    """Return podiums as a batch of shape (n, 1)."""
+    split = [_with_row_of_damping(podium.split()) for podium in podiums]
+    return jax.tree.map(lambda *y: np.stack([np.asarray(v, float) for v in y])[:, None], *split)
+
+
+def _with_row_of_damping(podium: Podium) -> Podium:
+    """Return a split podium with a damping ratio for each mode: a batch of single ratios would be taken for
+    ratios of modes."""
+    top = podium.superstructure
+    for name in ("damping", "zeta"):
+        value = getattr(top, name, None)
+        if top is not None and top.has_mode_axis and value is not None and not isinstance(value, tuple):
+            count = top.retained if isinstance(top, ShearBuilding) else top.count
+            podium = with_fields(podium, {"superstructure": with_fields(top, {name: (value,) * count})})
+    return podium
+
+
+@dataclasses.dataclass
+class Silent:
+    """Progress that is not shown."""
+
+    def update(self, count: int = 1) -> None:
+        """Ignore the number of scenes."""
+
+    def describe(self, text: str) -> None:
+        """Ignore the description."""

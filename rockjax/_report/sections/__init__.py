@@ -1,0 +1,43 @@
+"""Sections of the page, one module each, in the order of `SECTIONS`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from rockjax._report.blocks import Section
+from rockjax._report.units import Units
+
+from . import (
+    accuracy,
+    assumptions,
+    building,
+    influences,
+    joints,
+    methods,
+    motions,
+    provenance,
+    risk,
+    rocking,
+    structure,
+    summary,
+)
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Evaluation
+
+# Functions of an evaluation and of the units of drawings, which return the sections of the page.
+SECTIONS: tuple[Callable[[Evaluation, Units], Section], ...] = (
+    summary.section,
+    structure.section,
+    motions.section,
+    rocking.section,
+    joints.section,
+    building.section,
+    risk.section,
+    influences.section,
+    methods.section,
+    assumptions.section,
+    accuracy.section,
+    provenance.section,
+)

@@ -1,0 +1,76 @@
+"""Section 11: numerical accuracy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax import _results as results
+from rockjax._outputs.registry import VARIABLES
+from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.tables import Column, Quantity, Table, Word
+from rockjax._report.units import Units
+
+from .common import sets_with_scenes
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Evaluation
+
+_KINDS = {"1": "number", "m": "length", "m s-2": "acceleration", "m s-1": "velocity"}
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    del units
+    options = evaluation.problem.options
+    text = (
+        "Relative tolerance ",
+        Quantity(float(options.rtol), "number", given=True),
+        ", absolute tolerance ",
+        Quantity(float(options.atol), "number", given=True),
+        "; overturning is |θ| = ",
+        Quantity(float(options.overturn_ratio), "number", given=True),
+        " α. Every scene is solved a second time with a tenth of the tolerance; the difference is the error.",
+    )
+    blocks: list[Any] = [Paragraph(text)]
+    columns = Column("Set"), Column("Output"), Column("Largest estimated error"), Column("Largest value")
+    rows = []
+    counts = []
+    for name in sets_with_scenes(evaluation):
+        data = evaluation.scenes.peaks(name)
+        for variable, (entry, _) in VARIABLES.items():
+            if f"{variable}_error" not in data:
+                continue
+            error, value = data[f"{variable}_error"].values, data[variable].values
+            kind = _KINDS.get(entry.unit, "number")
+            finite, of_value = error[np.isfinite(error)], value[np.isfinite(value)]
+            rows.append(
+                (
+                    Word(name),
+                    Word(entry.symbol or variable),
+                    Quantity(finite.max(), kind) if finite.size else Word("no finite error", "none"),
+                    Quantity(np.abs(of_value).max(), kind)
+                    if of_value.size
+                    else Word("no finite value", "none"),
+                )
+            )
+        code, undecided = data["result"].values, data["undecided"].values
+        counts.append(
+            (
+                Word(name),
+                Quantity(len(code), "count"),
+                Quantity(int(data["overturned"].values.sum()), "count"),
+                Quantity(int(undecided.sum()), "count"),
+                Quantity(int((code > results.OVERTURNED).sum()), "count"),
+                Quantity(int(data["steps"].values.sum()), "count"),
+            )
+        )
+    if counts:
+        heads = ("Set", "Scenes", "Overturned", "Undecided", "Without an answer", "Trial steps")
+        kinds = [None, *["count"] * 5]
+        head = tuple(Column(y, kind) for y, kind in zip(heads, kinds, strict=True))
+        blocks.append(Table("scenes", "Scenes of each set", head, tuple(counts)))
+    if rows:
+        blocks.append(Table("errors", "Largest estimated errors", columns, tuple(rows)))
+    return Section(11, "Numerical accuracy", tuple(blocks))

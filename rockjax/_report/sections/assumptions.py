@@ -1,0 +1,116 @@
+"""Section 10: assumptions, and checks that the file does not ask for."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax._report.assumptions import ASSUMPTIONS, Assumption, Outcome
+from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.kinds import KINDS
+from rockjax._report.tables import Code, Column, Table, Word
+from rockjax._report.units import Units
+
+from .common import number, sets_with_scenes
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Check, Evaluation
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    del units
+    rows = [_row(assumption, evaluation) for assumption in ASSUMPTIONS]
+    columns = (
+        Column("No."),
+        Column("Assumption"),
+        Column("Conservative"),
+        Column("Result"),
+        Column("Tested here"),
+    )
+    table = Table(
+        "assumptions", "Assumptions of the model", columns, tuple(rows), ids=tuple(y.id for y in ASSUMPTIONS)
+    )
+    blocks: list[Any] = [table]
+    laws = _laws(evaluation)
+    if laws is not None:
+        blocks.append(laws)
+    missing = [check for check in evaluation.checks if check.result in ("NOT MADE", "BY OTHERS")]
+    if missing:
+        heads = Column("Check"), Column("Name"), Column("Result"), Column("Reason")
+        cells = tuple(
+            (Word(y.id), Word(y.name), Word(y.result, y.result.lower()), Word(y.reason)) for y in missing
+        )
+        blocks.append(Table("left-out", "Checks that were not made here", heads, cells))
+    asked = {check.kind.name for check in evaluation.checks}
+    others = [name for name in KINDS if name not in asked and name != "by-others"]
+    blocks.append(Paragraph(("Checks that the file does not ask for: ", Code(", ".join(others)), ".")))
+    return Section(10, "Assumptions and what is left out", tuple(blocks))
+
+
+def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
+    """Return the row of an assumption: the worst set decides."""
+    texts, violated, tested = [], False, False
+    for name in sets_with_scenes(evaluation):
+        outcome = assumption.test(evaluation.problem, evaluation.scenes.peaks(name))
+        if isinstance(outcome, str):
+            if outcome not in texts:
+                texts.append(outcome)
+            continue
+        tested = True
+        violated |= bool(outcome.violated.any())
+        texts.append(_text(name, outcome))
+    if assumption.id == "A6":
+        changed = [y.id for y in evaluation.checks if any(word != decided(y) for _, word in y.laws.values())]
+        tested = any(check.laws for check in evaluation.checks)
+        violated = bool(changed)
+        texts.append(f"Results that change: {', '.join(changed) or 'none'}.")
+    words = {"A6": ("matters", "makes no difference")}.get(assumption.id, ("violated", "holds"))
+    result = Word(words[0], "violated") if violated else Word(words[1], "holds")
+    return (
+        Word(assumption.id),
+        Word(assumption.text),
+        Word(assumption.conservative),
+        result if tested else Word("not tested", "not tested"),
+        Word(" ".join(texts) or "No scene was solved."),
+    )
+
+
+def decided(check: Check) -> str:
+    """Return the result of a check without regard to assumptions."""
+    return "PASS" if check.result == "NOT VALID" else check.result
+
+
+def _text(name: str, outcome: Outcome) -> str:
+    worst = f"{outcome.worst:.3g}" if math.isfinite(outcome.worst) else "without bound"
+    count = int(np.sum(outcome.violated))
+    of = f"; violated in {count} of {len(outcome.violated)} scenes" if count else ""
+    return f"{name}: {outcome.text.format(worst)}{of}."
+
+
+def _laws(evaluation: Evaluation) -> Table | None:
+    """Return the checks under every law of impact, (A6)."""
+    checks = [check for check in evaluation.checks if check.laws]
+    if not checks:
+        return None
+    laws = list(evaluation.problem.report.laws)
+    columns = (
+        Column("Check"),
+        Column("U", "utilisation"),
+        *(
+            column
+            for law in laws
+            for column in (Column(f"U, {law}", "utilisation"), Column(f"Result, {law}"))
+        ),
+    )
+    rows = []
+    for check in checks:
+        cells: list[Any] = [Word(check.id), number(check.utilisation, "utilisation", word="no finite value")]
+        for law in laws:
+            u, word = check.laws[law]
+            cells += [number(u, "utilisation", word="no finite value"), Word(word, word.lower())]
+        rows.append(tuple(cells))
+    caption = "All checks of peaks under other laws of impact, without regard to assumptions"
+    return Table("laws", caption, columns, tuple(rows))

@@ -1,0 +1,101 @@
+"""Section 6: the building, storey by storey."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.tables import Column, Table, Word
+from rockjax._report.units import Units
+
+from .common import number, of_scene, sets_with_scenes, slug
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Evaluation
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    del units
+    blocks: list[Any] = []
+    shears = []
+    for name in sets_with_scenes(evaluation):
+        data = evaluation.scenes.peaks(name)
+        if "peak_drift" in data:
+            blocks.append(_stories(evaluation, name))
+        if "peak_shear" in data:
+            k = int(np.nanargmax(data["peak_shear"].values))
+            label = evaluation.problem.motions[name].names[k]
+            jump = data["peak_velocity_jump"][k] if "peak_velocity_jump" in data else np.nan
+            shears.append(
+                (
+                    Word(name),
+                    Word(label),
+                    of_scene(data, k, data["peak_shear"][k], "number"),
+                    number(jump, "velocity", word="no impact"),
+                )
+            )
+    if shears:
+        columns = (
+            Column("Set"),
+            Column("Motion"),
+            Column("Base shear / weight", "number"),
+            Column("Velocity jump of the deck", "velocity"),
+        )
+        blocks.append(
+            Table(
+                "base-shear",
+                "Base shear of the building, governing motion of each set",
+                columns,
+                tuple(shears),
+            )
+        )
+        blocks.append(
+            Paragraph(
+                "Accelerations and shear do not contain the impulses at impacts; the velocity jump is the "
+                "impulse on a unit mass that moves with the deck.",
+                is_note=True,
+            )
+        )
+    if not blocks:
+        blocks.append(Paragraph("The structure carries no building."))
+    return Section(6, "Building", tuple(blocks))
+
+
+def _stories(evaluation: Evaluation, name: str) -> Table:
+    data, heights = evaluation.scenes.peaks(name), evaluation.problem.story_heights
+    alive = ~data["overturned"].values & (data["result"].values <= 2)
+    every = alive.all()
+    drift, acceleration = (data[y].values[alive] for y in ("peak_drift", "peak_floor_acceleration"))
+    columns = (
+        Column("Storey"),
+        Column("Largest drift", "displacement"),
+        Column("Mean drift", "displacement"),
+        Column("Largest drift / height", "ratio"),
+        Column("Largest floor acceleration", "acceleration"),
+        Column("Mean floor acceleration", "acceleration"),
+    )
+    rows = []
+    for j in range(data["peak_drift"].shape[-1]):
+        if not len(drift):
+            rows.append((Word(f"storey {j + 1}"), *[Word("every scene overturned", "overturned")] * 5))
+            continue
+        ratio = (
+            number(drift[:, j].max() / heights[j], "ratio")
+            if heights is not None
+            else Word("no height", "none")
+        )
+        rows.append(
+            (
+                Word(f"storey {j + 1}"),
+                number(drift[:, j].max(), "displacement"),
+                number(drift[:, j].mean(), "displacement"),
+                ratio,
+                number(acceleration[:, j].max(), "acceleration"),
+                number(acceleration[:, j].mean(), "acceleration"),
+            )
+        )
+    without = "" if every else f" ({int((~alive).sum())} overturned or unanswered scenes left out)"
+    return Table(f"stories-{slug(name)}", f"Storeys, set {name}{without}", columns, tuple(rows))

@@ -1,0 +1,60 @@
+"""Section 8: what moves the governing checks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.tables import Cell, Column, Quantity, Table, Word
+from rockjax._report.units import Units
+
+from .common import number
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Check, Evaluation
+
+_NOTE = (
+    "A derivative belongs to one motion and one order of impacts. So the set is also evaluated again with "
+    "each input decreased and increased: where another motion governs, or the columns overturn, the "
+    "derivative does not show it."
+)
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    del units
+    tables = [_table(check) for check in evaluation.checks if check.sensitivities or check.spread]
+    if not tables:
+        text = "No check has a finite value whose derivative or spread could be given."
+        return Section(8, "What moves the governing checks", (Paragraph(text),))
+    return Section(8, "What moves the governing checks", (Paragraph(_NOTE, is_note=True), *tables))
+
+
+def _table(check: Check) -> Table:
+    columns = (
+        Column("Input"),
+        Column("d ln U/d ln y", "number"),
+        Column("U with the input decreased", "utilisation"),
+        Column("U with the input increased", "utilisation"),
+    )
+    names = dict.fromkeys((*check.sensitivities, *check.spread))
+
+    def row(name: str) -> tuple[Cell, ...]:
+        slope: Any = Word("no derivative", "none")
+        if name in check.sensitivities:
+            slope = number(check.sensitivities[name], "number")
+        ends = [Word("not repeated", "none")] * 2
+        if name in check.spread:
+            ends = [number(u, "utilisation", word="no finite value") for u in check.spread[name]]
+        return Word(name), slope, *ends
+
+    of_set = f", set {check.motions}" if check.motions else ""
+    caption = ("Check ", check.id, f", {check.name}{of_set}: U = ", _u(check))
+    slug = "".join(y if y.isalnum() else "-" for y in check.id.lower())
+    return Table(f"influences-{slug}", caption, columns, tuple(map(row, names)))
+
+
+def _u(check: Check) -> Any:
+    from math import isfinite
+
+    return Quantity(check.utilisation, "utilisation") if isfinite(check.utilisation) else "no finite value"

@@ -1,0 +1,119 @@
+"""Section 5: forces in the joints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax._outputs.base import JOINT_NAMES
+from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
+from rockjax._report.pictures import to_svg
+from rockjax._report.tables import Code, Column, Formula, Table, Word
+from rockjax._report.units import Units
+
+from .common import governing_scene, of_scene, sets_with_scenes, slug
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Evaluation
+
+# Answer → heading; forces are shares of m_c g in the answers and shares of the dead load on the page.
+_COLUMNS = {
+    "least_axial_force": "Least N / dead load",
+    "peak_axial_force": "Largest N / dead load",
+    "peak_friction": "Friction demand |T|/N",
+    "peak_impact_friction": "Friction demand at impacts |J_T|/J_N",
+    "least_impulse_share": "Least share in an impulse",
+}
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    names = [
+        name for name in sets_with_scenes(evaluation) if "least_axial_force" in evaluation.scenes.peaks(name)
+    ]
+    if not names:
+        reason = (
+            "No forces were computed: the structure has no positions of columns. Give ",
+            Code("positions"),
+            " in [structure], or an elevation, and a check of forces.",
+        )
+        return Section(5, "Joint forces", (Paragraph(reason),))
+    equations = Equations(
+        tuple(
+            Equation(Formula(name), label=label)
+            for name, label in (
+                ("axial_force_mean", "F3"),
+                ("axial_force", "F8"),
+                ("friction", "F9"),
+                ("foundation_shear", "F10"),
+                ("impulse_ratio", "F12"),
+            )
+        )
+    )
+    blocks: list[Any] = [equations, *(_table(evaluation, name) for name in names)]
+    if "peak_foundation_shear" in evaluation.scenes.peaks(names[0]):
+        blocks.append(_shears(evaluation, names))
+    scene = governing_scene(evaluation)
+    if scene is not None and scene[0] in names:
+        figure = _picture(evaluation, *scene)
+        if figure is not None:
+            blocks.append(figure)
+    return Section(5, "Joint forces", tuple(blocks))
+
+
+def _table(evaluation: Evaluation, name: str) -> Table:
+    """Return extremes of forces of a set at both joints."""
+    data, motions = evaluation.scenes.peaks(name), evaluation.problem.motions[name]
+    load = np.asarray(evaluation.problem.podium.dead_load, float)
+    columns = [Column("Motion"), Column("Joint"), *(Column(head, "number") for head in _COLUMNS.values())]
+    rows = []
+    for k, label in enumerate(motions.names):
+        for joint, joint_name in enumerate(JOINT_NAMES):
+            cells = []
+            for variable in _COLUMNS:
+                value = float(data[variable][k, joint])
+                if "axial" in variable:
+                    value /= load[joint]
+                if variable.endswith(("impact_friction", "impulse_share")) and not data["impacts"][k]:
+                    cells.append(Word("no impact", "none"))
+                else:
+                    cells.append(of_scene(data, k, value, "number"))
+            rows.append((Word(label), Word(joint_name), *cells))
+    return Table(
+        f"joints-{slug(name)}",
+        f"Forces in the joints, set {name}, worst column",
+        tuple(columns),
+        tuple(rows),
+    )
+
+
+def _shears(evaluation: Evaluation, names: list[str]) -> Table:
+    rows = []
+    for name in names:
+        data = evaluation.scenes.peaks(name)
+        k = int(np.argmax(data["peak_foundation_shear"].values))
+        label = evaluation.problem.motions[name].names[k]
+        rows.append((Word(name), Word(label), of_scene(data, k, data["peak_foundation_shear"][k], "number")))
+    columns = (Column("Set"), Column("Motion"), Column("max|V| / total weight", "number"))
+    return Table("foundation-shear", "Foundation shear, governing motion of each set", columns, tuple(rows))
+
+
+def _picture(evaluation: Evaluation, name: str, k: int) -> Figure | None:
+    """Return the axial forces of the end columns over the history of the governing motion."""
+    from rockjax import plots
+
+    data = evaluation.scenes.history(name, k)
+    if "joint_axial_force" not in data:
+        return None
+    label = evaluation.problem.motions[name].names[k]
+    figure = plots.joint_forces(data).get_figure(root=True)
+    assert figure is not None
+    least = float(evaluation.scenes.peaks(name)["least_axial_force"][k].min())
+    title = f"Axial forces under {label}"
+    description = (
+        f"Axial forces of the end columns under {label} of the set {name}, with the dead load and zero; the "
+        f"least is {least:.4g} m_c g."
+    )
+    caption = f"Axial forces in the joints of the end columns under {label} of the set {name}."
+    return Figure(to_svg(figure, "axial-forces", title, description), caption, title, description)

@@ -1,0 +1,104 @@
+"""Section 9: simplified methods beside the exact answer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax._motions.motion import Motion
+from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.tables import Column, Quantity, Table, Word
+from rockjax._report.units import Units
+
+from .common import number, of_scene, sets_with_scenes, slug
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Evaluation
+
+TITLE = "Simplified methods beside the exact answer"
+_KINDS = {"m/s2": "acceleration", "m": "displacement", "1": "number"}
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    del units
+    if "methods" in evaluation.skipped:
+        return Section(9, TITLE, (Paragraph("Left out by --skip methods."),))
+    from rockjax._practice.methods import simplified_methods
+
+    problem = evaluation.problem
+    blocks: list[Any] = [
+        Paragraph("For comparison only: no check rests on these methods.", is_note=True),
+    ]
+    for name in sets_with_scenes(evaluation):
+        motions = problem.motions[name]
+        if not all(isinstance(member, Motion) for member in motions.members):
+            continue
+        found = simplified_methods(problem.podium, list(motions.members), friction=problem.joints.friction)
+        blocks += _tables(evaluation, name, found)
+    if len(blocks) == 1:
+        blocks.append(Paragraph("The methods need records; no check uses a set of records."))
+    return Section(9, TITLE, tuple(blocks))
+
+
+def _tables(evaluation: Evaluation, name: str, found: Any) -> list[Table]:
+    """Return the summary of the methods for a set, and the rotations of each motion beside the exact ones."""
+    columns = (
+        Column("Method"),
+        Column("Compares"),
+        Column("Demand"),
+        Column("Capacity"),
+        Column("U", "utilisation"),
+        Column("Verdict"),
+        Column("What is known of it"),
+    )
+    rows = []
+    for result in found:
+        kind = _KINDS[result.unit]
+        made = result.governing_demand is not None and result.capacity is not None
+        verdict = {
+            True: Word("accepts", "pass"),
+            False: Word("rejects", "fail"),
+            None: Word("no verdict", "not made"),
+        }
+        missing = "; ".join(result.missing)
+        rows.append(
+            (
+                Word(f"{result.title} {result.equation}", note=result.source),
+                Word(f"{result.quantity}, {result.statistic}"),
+                number(result.governing_demand, kind) if made else Word("not made", "not made"),
+                number(result.capacity, kind) if made else Word("not made", "not made"),
+                number(result.utilisation, "utilisation", word="no capacity")
+                if made
+                else Word("not made", "not made"),
+                verdict[result.passes],
+                Word(result.verdict_known, note=missing),
+            )
+        )
+    tables = [Table(f"methods-{slug(name)}", f"Simplified methods, set {name}", columns, tuple(rows))]
+    with_rotation = [result for result in found if result.rotation_ratio is not None]
+    if with_rotation:
+        data = evaluation.scenes.peaks(name)
+        heads = (
+            Column("Motion"),
+            Column("Exact max|θ|/α", "number"),
+            *(Column(f"{result.title} {result.equation}", "number") for result in with_rotation),
+        )
+        lines = []
+        for k, label in enumerate(evaluation.problem.motions[name].names):
+            cells = [_rotation(result, k) for result in with_rotation]
+            lines.append((Word(label), of_scene(data, k, data["peak_rotation"][k], "number"), *cells))
+        tables.append(
+            Table(f"rotations-{slug(name)}", f"Rotation by the methods, set {name}", heads, tuple(lines))
+        )
+    return tables
+
+
+def _rotation(result: Any, k: int) -> Quantity | Word:
+    value = float(np.asarray(result.rotation_ratio)[k])
+    count = int(np.asarray(result.stable_roots)[k])
+    note = f"{count} answers" if count > 1 else ""
+    if value >= 1:
+        return Word("overturns", "overturned", note=note)
+    return number(value, "number", note=note) if value > 0 else Word("no uplift", "none")

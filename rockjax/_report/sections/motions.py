@@ -1,0 +1,141 @@
+"""Section 3: the ground motions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax._motions.intensity import spectral_acceleration
+from rockjax._motions.motion import Motion
+from rockjax._report.blocks import Figure, Paragraph, Section
+from rockjax._report.pictures import to_svg
+from rockjax._report.tables import Code, Column, Quantity, Table, Word
+from rockjax._report.units import Units
+
+from .common import number, sets_with_scenes, slug
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Evaluation
+    from rockjax._report.problem import MotionSet
+
+PERIODS = np.geomspace(0.05, 4.0, 60)  # of the spectra drawn [s]
+DAMPING = 0.05  # of the spectra
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    problem = evaluation.problem
+    period = _first_period(problem.podium)
+    used = sets_with_scenes(evaluation)
+    blocks: list[Any] = []
+    for name in used:
+        motions = problem.motions[name]
+        if all(isinstance(member, Motion) for member in motions.members):
+            blocks.append(_spectra(motions, period, units))
+    for name in used:
+        blocks.append(_table(evaluation, problem.motions[name], period))
+    unused = [name for name in problem.motions if name not in used]
+    if unused:
+        blocks.append(Paragraph(("No check uses the sets ", Code(", ".join(unused)), "."), is_note=True))
+    if not blocks:
+        blocks.append(Paragraph("No check was made with ground motions."))
+    return Section(3, "Ground motions", tuple(blocks))
+
+
+def _first_period(podium: Any) -> float | None:
+    top = podium.superstructure
+    oscillators = None if top is None else top.oscillators
+    return None if oscillators is None else float(np.max(np.asarray(oscillators.T_s)))
+
+
+def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> Table:
+    """Return the motions of a set: name, source, samples, hash and measures."""
+    threshold = float(evaluation.problem.podium.uplift_ground_acceleration)
+    columns = (
+        Column("Motion"),
+        Column("Source"),
+        Column("Samples"),
+        Column("PGA", "acceleration"),
+        Column("PGV", "velocity"),
+        Column("PGD", "displacement"),
+        Column("S_a(T_1)", "acceleration"),
+        Column("PGA / (g tan α)", "number"),
+        Column("SHA-256"),
+    )
+    rows = []
+    for name, member, sha in zip(motions.names, motions.members, motions.hashes, strict=True):
+        if isinstance(member, Motion):
+            facts = member.metadata
+            source = str(member.source) if member.source is not None else "synthetic"
+            if "seed" in facts:
+                source += f", seed {facts['seed']}"
+            if facts.get("scale") not in (None, 1, 1.0):
+                source += f", scale {float(facts['scale']):.6g}"
+            spectral: Any = Word("rigid", "none")
+            if period is not None:
+                spectral = Quantity(spectral_acceleration(member, period, DAMPING), "acceleration")
+            rows.append(
+                (
+                    Word(name),
+                    Word(source.rpartition("/")[2]),
+                    Word(f"{len(member)} every {member.dt:g} s"),
+                    number(member.pga, "acceleration"),
+                    number(member.pgv, "velocity"),
+                    number(member.pgd, "displacement"),
+                    spectral,
+                    number(member.pga / threshold, "number"),
+                    Word(sha[:16]),
+                )
+            )
+        else:
+            pulse = Word("of a pulse", "none")
+            amplitude = float(getattr(member, "a_p", np.nan))
+            rows.append(
+                (
+                    Word(name),
+                    Word("problem file"),
+                    Word("pulse"),
+                    number(amplitude, "acceleration", word="none"),
+                    pulse,
+                    pulse,
+                    pulse,
+                    number(amplitude / threshold, "number"),
+                    Word(sha[:16]),
+                )
+            )
+    label = f", {motions.label}" if motions.label != motions.name else ""
+    return Table(
+        f"motions-{slug(motions.name)}", f"Motions of the set {motions.name}{label}", columns, tuple(rows)
+    )
+
+
+def _spectra(motions: MotionSet, period: float | None, units: Units) -> Figure:
+    """Return the pseudo-acceleration spectra of a set, with the first period of the building."""
+    import matplotlib.pyplot as plt
+
+    from rockjax._motions.intensity import spectral_accelerations
+    from rockjax.plots._style import in_style
+
+    records = [member for member in motions.members if isinstance(member, Motion)]
+    values = np.array([spectral_accelerations(record, PERIODS, DAMPING) for record in records])
+    shown = units.factor("acceleration")
+    with in_style():
+        figure, axes = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
+        axes.plot(PERIODS, values.T / shown, color="0.6", linewidth=0.6)
+        axes.plot(PERIODS, values.mean(axis=0) / shown, color="0.0", label="mean")
+        if period is not None:
+            axes.axvline(period, color="0.3", linestyle="--", linewidth=0.8, label=f"T₁ = {period:.3g} s")
+        axes.set(xlabel="period T [s]", ylabel=f"S_a [{units.symbol('acceleration')}]", xlim=(0, PERIODS[-1]))
+        axes.set_ylim(bottom=0)
+        axes.legend()
+    title = f"Response spectra of the set {motions.name}"
+    peak = float(values.mean(axis=0).max())
+    description = (
+        f"Pseudo-acceleration spectra of {len(motions)} motions with 5 % damping and their mean, whose "
+        f"largest value is {peak:.4g} m/s²."
+    )
+    caption = f"Spectra of the set {motions.name}, 5 % damping."
+    return Figure(
+        to_svg(figure, f"spectra-{slug(motions.name)}", title, description), caption, title, description
+    )

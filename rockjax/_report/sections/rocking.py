@@ -1,0 +1,104 @@
+"""Section 4: rotation, uplift and overturning of every scene."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax._report.blocks import Figure, Paragraph, Section
+from rockjax._report.kinds import KINDS
+from rockjax._report.pictures import to_svg
+from rockjax._report.tables import Column, Quantity, Table, Word
+from rockjax._report.units import Units
+
+from .common import governing_scene, number, of_scene, sets_with_scenes, slug
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Evaluation
+
+AFTER_LAST_IMPACT = 1.2  # histories are drawn up to this multiple of the time of the last impact
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    blocks: list[Any] = [_table(evaluation, name) for name in sets_with_scenes(evaluation)]
+    scene = governing_scene(evaluation)
+    if scene is None:
+        blocks.append(Paragraph("No scene survives without overturning, so there is no history to draw."))
+    else:
+        blocks.insert(0, _history(evaluation, *scene, units))
+    return Section(4, "Rotation, uplift, overturning", tuple(blocks))
+
+
+def _table(evaluation: Evaluation, name: str) -> Table:
+    scenes = evaluation.scenes
+    data, motions = scenes.peaks(name), evaluation.problem.motions[name]
+    podium = evaluation.problem.podium
+    alpha, R = float(podium.alpha), float(podium.R)
+    columns = [
+        Column("Motion"),
+        Column("First uplift", "time"),
+        Column("max|θ|/α", "number"),
+        Column("Time of the peak", "time"),
+        Column("u_b at max|θ|", "displacement"),
+        Column("Impacts", "count"),
+    ]
+    asked = any(
+        check.kind is KINDS["overturning-scale"] and check.motions == name for check in evaluation.checks
+    )
+    factors = scenes.scales(name, "overturning")["factor"].values if asked else None
+    if factors is not None:
+        columns.append(Column("Least factor that overturns", "number"))
+    rows = []
+    largest = np.where(data["overturned"].values, -1, data["peak_rotation"].values)
+    for k, label in enumerate(motions.names):
+        rotation = float(data["peak_rotation"][k])
+        uplifted = bool(data["uplifted"][k])
+        u_b = 2 * R * (np.sin(alpha) - np.sin(alpha - min(rotation, 1.0) * alpha))
+        row: list[Any] = [
+            Word(label),
+            Quantity(float(data["uplift_time"][k]), "time") if uplifted else Word("no uplift", "none"),
+            of_scene(data, k, rotation, "number", data["peak_rotation_error"][k]),
+            Quantity(float(data["peak_rotation_time"][k]), "time") if uplifted else Word("no uplift", "none"),
+            of_scene(data, k, u_b, "displacement"),
+            _impacts(float(data["impacts"][k])),
+        ]
+        if factors is not None:
+            row.append(number(factors[k], "number", word="none up to 10"))
+        rows.append(tuple(row))
+    return Table(
+        f"rotation-{slug(name)}",
+        f"Rotation and uplift, set {name}",
+        tuple(columns),
+        tuple(rows),
+        governing=(int(np.argmax(largest)),),
+    )
+
+
+def _impacts(count: float) -> Quantity | Word:
+    if not np.isfinite(count):
+        return Word("not counted", "none")
+    return Quantity(count, "count") if count else Word("no impact", "none")
+
+
+def _history(evaluation: Evaluation, name: str, k: int, units: Units) -> Figure:
+    """Return the history of the governing motion, up to shortly after its last impact."""
+    del units
+    from rockjax import plots
+
+    data = evaluation.scenes.history(name, k)
+    label = evaluation.problem.motions[name].names[k]
+    end = data["impact_times"].values.max(initial=0.0)
+    if end > 0:
+        data = data.sel(time=slice(None, AFTER_LAST_IMPACT * float(end)))
+    figure = plots.response(data).figure
+    peaks = evaluation.scenes.peaks(name)
+    title = f"History under {label}"
+    description = (
+        f"Rotation of the columns and motion of the structure under {label} of the set {name}; the largest "
+        f"rotation is {float(peaks['peak_rotation'][k]):.4g} α, at "
+        f"{float(peaks['peak_rotation_time'][k]):.4g} s."
+    )
+    caption = f"History under {label}, the motion of the set {name} with the largest rotation."
+    return Figure(to_svg(figure, "history", title, description), caption, title, description)

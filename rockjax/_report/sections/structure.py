@@ -1,0 +1,212 @@
+"""Section 2: the structure, its inputs and derived quantities."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax._parameters.table import STRUCTURE
+from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
+from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
+from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Word
+from rockjax._report.units import Units
+
+from .common import governing_scene
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Evaluation
+    from rockjax._report.problem import Input
+
+# Meaning and kind of inputs that the table of parameters does not have.
+_MEANINGS = {
+    "story_masses": ("Storey masses from the bottom", "mass"),
+    "story_stiffnesses": ("Storey stiffnesses", "stiffness"),
+    "story_heights": ("Storey heights", "length"),
+    "positions": ("Positions of the columns x", "length"),
+    "beam_depth": ("Depth of the beam", "length"),
+    "column_mass": ("Mass of a column m_c", "mass"),
+    "beam_mass": ("Mass of the beam m_b", "mass"),
+    "top_mass": ("Mass of the superstructure m_t", "mass"),
+    "period": ("Period of the superstructure T_s", "time"),
+    "damping": ("Damping ratio ζ", "ratio"),
+    "columns": ("Number of columns N", "count"),
+    "stories": ("Number of stories", "count"),
+    "modes": ("Number of modes", "count"),
+    "tendon_force": ("Force of a tendon P₀", "force"),
+    "tendon_stiffness": ("Stiffness of a tendon K", "stiffness"),
+    "inertance": ("Inertance b", "mass"),
+    "top_height": ("Height of the superstructure above the beam", "length"),
+    "residual_height": ("Height of the residual mass above the beam", "length"),
+    "end_radius": ("Radius of the column ends", "length"),
+}
+_KINDS = {"m": "length", "rad": "angle", "m s-2": "acceleration", "s": "time", "kg": "mass", "N": "force"}
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    problem = evaluation.problem
+    scene = governing_scene(evaluation)
+    rotation, label = None, ""
+    if scene is not None:
+        name, k = scene
+        rotation = float(evaluation.scenes.peaks(name)["peak_rotation"][k]) * float(problem.podium.alpha)
+        label = problem.motions[name].names[k]
+    columns = {y.key: y.value for y in problem.inputs}.get("columns") or 2
+    drawing = elevation_drawing(
+        problem.podium,
+        units,
+        column_mass=problem.column_mass,
+        columns=int(columns),
+        rotation=rotation,
+        label=label,
+    )
+    title = "Elevation of the structure"
+    description = (
+        f"Columns {float(problem.podium.width):.4g} m wide and {float(problem.podium.height):.4g} m high"
+        + (
+            "."
+            if rotation is None
+            else f"; beside them a column at its largest rotation, {rotation:.4g} rad."
+        )
+    )
+    figure = Figure(
+        to_svg(drawing, "elevation", title, description), elevation_caption(units), title, description, True
+    )
+    inputs = Table(
+        "inputs",
+        "Inputs",
+        (Column("Quantity"), Column("Key"), Column("Value"), Column("Source")),
+        tuple(_row(entry) for entry in problem.inputs) + tuple(_joint_rows(evaluation)),
+    )
+    return Section(2, "Structure and inputs", (figure, inputs, _derived(evaluation), *_modes(evaluation)))
+
+
+def _source(source: str | None) -> Word:
+    return Word("no source given", "no source") if source is None else Word(source)
+
+
+def _row(entry: Input) -> tuple[Cell, ...]:
+    name = entry.key.rpartition(".")[2]
+    meaning, kind = _MEANINGS.get(name, ("", ""))
+    if not meaning and name in STRUCTURE:
+        parameter = STRUCTURE[name]
+        meaning = f"{parameter.meaning[:1].upper()}{parameter.meaning[1:]} {parameter.symbol}"
+        kind = "count" if parameter.is_integer else _KINDS.get(parameter.unit, "number")
+    return (
+        Word(meaning or name),
+        Word((Code(f"structure.{entry.key}"),)),
+        value_cell(entry.value, kind or "number"),
+        _source(entry.source),
+    )
+
+
+def value_cell(value: Any, kind: str) -> Cell:
+    """Return an input as a cell: a number, several, or a word."""
+    if isinstance(value, str):
+        return Word(value)
+    if isinstance(value, list | tuple):
+        return Series(tuple(float(y) for y in value), kind, given=True)
+    return Quantity(float(value), kind, given=True)
+
+
+def _joint_rows(evaluation: Evaluation):
+    meanings = {
+        "friction": ("Friction coefficient of the joints μ", "number"),
+        "contact_width": ("Width of the contact strip at an edge", "length"),
+        "contact_depth": ("Depth of a column across the plane", "length"),
+    }
+    for name, (meaning, kind) in meanings.items():
+        value = getattr(evaluation.problem.joints, name)
+        if value is not None:
+            source = evaluation.problem.sources.get(f"joints.{name}")
+            yield Word(meaning), Word((Code(f"joints.{name}"),)), value_cell(value, kind), _source(source)
+
+
+def _derived(evaluation: Evaluation) -> Equations:
+    """Return the derived quantities, with numbers and numbers of the equations."""
+    problem, podium = evaluation.problem, evaluation.problem.podium
+    width, height = float(podium.width), float(podium.height)
+    alpha, g, R = float(podium.alpha), float(podium.g), float(podium.R)
+    gamma, eta = float(podium.gamma), float(podium.eta)
+
+    def plain(value: float, digits: int = 7) -> str:
+        return f"{value:.{digits}g}"
+
+    in_use = float(podium.restitution_factor)
+    rows = [
+        Equation(
+            Formula("slenderness"),
+            f"{plain(width)} / {plain(height)}",
+            Quantity(np.tan(alpha), "number"),
+            "1",
+        ),
+        Equation(
+            Formula("half_diagonal"), f"√({plain(width / 2)}² + {plain(height / 2)}²)", Quantity(R, "length")
+        ),
+        Equation(
+            Formula("frequency_parameter"),
+            f"√(3 · {plain(g)} / (4 · {plain(R)}))",
+            Quantity(float(podium.p), "angular frequency"),
+            "25",
+        ),
+        Equation(Formula("beam_mass_ratio"), "", Quantity(gamma, "number"), "2"),
+    ]
+    if eta:
+        rows.append(Equation(Formula("superstructure_mass_ratio"), "", Quantity(eta, "number"), "2"))
+    laws: dict[str, Any] = {"paper": "27", "compatible": "26"}
+    for name, label in laws.items():
+        factor = podium.replace(restitution=name).restitution_factor
+        used = " (in use)" if float(factor) == in_use else " (not in use)"
+        rows.append(
+            Equation(
+                Formula(f"restitution_{name}"), f"law {name}{used}", Quantity(float(factor), "number"), label
+            )
+        )
+    rows.append(
+        Equation(
+            Formula("uplift_acceleration"),
+            f"{plain(g)} · {plain(np.tan(alpha))}",
+            Quantity(float(podium.uplift_ground_acceleration), "acceleration"),
+            "5",
+        )
+    )
+    if podium.vibrates:
+        demand = Quantity(float(podium.uplift_demand), "acceleration")
+        rows.append(Equation(Formula("uplift_demand"), "", demand, "9"))
+    if problem.column_mass is not None:
+        bottom, top = (float(y) for y in np.asarray(podium.dead_load))
+        weight = problem.column_mass * g
+        rows += [
+            Equation(Formula("dead_load"), "", Quantity(top * weight, "force"), "F3"),
+            Equation(Formula("dead_load_bottom"), "", Quantity(bottom * weight, "force"), "F3"),
+        ]
+    if podium.elevation is not None:
+        rows.append(
+            Equation(Formula("core_distance"), "", Quantity(float(podium.core_distance), "length"), "F18")
+        )
+    return Equations(tuple(rows))
+
+
+def _modes(evaluation: Evaluation) -> list[Any]:
+    """Return the table of modes of a building; empty without one."""
+    podium = evaluation.problem.podium
+    oscillators = None if podium.superstructure is None else podium.superstructure.oscillators
+    if oscillators is None:
+        return [Paragraph("The superstructure does not vibrate.")]
+    periods, etas, zetas = np.broadcast_arrays(
+        np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.eta), np.atleast_1d(oscillators.zeta)
+    )
+    lifted = np.asarray(podium.uplifted_frequencies, float)[1:] / (2 * np.pi)  # without that of rocking
+    columns = {
+        "Mode": "count",
+        "Period with a fixed base T_i": "time",
+        "Mass ratio η_i": "number",
+        "Damping ratio ζ_i": "ratio",
+        "Frequency on lifted columns": "frequency",
+    }
+    rows = [
+        (k + 1, *(float(y) for y in row))
+        for k, row in enumerate(zip(periods, etas, zetas, lifted, strict=True))
+    ]
+    return [Table.of("modes", "Modes of the building", columns, rows)]

@@ -1,0 +1,124 @@
+"""Section 1: the summary of checks."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from rockjax._report.blocks import Limit, Section, Summary, SummaryRow
+from rockjax._report.kinds import ByOthers
+from rockjax._report.tables import Quantity, Text, Word
+from rockjax._report.units import Units, unit_of_kind
+
+if TYPE_CHECKING:
+    from rockjax._report.evaluation import Check, Evaluation
+
+SHOWN_SLOPES = 4
+_STATISTICS = {"max": "largest", "mean": "mean", "median": "median", "p84": "84 % quantile"}
+_NOTE = (
+    "U is value/limit, or limit/value where the limit is a minimum. Errors are estimates of the numerical "
+    "error. Sensitivities are the largest d ln U/d ln y of the governing motion; the spread is the range of "
+    "U of the whole set with each input changed by "
+)
+
+
+def section(evaluation: Evaluation, units: Units) -> Section:
+    """Return the section."""
+    del units
+    rows = tuple(_row(check, evaluation) for check in evaluation.checks)
+    spread = Quantity(evaluation.problem.report.spread, "ratio", given=True)
+    return Section(1, "Summary of checks", (Summary(rows, (_NOTE, "± ", spread, ".")),))
+
+
+def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
+    count = len(evaluation.problem.motions[check.motions]) if check.motions else 0
+    statistic = _STATISTICS[check.statistic]
+    statistic = "least" if statistic == "largest" and check.kind.is_minimum else statistic
+    scope = f"{check.motions}, {statistic} of {count}" if check.motions else "no motions"
+    if check.values is not None and check.values.is_of_set:
+        scope = f"{check.motions}, all {count} motions"
+    limit: Limit | Word = Word("none given", "none")
+    if math.isfinite(check.limit) and check.kind.needs_limit and not isinstance(check.kind, ByOthers):
+        sign = "≥" if check.kind.is_minimum else "≤"
+        quantity = Quantity(check.limit, check.kind.quantity, given=True)
+        limit = Limit(sign, quantity, check.entry.unit and _unit(check))
+    if check.values is None:
+        state = "by others" if check.result == "BY OTHERS" else "not made"
+        return SummaryRow(
+            check.id,
+            check.name,
+            scope,
+            Word(state, state),
+            limit,
+            Word("no value", "none"),
+            check.result,
+            reason=check.reason,
+            section=check.kind.section,
+            clause=check.clause,
+            is_target=check.is_target,
+        )
+    if math.isfinite(check.value):
+        value: Quantity | Word = Quantity(
+            check.value, check.kind.quantity, check.error if check.error > 0 else None
+        )
+    else:
+        value = Word(check.word, "overturned" if "overturned" in check.word else "joint opens")
+    finite = math.isfinite(check.utilisation)
+    return SummaryRow(
+        check.id,
+        check.name,
+        scope,
+        value,
+        limit,
+        Quantity(check.utilisation, "utilisation") if finite else Word("> 1", "fail"),
+        check.result,
+        governs=_governs(check, evaluation),
+        sensitivities=_slopes(check),
+        spread=_spread(check),
+        section=check.kind.section,
+        assumptions=check.violated,
+        clause=check.clause,
+        is_target=check.is_target,
+    )
+
+
+def _unit(check: Check) -> str:
+    """Return the unit of the limit as `units.KINDS` writes it."""
+    return unit_of_kind(str(check.entry.unit), check.kind.quantity)
+
+
+def _governs(check: Check, evaluation: Evaluation) -> Text:
+    if check.governing is None or not check.motions:
+        return "whole set"
+    name = evaluation.problem.motions[check.motions].names[check.governing]
+    words = [name, check.place] if check.place else [name]
+    if check.reason:
+        words.append(check.reason)
+    return ", ".join(words)
+
+
+def _slopes(check: Check) -> Text:
+    if not check.sensitivities:
+        return "no derivative" if math.isfinite(check.value) else "no finite value"
+    largest = sorted(check.sensitivities.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
+    return ", ".join(f"{name} {value:+.2f}".replace("-", "−") for name, value in largest)
+
+
+def _spread(check: Check) -> Text:
+    if not check.spread:
+        return "not repeated"
+    found = [
+        (u, f"{name} {sign}")
+        for name, ends in check.spread.items()
+        for u, sign in zip(ends, "−+", strict=True)
+    ]
+    lowest = min(u for u, _ in found)
+    highest = max(u for u, _ in found)
+    falls = [name for u, name in found if not math.isfinite(u)]
+    if falls and math.isfinite(check.utilisation):
+        return (
+            f"from {lowest:.2f}; no finite value with {', '.join(falls[:3])}{' …' if len(falls) > 3 else ''}"
+        )
+    if falls:
+        return f"from {lowest:.2f}" if math.isfinite(lowest) else "no finite value"
+    return f"{lowest:.2f} … {highest:.2f} ({max(found)[1]})"

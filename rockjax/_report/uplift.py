@@ -1,0 +1,47 @@
+"""The least factor on a motion that lifts the columns. Before uplift the structure is linear, so one scene
+without uplift gives it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+
+from rockjax._engine.coefficients import present
+from rockjax._engine.model import horizontal_demand
+from rockjax._excitations.base import Shaking
+from rockjax._outputs.base import AbstractOutput
+from rockjax._outputs.maxima import END_ZONE_CUBIC, Maximum
+from rockjax._outputs.views import Ended, Moment, Start, Step
+from rockjax._types import Values
+
+
+@dataclasses.dataclass(frozen=True)
+class UpliftRatio(AbstractOutput):
+    """The largest max(±q/q_up − r) [–].
+
+    q is the demand of Eq. (9), q_up its threshold, and r the change of the threshold by vertical motion,
+    (C10). Without uplift it is proportional to the motion, and its inverse is the least factor on the motion
+    that lifts the columns.
+    """
+
+    name = "uplift_ratio"
+    description = "largest uplift demand divided by its threshold"
+    symbol = "|q|/q_up"
+
+    def quantity(self, moment: Moment) -> Values:
+        c, ground = moment.c, moment.ground
+        demand = horizontal_demand(c, ground, moment.x, moment.v) / c.uplift
+        relief = present(c.tilt) * ground.vertical / c.uplift if isinstance(ground, Shaking) else 0.0
+        return jnp.stack([demand - relief, -demand - relief])
+
+    def start(self, start: Start) -> tuple[Values, None]:
+        return jnp.zeros(2, start.t.dtype), None
+
+    def over_step(self, step: Step, record: Values) -> Maximum:
+        return step.largest(step.course(self.quantity), record, END_ZONE_CUBIC, sizes="signed")
+
+    def answer(self, ended: Ended, record: Any, note: Any) -> dict[str, Any]:
+        del ended, note
+        return {self.name: jnp.max(record)}

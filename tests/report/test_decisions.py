@@ -1,0 +1,150 @@
+"""Words for results: what passes, fails, is undecided or not valid, and statistics over a set."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._report.evaluate import decide, statistic_of, utilisations_of
+from rockjax._report.evaluation import verdict
+from rockjax._report.kinds import KINDS, Values
+
+FILE = """
+[structure]
+width = 0.6
+height = 3.0
+column_mass = 2700.0
+beam_mass = 60e3
+[joints]
+friction = 0.5
+[motions.pulses]
+kind = "ricker"
+a_p = [2.5, 3.0]
+T_p = 1.0
+"""
+CHECK = '[[checks]]\nkind = "peak-rotation"\nlimit = 0.5\nmotions = "pulses"\n'
+
+
+def problem(tmp_path, checks=CHECK, file=FILE):
+    path = Path(tmp_path) / "problem.toml"
+    path.write_text(file + checks, encoding="utf-8")
+    return rj.read_problem(path)
+
+
+def values_of(*numbers, errors=None):
+    blank = ("",) * len(numbers)
+    return Values(
+        np.array(numbers), np.zeros(len(numbers)) if errors is None else errors, blank, blank, blank
+    )
+
+
+def result(value, limit, error=0.0, minimum=False, without=False, violated=False):
+    found = statistic_of(values_of(value, errors=np.array([error])), "max", minimum, limit)
+    return decide(utilisations_of(*found[:2], limit, minimum), without, violated)
+
+
+def test_limits_close_to_the_value():
+    """1 ± 1e-6 of the limit decides; 1e-14 is rounding."""
+    assert result(0.4, 0.4 * (1 + 1e-6)) == "PASS"
+    assert result(0.4, 0.4 * (1 - 1e-6)) == "FAIL"
+    assert result(0.4, 0.4 * (1 + 1e-14)) == result(0.4, 0.4 * (1 - 1e-14)) == "UNDECIDED"
+    assert result(0.4, 0.41, error=2e-3) == "UNDECIDED"  # ten times the error decides
+    assert result(0.4, 0.41, error=5e-4) == "PASS"
+
+
+def test_minima():
+    """The utilisation of a minimum is limit/value, and infinite for a value that is not positive."""
+    assert result(1.2, 1.0, minimum=True) == "PASS"
+    assert result(0.9, 1.0, minimum=True) == "FAIL"
+    assert result(-0.574, 0.1, minimum=True) == "FAIL"
+    assert utilisations_of(-0.574, 0.0, 0.1, True)[1] == math.inf
+    assert utilisations_of(1.0214, 0.0, 1.5, True)[1] == pytest.approx(1.4686, abs=5e-5)
+
+
+def test_order_of_words():
+    """FAIL comes before UNDECIDED, and both before NOT VALID."""
+    assert result(math.inf, 0.5, without=True, violated=True) == "FAIL"
+    assert result(0.4, 0.5, without=True, violated=True) == "UNDECIDED"
+    assert result(0.4, 0.5, violated=True) == "NOT VALID"
+
+
+@pytest.mark.parametrize(
+    ("statistic", "known"), [("max", 4.0), ("mean", 2.5), ("median", 2.5), ("p84", 1 + 3 * 0.84)]
+)
+def test_statistics(statistic, known):
+    """Quantiles interpolate; whatever overturns makes mean and maximum infinite, never 1 α."""
+    assert statistic_of(values_of(1.0, 2.0, 3.0, 4.0), statistic, False, 1.0)[0] == pytest.approx(known)
+    overturned = statistic_of(values_of(1.0, 2.0, 3.0, math.inf), statistic, False, 1.0)[0]
+    assert overturned == (pytest.approx(2.5) if statistic == "median" else math.inf)
+
+
+def test_verdict():
+    words = ["PASS"] * 2 + ["FAIL"] * 5 + ["NOT VALID"] * 5 + ["NOT MADE"] * 2
+    assert verdict(words) == "Not verified: of 14 checks 2 pass, 5 fail, 5 are not valid, 2 were not made."
+    assert verdict(["PASS"] * 14) == "Verified: all 14 checks pass."
+    assert verdict(["PASS", "BY OTHERS"]) == "Verified: the only check passes. 1 more is made by others."
+    assert verdict(["UNDECIDED"]) == "Not verified: of one check 0 pass, 1 is undecided."
+
+
+def test_every_output_with_a_peak_has_a_kind_of_check():
+    """Kinds are made from the list of outputs, so that a new output is a check."""
+    from rockjax._outputs.registry import VARIABLES
+
+    peaks = {name.replace("_", "-") for name, (y, _) in VARIABLES.items() if y.until_overturning}
+    assert peaks <= KINDS.keys()
+    assert all(KINDS[name].is_minimum == name.startswith("least") for name in peaks)
+
+
+@pytest.mark.parametrize(
+    ("check", "message"),
+    [
+        ('kind = "peak-rotatoin"\nlimit = 1.0', "did you mean peak-rotation"),
+        ('kind = "peak-rotation"', r"exactly one of limit and at_most, got 0"),
+        ('kind = "peak-rotation"\nlimit = 1.0\nat_most = 1.0', "exactly one of limit and at_most, got 2"),
+        ('kind = "peak-rotation"\nat_least = 1.0', "limit or at_most, got at_least"),
+        ('kind = "peak-rotation"\nlimit = -1.0', "must be > 0"),
+        ('kind = "displacement"\nlimit = 1.0\nunit = "kN"', r"is a displacement, got 'kN'; use"),
+        ('kind = "peak-rotation"\nlimit = 1.0\nmotions = "design"', r"the sets are pulses"),
+        ('kind = "peak-rotation"\nlimit = 1.0\nstatistic = "most"', "statistic"),
+        ('kind = "peak-friction"\nlimit = "joints.frictoin"', "must be a number or a key of this file"),
+        ('kind = "no-overturning"\nlimit = 1.0', "no-overturning has no limit"),
+        ("limit = 1.0", "kind is missing"),
+    ],
+)
+def test_wrong_checks(tmp_path, check, message):
+    with pytest.raises(ValueError, match=message):
+        problem(tmp_path, f"[[checks]]\n{check}\n")
+
+
+def test_wrong_files(tmp_path):
+    with pytest.raises(ValueError, match=r"needs \[\[checks\]\] or \[\[targets\]\]"):
+        problem(tmp_path, "")
+    with pytest.raises(ValueError, match="is the id of another check"):
+        problem(tmp_path, (CHECK + 'id = "A"\n') * 2)
+    with pytest.raises(ValueError, match="is not a key of this file"):
+        problem(tmp_path, CHECK, '[sources]\n"structure.widht" = "drawing"\n' + FILE)
+
+
+def test_values_by_key_units_and_targets(tmp_path):
+    """A limit may be a key of the file, or have a unit; design targets are checks as well."""
+    found = problem(
+        tmp_path,
+        '[[checks]]\nkind = "peak-friction"\nlimit = "joints.friction"\n'
+        '[[checks]]\nkind = "displacement"\nlimit = 60\nunit = "mm"\nid = "U"\n'
+        '[[targets]]\nkind = "overturning-scale"\nat_least = 1.5\nmotions = "pulses"\n',
+    )
+    g = float(found.podium.g)
+    assert [entry.id for entry in found.checks] == ["C1", "U", "T1"]
+    assert [KINDS[entry.kind].limit(entry, g) for entry in found.checks] == [0.5, pytest.approx(0.06), 1.5]
+    assert found.motions["pulses"].names == ("Ricker(2.5, 1)", "Ricker(3, 1)")
+
+
+def test_changed_inputs(tmp_path):
+    """Inputs change by factors, lists by a common one, and derivatives pass through them."""
+    found = problem(tmp_path)
+    assert found.variables == ("width", "height", "column_mass", "beam_mass")
+    wider = found.varied({"width": 1.05})
+    assert float(wider.width) == pytest.approx(0.63)
+    assert float(found.varied({"column_mass": 2.0}).gamma) == pytest.approx(float(found.podium.gamma) / 2)

@@ -1,0 +1,216 @@
+"""Reports of a rigid podium: answers beside those of the functions of the package, files, words."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax._report.uplift import UpliftRatio
+
+FILE = """
+[structure]
+width = 0.6
+height = 3.0
+column_mass = 2700.0
+beam_mass = 60e3
+positions = [-4.0, 0.0, 4.0]
+beam_depth = 0.5
+
+[joints]
+friction = 0.5
+
+[motions.pulses]
+kind = "ricker"
+a_p = [2.5, 3.5]
+T_p = 1.0
+
+[motions.strong]
+kind = "ricker"
+a_p = [3.5, 30.0]
+T_p = 1.0
+
+[report]
+laws = ["paper"]
+
+[[checks]]
+kind = "peak-rotation"
+limit = 0.6
+motions = "pulses"
+
+[[checks]]
+kind = "peak-rotation"
+statistic = "mean"
+limit = 0.6
+motions = "strong"
+
+[[checks]]
+kind = "peak-friction"
+limit = "joints.friction"
+motions = "pulses"
+
+[[checks]]
+kind = "uplift-scale"
+at_least = 0.5
+motions = "pulses"
+
+[[checks]]
+kind = "sliding-displacement"
+limit = 20
+unit = "mm"
+motions = "pulses"
+
+[[checks]]
+kind = "contact-pressure"
+limit = 30
+unit = "MPa"
+motions = "pulses"
+
+[[checks]]
+kind = "by-others"
+text = "Foundation"
+reference = "report G-01"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("report")
+
+
+@pytest.fixture(scope="module")
+def report(folder):
+    path = folder / "problem.toml"
+    path.write_text(FILE, encoding="utf-8")
+    return rj.report(path, folder / "page.html")
+
+
+@pytest.fixture(scope="module")
+def checks(report):
+    return {check.id: check for check in report.evaluation.checks}
+
+
+def test_values_are_those_of_the_package(report, checks):
+    """Bit for bit for peaks of a batch with the same outputs; the largest motion governs."""
+    scenes = report.evaluation.scenes
+    motions = report.evaluation.problem.motions["pulses"]
+    peaks = rj.peak_responses(
+        report.evaluation.problem.podium, motions.excitations, options=scenes.options("pulses")
+    )
+    np.testing.assert_array_equal(checks["C1"].values.values, peaks.peak_rotation)
+    assert checks["C1"].value == peaks.peak_rotation.max()
+    assert checks["C1"].governing == 1
+    assert checks["C1"].utilisation == checks["C1"].value / 0.6
+    np.testing.assert_array_equal(checks["C3"].values.values, peaks.peak_friction.max(axis=-1))
+
+
+def test_words(report, checks):
+    """A motion that overturns fails the mean of its set; what is missing is not made, with the key."""
+    assert checks["C1"].result == "PASS"
+    assert checks["C2"].result == "FAIL"
+    assert checks["C2"].utilisation == math.inf
+    assert "overturned at" in checks["C2"].word
+    assert checks["C5"].result == checks["C6"].result == "NOT MADE"
+    assert "contact_width" in checks["C6"].reason
+    assert checks["C7"].result == "BY OTHERS"
+    assert not report.verified
+    assert report.evaluation.verdict.startswith("Not verified: of 6 checks")
+
+
+def test_uplift_factor_is_exact(report, checks):
+    """Of a rigid podium: g tan α over the largest ground acceleration, which is a_p of a Ricker pulse."""
+    podium = report.evaluation.problem.podium
+    known = float(podium.g) * np.tan(float(podium.alpha)) / np.array([2.5, 3.5])
+    np.testing.assert_allclose(checks["C4"].values.values, known, rtol=1e-8)
+    slopes = checks["C4"].sensitivities  # U = 0.5 a_p/(g tan α)
+    assert slopes["width"] == pytest.approx(-1, abs=1e-8)
+    assert slopes["height"] == pytest.approx(1, abs=1e-8)
+    assert slopes["motion"] == pytest.approx(1, abs=1e-8)
+    assert slopes["column_mass"] == pytest.approx(0, abs=1e-8)
+
+
+@pytest.mark.slow
+def test_uplift_factor_of_a_building_with_vertical_motion():
+    """Just below the factor no column lifts, just above it one does."""
+    podium = rj.Podium(0.15, 3.0, 5.0, superstructure=rj.Elastic(eta=10.0, T_s=0.5, zeta=0.05))
+    options = rj.Options(outputs=(UpliftRatio(),))
+    motion = rj.GroundMotion(rj.Ricker(1.0, 0.6), rj.Ricker(0.5, 0.3))
+    factor = 0.3
+    for _ in range(2):
+        factor = (
+            0.9
+            * factor
+            / float(rj.peak_response(podium, motion.scaled(0.9 * factor), options=options).uplift_ratio)
+        )
+    assert not rj.peak_response(podium, motion.scaled(factor * (1 - 1e-7))).uplifted
+    assert rj.peak_response(podium, motion.scaled(factor * (1 + 1e-7))).uplifted
+
+
+def test_derivatives_are_those_of_differences(report, checks):
+    """Every input and the factor on the motions, beside differences of a tighter solution."""
+    problem = report.evaluation.problem
+    motion = problem.motions["pulses"].excitations[1]
+    options = rj.Options(rtol=1e-11, atol=1e-13, outputs=("peak_rotation",))
+
+    def rotation(name, factor):
+        podium = problem.podium if name == "motion" else problem.varied({name: factor})
+        scaled = motion.scaled(factor) if name == "motion" else motion
+        return float(np.log(rj.peak_response(podium, scaled, options=options).peak_rotation))
+
+    h = 1e-4
+    for name, slope in checks["C1"].sensitivities.items():
+        difference = (rotation(name, 1 + h) - rotation(name, 1 - h)) / (2 * h)
+        assert slope == pytest.approx(difference, rel=1e-6, abs=1e-6), name
+
+
+def test_spread_is_that_of_changed_structures(report, checks):
+    problem = report.evaluation.problem
+    options = report.evaluation.scenes.options("pulses")
+    narrower = rj.peak_responses(
+        problem.varied({"width": 0.95}), problem.motions["pulses"].excitations, options=options
+    )
+    assert checks["C1"].spread["width"][0] == pytest.approx(narrower.peak_rotation.max() / 0.6, rel=1e-10)
+
+
+def test_files(folder, report):
+    """Written beside each other; the same page again from the stored scenes, without solving any."""
+    assert [path.name for path in report.written] == ["page.html", "page.json", "page.nc"]
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    assert page == report.html
+    for number in range(1, 13):
+        assert f'id="s{number}"' in page
+    for word in ("nan", "inf", "None", "{{"):
+        assert f">{word}<" not in page
+    again = rj.report(folder / "problem.toml", folder / "page.html")
+    assert again.evaluation.scenes.store.computed == 0
+    assert again.html == page
+    found = json.loads((folder / "page.json").read_text(encoding="utf-8"))
+    assert found["schema"]
+    tables = report.to_csv(folder / "csv")
+    assert {path.stem for path in tables} == set(report.tables)
+
+
+def test_another_text_solves_nothing_again(folder, report):
+    path = folder / "titled.toml"
+    path.write_text(f'[project]\ntitle = "Another"\n{FILE}', encoding="utf-8")
+    (folder / "titled.nc").write_bytes((folder / "page.nc").read_bytes())
+    titled = rj.report(path, folder / "titled.html")
+    assert titled.evaluation.scenes.store.computed == 0
+    assert "Another" in titled.html
+
+
+def test_wrong_arguments(folder, report):
+    with pytest.raises(ValueError, match=r"must be a \.html file.*print the page"):
+        rj.report(folder / "problem.toml", folder / "page.pdf")
+    with pytest.raises(ValueError, match="skip must hold some of risk, methods, spread"):
+        rj.evaluate(folder / "problem.toml", skip=("all",))
+    with pytest.raises(ValueError, match="units"):
+        rj.report(folder / "problem.toml", units="furlong")
+
+
+def test_damaged_store_is_ignored(folder, report):
+    (folder / "bad.nc").write_bytes(b"not a netCDF file")
+    from rockjax._report.store import Store
+
+    assert Store(folder / "bad.nc").data == {}
