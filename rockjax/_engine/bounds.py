@@ -27,8 +27,7 @@ def every(flags: Flags) -> Flag:
 
 
 class Bounds:
-    """Bounds from a state on, whatever the rest of the excitation does. All are held constant under
-    differentiation.
+    """Bounds from a state on, whatever the rest of the excitation does, without derivatives.
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]

@@ -74,11 +74,7 @@ class Joints(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Constants of the equations of a podium, computed once per scene.
-
-    Masses, moments and energies are divided by N m_c, the mass of all columns. Constants of a part that the
-    podium does not have are None, which is static.
-    """
+    """Constants of the equations of a podium, divided by the mass N m_c of all columns; None for missing parts."""
 
     alpha: Value
     sin_alpha: Value
