@@ -74,7 +74,7 @@ class Joints(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Constants of the equations of a podium, divided by the mass N m_c of all columns; None for missing parts."""
+    """Constants of the equations of a podium, divided by N m_c, the mass of all columns, or None."""
 
     alpha: Value
     sin_alpha: Value
