@@ -214,3 +214,25 @@ def test_damaged_store_is_ignored(folder, report):
     from rockjax._report.store import Store
 
     assert Store(folder / "bad.nc").data == {}
+
+
+@pytest.mark.slow
+def test_annual_frequency_is_that_of_the_package(tmp_path):
+    """The fragility by `[fragility]` and the hazard curve of `[risk]`, as `rj.annual_frequency` gives it."""
+    (tmp_path / "hazard.csv").write_text("PGA [m/s2],rate [1/year]\n1.0,0.02\n3.0,0.002\n10.0,0.00005\n")
+    path = tmp_path / "problem.toml"
+    path.write_text(
+        "[structure]\nwidth = 0.6\nheight = 3.0\ncolumn_mass = 2700.0\nbeam_mass = 60e3\n"
+        "[motions.design]\nsynthetic = 6\nseed = 3\n"
+        "[fragility]\nintensity = [1.0, 16.0]\nlevels = 6\n[risk]\nhazard = 'hazard.csv'\n"
+        "[[checks]]\nkind = 'annual-frequency'\nat_most = 1e-3\nmotions = 'design'\n"
+    )
+    report = rj.report(path, skip=("methods",))
+    (check,) = report.evaluation.checks
+    suite, podium = rj.synthetic_motions(6, seed=3), report.evaluation.problem.podium
+    analysis = rj.incremental_dynamic_analysis(podium, suite, np.linspace(1.0, 16.0, 6))
+    hazard = rj.Hazard.from_file(tmp_path / "hazard.csv").in_si()
+    known = rj.annual_frequency(rj.fragility(analysis), hazard)
+    assert check.value == pytest.approx(float(known.frequency), rel=1e-9)
+    assert check.result == ("PASS" if check.value <= 1e-3 else "FAIL")
+    assert "risk-design-annual" in report.tables
