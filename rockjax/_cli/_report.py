@@ -22,7 +22,8 @@ class _Progress:
 
     def describe(self, text: str) -> None:
         """Show what is computed."""
-        self._bar.set_postfix_str(text)
+        if hasattr(self._bar, "set_postfix_str"):  # not with --quiet
+            self._bar.set_postfix_str(text)
 
 
 @command(structure_options())

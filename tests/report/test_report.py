@@ -216,6 +216,25 @@ def test_damaged_store_is_ignored(folder, report):
     assert Store(folder / "bad.nc").data == {}
 
 
+@pytest.mark.parametrize("quiet", [True, False])
+def test_the_command_writes_the_page(folder, report, quiet):
+    """From stored scenes and one more check, which is solved; the exit status is 1 for a failure."""
+    from typer.testing import CliRunner
+
+    from rockjax._cli import app
+
+    path, output = folder / f"command-{quiet}.toml", folder / f"command-{quiet}.html"
+    more = '[[checks]]\nkind = "displacement"\nlimit = 500\nunit = "mm"\nmotions = "pulses"\n'
+    path.write_text(FILE + more, encoding="utf-8")
+    output.with_suffix(".nc").write_bytes((folder / "page.nc").read_bytes())
+    words = ["report", str(path), "-o", str(output), "--csv", str(folder / f"tables-{quiet}")]
+    found = CliRunner().invoke(app, [*words, *(["-q"] if quiet else [])])
+    assert found.exit_code == 1, found.output
+    assert "u_b at max|θ|" in output.read_text(encoding="utf-8")
+    assert ("Not verified: of 7 checks" in found.output) != quiet
+    assert (folder / f"tables-{quiet}" / "summary.csv").exists()
+
+
 @pytest.mark.slow
 def test_annual_frequency_is_that_of_the_package(tmp_path):
     """The fragility by `[fragility]` and the hazard curve of `[risk]`, as `rj.annual_frequency` gives it."""
