@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from rockjax._risk.annual import MIN_EXTRAPOLATED
 from rockjax._version import __version__
 
 from .assumptions import ASSUMPTIONS
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from .evaluation import Evaluation
 
 USUAL_UNITS = ("kN", "m", "deg", "g", "mm")
-MIN_EXTRAPOLATED = 0.05  # share of a frequency from beyond the hazard curve that the page reports
 
 
 def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -> Units:

@@ -87,7 +87,7 @@ def _evaluate(entry: CheckKeys, scenes: Scenes, skip: tuple[str, ...]) -> Check:
 def _made(entry: CheckKeys, kind: Kind, limit: float, scenes: Scenes, with_spread: bool) -> Check:
     """Return a check that can be made."""
     values = kind.values(entry, scenes)
-    value, error, governing = statistic_of(values, entry.statistic, kind.is_minimum, limit)
+    value, error, governing = statistic_of(values, entry.statistic, kind.is_minimum)
     utilisations = utilisations_of(value, error, limit, kind.is_minimum)
     violated = _violated(kind, entry, scenes)
     without = sorted({name for name in values.unanswered if name})
@@ -120,17 +120,14 @@ def _made(entry: CheckKeys, kind: Kind, limit: float, scenes: Scenes, with_sprea
     )
 
 
-def statistic_of(
-    values: Values, statistic: str, is_minimum: bool, limit: float
-) -> tuple[float, float, int | None]:
+def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int | None]:
     """Return the statistic of values, its error, and the index of the governing motion.
 
     - `statistic`: "max" (the largest utilisation), "mean", "median" or "p84"
-    - `limit`: decides which of several values governs a minimum
+    - `is_minimum`: whether the least value governs
 
-    What overturns counts as ±inf.
+    Scenes that overturn count as ±inf.
     """
-    del limit
     y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
     errors = np.maximum(errors, ROUNDING * np.abs(np.where(np.isfinite(y), y, 0.0)))
     governing = int(np.argmin(y) if is_minimum else np.argmax(y))
@@ -217,7 +214,7 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
 
 def _utilisation(check: Check, scenes: Scenes, law: str | None = None, change: str = "") -> Any:
     values = check.kind.values(check.entry, scenes, law, change)
-    value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum, check.limit)
+    value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum)
     return utilisations_of(value, error, check.limit, check.kind.is_minimum), values
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import create_model
 
 from rockjax._outputs.base import JOINT_NAMES, JOINTS, STORIES
-from rockjax._outputs.registry import VARIABLES
+from rockjax._outputs.registry import REGISTRY, VARIABLES
 from rockjax._problem.models import key
 from rockjax._structures import Podium
 from rockjax._types import Value
@@ -24,8 +24,7 @@ from .scenes import Scenes, Traced
 from .units import KINDS as QUANTITIES
 from .units import to_si
 
-STATISTICS = ("max", "mean", "median", "p84")
-_QUANTITY_OF_UNIT = {"1": "number", "m": "displacement", "m s-2": "acceleration", "m s-1": "velocity"}
+QUANTITY_OF_UNIT = {"1": "number", "m": "displacement", "m s-2": "acceleration", "m s-1": "velocity"}
 
 
 class Values(NamedTuple):
@@ -109,7 +108,7 @@ class Kind(abc.ABC):
 
         - `entry`: its keys; `scenes`: solves scenes and keeps their answers
         - `law`: law of impact instead of that of the structure
-        - `change`: key of an input and a factor, as in `Scenes.variants`; "" for the structure itself
+        - `change`: one of `Scenes.changes`; "" for the structure itself
         """
 
     def traced(self, entry: CheckKeys, scenes: Scenes, motion: int) -> Traced | None:
@@ -151,8 +150,6 @@ class PeakKind(Kind):
     def missing(self, entry: CheckKeys, problem: Problem) -> str:
         reason = super().missing(entry, problem) or self.needs(problem)
         variable, output = VARIABLES[self.variable]
-        from rockjax._outputs.registry import REGISTRY
-
         if not reason and not REGISTRY[output].applies(problem.podium):
             what = "a building with stories" if variable.axis == STORIES else "a structure that has it"
             return f"The structure has no {variable.description}; it needs {what}."
@@ -270,7 +267,7 @@ def _needs_contact(problem: Problem) -> str:
     return f"The file has no {', no '.join(missing)}." if missing else ""
 
 
-def _displacement(podium: Podium, rotation: Any) -> Any:
+def deck_displacement(podium: Podium, rotation: Any) -> Any:
     """Return u_b of Eq. (13) at |θ|/α [m]."""
     alpha = podium.alpha
     return 2 * podium.R * (jnp.sin(alpha) - jnp.sin(alpha - rotation * alpha))
@@ -305,7 +302,7 @@ def _peak_kinds() -> list[Kind]:
             PeakKind,
             name.replace("_", "-"),
             title,
-            _QUANTITY_OF_UNIT.get(variable.unit, "number"),
+            QUANTITY_OF_UNIT.get(variable.unit, "number"),
             is_minimum=name.startswith("least"),
             section=4 if name == "peak_rotation" else section,
             variable=name,
@@ -337,7 +334,7 @@ def _peak_kinds() -> list[Kind]:
             "Displacement of the deck u_b at max|θ|",
             "displacement",
             variable="peak_rotation",
-            convert=_displacement,
+            convert=deck_displacement,
         ),
     ]
     return kinds

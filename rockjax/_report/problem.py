@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -54,7 +55,7 @@ class MotionSet:
             for member in self.members
         )
 
-    @property
+    @functools.cached_property
     def hashes(self) -> tuple[str, ...]:
         """SHA-256 of the samples of each motion, or of the parameters of each pulse."""
 
@@ -110,7 +111,6 @@ class Problem:
     report: models.ReportKeys
     fragility: models.Fragility
     risk: models.Risk
-    years: float
     structure: models.ByRatios | models.ByDimensions
 
     @property

@@ -46,7 +46,7 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
     sets = {}
     for name in file.motions:
         members = tuple(reader.members(file.motions, name, podium))
-        names = make_unique([_name(member, k) for k, member in enumerate(members)])
+        names = make_unique([_name(member) for member in members])
         sets[name] = MotionSet(name, file.report.motions.get(name, name), members, tuple(names))
     for name in file.report.motions:
         if name not in sets:
@@ -78,12 +78,11 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
         report=file.report,
         fragility=file.fragility,
         risk=file.risk,
-        years=file.risk.years,
         structure=file.structure,
     )
 
 
-def _name(member: Any, k: int) -> str:
+def _name(member: Any) -> str:
     if isinstance(member, Motion):
         return member.name
     values = ", ".join(f"{float(y):.4g}" for y in jax.tree.leaves(member))
@@ -133,7 +132,7 @@ def _checks(reader: Reader, table: Mapping[str, Any], sets: Mapping[str, Any], p
             if KINDS[kind].needs_motions:
                 motions = reader.require_set(sets, motions, f"{where}.motions")
             updated = keys.model_copy(
-                update={"id": identity, "motions": motions, "is_target": part == "targets", "where": where}
+                update={"id": identity, "motions": motions, "is_target": part == "targets"}
             )
             with reader.at(where):
                 KINDS[kind].check(updated, podium)

@@ -49,6 +49,9 @@ class Scenes:
         self, problem: Problem, store: Store, needed: Mapping[str, tuple[str, ...]], progress: Any = None
     ):
         self.problem, self.store, self.needed, self.progress = problem, store, needed, progress
+        # Checks and sections ask for the same structures and scenes many times.
+        self.podium, self.peaks = functools.cache(self._podium), functools.cache(self._peaks)
+        self._changed_peaks = functools.cache(self._solve_changes)
 
     def _say(self, text: str) -> None:
         if self.progress is not None:
@@ -65,7 +68,7 @@ class Scenes:
         spread = self.problem.report.spread
         return {change[:-1]: 1 + spread if change[-1] == "+" else 1 - spread} if change else {}
 
-    def podium(self, law: str | None = None, change: str = "") -> Podium:
+    def _podium(self, law: str | None = None, change: str = "") -> Podium:
         """Return the structure with a law of impact and a change."""
         factors = {name: y for name, y in self.factors(change).items() if name != "motion"}
         podium = self.problem.varied(factors) if factors else self.problem.podium
@@ -99,7 +102,7 @@ class Scenes:
         return self.problem.options.replace(outputs=self.outputs(name), throw=False)
 
     # -------------------------------------------------------------------------------------------------- peaks
-    def peaks(self, name: str, law: str | None = None, change: str = "") -> xarray.Dataset:
+    def _peaks(self, name: str, law: str | None = None, change: str = "") -> xarray.Dataset:
         """Return the peaks of the scenes of a set, along `motion`.
 
         - `name`: the set; `law`: law of impact instead of that of the structure
@@ -120,7 +123,7 @@ class Scenes:
     def _is_own_law(self, law: str) -> bool:
         return fingerprint(self.podium(law)) == fingerprint(self.problem.podium)
 
-    def _changed_peaks(self, name: str) -> xarray.Dataset:
+    def _solve_changes(self, name: str) -> xarray.Dataset:
         """Return the peaks of a set with every change, along `change` and `motion`."""
         motions, options = self.motion_set(name), self.options(name)
         podiums = [self.podium(None, change) for change in self.changes]
@@ -266,7 +269,7 @@ class Scenes:
 
         The variables are `capacity` along `motion`; `median`, `dispersion`, their intervals
         `median_interval`, `dispersion_interval` along `bound`; and `frequency`, `return_period`,
-        `probability`, `extrapolated`. A curve of `risk.fragility` (a file) replaces the analysis.
+        `probability`, `extrapolated`.
         """
         import xarray
 
@@ -282,7 +285,7 @@ class Scenes:
         )
 
         def solve() -> xarray.Dataset:
-            curve = self._curve(motions, hazard)
+            curve = self._curve(motions)
             bounds = curve["interval"].transpose("quantity", "bound").values
             data: dict[str, Any] = {
                 "capacity": ("motion", curve.attrs.pop("capacity")),
@@ -300,7 +303,7 @@ class Scenes:
                 data |= {
                     "frequency": float(annual.frequency),
                     "return_period": float(annual.return_period),
-                    "probability": float(annual.probability(problem.years)),
+                    "probability": float(annual.probability(problem.risk.years)),
                     "extrapolated": float(annual.extrapolated),
                 }
                 slopes = {key: float(y) for key, y in annual.sensitivities.items()}
@@ -317,7 +320,7 @@ class Scenes:
         path = self.problem.path.parent / str(self.problem.risk.hazard)
         return Hazard.from_file(path, site=self.problem.risk.site).in_si()
 
-    def _curve(self, motions: MotionSet, hazard: Hazard | None) -> xarray.Dataset:
+    def _curve(self, motions: MotionSet) -> xarray.Dataset:
         """Return the fragility curve of a set, with the least overturning intensities of its motions as the
         attribute `capacity`."""
         from rockjax._motions.motion import Motions

@@ -41,7 +41,7 @@ def values_of(*numbers, errors=None):
 
 
 def result(value, limit, error=0.0, minimum=False, without=False, violated=False):
-    found = statistic_of(values_of(value, errors=np.array([error])), "max", minimum, limit)
+    found = statistic_of(values_of(value, errors=np.array([error])), "max", minimum)
     return decide(utilisations_of(*found[:2], limit, minimum), without, violated)
 
 
@@ -75,8 +75,8 @@ def test_order_of_words():
 )
 def test_statistics(statistic, known):
     """Quantiles interpolate; whatever overturns makes mean and maximum infinite, never 1 α."""
-    assert statistic_of(values_of(1.0, 2.0, 3.0, 4.0), statistic, False, 1.0)[0] == pytest.approx(known)
-    overturned = statistic_of(values_of(1.0, 2.0, 3.0, math.inf), statistic, False, 1.0)[0]
+    assert statistic_of(values_of(1.0, 2.0, 3.0, 4.0), statistic, False)[0] == pytest.approx(known)
+    overturned = statistic_of(values_of(1.0, 2.0, 3.0, math.inf), statistic, False)[0]
     assert overturned == (pytest.approx(2.5) if statistic == "median" else math.inf)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rockjax._report.blocks import Equation, Equations, Paragraph, Section
-from rockjax._report.kinds import RiskKind
+from rockjax._report.kinds import QUANTITY_OF_UNIT, RiskKind
 from rockjax._report.tables import Column, Formula, Quantity, Table, Word
 from rockjax._report.units import Units
 
@@ -13,8 +13,6 @@ from .common import number, slug
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
-
-_UNITS = {"m s-2": "acceleration", "m s-1": "velocity"}
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
@@ -43,7 +41,7 @@ def _table(check: Check, evaluation: Evaluation) -> Table:
     problem = evaluation.problem
     with_hazard = check.kind.name == "annual-frequency"
     data = evaluation.scenes.risk(str(check.motions), with_hazard)
-    kind = _UNITS.get(data.attrs["units"], "number")
+    kind = QUANTITY_OF_UNIT.get(data.attrs["units"], "number")
     confidence = f"{problem.fragility.confidence:.0%} interval"
     median, dispersion = (
         tuple(float(y) for y in data[f"{name}_interval"]) for name in ("median", "dispersion")
@@ -60,7 +58,7 @@ def _table(check: Check, evaluation: Evaluation) -> Table:
         rows += [
             ("Annual frequency λ_f", Quantity(float(data["frequency"]), "rate")),
             ("Return period", number(data["return_period"], "return period")),
-            (f"Probability in {problem.years:g} years", Quantity(float(data["probability"]), "ratio")),
+            (f"Probability in {problem.risk.years:g} years", Quantity(float(data["probability"]), "ratio")),
             ("Share from beyond the hazard curve", Quantity(float(data["extrapolated"]), "ratio")),
         ]
         for name, value in zip(data["parameter"].values, data["sensitivity"].values, strict=True):

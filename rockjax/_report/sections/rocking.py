@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._report.blocks import Figure, Paragraph, Section
-from rockjax._report.kinds import KINDS
+from rockjax._report.kinds import KINDS, deck_displacement
 from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Column, Quantity, Table, Word
 from rockjax._report.units import Units
@@ -35,7 +35,6 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     scenes = evaluation.scenes
     data, motions = scenes.peaks(name), evaluation.problem.motions[name]
     podium = evaluation.problem.podium
-    alpha, R = float(podium.alpha), float(podium.R)
     columns = [
         Column("Motion"),
         Column("First uplift", "time"),
@@ -55,7 +54,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     for k, label in enumerate(motions.names):
         rotation = float(data["peak_rotation"][k])
         uplifted = bool(data["uplifted"][k])
-        u_b = 2 * R * (np.sin(alpha) - np.sin(alpha - min(rotation, 1.0) * alpha))
+        u_b = deck_displacement(podium, min(rotation, 1.0))
         row: list[Any] = [
             Word(label),
             Quantity(float(data["uplift_time"][k]), "time") if uplifted else Word("no uplift", "none"),
