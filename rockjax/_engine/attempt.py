@@ -153,7 +153,9 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
     angle, rate, curvature, jerk = (state.sigma * y for y in (theta, theta_dot, theta_ddot, jerk))
     path = barrier(Quintic(angle, h * rate, h**2 * curvature / 2, h**3 * jerk / 6, zero, zero))
     hits = (angle > 0) & (path.value(one) < 0)
-    return jnp.where(hits, h * crossing(path, zero, one), h)
+    # No impact is earlier than this. Without it an unconverged crossing near z = 0 could return for ever.
+    earliest = safe_ratio(angle, sum(jnp.abs(c) for c in path[1:]), hits)
+    return jnp.where(hits, h * crossing(path, earliest, one), h)
 
 
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:

@@ -155,23 +155,28 @@ def _first_zero(f: Sequence[Values]) -> Values:
         at_rest = f[0] <= 0
         divided = [*f[1:], jnp.zeros_like(f[0])]
         f = [jnp.where(at_rest, b, a) for a, b in zip(f, divided, strict=True)]
-    # Initial guess: the parabola through both ends, tangent to f at the first one, which is positive at 0 and
-    # negative at 1. Between samples of a record the slope of a rotation is very nearly such a parabola.
-    last = sum(f[1:], f[0])
-    bend = last - f[0] - f[1]
-    root = jnp.sqrt(jnp.maximum(f[1] * f[1] - 4 * f[0] * bend, 0.0))
-    guess = 2 * f[0] / jnp.where(root > f[1], root - f[1], 1.0)
     lo, hi = jnp.zeros_like(f[0]), jnp.ones_like(f[0])
-    return _safeguarded_newton(f, lo, hi, jnp.clip(guess, 0.0, 1.0), _TO_TURN)
+    return _safeguarded_newton(f, lo, hi, _parabola_root(f[0], f[1], sum(f[1:], f[0])), _TO_TURN)
+
+
+def _parabola_root(first: Values, slope: Values, last: Values) -> Values:
+    """Return the root in [0, 1] of the parabola with the value `first` > 0 and the slope `slope` at 0, and
+    with the value `last` < 0 at 1.
+
+    Between samples of a record a rotation and its slope are very nearly such parabolas.
+    """
+    bend = last - first - slope
+    root = jnp.sqrt(jnp.maximum(slope * slope - 4 * first * bend, 0.0))
+    return jnp.clip(2 * first / jnp.where(root > slope, root - slope, 1.0), 0.0, 1.0)
 
 
 def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
     """Return the z in [lo, hi] at which the polynomial falls through zero, positive at lo and
     negative at hi."""
+    length = hi - lo
     above, below = polynomial.value(lo), polynomial.value(hi)
-    fall = above - below
-    secant = lo + (hi - lo) * jnp.clip(above / jnp.where(fall > 0, fall, 1.0), 0.0, 1.0)
-    return _safeguarded_newton(polynomial, lo, hi, secant, _TO_CROSS)
+    guess = lo + length * _parabola_root(above, polynomial.slope(lo) * length, below)
+    return _safeguarded_newton(polynomial, lo, hi, guess, _TO_CROSS)
 
 
 def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_after: Flags, dips: Flags) -> Flags:

@@ -489,3 +489,14 @@ def test_hops_that_would_not_end_are_estimated():
     assert error > 1e-6
     assert peak.errors is not None
     assert 0.1 * error < float(peak.errors.peak_rotation) < 10 * error
+
+
+@pytest.mark.parametrize("change", [0.0, 1e-7, 1e-9, -1e-7, -1e-12])
+def test_an_impact_just_after_a_sample(change):
+    """Rotation predicted over a sample passes zero at its very start and again near its end. The search for
+    the first time stopped so early that the trials became shorter for ever (window of 1e-6 of the scale)."""
+    record = rj.synthetic_motions(66, seed=1, dt=0.02, duration=20.0, pga=0.3 * 9.80665)[65]
+    podium = rj.Podium(np.radians(10.0), 3.5606506330096086)
+    peak = rj.peak_response(podium, record.record(2.1890039397029293 * (1 + change)))
+    assert int(peak.stats.steps + peak.stats.rejected) < 500
+    assert float(peak.overturn_time) == pytest.approx(6.0587038386, abs=1e-4)

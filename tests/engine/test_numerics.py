@@ -180,6 +180,21 @@ def turning_point(polynomial, rising):
     return hermite.turning_point_or_dip(polynomial, jnp.asarray(True), rising)[0]
 
 
+def test_the_first_of_two_crossings_is_found():
+    """A column that leaves the ground just before the end of a step would cross zero twice and a little more:
+    the parabola (z_1 − z)(z_2 − z) with a cubic part, for all sizes of z_1 and of 1 − z_2."""
+    first = 10.0 ** -np.arange(1.0, 12.0)[:, None, None]
+    second = 1 - 10.0 ** -np.arange(1.0, 12.0)[:, None]
+    cubic = np.linspace(-0.3, 0.3, 7)
+    # (z − z_1)(z − z_2)(1 + cubic·z), which is made to end below zero
+    c0, c1, c2 = first * second, -(first + second), 1.0
+    drop = (1 - first) * (1 - second) * (1 + cubic) + 1e-13
+    path = hermite.Quintic(*np.broadcast_arrays(c0, c1 + cubic * c0, c2 + cubic * c1, cubic - drop, 0.0, 0.0))
+    earliest = path.c0 / sum(np.abs(c) for c in path[1:])
+    z = hermite.crossing(path, earliest, np.ones_like(earliest))
+    np.testing.assert_allclose(z, np.broadcast_to(first, z.shape), rtol=0.2)
+
+
 def test_turning_points():
     p = hermite.quintic(*(jnp.asarray(y) for y in (0.0, 1.0, 0.5, 0.1, -2.0, -3.0)), jnp.asarray(1.0))
     z = turning_point(p, jnp.asarray(True))
