@@ -65,9 +65,9 @@ def motions(count: int) -> rj.Records:
     They last 10 s, have a sampling interval of 0.02 s, and the noise has a PGA of 1 m/s².
     """
     pulses = [rj.MavroeidisPapageorgiou(0.15, *SHAPES[k % len(SHAPES)]) for k in range(count)]
-    plain = rj.synthetic_motions(count, seed=11, duration=10.0, dt=0.02, pga=1.0).records()
-    mixed = rj.synthetic_motions(count, seed=12, duration=10.0, dt=0.02, pga=1.0, pulse=pulses).records()
-    alone = rj.synthetic_motions(count, seed=13, duration=10.0, dt=0.02, pga=1e-6, pulse=pulses).records()
+    plain = rj.synthetic_motions(count, seed=11, duration=10.0, dt=0.02, pga=1.0)
+    mixed = rj.synthetic_motions(count, seed=12, duration=10.0, dt=0.02, pga=1.0, pulse=pulses)
+    alone = rj.synthetic_motions(count, seed=13, duration=10.0, dt=0.02, pga=1e-6, pulse=pulses)
     return rj.Records.of([(alone if k % 5 == 4 else mixed if k % 2 else plain)[k] for k in range(count)])
 
 

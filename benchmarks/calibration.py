@@ -20,6 +20,7 @@ import warnings
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray
 from scipy.special import ndtri
@@ -158,7 +159,8 @@ def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: 
         return (np.log(x) >= log) & ~survives
 
     many = 400_000
-    truth = fit_counts(x, overturned(many).sum(axis=0).astype(float), np.full(levels, float(many)))
+    counts = overturned(many).sum(axis=0).astype(float), np.full(levels, float(many))
+    truth = fit_counts(jnp.asarray(x), *map(jnp.asarray, counts))
     median, dispersion = (float(y) for y in truth)
     z = ndtri(FRACTILES)
     is_covered = []

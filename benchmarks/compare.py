@@ -134,7 +134,7 @@ def max_tolerance(solve: Solve, panels: list[Family], target: float) -> float:
     return min(rtol for rtol in tolerances if rtol is not None)
 
 
-def main(points: int = 40, *names: str) -> None:
+def main(points: str = "40", *names: str) -> None:
     start = time.perf_counter()
     rows = families(int(points), list(names) or list(peers()))
     report(f"compare-{points}", rows)

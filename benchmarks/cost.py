@@ -26,8 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import rockjax as rj
-from rockjax._batch.batch import run_batch
-from rockjax._batch.scenes import broadcast
+from rockjax._batch.batch import Tally, run_batch
+from rockjax._batch.scenes import SceneBatch, broadcast
 
 from .measure import Family, family, options, podium, report, shortest_time, show
 from .records import Suite
@@ -76,8 +76,7 @@ PRESTRESS, STIFFNESS, DAMPING = 0.18, 0.5, 1.4  # divided by the weight per colu
 def time_restrained(runs: int = 7) -> None:
     cases: dict[tuple[str, bool], tuple[rj.Podium, np.ndarray]] = {}
     for name, plain in STRUCTURES.items():
-        eta = 0.0 if plain.superstructure is None else plain.superstructure.eta
-        weight = float(plain.gamma + eta) + 0.5
+        weight = float(plain.gamma + plain.eta) + 0.5
         devices = rj.Tendon(PRESTRESS * weight, STIFFNESS * weight), rj.Damper(DAMPING * weight)
         cases[name, False] = plain, RATIOS
         cases[name, True] = plain.replace(restrainers=devices), RATIOS * (1 + PRESTRESS)
@@ -147,6 +146,13 @@ def time_forces(runs: int = 5) -> None:
 
 
 # -------------------------------------------------------------------------------- scaling
+def timed_batch(batch: SceneBatch, options: rj.Options) -> tuple[float, Tally]:
+    """Return the time of a batch [s] and its counts of lanes."""
+    start = time.perf_counter()
+    _, _, tally = run_batch(batch, options, False)
+    return time.perf_counter() - start, tally
+
+
 def scaling() -> None:
     peak_memory = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # [MiB]
     rows = []
@@ -159,11 +165,8 @@ def scaling() -> None:
                 rj.peak_responses(structure, motions, options=how)  # compiles
             before = peak_memory()
             batch, _ = broadcast("scaling", structure, motions, jax.tree.map(np.asarray, rj.State()), None)
-            best = np.inf
-            for _ in range(1 if points == 1000 else 3):
-                start = time.perf_counter()
-                _, _, tally = run_batch(batch, how, False)
-                best = min(best, time.perf_counter() - start)
+            runs = [timed_batch(batch, how) for _ in range(1 if points == 1000 else 3)]
+            best, tally = min(runs, key=lambda run: run[0])
             row = {"family": name, "scenes": len(scenes), "us": best / len(scenes) * 1e6}
             rows.append(
                 row | {"occupancy": tally.useful / tally.possible, "growth [MiB]": peak_memory() - before}

@@ -25,7 +25,7 @@ import argparse
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -62,6 +62,7 @@ CHECK_OPTIONS = rj.Options(
 DAMPED = OPTIONS.replace(rtol=1e-7, atol=1e-9)  # with ν < 1 tighter tolerances need many more steps
 STEP = 1e-6  # step of central differences, in scaled variables
 Motions = list[rj.AbstractExcitation]
+Device = TypeVar("Device", rj.Tendon, rj.Inerter)
 
 
 def records() -> Motions:
@@ -84,19 +85,24 @@ def short_pulses() -> Motions:
 SUITES: dict[str, Callable[[], Motions]] = {"records": records, "pulses": pulses}
 
 
+def first(podium: rj.Podium, kind: type[Device]) -> Device:
+    """Return the first restrainer of a class."""
+    return next(device for device in podium.restrainers if isinstance(device, kind))
+
+
 def prestress(podium: rj.Podium):
     """Return τ = P₀/(m_c g)."""
-    return podium.restrainers[0].prestress
+    return first(podium, rj.Tendon).prestress
 
 
 def stiffness(podium: rj.Podium):
     """Return κ = K R/(m_c g) divided by its critical value."""
-    return podium.restrainers[0].stiffness / podium.critical_stiffness
+    return first(podium, rj.Tendon).stiffness / podium.critical_stiffness
 
 
 def force_at(podium: rj.Podium, rotation):
     """Return the force of a tendon divided by m_c g; `rotation` is divided by α."""
-    tendon, half = podium.restrainers[0], rotation * podium.alpha / 2
+    tendon, half = first(podium, rj.Tendon), rotation * podium.alpha / 2
     return tendon.prestress + 4 * tendon.stiffness * jnp.sin(podium.alpha) * jnp.sin(half)
 
 
@@ -106,7 +112,7 @@ def force_at_limit(podium: rj.Podium):
 
 def inertance(podium: rj.Podium):
     """Return μ = b/m_c."""
-    return podium.restrainers[0].inertance
+    return first(podium, rj.Inerter).inertance
 
 
 class Problem(NamedTuple):
@@ -167,7 +173,7 @@ def check(problem: Problem, answer: optimise.Design) -> Check:
     for k in range(len(x)):
         ends = [np.clip(x + side * STEP * np.eye(len(x))[k], 0, 1) for side in (-1, 1)]
         below, above = (fresh(problem, varied.podium(jnp.asarray(y))) for y in ends)
-        for column, a, b in zip(slopes, below, above, strict=False):
+        for column, a, b in zip(slopes, below[:2], above[:2], strict=True):
             column.append((b - a) / (ends[1][k] - ends[0][k]))
     scale = max(abs(float(f.max())), 1e-12)
     current = Evaluation(f / scale, c, np.stack(slopes[0], -1) / scale, np.stack(slopes[1], -1))
@@ -378,9 +384,16 @@ def read(folder: Path) -> rj.Motions:
     return rj.read_suite(folder).paired().map(lambda pair: pair.resampled(DT).trimmed(*PART))
 
 
+def vertical_of(motion: rj.Motion) -> rj.Motion:
+    """Return the vertical component of a motion. Raises `ValueError` without one."""
+    if motion.vertical is None:
+        raise ValueError(f"{motion.name} has no vertical component")
+    return motion.vertical
+
+
 def pairs_of(motions: rj.Motions, pga: float) -> Pairs:
     """Return pairs of equal length, padded with zeros and scaled to a horizontal PGA [m/s²]."""
-    size = max(len(y) for motion in motions for y in (motion, motion.vertical))
+    size = max(len(y) for motion in motions for y in (motion, vertical_of(motion)))
 
     def record(samples: np.ndarray, scale: float) -> rj.Record:
         return rj.Record(np.pad(scale * samples, (0, size - len(samples))), DT)
@@ -388,7 +401,7 @@ def pairs_of(motions: rj.Motions, pga: float) -> Pairs:
     return [
         rj.GroundMotion(
             record(motion.acceleration, pga / motion.pga),
-            record(motion.vertical.acceleration, pga / motion.pga),
+            record(vertical_of(motion).acceleration, pga / motion.pga),
         )
         for motion in motions
     ]
@@ -409,7 +422,7 @@ def compare_components(motions: rj.Motions, size: float, ratio: float) -> list[d
             "record": motion.name,
             "component": str(motion.metadata.get("component")),
             "PGA [g]": motion.pga / 9.80665,
-            "V/H": motion.vertical.pga / motion.pga,
+            "V/H": vertical_of(motion).pga / motion.pga,
             "R [m]": float(podium.R),
             "ratio": ratio,
             "with": float(both.peak_rotation[k]),
@@ -427,6 +440,7 @@ def summary(rows: list[dict]) -> dict:
     stood = [row for row in rows if not (row["overturned with"] or row["overturned without"])]
     pairs = np.array([[row["with"], row["without"]] for row in stood if row["without"] > UNMOVED])
     logs = np.log(pairs[:, 0] / pairs[:, 1])
+    test: Any = wilcoxon(logs)
     return {
         "pairs": len(rows),
         "compared": len(logs),
@@ -434,7 +448,7 @@ def summary(rows: list[dict]) -> dict:
         "smallest": float(np.exp(logs.min())),
         "largest": float(np.exp(logs.max())),
         "larger with": int(np.sum(logs > 0)),
-        "p": float(wilcoxon(logs).pvalue),
+        "p": float(test.pvalue),
         "overturned with": sum(row["overturned with"] for row in rows),
         "overturned without": sum(row["overturned without"] for row in rows),
     }

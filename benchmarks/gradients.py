@@ -114,7 +114,8 @@ def random_records(n: int, elastic: bool) -> np.ndarray:
     """Return structures, samples of smoothed noise with the PGA of the pulses, and directions."""
     rng = np.random.default_rng([4, elastic])
     y = structures(n, elastic, rng)
-    noise = np.apply_along_axis(np.convolve, 1, rng.normal(size=(n, SAMPLES)), np.hanning(9), mode="same")
+    smooth = lambda row: np.convolve(row, np.hanning(9), mode="same")
+    noise = np.apply_along_axis(smooth, 1, rng.normal(size=(n, SAMPLES)))
     noise *= (9.80665 * np.tan(y[0]) * rng.uniform(1.0, 9.0, n) / np.abs(noise).max(axis=1))[:, None]
     return np.concatenate([np.stack(y, axis=1), noise, rng.normal(size=(n, SAMPLES))], axis=1)
 

@@ -119,7 +119,8 @@ def needed_distances(points: int, steps: int = 6) -> list[float]:
     return list(map(float, 1 / low))
 
 
-def main(points: int = 60, restitution: str = "paper") -> None:
+def main(size: str = "60", restitution: str = "paper") -> None:
+    points = int(size)
     rows = [{"η/γ": floors, "T_s": T_s, "static ℓ_p": static_distance(floors)} for floors, T_s in STRUCTURES]
     for count in COLUMNS:
         positions = BAY * (np.arange(count) - (count - 1) / 2)
@@ -137,4 +138,4 @@ def main(points: int = 60, restitution: str = "paper") -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]), *sys.argv[2:])
+    main(*sys.argv[1:])

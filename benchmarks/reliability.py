@@ -104,7 +104,7 @@ def ours(problem: Problem, method: str, seed: int) -> Run:
 
 
 def openturns(problem: Problem, method: str, seed: int) -> Run:
-    import openturns as ot
+    import openturns as ot  # pyright: ignore[reportMissingImports]
 
     ot.RandomGenerator.SetSeed(seed)
     batched, calls = jax.jit(jax.vmap(problem.G)), [0]

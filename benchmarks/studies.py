@@ -14,8 +14,8 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import optax
@@ -56,11 +56,11 @@ def _beam(podium: rj.Podium):
     return podium.gamma
 
 
-def _random(rng: np.random.Generator, vary: dict[str, tuple[float, float]]) -> dict[str, float]:
+def _random(rng: np.random.Generator, vary: dict[str, tuple[float, float]]) -> dict[str, Any]:
     return {name: float(rng.uniform(low, high)) for name, (low, high) in vary.items()}
 
 
-def pulses(count: int) -> list[rj.AbstractExcitation]:
+def pulses(count: int) -> Sequence[rj.AbstractExcitation]:
     """Return symmetric Ricker pulses and full sines alternately; longer pulses are weaker."""
     periods = np.linspace(0.6, 1.4, (count + 1) // 2)
     amplitudes = np.linspace(4.0, 2.5, len(periods))
@@ -232,7 +232,8 @@ class Compared(NamedTuple):
     limit: float  # 1 is overturning itself
 
     def structure(self, values: np.ndarray) -> optimise.Dimensions:
-        given = {"width": 0.5, "height": 3.0} | dict(zip(self.vary, map(float, values), strict=True))
+        given: dict[str, Any] = {"width": 0.5, "height": 3.0}
+        given |= dict(zip(self.vary, map(float, values), strict=True))
         return optimise.Dimensions(column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5, **given)
 
     def target(self) -> optimise.AbstractTarget:

@@ -71,6 +71,9 @@ class WorstRotation(AbstractWorst):
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
 
+    def __init__(self, excitations):
+        super().__init__(excitations)
+
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
         return severity(peaks, options)
 

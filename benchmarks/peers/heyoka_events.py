@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Any
 
-import heyoka as hy
+import heyoka as hy  # pyright: ignore[reportMissingImports]
 import numpy as np
 from scipy.special import lambertw
 
@@ -161,6 +162,8 @@ class _Podium:
         """Return (largest |θ|, overturned). `uplifts`: times of `_rigid_uplifts`, for rigid scenes only."""
         rocking, state, pars, peaks = self.rocking, self.rocking.state, self.rocking.pars, self.peaks
         rate, excitation_end = (math.pi / T_p) ** 2, SUPPORT * T_p
+        contact: Any = None
+        swing: Any = None
         end = excitation_end + 30 / self.p
         pars[3:5] = a_p, rate
         if not self.rigid:

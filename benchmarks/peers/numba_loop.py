@@ -23,7 +23,7 @@ from collections.abc import Callable
 from math import cos, exp, sin, sqrt
 from typing import Any, NamedTuple
 
-import numba
+import numba  # pyright: ignore[reportMissingImports]
 import numpy as np
 from scipy.integrate import DOP853
 

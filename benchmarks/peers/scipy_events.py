@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -28,7 +29,7 @@ REST_VELOCITY = 1e-6  # a slower podium after an impact is at rest [p α]
 MAX_PHASES = 10_000
 
 
-def _event(function: Callable, terminal: bool = True, direction: float = -1) -> Callable:
+def _event(function: Any, terminal: bool = True, direction: float = -1) -> Callable:
     function.terminal, function.direction = terminal, direction
     return function
 
@@ -108,7 +109,10 @@ def _next_lift(acceleration: Callable, t: float, T_p: float, threshold: float) -
     for low, high in ((-2.2 * T_p, -crest), (-zero, 0.0), (zero, crest)):  # where |ü_g| rises
         low = max(low, t)
         if low < high and excess(high) > 0:
-            return brentq(excess, low, high, xtol=1e-15, rtol=1e-15) if excess(low) < 0 else low
+            if excess(low) >= 0:
+                return low
+            root: Any = brentq(excess, low, high, xtol=1e-15, rtol=1e-15)  # pyright: ignore[reportArgumentType]
+            return root
     return math.inf
 
 

@@ -125,7 +125,18 @@ def _on_mesh(mesh: Mesh):
     """Return the program for all devices of a mesh. The loop of a device does not wait for other devices."""
 
     def advance_all(lanes, leaves, first, stride, count, max_trials, options, layout: LaneLayout):
+        """Call `advance` on every device.
+
+        - `lanes`, `first`, `count`: those of all devices along the first axis
+        - `leaves`, `stride`, `max_trials`, `options`, `layout`: as for `advance`
+        """
+
         def advance_on_device(lanes, leaves, first, stride, count, max_trials, options):
+            """Call `advance` on one device.
+
+            - `first`, `count`: as for `advance`, shape (1,)
+            - `lanes`, `leaves`, `stride`, `max_trials`, `options`: as for `advance`
+            """
             lanes, done = advance(lanes, leaves, first[0], stride, count[0], max_trials, options, layout)
             counters = {name: getattr(done, name)[None] for name in ("used", "trials", "useful", "left")}
             return lanes, done._replace(**counters)

@@ -16,6 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike
 
 from rockjax._checks import (
     as_float,
@@ -130,29 +131,29 @@ class Podium(Module):
         width,
         height,
         column_mass,
-        beam_mass=0.0,
+        beam_mass: ArrayLike = 0.0,
         columns: int | None = None,
-        top_mass=0.0,
+        top_mass: ArrayLike = 0.0,
         period=None,
-        damping=0.05,
-        lam=1 / 3,
-        restitution="paper",
-        g=STANDARD_GRAVITY,
-        tendon_force=0.0,
-        tendon_stiffness=0.0,
-        damper_coefficient=0.0,
-        damper_exponent=1.0,
-        inertance=0.0,
+        damping: ArrayLike = 0.05,
+        lam: ArrayLike = 1 / 3,
+        restitution: str | ArrayLike = "paper",
+        g: ArrayLike = STANDARD_GRAVITY,
+        tendon_force: ArrayLike = 0.0,
+        tendon_stiffness: ArrayLike = 0.0,
+        damper_coefficient: ArrayLike = 0.0,
+        damper_exponent: ArrayLike = 1.0,
+        inertance: ArrayLike = 0.0,
         stories: int | None = None,
         story_masses=None,
         story_stiffnesses=None,
         story_heights=None,
         modes: int | None = None,
         positions=None,
-        beam_depth=0.0,
-        top_height=0.0,
-        residual_height=0.0,
-        end_radius=0.0,
+        beam_depth: ArrayLike = 0.0,
+        top_height: ArrayLike = 0.0,
+        residual_height: ArrayLike = 0.0,
+        end_radius: ArrayLike = 0.0,
     ) -> Podium:
         """Return a podium from dimensions and masses.
 
@@ -217,9 +218,9 @@ class Podium(Module):
         alpha, R = slenderness_and_size(width, height)
         strengths = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
         devices = restrainers_of(owner, column_mass, R, as_numpy_unless_traced(g), *strengths)
-        end_radius = as_numpy_unless_traced(end_radius, f"{owner}: end_radius")
-        if not is_plain_zero(end_radius):
-            R, elevation = _with_round_ends(owner, end_radius, height, R, devices, elevation)
+        radius = as_numpy_unless_traced(end_radius, f"{owner}: end_radius")
+        if not is_plain_zero(radius):
+            R, elevation = _with_round_ends(owner, radius, height, R, devices, elevation)
         return cls(
             alpha=alpha,
             R=R,

@@ -86,7 +86,10 @@ def _to_python_number(y: Any) -> Any:
 def make_spec(
     structures, excitations, coords, initial, t_end, options: Options, outputs, sensitivities=()
 ) -> SweepSpec:
-    """Return the specification of a sweep from arguments of [`rockjax.sweep`][].
+    """Return the specification of a sweep.
+
+    - `structures`, `excitations`, `coords`, `initial`, `t_end`, `options`, `outputs`, `sensitivities`: as for
+      [`rockjax.sweep`][]
 
     Raises `ValueError` for invalid arguments.
     """
