@@ -6,5 +6,5 @@ from contextvars import ContextVar
 from typing import Any
 
 COMMAND: ContextVar[str] = ContextVar("command")  # the command line
-# Number of columns and masses [kg] of a structure by dimensions, as attributes; else empty.
+# Attributes of files: number of columns and masses [kg] of a structure by dimensions.
 MASSES: ContextVar[dict[str, Any]] = ContextVar("masses")

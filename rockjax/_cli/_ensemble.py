@@ -20,9 +20,10 @@ from ._run import Report, command
 def ensemble(request: Request, report: Report, output: Output = "rockjax-ensemble") -> None:
     """Distributions of the peaks of random structures under random motions, with confidence bounds.
 
-    The table [ensemble.spread] of the problem file has the distributions of parameters. Of a set of several
-    motions every scene draws one. Prints quantiles; writes OUTPUT.nc with all scenes, and a picture of the
-    empirical distribution for each peak, such as OUTPUT-peak-rotation.png. Ctrl-C saves nothing.
+    The table [ensemble.spread] of the problem file has the distributions of parameters. If the set has
+    several motions, each scene draws one of them. Prints quantiles; writes OUTPUT.nc with all scenes, and a
+    picture of the empirical distribution for each peak, such as OUTPUT-peak-rotation.png. Ctrl-C saves
+    nothing.
 
     \b
     Examples:
@@ -59,10 +60,10 @@ def ensemble(request: Request, report: Report, output: Output = "rockjax-ensembl
     }
     for name in (name for name in pictures if name in answer.answers):
         report.draw(files.picture(pictures[name]), "ensemble", answer, output=name)
-        found = answer.quantiles(name)
+        quantiles = answer.quantiles(name)
         report.facts["quantiles"][name] = {
-            f"{float(q):g}": [float(found[kind][k]) for kind in ("quantile", "lower", "upper")]
-            for k, q in enumerate(found["probability"])
+            f"{float(q):g}": [float(quantiles[y][k]) for y in ("quantile", "lower", "upper")]
+            for k, q in enumerate(quantiles["probability"])
         }
     report.say(repr(answer))
     if answer.unanswered.any():

@@ -23,7 +23,7 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
     """Floor response spectra of the deck and of stories, beside those of the ground and of the same building
     fixed at its base.
 
-    A set of several motions is a suite, of which medians are drawn. Writes OUTPUT.nc and OUTPUT.png.
+    The picture shows medians if the set has several motions. Writes OUTPUT.nc and OUTPUT.png.
 
     \b
     Examples:
@@ -62,24 +62,23 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
     report.write(files.data(), data)
     report.draw(files.picture(), "floor_spectrum", data)
     g, overturned = float(podium.g), np.atleast_1d(data["overturned"].values)
-    until = f"; {int(overturned.sum())} of {overturned.size} scenes overturned, values until then"
-    report.say(f"{overturned.size} scenes{until if overturned.any() else ''}; largest values:")
+    note = f"; {int(overturned.sum())} of {overturned.size} scenes overturned, values until then"
+    report.say(f"{overturned.size} scenes{note if overturned.any() else ''}; largest values:")
     facts = {}
     for level in data["level"].values.tolist():
-        of_level = data.sel(level=level)
-        spectrum = of_level["pseudo_acceleration"].max(
-            [y for y in of_level["pseudo_acceleration"].dims if y != "period"]
-        )
-        place = int(spectrum.argmax("period"))
-        peak, jump = (float(of_level[name].max()) for name in ("peak_acceleration", "peak_velocity_jump"))
+        at_level = data.sel(level=level)
+        spectrum = at_level["pseudo_acceleration"]
+        spectrum = spectrum.max([dim for dim in spectrum.dims if dim != "period"])
+        k = int(spectrum.argmax("period"))
+        peak, jump = (float(at_level[name].max()) for name in ("peak_acceleration", "peak_velocity_jump"))
         report.say(
             f"  {level:<6} acceleration {peak / g:.4g} g, velocity jump {jump:.4g} m/s, spectrum "
-            f"{float(spectrum[place]) / g:.4g} g at {periods[place]:.3g} s"
+            f"{float(spectrum[k]) / g:.4g} g at {periods[k]:.3g} s"
         )
         facts[level] = {
             "peak_acceleration": peak,
             "peak_velocity_jump": jump,
-            "spectrum": float(spectrum[place]),
+            "spectrum": float(spectrum[k]),
         }
     ratio = data["remaining_ratio"].values
     if np.any(~(ratio <= 1)):

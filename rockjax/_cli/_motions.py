@@ -108,7 +108,7 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], repo
     - `options`: options on the command line: name → (flag, value)
     - `report`: receives the table
 
-    Raises `ValueError` for more paths, for options that apply to files of records, and for a file without
+    Raises `ValueError` for several paths, for options that apply to files of records, and for a file without
     motions.
     """
     if len(paths) > 1:

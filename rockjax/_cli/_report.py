@@ -15,13 +15,13 @@ from ._run import NO_ANSWER, Report, command
 
 
 class _Progress:
-    """Progress of a report: a bar that counts scenes and names what is computed."""
+    """Progress bar of a report: counts scenes and names the running step."""
 
     def __init__(self, bar: Any):
         self.update, self._bar = bar.update, bar
 
     def describe(self, text: str) -> None:
-        """Show what is computed."""
+        """Show the name of the running step."""
         if hasattr(self._bar, "set_postfix_str"):  # not with --quiet
             self._bar.set_postfix_str(text)
 
@@ -50,11 +50,11 @@ def report(
     ] = "",
 ) -> None:
     """Write the design report: every check of a problem file on one page, with its utilisation, its numerical
-    error and what moves it.
+    error and the influence of the inputs.
 
     Writes FILE.html, FILE.json (all numbers in SI) and FILE.nc (all scenes). Scenes that FILE.nc already has
-    are not solved again, so that a new text or limit takes seconds. Exit status: 0 if every check passes, 1
-    if not.
+    are not solved again, so a report with a new text or limit takes seconds. Exit status: 0 if every check
+    passes, 1 if not.
 
     \b
     Examples:
@@ -74,21 +74,21 @@ def report(
     parts = tuple(name.strip() for name in skip.split(",") if name.strip())
     problem = problem_of(request.merged, request.path)
     with report.progress(None, "scenes") as bar:
-        found = make_report(
+        answer = make_report(
             problem, output, units=units, skip=parts, progress=_Progress(bar), command=_command(request)
         )
-    for path in found.written:
+    for path in answer.written:
         report.add_file(path)
-    for path in () if csv is None else found.to_csv(csv):
+    for path in () if csv is None else answer.to_csv(csv):
         report.add_file(path)
     if xlsx is not None:
-        report.add_file(found.to_xlsx(xlsx))
-    report.say(repr(found))
+        report.add_file(answer.to_xlsx(xlsx))
+    report.say(repr(answer))
     report.facts |= {
-        "verdict": found.evaluation.verdict,
-        "checks": {check.id: check.result for check in found.evaluation.checks},
+        "verdict": answer.evaluation.verdict,
+        "checks": {check.id: check.result for check in answer.evaluation.checks},
     }
-    if not found.verified:
+    if not answer.verified:
         report.status = NO_ANSWER
 
 

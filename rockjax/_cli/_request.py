@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rockjax._motions.motion import Motions
     from rockjax._structures import AbstractSuperstructure
 
-_TOP = tuple(models.Superstructure.model_fields)
-_STRUCTURE = [*models.ByRatios.model_fields, *_TOP, *models.ByDimensions.model_fields]
+_SUPERSTRUCTURE = tuple(models.Superstructure.model_fields)
+_STRUCTURE = [*models.ByRatios.model_fields, *_SUPERSTRUCTURE, *models.ByDimensions.model_fields]
 _COLUMN_DIMENSIONS = ("width", "height", "column_mass")
 _PULSE = [name for name in models.Pulses.model_fields if name != "vertical_ratio"]
 _MOTION = [*models.Pulses.model_fields, *models.Record.model_fields]
@@ -56,7 +56,7 @@ class Request:
 
         self.command, self.path = command, path
         self.values = {name: value for name, value in values.items() if value is not None}
-        for name in ("file", "vertical"):  # the reader takes relative paths as relative to the problem file
+        for name in ("file", "vertical"):  # the reader resolves relative paths from the folder of the file
             if name in self.values:
                 self.values[name] = str(Path(values[name]).absolute())
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
@@ -122,9 +122,9 @@ class Request:
 
         A superstructure with T_s = 0 becomes a rigid one, and a superstructure without mass is removed.
         """
-        merged = self._override(table, {name: y for name, y in values.items() if name not in _TOP})
+        merged = self._override(table, {name: y for name, y in values.items() if name not in _SUPERSTRUCTURE})
         top = merged.pop("superstructure", {})
-        changes = {name: values[name] for name in _TOP if name in values}
+        changes = {name: values[name] for name in _SUPERSTRUCTURE if name in values}
         if changes and isinstance(top, dict):
             top = top | changes
             if top.get("T_s") == 0:  # rigid
@@ -268,10 +268,10 @@ class Request:
             return to_excitation(self.motion(podium))
         name = self.set_name(name)
         if not has_pulses(sets[name]):
-            found: Any = self.reader.records(sets, name)
+            motions: Any = self.reader.records(sets, name)
         else:
-            found = [to_excitation(member) for member in self.reader.members(sets, name, podium)]
-        return to_excitation(found[0]) if len(found) == 1 else found
+            motions = [to_excitation(member) for member in self.reader.members(sets, name, podium)]
+        return to_excitation(motions[0]) if len(motions) == 1 else motions
 
 
 class Panels(NamedTuple):

@@ -56,9 +56,8 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
     podium = request.podium()
     excitation, options = request.motion(podium), request_joints(podium, request.options())
     contents, oscillators = request.contents(), request.oscillators()
-    things = (*contents.values(), *oscillators.values())
-    end = request.settings.t_end
-    history = rj.simulate(podium, excitation, t_end=end, options=options, on_floors=things)
+    on_floors, end = (*contents.values(), *oscillators.values()), request.settings.t_end
+    history = rj.simulate(podium, excitation, t_end=end, options=options, on_floors=on_floors)
     data = history.dataset()
     names = {"contents": list(contents), "oscillator": list(oscillators)}
     data = data.assign_coords({dim: labels for dim, labels in names.items() if labels})
@@ -98,12 +97,11 @@ def _inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
         facts = {name.removeprefix(prefix): y for name, y in attrs.items() if name.startswith(prefix)}
         if not facts:
             continue
-        words = [str(facts[name]) for name in ("name", "source") if name in facts]
-        words += [f"dt = {facts['dt_s']:g} s, PGA = {facts['pga_m_s2'] / g:.4g} g"]
-        words += [f"{name} {facts[name]:g}" for name in ("scale", "seed") if name in facts]
-        yield f"{'vertical' if component else 'record':<16} {', '.join(words)}, SHA-256 {facts['sha256']}"
-    law = attrs["restitution"]
-    law = law if isinstance(law, str) else "given"
+        parts = [str(facts[name]) for name in ("name", "source") if name in facts]
+        parts += [f"dt = {facts['dt_s']:g} s, PGA = {facts['pga_m_s2'] / g:.4g} g"]
+        parts += [f"{name} {facts[name]:g}" for name in ("scale", "seed") if name in facts]
+        yield f"{'vertical' if component else 'record':<16} {', '.join(parts)}, SHA-256 {facts['sha256']}"
+    law = attrs["restitution"] if isinstance(attrs["restitution"], str) else "given"
     yield f"{'impact law':<16} {law}, e = {attrs['restitution_factor']:.6g}"
     uplift, demand = attrs["uplift_ground_acceleration_m_s2"] / g, attrs["uplift_demand_m_s2"] / g
     yield f"{'lifts at':<16} {uplift:.4g} g of slow ground motion (demand of Eq. (9): {demand:.4g} g)"

@@ -66,7 +66,7 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
 
 
 def _path(request: Request, name: str) -> Path:
-    """Return the path of a file in the present folder, or else in the folder of the problem file."""
+    """Return the path of a file in the working directory, or else in the folder of the problem file."""
     return Path(name) if request.path is None or Path(name).exists() else request.path.parent / name
 
 

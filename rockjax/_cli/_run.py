@@ -76,6 +76,15 @@ class Report:
 
         self.add_file(write_figure(path, getattr(plots, draw)(data, **arguments).figure))
 
+    def say_scenes(self, data: xarray.Dataset, total: int) -> dict[str, Any]:
+        """Print how many of `total` scenes overturned and failed; return these facts."""
+        from rockjax._responses.peak import UNTIL_OVERTURNING
+
+        overturned, failed = float(data["overturned"].mean()), int((data["result"] > 2).sum())
+        until = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
+        self.say(f"{total} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
+        return {"scenes": total, "overturned": overturned, "without_answer": failed}
+
     def add_file(self, path: Path) -> None:
         self.written.append(path)
 
@@ -197,8 +206,9 @@ def _finish(report: Report, call: Callable[[], None]) -> None:
 
 
 def unwrap_docstring(function: Callable[..., None]) -> str:
-    """Return the docstring of a command, with each paragraph in one line, because help keeps line breaks."""
-    paragraphs = (inspect.getdoc(function) or "").split("\n\n")
+    """Return the docstring of a command as markup, with each paragraph in one line, because help keeps line
+    breaks."""
+    paragraphs = (inspect.getdoc(function) or "").replace("[", r"\[").split("\n\n")
     return "\n\n".join(text if text.startswith("\b") else text.replace("\n", " ") for text in paragraphs)
 
 

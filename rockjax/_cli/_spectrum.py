@@ -82,15 +82,10 @@ def spectrum(
     if parameters:
         report.draw(files.picture("sensitivity"), "sensitivity_spectra", panels)
     _checkpoint.path_of(files.prefix).unlink(missing_ok=True)
-    failed = int((panels["result"] > 2).sum())
-    overturned = float(panels["overturned"].mean())
-    from rockjax._responses.peak import UNTIL_OVERTURNING
-
-    until = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
-    report.say(f"{total} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
+    facts = report.say_scenes(panels, total)
     report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods)
-    report.facts |= {"scenes": total, "overturned": overturned, "without_answer": failed}
-    if failed:
+    report.facts |= facts
+    if facts["without_answer"]:
         from rockjax._results import explain_failures
 
         report.error(explain_failures(panels["result"]))

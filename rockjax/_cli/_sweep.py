@@ -7,7 +7,7 @@ import dataclasses
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -18,9 +18,6 @@ from ._options import PULSE, SINGLE_DEFAULTS, accuracy, option, options_of, stru
 from ._outputs import store_path
 from ._request import Request
 from ._run import INTERRUPTED, Report, command
-
-if TYPE_CHECKING:
-    pass
 
 
 @command(
@@ -116,13 +113,8 @@ def sweep(
             typer.echo(f"\nrockjax: {interrupt}", err=True)
             raise typer.Exit(INTERRUPTED) from None
     report.add_file(store)
-    overturned = float(data["overturned"].mean())
-    failed = int((data["result"] > 2).sum())
-    from rockjax._responses.peak import UNTIL_OVERTURNING
-
-    until = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
-    report.say(f"{scenes.size} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
-    report.facts |= {"scenes": scenes.size, "overturned": overturned, "without_answer": failed}
+    report.facts |= report.say_scenes(data, scenes.size)
+    failed = report.facts["without_answer"]
     if failed:
         report.error(
             f"{failed} of {scenes.size} scenes did not finish; the variable 'result' names the cause of each"

@@ -1,1 +1,1 @@
-"""Simplified methods of practice: hand formulas of papers, guidelines and codes beside the exact answer."""
+"""Simplified methods of practice: hand formulas from papers, guidelines and codes."""

@@ -28,7 +28,7 @@ def effective_friction(friction: float, vertical: float, g: float) -> float:
 
 def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
     """Return the largest absolute acceleration of the 10 % spectrum at periods up to 10 s [m/s²], and f_es,
-    the lowest frequency at which the spectrum reaches c_s [Hz]; nan if it does not from 2 dt to 10 s.
+    the lowest frequency at which the spectrum reaches c_s [Hz]; nan if it stays below from 2 dt to 10 s.
 
     - `motion`: ground motion
     - `capacity`: c_s [m/s²]
@@ -74,7 +74,7 @@ class AsceSliding(AbstractMethod):
         return tuple(reasons)
 
     def outcome(self, case: Case) -> Outcome:
-        if case.friction is None or case.vertical is None:  # as `gaps` says
+        if case.friction is None or case.vertical is None:  # excluded by `gaps`
             return Outcome(is_complete=False)
         g = case.block.g
         mu_e = effective_friction(case.friction, case.vertical, g)

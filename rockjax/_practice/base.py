@@ -18,7 +18,7 @@ from .roots import Roots
 
 
 class Quantity(NamedTuple):
-    """A number that a method computes on its way.
+    """An intermediate number of a method.
 
     - `value`: a number, or one for each motion, shape (motions,); None if the method has none
     - `unit`: unit, `"1"` for ratios
@@ -166,13 +166,13 @@ class AbstractMethod(abc.ABC):
         """Return capacity, demands and intermediate numbers of a case."""
 
     def gaps(self, case: Case) -> tuple[str, ...]:
-        """Return the reasons for which the method cannot be made for a case; none by default."""
+        """Return why the method cannot be applied to a case; no reasons by default."""
         del case
         return ()
 
     def evaluate(self, case: Case) -> MethodResult:
         """Return the result of the method for a case."""
-        gaps = (*restrained(case), *self.gaps(case))
+        gaps = (*restrainer_gaps(case), *self.gaps(case))
         outcome = Outcome(is_complete=False, missing=gaps) if gaps else self.outcome(case)
         roots = outcome.rotations
         result = MethodResult(
@@ -197,15 +197,15 @@ class AbstractMethod(abc.ABC):
         return {name: getattr(self, name) for name in names.split()}
 
 
-def restrained(case: Case) -> tuple[str, ...]:
-    """Return the reason for which no simplified method applies to a podium with restrainers."""
+def restrainer_gaps(case: Case) -> tuple[str, ...]:
+    """Return why no method applies, if the podium has restrainers."""
     if case.podium.without_idle_restrainers().restrainers:
         return ("not made: no simplified method knows tendons, dampers or inerters",)
     return ()
 
 
-def require_damping(damping: float) -> tuple[str, ...]:
-    """Return the reason for which spectra of an equivalent damping ratio cannot be made."""
+def damping_gaps(damping: float) -> tuple[str, ...]:
+    """Return why a spectrum cannot have an equivalent damping ratio, if it is not in [0, 1)."""
     if math.isfinite(damping) and 0 <= damping < 1:
         return ()
     return ("not made: the equivalent damping of this restitution factor is not below 1",)

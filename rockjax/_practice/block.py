@@ -14,7 +14,7 @@ class Block:
     """A solitary rocking block, and the masses of the podium that it replaces.
 
     For a rigid superstructure the block rocks like the podium (`Podium.equivalent_block`). For an elastic one
-    the block is an assumption of the methods, which make the superstructure rigid.
+    the block is an assumption of the methods, which treat the superstructure as rigid.
 
     - `alpha`: slenderness α, in (0, π/2) [rad]; `g`: acceleration of gravity, > 0 [m/s²]
     - `R`: half diagonal of a column, > 0 [m]; `lam`: its inertia factor λ, ≥ 0 [–]

@@ -31,9 +31,9 @@ def simplified_methods(
 ) -> tuple[MethodResult, ...]:
     """Return the answers of simplified methods of practice, (P1) to (P7), for a podium (host).
 
-    The methods stand beside the exact answer ([`rockjax.peak_responses`][]) and do not replace it: each
-    result states what is known of its reliability. Only (P2) and the tests of its bound consider that the
-    superstructure vibrates; the others make it rigid. Vertical motion enters only A_v of (P6).
+    The methods are for comparison with the exact answer ([`rockjax.peak_responses`][]) and do not replace it:
+    each result states what is known of its reliability. Only (P2) considers that the superstructure
+    vibrates; the others treat it as rigid. Vertical motion enters only A_v of (P6).
 
     - `podium`: a single podium, with any superstructure. With tendons, dampers or inerters no method is made
     - `motions`: n sampled motions: a [`rockjax.Motion`][], [`rockjax.Motions`][], records or a list of them

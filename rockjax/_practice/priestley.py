@@ -8,7 +8,7 @@ import numpy as np
 
 from rockjax._motions.motion import Motion
 
-from .base import AbstractMethod, Case, Outcome, Quantity, require_damping
+from .base import AbstractMethod, Case, Outcome, Quantity, damping_gaps
 from .block import Block
 from .roots import Roots, find_roots
 from .spectra import spectrum
@@ -87,7 +87,7 @@ class Priestley(AbstractMethod):
         return damping(restitution)
 
     def gaps(self, case: Case) -> tuple[str, ...]:
-        return require_damping(self.damping(case.block.restitution))
+        return damping_gaps(self.damping(case.block.restitution))
 
     def outcome(self, case: Case) -> Outcome:
         block = case.block

@@ -43,7 +43,7 @@ def spectrum(motion: Motion, periods, damping) -> Spectrum:
 def maximum(values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray, values: np.ndarray) -> float:
     """Return the largest value of a spectrum between the first and the last period.
 
-    The neighbourhoods of all local maxima within 2 % of the largest are refined twice.
+    All local maxima within 2 % of the largest are refined twice.
 
     - `values_at`: values of the spectrum at an array of periods
     - `periods`, `values`: ascending periods in steps of at most 2 % [s], and the values there

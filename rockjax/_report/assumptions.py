@@ -17,7 +17,7 @@ class Outcome(NamedTuple):
     """Result of the test of an assumption on a set of scenes.
 
     - `violated`: (n,) for each scene
-    - `worst`: the worst value; `text`: the result in words, with `{}` for this value
+    - `worst`: the worst value; `text`: description of the result, with `{}` for this value
     """
 
     violated: np.ndarray
@@ -28,9 +28,9 @@ class Outcome(NamedTuple):
 class Assumption(NamedTuple):
     """An assumption.
 
-    - `id`, `text`: its number and what it says
+    - `id`, `text`: number and text
     - `conservative`: whether results are on the safe side where it does not hold
-    - `test`: problem, scenes of a set ↦ outcome, or the reason why it is not tested
+    - `test`: function (problem, scenes of a set) → outcome, or why it is not tested
     - `invalidates`: whether a violation makes a check that passes not valid
     """
 

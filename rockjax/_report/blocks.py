@@ -42,7 +42,6 @@ class Paragraph:
     is_note: bool = False
 
     def __post_init__(self) -> None:
-        """Check the text."""
         object.__setattr__(self, "text", checked_text(self.text, "Paragraph.text"))
 
 
@@ -76,7 +75,6 @@ class Equations:
     rows: tuple[Equation, ...]
 
     def __post_init__(self) -> None:
-        """Check the number of rows."""
         if not self.rows:
             raise ValueError("Equations: rows must not be empty")
 
@@ -87,8 +85,8 @@ class Figure:
 
     - `svg`: the result of `pictures.to_svg`, which holds `title` and `description`
     - `caption`: text below it
-    - `title`: what it shows, in a few words
-    - `description`: what a reader who cannot see it must know, with the number that matters
+    - `title`: short title
+    - `description`: for readers who cannot see it, with the number that matters
     - `is_narrow`: whether it is a drawing that is not stretched to the width of the page
     """
 
@@ -99,7 +97,6 @@ class Figure:
     is_narrow: bool = False
 
     def __post_init__(self) -> None:
-        """Check the texts and the kind of markup."""
         if not self.svg.startswith("<svg"):
             raise ValueError("Figure: svg must be the result of pictures.to_svg, and start with '<svg'")
         for name in ("caption", "title", "description"):
@@ -130,7 +127,6 @@ class Limit:
     note: Text = ""
 
     def __post_init__(self) -> None:
-        """Check sign and unit."""
         if self.sign not in ("≤", "≥"):
             raise ValueError(f"Limit: sign must be '≤' or '≥', got {self.sign!r}")
         if self.unit is not None:
@@ -143,23 +139,23 @@ class SummaryRow:
     """A check in the summary.
 
     - `id`: id of the check, such as "C1"
-    - `name`: what is checked
+    - `name`: quantity that is checked
     - `scope`: set and statistic, such as "design, largest of 11"
-    - `value`: its value with the numerical error, or the word in its place
+    - `value`: its value with the numerical error, or a word that replaces it
     - `limit`: the limit, or a word where there is none
     - `utilisation`: U, of kind "utilisation", or a word such as "> 1" or "no value"
     - `result`: one of `RESULTS`
     - `governs`: motion, story and time
     - `sensitivities`: the largest d ln U/d ln y
     - `spread`: U of the whole set with each parameter ± spread
-    - `reason`: why there is no result; it takes the place of the three texts above
+    - `reason`: why there is no result; it replaces the three texts above
     - `section`: number of the section with the details, 1 … 13
     - `assumptions`: names of the violated assumptions, such as "A7", which are anchors in section 10
     - `flags`: other short marks beside the result
     - `clause`: what asks for the check
     - `is_target`: whether it is a design target
 
-    Raises `ValueError` for an unknown result, an id that is no word, and missing texts.
+    Raises `ValueError` for an unknown result, and for a missing id or text.
     """
 
     id: str
@@ -180,7 +176,6 @@ class SummaryRow:
     is_target: bool = False
 
     def __post_init__(self) -> None:
-        """Check the id, the result and the texts."""
         checked_text(self.id, "SummaryRow.id")
         owner = f"SummaryRow {self.id}"
         if self.result not in RESULTS:
@@ -215,13 +210,12 @@ class Summary:
     note: Text
 
     def __post_init__(self) -> None:
-        """Check that the ids differ."""
         ids = [row.id for row in self.rows]
         if not ids:
             raise ValueError("Summary: rows must not be empty")
         if len(set(ids)) < len(ids):
-            double = sorted({name for name in ids if ids.count(name) > 1})
-            raise ValueError(f"Summary: ids must differ, got {', '.join(double)} more than once")
+            repeated = sorted({name for name in ids if ids.count(name) > 1})
+            raise ValueError(f"Summary: ids must differ, got {', '.join(repeated)} more than once")
 
     def table(self) -> Table:
         """Return the summary as a table, for files."""
@@ -271,7 +265,6 @@ class Section:
     is_numbered: bool = True
 
     def __post_init__(self) -> None:
-        """Check title and blocks."""
         checked_text(self.title, f"Section {self.number}: title")
         if not self.blocks:
             raise ValueError(f"Section {self.number}: blocks must not be empty")
@@ -288,16 +281,16 @@ class Page:
 
     - `title`: title of the project: the first heading
     - `head`: label → text, such as "Project", "Revision", "Author", "Date"
-    - `verdict`: the first sentence: what is verified
-    - `notices`: what the reader must know; paragraphs below the verdict
+    - `verdict`: first sentence, which states whether all checks pass
+    - `notices`: paragraphs below the verdict, such as violated assumptions
     - `sections`: the sections in their order
     - `is_verified`: whether all checks pass
     - `subject`: line below the title
     - `origin`: label → text in a second block, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages
 
-    Raises `ValueError` for double numbers of sections, names of tables, ids of rows and ids within figures,
-    for links that lead nowhere, and for empty texts.
+    Raises `ValueError` if two sections, tables, rows or parts of figures have one number, name or id, for
+    links without a target, and for empty texts.
     """
 
     title: str
@@ -311,7 +304,6 @@ class Page:
     footer: str = ""
 
     def __post_init__(self) -> None:
-        """Check that names and anchors are unique, and that links lead to anchors."""
         checked_text(self.title, "Page.title")
         checked_text(self.verdict, "Page.verdict")
         for term, content in {**self.head, **self.origin}.items():
@@ -319,7 +311,7 @@ class Page:
         for notice in self.notices:
             checked_text(notice, "Page.notices")
         names = [table.name for table in self.tables()]
-        anchors, inside = [f"s{section.number}" for section in self.sections], []
+        anchors, figure_ids = [f"s{section.number}" for section in self.sections], []
         for block in self.blocks():
             if isinstance(block, Summary):
                 anchors += [row.anchor for row in block.rows]
@@ -327,10 +319,11 @@ class Page:
                 anchors += block.ids
             elif isinstance(block, Figure | Pair):
                 figures = (block,) if isinstance(block, Figure) else (block.left, block.right)
-                inside += [name for figure in figures for name in re.findall(r'\bid="([^"]*)"', figure.svg)]
-        for what, values in {"names of tables": names, "anchors": [*anchors, *inside]}.items():
-            if double := sorted(name for name, times in Counter(values).items() if times > 1):
-                raise ValueError(f"Page: {what} must differ, got {', '.join(double[:5])} more than once")
+                for figure in figures:
+                    figure_ids += re.findall(r'\bid="([^"]*)"', figure.svg)
+        for what, values in {"names of tables": names, "anchors": [*anchors, *figure_ids]}.items():
+            if repeated := sorted(name for name, times in Counter(values).items() if times > 1):
+                raise ValueError(f"Page: {what} must differ, got {', '.join(repeated[:5])} more than once")
         if dead := sorted(set(_targets(self)) - set(anchors)):
             raise ValueError(f"Page: no section, check or row has the anchor {', '.join(dead)}")
 

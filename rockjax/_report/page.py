@@ -64,7 +64,7 @@ def render(page: Page, units: Units) -> str:
 
 
 def css_string(text: str) -> str:
-    """Return a text for a string of CSS: every character but letters, digits and spaces as its code point."""
+    """Return a text as a string of CSS; all characters but letters, digits and spaces are code points."""
     return re.sub(r"[^\w ]", lambda found: f"\\{ord(found[0]) or 0xFFFD:06x} ", text)
 
 
@@ -87,7 +87,7 @@ def _value(cell: Quantity | Word, units: Units) -> Markup:
 
 
 def _breakable(content: str) -> str:
-    """Return a number whose unit may stand on the next line, for narrow columns."""
+    """Return a number with a line break allowed before its unit, for narrow columns."""
     return content.replace(SPACE, " ")
 
 

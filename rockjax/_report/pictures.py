@@ -50,8 +50,7 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
 
     - `figure`: a matplotlib figure
     - `prefix`: start of all ids in it, unique on the page: lower-case letters, digits and "-"
-    - `title`: what it shows, in a few words
-    - `description`: what a reader who cannot see it must know
+    - `title`: short title; `description`: for readers who cannot see it
 
     Text stays text; black becomes the colour of the page's text and greys become shades of it; the colours of
     `VARIABLES` become variables of its style. The same figure gives the same string. Raises `ValueError` for
@@ -120,13 +119,13 @@ def elevation_drawing(
 ) -> Figure:
     """Return a drawing of the structure to scale, with dimensions and masses, and of one rotated column.
 
-    - `podium`: a podium with single numbers, not a batch. Without an elevation, the distance of its columns
-      is not known, and without heights, that of its floors; these are drawn without dimensions
+    - `podium`: a single podium. Distances of columns are unknown without an elevation, and heights of floors
+      if the building has none; these are drawn without dimensions
     - `units`: units of the numbers
     - `column_mass`: mass of one column [kg]; None: without masses
     - `columns`: number of columns N of a podium without an elevation
-    - `rotation`: rotation of the column beside [rad], drawn true to scale, and at most α; None: upright
-    - `label`: where the rotation comes from, such as "motion 9"
+    - `rotation`: rotation of the single column [rad], drawn to scale, at most α; None: upright
+    - `label`: source of the rotation, such as "motion 9"
     """
     import matplotlib.pyplot as plt
 

@@ -1,4 +1,4 @@
-"""Warnings of plausibility: numbers that are possible but probably a mistake."""
+"""Warnings about numbers that are possible but probably a mistake."""
 
 from __future__ import annotations
 

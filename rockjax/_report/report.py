@@ -127,10 +127,10 @@ def report(
             Units.parse(units or problem.report.units or ())  # raises before anything is solved
         evaluation = evaluate(problem, skip=skip, store=store, progress=progress)
     chosen = units_of(evaluation, units)
-    found = Report(evaluation, page_of(evaluation, chosen, command), chosen)
+    made = Report(evaluation, page_of(evaluation, chosen, command), chosen)
     if path is None:
-        return found
-    contents = {path: found.html.encode(), path.with_suffix(".json"): found.json.encode()}
+        return made
+    contents = {path: made.html.encode(), path.with_suffix(".json"): made.json.encode()}
     written = [write_atomically(name, _writer(content)) for name, content in contents.items()]
     saved = evaluation.scenes.store.save()
-    return dataclasses.replace(found, written=(*written, *([saved] if saved else [])))
+    return dataclasses.replace(made, written=(*written, *([saved] if saved else [])))

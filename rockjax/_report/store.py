@@ -1,4 +1,4 @@
-"""Answers of scenes of a report, stored so that a repeated report solves nothing again."""
+"""Stored answers of the scenes of a report, which a repeated report does not solve again."""
 
 from __future__ import annotations
 
@@ -61,10 +61,10 @@ class Store:
             self.data = {}
 
     def get(self, name: str, mark: str, compute: Callable[[], xarray.Dataset]) -> xarray.Dataset:
-        """Return the dataset of a name and a fingerprint; compute it if it is not stored.
+        """Return a dataset; compute it if it is not stored with this fingerprint.
 
         - `name`: name of the dataset, with "." between its parts; `mark`: its fingerprint
-        - `compute`: returns it
+        - `compute`: function that computes it
         """
         stored = self.data.get(name)
         if stored is not None and stored.attrs["fingerprint"] == mark:

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeAlias
 from . import formulas
 from .units import KINDS, NO_UNIT, Units
 
-# Words in the place of a number, and how they look: good, bad, open (not verified, missing), or plain.
+# States of words and their looks: good, bad, open (not verified, missing), or plain.
 Tone: TypeAlias = Literal["plain", "good", "bad", "open"]
 STATES: dict[str, Tone] = {
     "text": "plain",  # names, sources and other texts
@@ -51,8 +51,8 @@ class Quantity:
     - `given`: whether it is a number of the input, which is shown without trailing zeros
     - `note`: a second line below it in tables, such as its time
 
-    Raises `ValueError` for an unknown kind, a value that is not finite (`Word` is for what is no number), and
-    an error that is negative or not finite.
+    Raises `ValueError` for an unknown kind, a value that is not finite (use a `Word`), and an error that is
+    negative or not finite.
     """
 
     value: float
@@ -62,7 +62,6 @@ class Quantity:
     note: Text = ""
 
     def __post_init__(self) -> None:
-        """Check the kind and the numbers, and convert scalars of arrays."""
         if self.kind not in KINDS:
             raise ValueError(f"Quantity: kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
         object.__setattr__(self, "value", _finite(self.value, "value"))
@@ -75,7 +74,7 @@ class Quantity:
 
 @dataclasses.dataclass(frozen=True)
 class Word:
-    """A text in a cell: a name, or the word in the place of a number.
+    """A text in a cell: a name, or a word that replaces a number.
 
     - `text`: what is shown; not empty, not a bare dash, and not the name of a missing number such as "nan"
     - `state`: its meaning for programs, one of `STATES`
@@ -89,7 +88,6 @@ class Word:
     note: Text = ""
 
     def __post_init__(self) -> None:
-        """Check text and state."""
         object.__setattr__(self, "text", checked_text(self.text, "Word.text"))
         object.__setattr__(self, "note", checked_text(self.note, "Word.note", empty=True))
         if self.state not in STATES:
@@ -119,7 +117,6 @@ class Series:
     note: Text = ""
 
     def __post_init__(self) -> None:
-        """Check kind and values."""
         object.__setattr__(self, "values", tuple(Quantity(value, self.kind).value for value in self.values))
         if not self.values:
             raise ValueError("Series: values must not be empty")
@@ -133,7 +130,6 @@ class Formula:
     name: str
 
     def __post_init__(self) -> None:
-        """Check the name."""
         formulas.latex(self.name)
 
 
@@ -147,7 +143,7 @@ class Strong:
 
 @dataclasses.dataclass(frozen=True)
 class Code:
-    """A key of a file, a command, or another part of a text in the letters of a typewriter."""
+    """A part of a text in a monospaced font, such as a key of a file or a command."""
 
     text: str
 
@@ -189,7 +185,6 @@ class Column:
     note: Text = ""
 
     def __post_init__(self) -> None:
-        """Check heading and kind."""
         checked_text(self.head, "Column.head")
         if self.kind is not None and self.kind not in KINDS:
             raise ValueError(f"Column: kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
@@ -209,7 +204,7 @@ class Table:
     - `ids`: an anchor for every row, such as "A7", of letters, digits, "-" and "."; or none at all
 
     Raises `ValueError` for a table without rows, a row of another length, a quantity in the column of another
-    kind, and what the cells refuse.
+    kind, and invalid cells.
     """
 
     name: str
@@ -220,7 +215,6 @@ class Table:
     ids: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check that rows and columns belong together."""
         if not re.fullmatch(r"[a-z][a-z0-9-]{0,30}", self.name):
             raise ValueError(
                 f"Table: name must have up to 31 lower-case letters, digits and '-', got {self.name!r}"
@@ -285,8 +279,8 @@ class Table:
 def shown(quantity: Quantity, units: Units) -> str:
     """Return the digits of a quantity in the units of a page, without unit and error.
 
-    Four significant digits, never more than the error allows; numbers of the input without trailing zeros;
-    utilisations with two decimals, or as many as keep them apart from 1.
+    Numbers have four significant digits, or fewer if the error is larger; numbers of the input have no
+    trailing zeros; utilisations have two decimals, or as many as distinguish them from 1.
     """
     value = units.show(quantity.value, quantity.kind)
     digits = KINDS[quantity.kind].digits
@@ -388,7 +382,7 @@ def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
 
 
 def _utilisation(value: float) -> str:
-    """Return a utilisation with two decimals, or as many as keep it apart from 1; large ones as numbers."""
+    """Return a utilisation with two decimals, or as many as distinguish it from 1."""
     if abs(value) >= 1e3:
         return _significant(value, 4)
     decimals = 2
@@ -421,7 +415,7 @@ def _finite(value: Any, name: str) -> float:
 
 
 def checked_text(text: Any, owner: str, *, empty: bool = False) -> Text:
-    """Return a text that is checked: its parts, and that it is not empty unless it may be.
+    """Return a text after checking its parts, and that it is not empty unless `empty` allows it.
 
     Raises `ValueError`, which names the owner.
     """

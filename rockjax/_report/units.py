@@ -54,9 +54,19 @@ KINDS = {
 }
 _SYMBOLS = {"deg": "°"}
 _ALIASES = {
-    "°": "deg", "degree": "deg", "degrees": "deg", "-": NO_UNIT, "1": NO_UNIT, "—": NO_UNIT, "m/s2": "m/s²",
-    "kg/m3": "kg/m³", "t/m3": "t/m³", "1/a": "1/year", "1/yr": "1/year", "percent": "%", "year": "years",
-}  # fmt: skip
+    alias: unit
+    for unit, aliases in {
+        "deg": "° degree degrees",
+        NO_UNIT: "- 1 —",
+        "m/s²": "m/s2",
+        "kg/m³": "kg/m3",
+        "t/m³": "t/m3",
+        "1/year": "1/a 1/yr",
+        "years": "year",
+        "%": "percent",
+    }.items()
+    for alias in aliases.split()
+}
 _CHOOSABLE = sorted({unit for kind in KINDS.values() if len(kind.units) > 1 for unit in kind.units})
 
 
@@ -64,11 +74,10 @@ _CHOOSABLE = sorted({unit for kind in KINDS.values() if len(kind.units) > 1 for 
 class Units:
     """The unit of every kind on a page.
 
-    - `names`: units, at most one of a kind; kinds without one keep their usual unit. Lengths are of two
-      kinds, dimensions ("length") and drifts and other movements ("displacement"). One unit of length is that
-      of both; of two, the larger is that of dimensions and the smaller that of displacements, in whatever
-      order they come. So ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by
-      325 mm.
+    - `names`: units, at most one of a kind; kinds without one keep their usual unit. Lengths have two kinds:
+      dimensions ("length"), and drifts and other movements ("displacement"). A single unit of length applies
+      to both; of two, the larger applies to dimensions and the smaller to displacements, in any order. So
+      ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by 325 mm.
     - `g`: gravity [m/s²], the size of the unit "g"
 
     Raises `ValueError` for unknown units, with the nearest one, and for two units of a kind.
@@ -79,7 +88,6 @@ class Units:
     _chosen: dict[str, str] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the names, and write them as `KINDS` does."""
         object.__setattr__(self, "names", tuple(_name(name, "units") for name in self.names))
         if not (math.isfinite(self.g) and self.g > 0):
             raise ValueError(f"units: g must be positive and finite, got g = {self.g}")
@@ -120,7 +128,7 @@ class Units:
         return self._chosen.get(kind, KINDS[kind].usual)
 
     def symbol(self, kind: str) -> str:
-        """Return the unit of a kind as it is shown: "°" for "deg"."""
+        """Return the unit of a kind as it is shown, such as "°" for "deg"."""
         return _SYMBOLS.get(self.unit(kind), self.unit(kind))
 
     def factor(self, kind: str) -> float:
@@ -135,7 +143,7 @@ class Units:
 def in_unit(value: float, unit: str, kind: str, g: float = STANDARD_GRAVITY) -> float:
     """Return a value of a kind, given in SI, in a unit. `g`: gravity [m/s²]."""
     size = size_of(unit, kind, g)
-    # 1/1000 is no binary number: multiplying by 1000 rounds once, dividing by 0.001 twice.
+    # 0.001 is not exact in binary: multiplying by 1000 rounds once, dividing by 0.001 twice.
     return value * round(1 / size) if size in (1e-2, 1e-3) else value / size
 
 
@@ -181,7 +189,7 @@ def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = ""
 
 
 def _alias(text: str) -> str:
-    """Return a unit as `KINDS` writes it, as far as it is another spelling of one."""
+    """Return the unit of `KINDS` for another spelling; other texts unchanged, without spaces and dots."""
     plain = re.sub(r"[\s·*^]", "", text)
     return _ALIASES.get(plain, plain)
 

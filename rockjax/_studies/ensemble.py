@@ -24,11 +24,7 @@ from rockjax._parameters.variants import parameters_of
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_excitation, describe_options, describe_podium
 from rockjax._responses.peak import ALWAYS, Peak, data_variables
-from rockjax._responses.variants import (
-    check_names,
-    labelled_motion,
-    variable_parameters,
-)
+from rockjax._responses.variants import check_names, labelled_motion, variable_parameters
 from rockjax._results import REST, Interrupted, State
 from rockjax._structures import Podium
 from rockjax._text import tables
@@ -60,27 +56,26 @@ def ensemble(
 ) -> Ensemble:
     """Compute peak responses of random variants of a podium under random motions (host).
 
-    All scenes are one batch. Their values are independent of each other, so that the bounds of
-    [`rockjax.Ensemble`][] hold for every n. They are bounds for the given motions: they do not cover the
-    choice of a suite.
+    All scenes are one batch. They are independent of each other, so the bounds of [`rockjax.Ensemble`][] hold
+    for every n. The bounds are for the given motions: they do not cover the choice of a suite.
 
     - `podium`: podium with scalar parameters; the scenes are variants of it
-    - `motions`: one motion; or several (`Motions`, `Records`, a list), of which every scene draws one, all
-      with equal probability
+    - `motions`: one motion; or several (`Motions`, `Records`, a list), from which each scene draws one with
+      equal probability
     - `spread`: name of a parameter → its distribution: frozen, of `scipy.stats`; or a number; or the draws
       themselves, shape (n,). Names are those of [`rockjax.grid`][], and `initial.theta` [rad],
       `initial.theta_dot` [rad/s], `initial.u_t` [m] and `initial.u_t_dot` [m/s] of the initial state
     - `n`: number of scenes, ≥ 1
-    - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend on the seed, `n` and its name
-      only, whatever else is drawn
+    - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend only on the seed, `n` and its
+      name
     - `initial`: initial state; by default at rest
     - `t_end`: end of each scene [s]; by default as for [`rockjax.peak_responses`][]
     - `options`: options of the scenes; with the output `"errors"`, scenes are flagged as undecided
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
-    Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the ensemble with the scenes that are not
-    solved as unanswered. Raises `ValueError` for invalid inputs, unknown names, and draws out of range,
-    before anything is solved.
+    Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the ensemble in which unsolved scenes are
+    unanswered. Raises `ValueError` for invalid inputs, unknown names, and draws out of range, before anything
+    is solved.
     """
     owner = "ensemble"
     check_types(owner, podium, options)
@@ -92,8 +87,8 @@ def ensemble(
     motion, labels = labelled_motion(owner, motions, "motions")
     if labels is None and not spread:
         raise ValueError(f"{owner}: nothing is random; give a distribution in spread, or several motions")
-    of_state = [name for name, y in INITIAL.items() if podium.vibrates or not y.place.startswith("u_t")]
-    valid = [*variable_parameters(podium, motion, labels is None), *of_state]
+    state_names = [name for name, y in INITIAL.items() if podium.vibrates or not y.place.startswith("u_t")]
+    valid = [*variable_parameters(podium, motion, labels is None), *state_names]
     check_names(owner, "names in spread", tuple(spread), valid)
     parameters = {name: _find(podium, name) for name in spread}
     draws = {name: draw(owner, name, spread[name], n, seed, y.range) for name, y in parameters.items()}
@@ -233,15 +228,18 @@ class Ensemble:
         owner = "Ensemble"
         names = self.answers
         if output not in names:
-            near = difflib.get_close_matches(str(output), names, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else "; request others by Options(outputs=…)"
+            closest = difflib.get_close_matches(str(output), names, 1)
+            hint = f"; did you mean {closest[0]!r}?" if closest else "; request others by Options(outputs=…)"
             raise ValueError(f"{owner}: output must be one of {', '.join(names)}, got {output!r}{hint}")
-        answer, low = self.data[output], output.startswith(("least_", "smallest_")) or output == "margin"
-        worst, values = -np.inf if low else np.inf, np.asarray(answer.values, float)
+        answer, is_minimum = (
+            self.data[output],
+            output.startswith(("least_", "smallest_")) or output == "margin",
+        )
+        worst, values = -np.inf if is_minimum else np.inf, np.asarray(answer.values, float)
         if values.ndim > 1:
             count = values.shape[1]
             if component is None:
-                values = values.min(axis=1) if low else values.max(axis=1)
+                values = values.min(axis=1) if is_minimum else values.max(axis=1)
             else:
                 k = require_whole(owner, "component", component, 1)
                 require(owner, "component", k, lambda y: y <= count, f"at most {count} for {output}")
@@ -286,10 +284,10 @@ class Ensemble:
         if x.ndim != 1:
             raise ValueError(f"Ensemble: at must be one-dimensional, got shape {x.shape}")
         confidence = _confidence(confidence)
-        found = empirical.distribution(sample, x, confidence)
+        estimates = empirical.distribution(sample, x, confidence)
         return xarray.Dataset(
-            _variables("at", ("probability", "lower", "upper"), found, {"units": "1"}),
-            coords={"at": ("at", x, self._about(output))},
+            _variables("at", ("probability", "lower", "upper"), estimates, {"units": "1"}),
+            coords={"at": ("at", x, self._attributes(output))},
             attrs={
                 "title": "Empirical distribution function",
                 "output": output,
@@ -323,9 +321,9 @@ class Ensemble:
         q = np.atleast_1d(np.asarray(as_float(probability, "Ensemble: probability")))
         require("Ensemble", "probability", q, lambda y: (y > 0) & (y < 1), "in (0, 1)")
         confidence = _confidence(confidence)
-        found = empirical.quantiles(sample, q, confidence)
+        estimates = empirical.quantiles(sample, q, confidence)
         return xarray.Dataset(
-            _variables("probability", ("quantile", "lower", "upper"), found, self._about(output)),
+            _variables("probability", ("quantile", "lower", "upper"), estimates, self._attributes(output)),
             coords={"probability": ("probability", q, {"units": "1", "long_name": "probability"})},
             attrs={
                 "title": "Empirical quantiles",
@@ -351,8 +349,7 @@ class Ensemble:
         component: int | None = None,
         confidence: float = CONFIDENCE,
     ) -> Comparison:
-        """Compare an answer with that of another ensemble by the test of Kolmogorov and Smirnov,
-        (E3).
+        """Compare an answer with that of another ensemble by the test of Kolmogorov and Smirnov, (E3).
 
         - `other`: ensemble with another seed, because the samples must be independent
         - `output`, `component`: the answer, as for `sample`
@@ -380,7 +377,7 @@ class Ensemble:
         names = "overturned", "undecided", "unanswered"
         return {"scenes": self.size} | {name: int(np.sum(getattr(self, name))) for name in names}
 
-    def _about(self, output: str) -> dict[str, str]:
+    def _attributes(self, output: str) -> dict[str, str]:
         """Return unit and name of an answer."""
         attrs = self.data[output].attrs
         return {name: attrs[name] for name in ("units", "long_name") if name in attrs}
@@ -395,7 +392,7 @@ class Ensemble:
         return f"<p>{escape(headline)}</p>" + "".join(tables.html(rows, heads="row") for rows in groups)
 
     def _tables(self) -> tuple[Any, ...]:
-        """Return a headline, and the tables of draws and of quantiles, those that have rows."""
+        """Return a headline, and the tables of draws and of quantiles that have rows."""
         share, low, high = self.overturning_probability()
         counts = self.counts
         is_checked = "undecided" in self.data
@@ -413,9 +410,9 @@ class Ensemble:
             values = self.quantiles(name, _SHOWN)["quantile"].values
             unit = displayed(self.data[name].attrs["units"])
             answers.append((f"{name} [{unit}]", *map(_number, values)))
-        heads = ("drawn", "mean", "std", "least", "largest"), ("answer", *(f"{q:.0%}" for q in _SHOWN))
-        found = zip(heads, (draws, answers), strict=True)
-        return headline, *([head, *rows] for head, rows in found if rows)
+        headings = ("drawn", "mean", "std", "least", "largest"), ("answer", *(f"{q:.0%}" for q in _SHOWN))
+        parts = zip(headings, (draws, answers), strict=True)
+        return headline, *([heading, *rows] for heading, rows in parts if rows)
 
 
 _SHOWN = (0.05, 0.5, 0.95)  # probabilities of the quantiles in text
@@ -435,12 +432,12 @@ def _confidence(value: float) -> float:
 
 
 def _variables(
-    dim: str, names: Sequence[str], found: empirical.Estimates, attrs: Mapping[str, str]
+    dim: str, names: Sequence[str], estimates: empirical.Estimates, attrs: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return the variables of estimates and their bounds."""
-    words = "", "lower bound of the ", "upper bound of the "
-    about = attrs.get("long_name") or names[0]
+    prefixes = "", "lower bound of the ", "upper bound of the "
+    long_name = attrs.get("long_name") or names[0]
     return {
-        name: (dim, values, {**attrs, "long_name": f"{prefix}{about}"})
-        for name, values, prefix in zip(names, found, words, strict=True)
+        name: (dim, values, {**attrs, "long_name": f"{prefix}{long_name}"})
+        for name, values, prefix in zip(names, estimates, prefixes, strict=True)
     }

@@ -18,8 +18,8 @@ from ._style import COLOURS, curve_style, on_axes
 if TYPE_CHECKING:
     import xarray
 
-CURVE = 1000  # largest number of quantiles of a curve
-MARKED = (0.05, 0.16, 0.5, 0.84, 0.95)  # probabilities whose quantiles have intervals in pictures
+MAX_POINTS = 1000  # largest number of quantiles of a curve
+MARKED = (0.05, 0.16, 0.5, 0.84, 0.95)  # probabilities of the quantiles that are drawn with intervals
 
 
 @on_axes
@@ -36,7 +36,7 @@ def ensemble(
     - `ax`: axes to draw into
     - `output`, `component`, `confidence`: as for `Ensemble.cdf`
 
-    Scenes that overturned are beyond every value: curves end at the share of the others. Raises `ValueError`
+    Overturned scenes count as infinite, so a curve ends at the share of the other scenes. Raises `ValueError`
     as `Ensemble.cdf` does.
     """
     assert ax is not None
@@ -50,8 +50,8 @@ def ensemble(
         ax.fill_between(
             at, curve["lower"], curve["upper"], step="post", color=style["color"], alpha=BAND, lw=0
         )
-        words = f"{_words(label, member)}, {confidence:.0%} band"
-        ax.step(at, curve["probability"], where="post", label=words, **style)
+        entry = f"{_legend_entry(label, member)}, {confidence:.0%} band"
+        ax.step(at, curve["probability"], where="post", label=entry, **style)
     ax.set(
         xlabel=_heading(next(iter(members.values())), output, component),
         ylabel="probability of not exceeding",
@@ -73,7 +73,7 @@ def quantile_quantile(
 ) -> Axes:
     """Plot the quantiles of an answer in one ensemble over those of equal probability in another.
 
-    - `ensembles`: dict label → ensemble, two of them: the first is along the horizontal axis
+    - `ensembles`: dict label → ensemble with two entries; the first is along the horizontal axis
     - `ax`: axes to draw into
     - `output`, `component`: as for `Ensemble.quantiles`
     - `confidence`: confidence level of the intervals of the marked quantiles
@@ -88,7 +88,7 @@ def quantile_quantile(
             f"{format_value(ensembles)}"
         )
     members = _members(ensembles)
-    count = min(CURVE, *(y.size for y in members.values()))
+    count = min(MAX_POINTS, *(y.size for y in members.values()))
     q = (np.arange(count) + 0.5) / count
     curve = np.stack([y.quantiles(output, q, component=component)["quantile"] for y in members.values()])
     finite = np.isfinite(curve).all(axis=0)
@@ -117,10 +117,9 @@ def quantile_quantile(
     )
     for probability, x, y in zip(np.array(MARKED)[shown], *points, strict=True):
         ax.annotate(f"{probability:.0%}", (x, y), (4, -11), textcoords="offset points", fontsize=8)
-    labels = list(members)
-    limits = low, high
-    ax.set_title(_heading(members[labels[0]], output, component))
-    ax.set(xlabel=labels[0], ylabel=labels[1], xlim=limits, ylim=limits, aspect="equal")
+    (first, second), limits = members, (low, high)
+    ax.set_title(_heading(members[first], output, component))
+    ax.set(xlabel=first, ylabel=second, xlim=limits, ylim=limits, aspect="equal")
     ax.grid(alpha=0.3)
     ax.legend(loc="best")
     return ax
@@ -133,7 +132,7 @@ def _members(ensembles: Any) -> dict[str, Ensemble]:
 
 
 def _limits(values: np.ndarray, output: str, members: Mapping[str, Ensemble]) -> tuple[float, float]:
-    """Return the limits of the axis of an answer with these values, without infinite ones."""
+    """Return the limits of the axis of an answer; infinite values are ignored."""
     if output == "peak_rotation":
         return 0.0, max(float(y.data.attrs["overturn_ratio"]) for y in members.values())
     values = values[np.isfinite(values)]
@@ -142,12 +141,12 @@ def _limits(values: np.ndarray, output: str, members: Mapping[str, Ensemble]) ->
     return low - margin, high + margin
 
 
-def _words(label: str, member: Ensemble) -> str:
-    """Return the entry of an ensemble in the legend: its label and the counts of its scenes."""
+def _legend_entry(label: str, member: Ensemble) -> str:
+    """Return the label of an ensemble and the counts of its scenes."""
     counts = member.counts
-    words = [f"{counts['scenes']} scenes", f"{100 * counts['overturned'] / counts['scenes']:.3g}% overturned"]
-    words += [f"{counts[name]} {name}" for name in ("undecided", "unanswered") if counts[name]]
-    return f"{label}: {', '.join(words)}".removeprefix(": ")
+    parts = [f"{counts['scenes']} scenes", f"{100 * counts['overturned'] / counts['scenes']:.3g}% overturned"]
+    parts += [f"{counts[name]} {name}" for name in ("undecided", "unanswered") if counts[name]]
+    return f"{label}: {', '.join(parts)}".removeprefix(": ")
 
 
 def _heading(member: Ensemble, output: str, component: int | None) -> str:

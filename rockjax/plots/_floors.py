@@ -33,13 +33,13 @@ def floor_spectrum(
 ) -> Figure:
     """Plot floor response spectra, a panel for each level.
 
-    - `dataset`: from [`rockjax.floor_spectrum`][]. With `fixed_base=True` there, the spectra of the ground
-      and of the building fixed at its base are drawn beside
+    - `dataset`: from [`rockjax.floor_spectrum`][]. If it was computed with `fixed_base=True`, the spectra of
+      the ground and of the building fixed at its base are drawn as well
     - `quantity`: `"pseudo_acceleration"`, `"absolute_acceleration"` or `"relative_displacement"`
     - `damping`: ζ of the oscillators, by default the first
 
-    Of a suite the median and, thinly, every motion is drawn; motions that overturn the podium are left out of
-    its median. Levels without velocity jumps have a mark at their peak acceleration. Raises `ValueError` for
+    A suite is drawn as its median, with a thin line for each motion on the podium; both omit motions that
+    overturn it. Levels without velocity jumps have a mark at their peak acceleration. Raises `ValueError` for
     another quantity or damping.
     """
     if quantity not in LABELS:
@@ -58,9 +58,9 @@ def floor_spectrum(
     for ax, level in zip(axes, levels, strict=False):
         for prefix in CURVES:
             _draw(ax, data, f"{prefix}{quantity}", prefix, level, unit)
-        of_level = data.sel(level=level)
-        if in_g and not np.any(of_level["peak_velocity_jump"]):
-            peak = float(np.median(of_level["peak_acceleration"])) / unit
+        at_level = data.sel(level=level)
+        if in_g and not np.any(at_level["peak_velocity_jump"]):
+            peak = float(np.median(at_level["peak_acceleration"])) / unit
             ax.plot([0, 0.03], [peak, peak], color=COLOURS[1], lw=2, transform=ax.get_yaxis_transform())
         ax.set_title(f"story {level}" if str(level).isdigit() else str(level))
         ax.grid(True, alpha=0.3)
@@ -88,19 +88,19 @@ def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, un
     label, line = CURVES[prefix]
     values = data[name].sel(level=level) if "level" in data[name].dims else data[name]
     if "motion" in values.dims:
-        fallen = data["overturned"].values if not prefix else np.zeros(values.sizes["motion"], bool)
+        overturned = data["overturned"].values if not prefix else np.zeros(values.sizes["motion"], bool)
         if not prefix:
             ax.plot(
                 data["period"],
-                values.values[~fallen].T / unit,
+                values.values[~overturned].T / unit,
                 color=line["color"],
                 ls="-",
                 lw=0.4,
                 alpha=0.5,
             )
-        if fallen.all():
+        if overturned.all():
             return
-        values, label = values[~fallen].median("motion"), f"{label}, median"
+        values, label = values[~overturned].median("motion"), f"{label}, median"
     elif not prefix and bool(data["overturned"]):
         label = f"{label}, until overturning"
     ax.plot(data["period"], values.values / unit, label=label, **line)

@@ -138,10 +138,11 @@ def fragility(
 
 @styled
 def contents_fragility(dataset: xarray.Dataset) -> Figure:
-    """Plot the fragility curves of blocks on floors, a panel for each block, with bands and observed shares.
+    """Plot the fragility curves of blocks on floors, a panel for each block, with bands and observed
+    fractions.
 
-    `dataset` is from [`rockjax.contents_fragility`][]. Damage states without a curve have their observed
-    shares alone.
+    `dataset` is from [`rockjax.contents_fragility`][]. Damage states without a curve show only the observed
+    fractions.
     """
     names = dataset["contents"].values
     rows = -(-names.size // COLUMNS)
@@ -149,12 +150,12 @@ def contents_fragility(dataset: xarray.Dataset) -> Figure:
     figure = plt.figure(figsize=(1.2 + 2.9 * columns, 0.9 + 2.5 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for ax, name in zip(axes, names, strict=False):
-        of_block = dataset.sel(contents=name)
+        block_data = dataset.sel(contents=name)
         for k, state in enumerate(dataset["damage_state"].values):
-            curve, colour = of_block.sel(damage_state=state), COLOURS[k % len(COLOURS)]
+            curve, colour = block_data.sel(damage_state=state), COLOURS[k % len(COLOURS)]
             if "lower" in curve:
                 ax.fill_between(curve["at"], curve["lower"], curve["upper"], color=colour, alpha=BAND, lw=0)
-            ax.plot(curve["at"], curve["probability"], color=colour, label=_state_in_words(state))
+            ax.plot(curve["at"], curve["probability"], color=colour, label=_state_label(state))
             ax.plot(curve["intensity"], curve["observed"], "o", ms=4, mfc="none", color=colour)
         ax.set_title(str(name))
         ax.grid(alpha=0.3)
@@ -171,10 +172,8 @@ def contents_fragility(dataset: xarray.Dataset) -> Figure:
     return figure
 
 
-def _state_in_words(state: float) -> str:
-    return (
-        "rocks" if state == 0 else "overturns" if state == 1 else rf"$|\varphi|$ reaches {state:g} $\alpha_c$"
-    )
+def _state_label(state: float) -> str:
+    return {0: "rocks", 1: "overturns"}.get(state, rf"$|\varphi|$ reaches {state:g} $\alpha_c$")
 
 
 def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
@@ -198,9 +197,8 @@ def _legend(ax: Axes) -> None:
     marks: dict[Any, str] = {}
     for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
         if isinstance(handle, Line2D) and (shape := handle.get_marker()) != "None":
-            marks[shape] = max(
-                marks.get(shape, ""), text, key=len
-            )  # one entry per shape, with the longest text
+            # one entry for each shape, with the longest text
+            marks[shape] = max(marks.get(shape, ""), text, key=len)
         elif isinstance(handle, Line2D) and text.endswith("band"):
             entries.append(((Patch(facecolor=handle.get_color(), alpha=BAND), handle), text))
         else:

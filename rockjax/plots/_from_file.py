@@ -16,7 +16,6 @@ from rockjax._outputs.registry import VARIABLES
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -49,10 +48,6 @@ def _panels(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Datase
         return draw(data)
 
     return figure
-
-
-def _chart(data: xarray.Dataset) -> Axes:
-    return extension("design-chart")(data)
 
 
 # Pictures: kind of the dataset → name of the picture → picture.
@@ -98,7 +93,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
     },
     "floor-spectrum": {"floors": Picture(plots.floor_spectrum)},
     "record-spectrum": {"record-spectrum": Picture(plots.record_spectrum)},
-    "design-chart": {"chart": Picture(_chart)},
+    "design-chart": {"chart": Picture(lambda data: extension("design-chart")(data))},
 }
 
 

@@ -124,7 +124,7 @@ def _draw_phases(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
 @on_axes
 def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot the deformation of the superstructure u_t − u_b over time [mm], 0 without an elastic
-    superstructure. Several modes have one line each. For a building plot the drifts of its stories."""
+    superstructure: a line for each mode, or the drift of each story of a building."""
     assert ax is not None
     data = as_history(response)
     name = "drift" if "drift" in data else "deformation"
@@ -158,7 +158,7 @@ def _draw_rows(data: xarray.Dataset, values: np.ndarray, noun: str, label: str, 
     - `data`, `values`: history, and values to draw, (times, modes or stories)
     - `noun`, `label`: title of the legend, and label of the vertical axis
 
-    More than six lines have colours from dark at the lowest to light.
+    More than six lines are coloured from dark, the lowest, to light.
     """
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     count = values.shape[1]

@@ -120,7 +120,7 @@ def friction_demand(
 ) -> Axes:
     """Plot the friction demand |T|/N of the worst column over time at both joints, and at impacts.
 
-    A dotted line marks tan α, which heavy frames hardly exceed. Times at which a joint would be open are
+    A dotted line marks tan α, which heavy frames rarely exceed. Times at which a joint would be open are
     shaded; close to them the demand grows without bound and leaves the axes.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested

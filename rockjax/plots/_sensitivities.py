@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,8 +10,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 
-from ._panels import grid_of_panels, mass_label, period_label
-from ._spectra import dimensional_axes
+from ._panels import grid_of_panels
+from ._spectra import label_panel
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED, on_axes, styled, symbol_for
 
 if TYPE_CHECKING:
@@ -73,18 +73,10 @@ def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
     rows, columns = len(parameters) * ratios, panels.sizes["T_s"]
     figure, axes, right_end = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels)
     for i, j in np.ndindex(rows, columns):
-        parameter, ax = parameters[i // ratios], cast(Axes, axes[i, j])
+        parameter = parameters[i // ratios]
         panel = panels.isel(eta_over_gamma=i % ratios, T_s=j)
-        sensitivity_spectrum(panel, ax, parameter)
-        dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
-        ratio = float(panel.eta_over_gamma)
-        labels = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
-        description = ", ".join(dict.fromkeys(labels))
-        ax.set_title(rf"$\ln {symbol_for(parameter)}$: {description}", fontsize=10)
-        ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
-        ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
-        if bool(panel["overturned"].any()):
-            ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
+        sensitivity_spectrum(panel, axes[i, j], parameter)
+        label_panel(panels, panel, axes, i, j, rf"$\ln {symbol_for(parameter)}$: ")
     _bar(figure, right_end)
     return figure
 

@@ -71,23 +71,13 @@ def dimensional_axes(
     if period:
         top = ax.secondary_xaxis("top", functions=(lambda r: _period(r, p), lambda T: _period(T, p)))
         top.set_xlabel(r"$T_p$ [s]")
-        top.set_xticks([T for T in (3, 2, 1, 0.8, 0.6, 0.5, 0.4) if _is_within(_period(T, p), ax.get_xlim())])
+        low, high = ax.get_xlim()
+        top.set_xticks([T for T in (3, 2, 1, 0.8, 0.6, 0.5, 0.4) if low <= _period(T, p) <= high])
         top.xaxis.set_major_formatter("{x:g}")
     if acceleration:
-
-        def to_g(ratio):
-            return ratio * tan_alpha
-
-        def from_g(a):
-            return a / tan_alpha
-
-        right = ax.secondary_yaxis("right", functions=(to_g, from_g))
+        right = ax.secondary_yaxis("right", functions=(lambda r: r * tan_alpha, lambda a: a / tan_alpha))
         right.set_ylabel(r"$a_p$ [g]")
     return ax
-
-
-def _is_within(value, limits) -> bool:
-    return limits[0] <= value <= limits[1]
 
 
 def _period(ratio, p):
@@ -117,19 +107,34 @@ def draw_panels(panels: xarray.Dataset, draw: Callable[..., Axes], title: str = 
     figure, axes, right_end = grid_of_panels(rows, columns, 2.7, 2.2, right=1.75, panels=panels, title=title)
     for i in range(rows):
         for j in range(columns):
-            panel, ax = panels.isel(eta_over_gamma=i, T_s=j), axes[i, j]
-            draw(panel, ax)
-            dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
-            ratio = float(panel.eta_over_gamma)
-            labels = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
-            # Automatic positions of titles are slow, and needed only above a secondary axis.
-            ax.set_title(", ".join(dict.fromkeys(labels)), fontsize=10, y=None if i == 0 else 1.0)
-            ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
-            ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
-            if bool(panel["overturned"].any()):
-                ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
+            panel = panels.isel(eta_over_gamma=i, T_s=j)
+            draw(panel, axes[i, j])
+            label_panel(panels, panel, axes, i, j)
     bar_axes = figure.add_axes(
         (right_end + 0.75 / figure.get_figwidth(), 0.25, 0.16 / figure.get_figwidth(), 0.5)
     )
     rotation_bar(axes, cax=bar_axes, **bar)
     return figure
+
+
+def label_panel(
+    panels: xarray.Dataset, panel: xarray.Dataset, axes: np.ndarray, i: int, j: int, prefix: str = ""
+) -> None:
+    """Add dimensional axes, title and labels to the panel in row i and column j.
+
+    - `panels`, `panel`: the spectrum of all panels, and of this one
+    - `axes`: axes of all panels, with limits set
+    - `i`, `j`: row and column
+    - `prefix`: start of the title
+    """
+    ax: Axes = axes[i, j]
+    rows, columns = axes.shape
+    dimensional_axes(panel, ax, period=i == 0, acceleration=j == columns - 1)
+    ratio = float(panel.eta_over_gamma)
+    labels = (mass_label(panels, ratio), period_label(panels, ratio, float(panel.T_s)))
+    # Automatic positions of titles are slow, and needed only above a secondary axis.
+    ax.set_title(prefix + ", ".join(dict.fromkeys(labels)), fontsize=10, y=None if i == 0 else 1.0)
+    ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
+    ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
+    if bool(panel["overturned"].any()):
+        ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")

@@ -708,6 +708,8 @@ def test_help_teaches(run, name):
     code, out, _ = run(name, "--help")
     assert code == 0
     shown = re.sub(r"[\s│]+", "", out)
+    description = command.help.partition("\b")[0].replace("\\[", "[")
+    assert re.sub(r"\s+", "", description) in shown
     for parameter in command.params:
         text = (parameter.help or "").replace("\\[", "[")
         assert re.sub(r"\s+", "", text) in shown, parameter.name

@@ -18,7 +18,7 @@ from rockjax._report.tables import (
 )
 from rockjax._report.units import NO_UNIT, Units
 
-NONE = "none"  # in the column of errors or notes, for a cell without one
+NONE = "none"  # for a cell without an error or note
 
 
 class Number(NamedTuple):
@@ -29,7 +29,7 @@ class Number(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """A table with a column for units wherever there are numbers, and for errors and notes where some are."""
+    """A table with additional columns for units, errors and notes, where there are any."""
 
     heads: list[str]
     rows: list[list[Number | str]]

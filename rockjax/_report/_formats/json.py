@@ -37,7 +37,7 @@ from rockjax._report.tables import (
 )
 from rockjax._report.units import Units, si_unit
 
-SCHEMA = "rockjax-report/1"  # the number grows when a reader of files would have to change
+SCHEMA = "rockjax-report/1"  # incremented by changes that readers of files must follow
 
 
 def encode(page: Page, units: Units) -> dict[str, bytes]:
@@ -55,7 +55,7 @@ def document(page: Page, g: float) -> dict[str, Any]:
 
     The keys are `schema`, `title`, `subject`, `head`, `origin`, `verdict`, `is_verified`, `notices`, `checks`
     (a list with an entry for each row of the summary), `tables` (by name) and `sections`. A number is
-    {"value", "unit"} and, if known, "error"; the word in the place of a number is {"text", "state"}; texts
+    {"value", "unit"} and, if known, "error"; a word that replaces a number is {"text", "state"}; texts
     with numbers are lists of strings and numbers.
     """
     writer = _Writer(Units.si(g))

@@ -66,9 +66,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 def _stories(evaluation: Evaluation, name: str) -> Table:
     data, heights = evaluation.scenes.peaks(name), evaluation.problem.story_heights
-    alive = ~data["overturned"].values & (data["result"].values <= 2)
-    every = alive.all()
-    drift, acceleration = (data[y].values[alive] for y in ("peak_drift", "peak_floor_acceleration"))
+    survives = ~data["overturned"].values & (data["result"].values <= 2)
+    drift, acceleration = (data[y].values[survives] for y in ("peak_drift", "peak_floor_acceleration"))
     columns = (
         Column("Storey"),
         Column("Largest drift", "displacement"),
@@ -97,5 +96,6 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
                 number(acceleration[:, j].mean(), "acceleration"),
             )
         )
-    without = "" if every else f" ({int((~alive).sum())} overturned or unanswered scenes left out)"
-    return Table(f"stories-{slug(name)}", f"Storeys, set {name}{without}", columns, tuple(rows))
+    omitted = int((~survives).sum())
+    note = f" ({omitted} overturned or unanswered scenes left out)" if omitted else ""
+    return Table(f"stories-{slug(name)}", f"Storeys, set {name}{note}", columns, tuple(rows))

@@ -1,14 +1,15 @@
-"""Section 8: what moves the governing checks."""
+"""Section 8: derivatives of the governing checks, and checks with changed inputs."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.tables import Cell, Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
-from .common import number
+from .common import number, slug
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
@@ -49,12 +50,7 @@ def _table(check: Check) -> Table:
         return Word(name), slope, *ends
 
     of_set = f", set {check.motions}" if check.motions else ""
-    caption = ("Check ", check.id, f", {check.name}{of_set}: U = ", _u(check))
-    slug = "".join(y if y.isalnum() else "-" for y in check.id.lower())
-    return Table(f"influences-{slug}", caption, columns, tuple(map(row, names)))
-
-
-def _u(check: Check) -> Any:
-    from math import isfinite
-
-    return Quantity(check.utilisation, "utilisation") if isfinite(check.utilisation) else "no finite value"
+    is_finite = math.isfinite(check.utilisation)
+    u = Quantity(check.utilisation, "utilisation") if is_finite else "no finite value"
+    caption = ("Check ", check.id, f", {check.name}{of_set}: U = ", u)
+    return Table(f"influences-{slug(check.id)}", caption, columns, tuple(map(row, names)))

@@ -43,10 +43,10 @@ def _table(evaluation: Evaluation, name: str) -> Table:
         Column("u_b at max|θ|", "displacement"),
         Column("Impacts", "count"),
     ]
-    asked = any(
+    is_requested = any(
         check.kind is KINDS["overturning-scale"] and check.motions == name for check in evaluation.checks
     )
-    factors = scenes.scales(name, "overturning")["factor"].values if asked else None
+    factors = scenes.scales(name, "overturning")["factor"].values if is_requested else None
     if factors is not None:
         columns.append(Column("Least factor that overturns", "number"))
     rows = []

@@ -91,10 +91,7 @@ def _governs(check: Check, evaluation: Evaluation) -> Text:
     if check.governing is None or not check.motions:
         return "whole set"
     name = evaluation.problem.motions[check.motions].names[check.governing]
-    words = [name, check.place] if check.place else [name]
-    if check.reason:
-        words.append(check.reason)
-    return ", ".join(words)
+    return ", ".join(text for text in (name, check.place, check.reason) if text)
 
 
 def _slopes(check: Check) -> Text:
@@ -107,18 +104,17 @@ def _slopes(check: Check) -> Text:
 def _spread(check: Check) -> Text:
     if not check.spread:
         return "not repeated"
-    found = [
+    ends = [
         (u, f"{name} {sign}")
-        for name, ends in check.spread.items()
-        for u, sign in zip(ends, "−+", strict=True)
+        for name, pair in check.spread.items()
+        for u, sign in zip(pair, "−+", strict=True)
     ]
-    lowest = min(u for u, _ in found)
-    highest = max(u for u, _ in found)
-    falls = [name for u, name in found if not math.isfinite(u)]
+    lowest, highest = min(u for u, _ in ends), max(ends)
+    falls = [name for u, name in ends if not math.isfinite(u)]
     if falls and math.isfinite(check.utilisation):
         return (
             f"from {lowest:.2f}; no finite value with {', '.join(falls[:3])}{' …' if len(falls) > 3 else ''}"
         )
     if falls:
         return f"from {lowest:.2f}" if math.isfinite(lowest) else "no finite value"
-    return f"{lowest:.2f} … {highest:.2f} ({max(found)[1]})"
+    return f"{lowest:.2f} … {highest[0]:.2f} ({highest[1]})"
