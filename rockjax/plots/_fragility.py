@@ -173,7 +173,7 @@ def contents_fragility(dataset: xarray.Dataset) -> Figure:
 
 
 def _state_label(state: float) -> str:
-    return {0: "rocks", 1: "overturns"}.get(state, rf"$|\varphi|$ reaches {state:g} $\alpha_c$")
+    return {0.0: "rocks", 1.0: "overturns"}.get(state, rf"$|\varphi|$ reaches {state:g} $\alpha_c$")
 
 
 def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -75,7 +75,7 @@ def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
     for i, j in np.ndindex(rows, columns):
         parameter = parameters[i // ratios]
         panel = panels.isel(eta_over_gamma=i % ratios, T_s=j)
-        sensitivity_spectrum(panel, axes[i, j], parameter)
+        sensitivity_spectrum(panel, cast(Axes, axes[i, j]), parameter)
         label_panel(panels, panel, axes, i, j, rf"$\ln {symbol_for(parameter)}$: ")
     _bar(figure, right_end)
     return figure

@@ -75,7 +75,8 @@ def dimensional_axes(
         top.set_xticks([T for T in (3, 2, 1, 0.8, 0.6, 0.5, 0.4) if low <= _period(T, p) <= high])
         top.xaxis.set_major_formatter("{x:g}")
     if acceleration:
-        right = ax.secondary_yaxis("right", functions=(lambda r: r * tan_alpha, lambda a: a / tan_alpha))
+        scales: Any = (lambda ratio: ratio * tan_alpha, lambda a: a / tan_alpha)
+        right = ax.secondary_yaxis("right", functions=scales)
         right.set_ylabel(r"$a_p$ [g]")
     return ax
 
