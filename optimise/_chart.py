@@ -85,52 +85,47 @@ def design_chart(
 
         scanned = scan(plane, periods, (low, high), resolution, options, progress, width=None)
         boundaries, _ = scanned.crossings.table(periods.size)
-        counts = np.sum(np.isfinite(boundaries), axis=1)
         boundary_tables.append(boundaries)
-        # An odd number of changes means that survival differs between the two ends of the range.
-        survives_at_end = scanned.starts_surviving ^ (counts % 2 == 1)
-        last_boundary = np.where(
-            counts > 0, boundaries[np.arange(periods.size), np.maximum(counts - 1, 0)], low
-        )
-        least_safe.append(np.where(survives_at_end, last_boundary, np.nan))
+        least_safe.append(_least_safe(boundaries, scanned.starts_surviving, low))
         scene_counts.append(scanned.scenes)
     width = max(table.shape[1] for table in boundary_tables)
-    all_boundaries = np.stack(
-        [
-            np.pad(table, ((0, 0), (0, width - table.shape[1])), constant_values=np.nan)
-            for table in boundary_tables
-        ]
-    )
-    unit = {"units": parameter(podium, name).unit}
-    data = xarray.Dataset(
+    pad = lambda table: np.pad(table, ((0, 0), (0, width - table.shape[1])), constant_values=np.nan)
+    unit = parameter(podium, name).unit
+    safe_attrs = {"units": unit, "long_name": f"least {name} above which all survive"}
+    boundary_attrs = {"units": unit, "long_name": f"{name} where survival changes"}
+    return xarray.Dataset(
         {
-            "least_safe": (
-                ("a_p", "T_p"),
-                np.stack(least_safe),
-                unit | {"long_name": f"least {name} above which all survive"},
-            ),
+            "least_safe": (("a_p", "T_p"), np.stack(least_safe), safe_attrs),
             "boundaries": (
                 ("a_p", "T_p", "boundary"),
-                all_boundaries,
-                unit | {"long_name": f"{name} where survival changes"},
+                np.stack(list(map(pad, boundary_tables))),
+                boundary_attrs,
             ),
         },
         coords={
             "a_p": ("a_p", amplitudes, variable_attributes("a_p")),
             "T_p": ("T_p", periods, variable_attributes("T_p")),
         },
+        attrs={
+            "title": "Design chart",
+            "kind": "design-chart",
+            "pulse": getattr(pulse, "__name__", repr(pulse)),
+            "varied": name,
+            "lowest": low,
+            "highest": high,
+            "scenes": int(sum(scene_counts)),
+            **describe_options(options),
+        },
     )
-    data.attrs = {
-        "title": "Design chart",
-        "kind": "design-chart",
-        "pulse": getattr(pulse, "__name__", repr(pulse)),
-        "varied": name,
-        "lowest": low,
-        "highest": high,
-        "scenes": int(sum(scene_counts)),
-        **describe_options(options),
-    }
-    return data
+
+
+def _least_safe(boundaries: np.ndarray, starts_surviving: np.ndarray, low: float) -> np.ndarray:
+    """Return the last boundary at each period, `low` without any, and NaN where the upper end overturns."""
+    counts = np.sum(np.isfinite(boundaries), axis=1)
+    # An odd number of changes means that survival differs between the two ends of the range.
+    survives_at_end = starts_surviving ^ (counts % 2 == 1)
+    last = boundaries[np.arange(len(counts)), np.maximum(counts - 1, 0)]
+    return np.where(survives_at_end, np.where(counts > 0, last, low), np.nan)
 
 
 def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:

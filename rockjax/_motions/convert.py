@@ -78,7 +78,8 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
         return (value if is_complete else Records.of(_records_of_table(owner, value, name))), None
     members, names = single_motions(owner, value, name)
     pairs = [member for member in members if isinstance(member, GroundMotion)]
-    if pairs and len(pairs) == len(members) and all(map(_is_record_pair, pairs)):
+    components = [component for pair in pairs for component in (pair.horizontal, pair.vertical)]
+    if pairs and len(pairs) == len(members) and all(isinstance(y, Record) for y in components):
         return RecordPairs.of(pairs), names
     for k, member in enumerate(members):
         if not isinstance(member, Record):
@@ -87,10 +88,6 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
                 "rockjax.Record(motion(t), dt) samples a motion at times t"
             )
     return Records.of([member for member in members if isinstance(member, Record)]), names
-
-
-def _is_record_pair(pair: GroundMotion) -> bool:
-    return isinstance(pair.horizontal, Record) and isinstance(pair.vertical, Record)
 
 
 def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
@@ -132,7 +129,9 @@ def single_motions(owner: str, value, name: str) -> SingleMotions:
         return SingleMotions(_records_of_table(owner, value, name), None)
     if isinstance(value, AbstractExcitation):
         return SingleMotions([_require_single(owner, value, name)], None)
-    if isinstance(value, list | tuple) or (isinstance(value, Iterable) and not _is_no_motion(value)):
+    if isinstance(value, list | tuple) or (
+        isinstance(value, Iterable) and not isinstance(value, _NO_MOTIONS)
+    ):
         parts = [single_motions(owner, entry, f"{name}[{k}]") for k, entry in enumerate(value)]
         members = [member for part in parts for member in part.members]
         if not members:
@@ -144,11 +143,8 @@ def single_motions(owner: str, value, name: str) -> SingleMotions:
     raise ValueError(f"{owner}: {name} must be {ACCEPTED_MOTIONS}, got {format_value(value)}{_advice(value)}")
 
 
+_NO_MOTIONS = str | bytes | Path | np.ndarray | jax.Array | dict | type  # iterable or not, never motions
 ACCEPTED_MOTIONS = "a rockjax motion (Record, Motion, a pulse …), Motions, Records or a list of them"
-
-
-def _is_no_motion(value) -> bool:
-    return isinstance(value, str | bytes | Path | np.ndarray | jax.Array | dict | type)
 
 
 def _advice(value) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
+import operator
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -133,16 +133,14 @@ def with_unit_factors(
         field: factor_of.pop(name) for name, field in scalar_fields(motion).items() if name in factor_of
     }
     scale = factor_of.pop("scale", None)
-    changed = with_scalars(motion, {path: y * _value_at(motion, path) for path, y in fields.items()})
+    changed = with_scalars(
+        motion, {path: y * operator.attrgetter(path)(motion) for path, y in fields.items()}
+    )
     changed = changed if scale is None else changed.scaled(scale)
     structure = podium
     if factor_of:
         structure = with_factors(podium, list(factor_of), jnp.asarray(list(factor_of.values())))
     return _with_derivatives(podium, structure), _with_derivatives(motion, changed)
-
-
-def _value_at(motion: AbstractExcitation, path: str) -> Any:
-    return functools.reduce(getattr, path.split("."), motion)
 
 
 def _with_derivatives(original: Any, changed: Any) -> Any:

@@ -46,16 +46,14 @@ class _LimitKind(NamedTuple):
     owner_kind: str  # key of `OWNERS`: the kind of structure that has this output
 
 
-def _has_stories(podium: Podium) -> bool:
-    return podium.vibrates and isinstance(podium.superstructure, ShearBuilding)
-
-
 # Kinds of structure, with a function that is True for podiums of this kind.
 OWNERS: dict[str, Callable[[Podium], bool]] = {
     "columns": lambda podium: True,
     "a superstructure": lambda podium: podium.superstructure is not None,
     "an elastic superstructure": lambda podium: podium.vibrates,
-    "a building of stories, a rockjax.ShearBuilding": _has_stories,
+    "a building of stories, a rockjax.ShearBuilding": lambda podium: (
+        podium.vibrates and isinstance(podium.superstructure, ShearBuilding)
+    ),
 }
 SUPERSTRUCTURE, ELASTIC, BUILDING = list(OWNERS)[1:]
 
