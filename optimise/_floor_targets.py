@@ -1,4 +1,4 @@
-"""Targets on things on floors: rotations of contents, and pseudo-accelerations of oscillators."""
+"""Targets on floors: rotations of contents, and pseudo-accelerations of oscillators."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ._targets import AbstractTarget, Name, check_limit
 
 
 class AbstractFloorTarget(AbstractTarget):
-    """A target on things on floors, under every motion of a suite."""
+    """A target on contents or oscillators on floors, under every motion of a suite."""
 
     limit: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]

@@ -101,10 +101,10 @@ class AsceRocking(AbstractMethod):
 
     def outcome(self, case: Case) -> Outcome:
         block = case.block
-        found = tuple(rotations(block, motion) for motion in case.motions)
+        roots = tuple(rotations(block, motion) for motion in case.motions)
         values = {
             "beta_e": Quantity(damping(block.restitution), "1", "β_e, equivalent damping ratio"),
             "C_3": Quantity(inertia_factor(block.tan_alpha), "1", "C_3, inertia factor"),
             "h_hat": Quantity(block.half_height, "m", "ĥ, half height of the equivalent block"),
         }
-        return Outcome(1.0, np.array([roots.answer for roots in found]), found, values)
+        return Outcome(1.0, np.array([y.answer for y in roots]), roots, values)

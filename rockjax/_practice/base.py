@@ -118,7 +118,7 @@ class MethodResult:
     def stable_roots(self) -> np.ndarray | None:
         """Number of stable answers of each motion, with overturning as one of them, shape (n,); None for
         methods without a rotation. 0 means that the method gives no uplift."""
-        return None if self.answers is None else np.array([len(found) for found in self.answers])
+        return None if self.answers is None else np.array([len(stable) for stable in self.answers])
 
     def __repr__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"

@@ -92,10 +92,10 @@ class Priestley(AbstractMethod):
     def outcome(self, case: Case) -> Outcome:
         block = case.block
         beta = self.damping(block.restitution)
-        found = tuple(rotations(block, motion, beta) for motion in case.motions)
+        roots = tuple(rotations(block, motion, beta) for motion in case.motions)
         values = {
             "beta": Quantity(beta, "1", "β, equivalent damping ratio"),
             "p_hat": Quantity(block.p, "rad/s", "p̂, frequency parameter of the equivalent block"),
             "h_hat": Quantity(block.half_height, "m", "ĥ, half height of the equivalent block"),
         }
-        return Outcome(1.0, np.array([roots.answer for roots in found]), found, values)
+        return Outcome(1.0, np.array([y.answer for y in roots]), roots, values)

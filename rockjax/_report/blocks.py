@@ -31,7 +31,7 @@ def check_anchor(id: str) -> str:
 
     `id`: id of the check, any text, such as "C1"
     """
-    return "check-" + re.sub(r"[^A-Za-z0-9.-]", lambda found: f"_{ord(found[0]):x}", id)
+    return "check-" + re.sub(r"[^A-Za-z0-9.-]", lambda match: f"_{ord(match[0]):x}", id)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -65,7 +65,7 @@ def render(page: Page, units: Units) -> str:
 
 def css_string(text: str) -> str:
     """Return a text as a string of CSS; all characters but letters, digits and spaces are code points."""
-    return re.sub(r"[^\w ]", lambda found: f"\\{ord(found[0]) or 0xFFFD:06x} ", text)
+    return re.sub(r"[^\w ]", lambda match: f"\\{ord(match[0]) or 0xFFFD:06x} ", text)
 
 
 def _limit(limit: Limit | Word, units: Units) -> Markup:

@@ -67,16 +67,16 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
     finally:
         plt.close(figure)
     content = target.getvalue()
-    found = _PREAMBLE.match(content)
-    assert found is not None
-    content = _METADATA.sub("", content[found.end() :])
+    match = _PREAMBLE.match(content)
+    assert match is not None
+    content = _METADATA.sub("", content[match.end() :])
     content = re.sub(r"<!--.*?-->\s*", "", content, flags=re.DOTALL)
     content = _REFERENCE.sub(rf"\1{prefix}-", content).replace("xlink:href", "href")
     content = _FAMILY.sub("font-family: var(--sans)", content)
     content = _COLOUR.sub(_themed, content)
     content = re.sub(r'\bd="[^"]*"', _rounded, content)
     head = (
-        f'<svg role="img" aria-labelledby="{prefix}-title {prefix}-desc" viewBox="{found[1]}" '
+        f'<svg role="img" aria-labelledby="{prefix}-title {prefix}-desc" viewBox="{match[1]}" '
         'xmlns="http://www.w3.org/2000/svg" fill="currentColor" '
         'style="stroke-linejoin:round;stroke-linecap:butt">'
         f'<title id="{prefix}-title">{escape(title)}</title>'
@@ -85,9 +85,9 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
     return head + content.strip()
 
 
-def _themed(found: re.Match[str]) -> str:
+def _themed(match: re.Match[str]) -> str:
     """Return a colour of a figure in terms of the page: a variable, or its text's colour with an opacity."""
-    name, colour, opacity = found[1], found[2], float(found[3] or 1)
+    name, colour, opacity = match[1], match[2], float(match[3] or 1)
     red, green, blue = colour[1:3], colour[3:5], colour[5:]
     if colour in VARIABLES:
         colour = f"var({VARIABLES[colour]})"
@@ -96,9 +96,9 @@ def _themed(found: re.Match[str]) -> str:
     return f"{name}: {colour}" + (f"; {name}-opacity: {opacity:g}" if opacity != 1 else "")
 
 
-def _rounded(found: re.Match[str]) -> str:
+def _rounded(match: re.Match[str]) -> str:
     """Return the path of an SVG with coordinates rounded to 0.01 pt, on one line."""
-    path = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), found[0])
+    path = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), match[0])
     return re.sub(r"\s*\n", " ", path)
 
 

@@ -394,11 +394,11 @@ def _utilisation(value: float) -> str:
 def _signed(digits: str) -> str:
     """Return digits with a minus sign, none for zero, and groups of thousands from five digits on."""
     negative, digits = digits.startswith("-"), digits.removeprefix("-")
-    whole, point, rest = digits.partition(".")
-    if whole.isdecimal() and len(whole) > 4:
-        whole = f"{int(whole):,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+    integer, point, decimals = digits.partition(".")
+    if integer.isdecimal() and len(integer) > 4:
+        integer = f"{int(integer):,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
     sign = "−" if negative and digits.strip("0.") else ""
-    return sign + whole + point + rest
+    return sign + integer + point + decimals
 
 
 def _finite(value: Any, name: str) -> float:

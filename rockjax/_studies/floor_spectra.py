@@ -373,22 +373,22 @@ def envelope(
         raise ValueError(f"{owner}: overturned must be 'raise' or 'drop', got {overturned!r}")
     if quantile is not None:
         require_number(owner, "quantile", quantile, lambda v: 0 <= v <= 1, "in [0, 1]")
-    data, fallen = spectra[names], np.atleast_1d(spectra["overturned"].values)
-    if fallen.any():
-        if overturned == "raise" or over != "motion" or fallen.all():
+    data, is_overturned = spectra[names], np.atleast_1d(spectra["overturned"].values)
+    if is_overturned.any():
+        if overturned == "raise" or over != "motion" or is_overturned.all():
             raise ValueError(
-                f"{owner}: {int(fallen.sum())} of {fallen.size} scenes overturned, so their spectra are only "
-                "lower bounds; leave them out with over='motion' and overturned='drop', or scale the "
-                "motions down"
+                f"{owner}: {int(is_overturned.sum())} of {is_overturned.size} scenes overturned, so their "
+                "spectra are only lower bounds; leave them out with over='motion' and overturned='drop', or "
+                "scale the motions down"
             )
-        data = data.isel(motion=np.flatnonzero(~fallen))
+        data = data.isel(motion=np.flatnonzero(~is_overturned))
     result = (
         data.max(over, keep_attrs=True)
         if quantile is None
         else data.quantile(quantile, over, keep_attrs=True)
     )
     result.attrs["envelope"] = over if quantile is None else f"{quantile:g} quantile over {over}"
-    result.attrs["scenes"] = int((~fallen).sum())
+    result.attrs["scenes"] = int((~is_overturned).sum())
     return result
 
 

@@ -44,8 +44,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             (Word(y.id), Word(y.name), Word(y.result, y.result.lower()), Word(y.reason)) for y in missing
         )
         blocks.append(Table("left-out", "Checks that were not made here", heads, cells))
-    asked = {check.kind.name for check in evaluation.checks}
-    others = [name for name in KINDS if name not in asked and name != "by-others"]
+    requested = {check.kind.name for check in evaluation.checks}
+    others = [name for name in KINDS if name not in requested and name != "by-others"]
     blocks.append(Paragraph(("Checks that the file does not ask for: ", Code(", ".join(others)), ".")))
     return Section(10, "Assumptions and what is left out", tuple(blocks))
 
