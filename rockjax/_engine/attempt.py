@@ -154,7 +154,7 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
     path = barrier(Quintic(angle, h * rate, h**2 * curvature / 2, h**3 * jerk / 6, zero, zero))
     hits = (angle > 0) & (path.value(one) < 0)
     # No impact is earlier than this. Without it an unconverged crossing near z = 0 could return for ever.
-    earliest = safe_ratio(angle, sum(jnp.abs(c) for c in path[1:]), hits)
+    earliest = safe_ratio(angle, sum((jnp.abs(c) for c in path[1:]), zero), hits)
     return jnp.where(hits, h * crossing(path, earliest, one), h)
 
 
