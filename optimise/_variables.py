@@ -351,7 +351,7 @@ def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
         if row is None:
             changes[name] = value
         else:
-            present = changes.get(row.place, getattr(base, row.place))
-            changes[row.place] = jnp.asarray(present).at[number - 1].set(value)
+            row_values = changes.get(row.place, getattr(base, row.place))
+            changes[row.place] = jnp.asarray(row_values).at[number - 1].set(value)
     with _without_unit_warnings():
         return base.replace(**changes)

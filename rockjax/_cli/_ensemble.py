@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._options import PULSE, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
 from ._outputs import parse_outputs
 from ._request import Request
 from ._run import Report, command
@@ -12,7 +12,7 @@ from ._run import Report, command
 
 @command(
     structure_options(**SINGLE_DEFAULTS),
-    options_of(models.Pulses, **PULSE),
+    options_of(models.Pulses, **PULSE_DEFAULTS),
     options_of(models.Record),
     options_of(models.Ensemble),
     accuracy(rtol=1e-8, overturn_ratio=1.0, method="dopri8"),

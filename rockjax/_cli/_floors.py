@@ -6,7 +6,7 @@ from typing import Any
 
 from rockjax._problem import models
 
-from ._options import PULSE, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
 from ._outputs import parse_outputs
 from ._request import Request
 from ._run import Report, command
@@ -14,7 +14,7 @@ from ._run import Report, command
 
 @command(
     structure_options(**SINGLE_DEFAULTS),
-    options_of(models.Pulses, **PULSE),
+    options_of(models.Pulses, **PULSE_DEFAULTS),
     options_of(models.Record),
     options_of(models.Floors),
     accuracy(rtol=1e-8, method="dopri8"),

@@ -12,7 +12,7 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import OUTPUT, Flag
 
-# Default values of options, by key.
+# Default values of options of a single structure, of panels of structures and of pulses, by key.
 SINGLE_DEFAULTS = {
     "tan_alpha": 0.15,
     "R": 1.5,
@@ -22,8 +22,8 @@ SINGLE_DEFAULTS = {
     "zeta": 0.05,
     "restitution": "paper",
 }
-PANELS = {name: SINGLE_DEFAULTS[name] for name in ("tan_alpha", "R", "gamma", "zeta", "restitution")}
-PULSE = {"acceleration_ratio": 2.5, "T_p": 1.0}
+PANEL_DEFAULTS = {name: SINGLE_DEFAULTS[name] for name in ("tan_alpha", "R", "gamma", "zeta", "restitution")}
+PULSE_DEFAULTS = {"acceleration_ratio": 2.5, "T_p": 1.0}
 
 
 def option(*names: str, panel: str, help: str, **option_arguments: Any) -> Any:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._options import PANELS, Output, Resume, accuracy, options_of, structure_options
+from ._options import PANEL_DEFAULTS, Output, Resume, accuracy, options_of, structure_options
 from ._outputs import parse_outputs
 from ._panels import combine_panels, make_pulse, report_minima
 from ._request import Request
 from ._run import Report, command, save_interrupted
 
 
-@command(structure_options(**PANELS), options_of(models.Overturning), accuracy(rtol=1e-11))
+@command(structure_options(**PANEL_DEFAULTS), options_of(models.Overturning), accuracy(rtol=1e-11))
 def overturning(
     request: Request, report: Report, output: Output = "rockjax-overturning", resume: Resume = False
 ) -> None:

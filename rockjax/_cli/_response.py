@@ -9,7 +9,7 @@ from rockjax._problem import models
 
 from ._context import MASSES
 from ._joints import joint_warnings, request_joints
-from ._options import PULSE, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
 from ._outputs import parse_outputs
 from ._request import Request
 from ._run import Report, command
@@ -29,7 +29,7 @@ def residual_share(podium: rj.Podium) -> float:
 
 @command(
     structure_options(**SINGLE_DEFAULTS),
-    options_of(models.Pulses, **PULSE),
+    options_of(models.Pulses, **PULSE_DEFAULTS),
     options_of(models.Record),
     options_of(models.Response),
     accuracy(rtol=1e-8, method="dopri8"),

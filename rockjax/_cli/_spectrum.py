@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._options import PANELS, Output, Resume, accuracy, options_of, structure_options
+from ._options import PANEL_DEFAULTS, Output, Resume, accuracy, options_of, structure_options
 from ._outputs import parse_outputs
 from ._panels import combine_panels, make_pulse, report_minima
 from ._request import Request
@@ -12,7 +12,7 @@ from ._run import Report, command, save_interrupted
 
 
 @command(
-    structure_options(**PANELS),
+    structure_options(**PANEL_DEFAULTS),
     options_of(models.Spectrum),
     accuracy(rtol=1e-8, method="dopri8"),
 )

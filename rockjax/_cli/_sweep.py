@@ -14,7 +14,7 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import GRID, MACHINES, OUTPUT
 
-from ._options import PULSE, SINGLE_DEFAULTS, accuracy, option, options_of, structure_options
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, accuracy, option, options_of, structure_options
 from ._outputs import store_path
 from ._request import Request
 from ._run import INTERRUPTED, Report, command
@@ -22,7 +22,7 @@ from ._run import INTERRUPTED, Report, command
 
 @command(
     structure_options(**SINGLE_DEFAULTS),
-    options_of(models.Pulses, **PULSE),
+    options_of(models.Pulses, **PULSE_DEFAULTS),
     options_of(models.Record),
     options_of(models.Sweep),
     accuracy(rtol=1e-8, method="dopri8"),

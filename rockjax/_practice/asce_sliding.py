@@ -9,7 +9,7 @@ import numpy as np
 from rockjax._motions.motion import Motion
 
 from .base import AbstractMethod, Case, Outcome, Quantity
-from .spectra import maximum, spectrum, steps
+from .spectra import period_grid, refined_maximum, spectrum
 
 DAMPING = 0.10  # damping ratio of the spectrum [–]
 LONGEST = 10.0  # longest period of the spectrum [s]
@@ -34,9 +34,9 @@ def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
     - `capacity`: c_s [m/s²]
     """
     values_at = lambda periods: spectrum(motion, periods, DAMPING).acceleration
-    periods = steps(2 * motion.dt, LONGEST)
+    periods = period_grid(2 * motion.dt, LONGEST)
     values = values_at(periods)
-    largest = max(maximum(values_at, periods, values), motion.pga)
+    largest = max(refined_maximum(values_at, periods, values), motion.pga)
     longest = math.nan
     for _ in range(3):
         reaches = np.flatnonzero(values >= capacity)

@@ -40,7 +40,9 @@ def spectrum(motion: Motion, periods, damping) -> Spectrum:
     return Spectrum(peaks.displacement, peaks.acceleration)
 
 
-def maximum(values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray, values: np.ndarray) -> float:
+def refined_maximum(
+    values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray, values: np.ndarray
+) -> float:
     """Return the largest value of a spectrum between the first and the last period.
 
     All local maxima within 2 % of the largest are refined twice.
@@ -58,7 +60,7 @@ def maximum(values_at: Callable[[np.ndarray], np.ndarray], periods: np.ndarray, 
     return float(values.max())
 
 
-def steps(shortest: float, longest: float) -> np.ndarray:
+def period_grid(shortest: float, longest: float) -> np.ndarray:
     """Return periods from `shortest` to `longest` [s] in equal ratios of at most 2 %."""
     return np.geomspace(shortest, longest, 2 + math.ceil(math.log(longest / shortest) / math.log(STEP)))
 
@@ -78,5 +80,5 @@ def largest_displacement(motion: Motion, longest: float, damping: float) -> floa
     amplification = 1 / math.tanh(0.5 * math.pi * damping / math.sqrt(1 - damping**2))
     shortest = min(2 * math.pi * math.sqrt(at_longest / (amplification * motion.pga)), longest)
     values_at = lambda T: spectrum(motion, T, damping).displacement
-    periods = steps(shortest, longest)
-    return max(maximum(values_at, periods, values_at(periods)), at_longest)
+    periods = period_grid(shortest, longest)
+    return max(refined_maximum(values_at, periods, values_at(periods)), at_longest)

@@ -151,7 +151,7 @@ class _Stage:
         self.ratio = np.interp(times, t, theta) / self.alpha
         spacing = max(0.9 * self.height, 2.5 * self.width)
         self.foot_positions = spacing * (np.arange(columns) - 0.5 * (columns - 1))
-        self.half = 0.5 * spacing * (columns - 1) + 0.8 * self.width
+        self.half_beam = 0.5 * spacing * (columns - 1) + 0.8 * self.width
         self.depth = 0.09 * self.height
 
         self.figure = plt.figure(figsize=(5.2, 5.6), layout="constrained")
@@ -198,7 +198,7 @@ class _Stage:
             top_height = self.floors[-1].level + self.floors[-1].depth
         top = self.height + self.depth + top_height + float(np.max(lift))
         soil = self.width * 0.6
-        x = max(self.half + max_shift + 0.1 * self.height, 0.55 * (top + soil))
+        x = max(self.half_beam + max_shift + 0.1 * self.height, 0.55 * (top + soil))
         # The soil is wider than the picture, so that it can move; hatching makes the motion visible.
         soil_end = x + float(np.max(np.abs(self.ground)))
         self.corners = np.array([(-soil_end, 0), (soil_end, 0), (soil_end, -soil), (-soil_end, -soil)])
@@ -226,10 +226,10 @@ class _Stage:
         for foot, patch in zip(self.foot_positions, self.columns, strict=True):
             patch.set_xy(upright @ rotation_matrix + (foot + side * half + ground, 0))
         base, beam_x = self.height + v, u + ground
-        self.beam.set_xy(_box(beam_x, base, self.half, self.depth))
+        self.beam.set_xy(_box(beam_x, base, self.half_beam, self.depth))
         base += self.depth
         if self.box is not None:
-            self.box.set_xy(_box(beam_x, base, 0.8 * self.half, 0.45 * self.height))
+            self.box.set_xy(_box(beam_x, base, 0.8 * self.half_beam, 0.45 * self.height))
         self._show_floors(k, beam_x, base)
         self.soil.set_xy(self.corners + np.array([ground, 0]))
         self.clock.set_text(f"t = {self.times[k]:6.2f} s")
@@ -244,10 +244,10 @@ class _Stage:
             deflection = lower_sway + (sway - lower_sway) * (3 - 2 * z) * z**2
             for line, side in zip(column_lines, (-0.75, 0.75), strict=True):
                 line.set_data(
-                    beam_x + side * floor.width * self.half + deflection,
+                    beam_x + side * floor.width * self.half_beam + deflection,
                     base + foot + (floor.level - foot) * z,
                 )
-            slab.set_xy(_box(beam_x + sway, base + floor.level, floor.width * self.half, floor.depth))
+            slab.set_xy(_box(beam_x + sway, base + floor.level, floor.width * self.half_beam, floor.depth))
             lower_sway, foot = sway, floor.level + floor.depth
 
 

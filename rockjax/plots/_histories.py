@@ -129,8 +129,8 @@ def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = N
     data = as_history(response)
     name = "drift" if "drift" in data else "deformation"
     if data[name].ndim > 1:
-        noun = "story" if name == "drift" else "mode"
-        _draw_rows(data, data[name].values * MM_PER_M, noun, f"{name} [mm]", ax)
+        title = "story" if name == "drift" else "mode"
+        _draw_rows(data, data[name].values * MM_PER_M, title, f"{name} [mm]", ax)
         return ax
     return _draw_line(
         data, data["deformation"].values * MM_PER_M, "deformation\n$u_t - u_b$ [mm]", COLOURS[3], ax
@@ -152,11 +152,11 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
     return _draw_line(data, data["ground_acceleration"].values / g, label, COLOURS[0], ax)
 
 
-def _draw_rows(data: xarray.Dataset, values: np.ndarray, noun: str, label: str, ax: Axes) -> None:
+def _draw_rows(data: xarray.Dataset, values: np.ndarray, title: str, label: str, ax: Axes) -> None:
     """Draw one line for each mode or story.
 
     - `data`, `values`: history, and values to draw, (times, modes or stories)
-    - `noun`, `label`: title of the legend, and label of the vertical axis
+    - `title`, `label`: title of the legend, and label of the vertical axis
 
     More than six lines are coloured from dark, the lowest, to light.
     """
@@ -171,7 +171,7 @@ def _draw_rows(data: xarray.Dataset, values: np.ndarray, noun: str, label: str, 
         ax.plot(data["time"].values, row, label=f"{k + 1}", lw=1.0, **style)
     ax.set(xlabel=TIME, ylabel=label, xlim=time_limits(data))
     ax.legend(
-        title=noun,
+        title=title,
         loc="center left",
         bbox_to_anchor=(1.0, 0.5),
         ncols=math.ceil(count / MAX_LEGEND_ROWS),

@@ -154,7 +154,7 @@ def panels(*arguments, table=None):
 
     group = typer.main.get_command(app)
     context = group.commands["spectrum"].make_context("spectrum", [str(a) for a in arguments])
-    options = _options.structure_options(**_options.PANELS) | _options.options_of(models.Spectrum)
+    options = _options.structure_options(**_options.PANEL_DEFAULTS) | _options.options_of(models.Spectrum)
     explicit = [name for name in options if context.get_parameter_source(name).name == "COMMANDLINE"]
     values = {
         name: None if context.params[name] is None else one.convert(one.flag, context.params[name])
