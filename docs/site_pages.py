@@ -12,7 +12,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from optimise._problem import ProblemFile
+from optimise._problem import problem_schema
 from rockjax._parameters import table
 from rockjax._units import displayed
 
@@ -44,7 +44,7 @@ def parameters_table() -> str:
 
 def problem_keys() -> str:
     """The tables of problem files, as the models know them."""
-    schema = ProblemFile.model_json_schema()
+    schema = problem_schema()
     parts = [_keys("A problem file", schema)]
     parts += [_keys(name, part) for name, part in schema["$defs"].items() if "properties" in part]
     return "\n\n".join(parts)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._problem import ProblemFile as ProblemFile
 from ._problem import problem_of as problem_of
+from ._problem import problem_schema as problem_schema
 
 if TYPE_CHECKING:
     import rockjax as rj

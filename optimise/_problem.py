@@ -6,16 +6,21 @@ import functools
 import operator
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag, create_model, model_validator
 
 import rockjax as rj
-from rockjax._excitations.pulses import PULSES
+from rockjax._motions.convert import as_motions
 from rockjax._outputs.registry import REGISTRY
 from rockjax._problem import models
 from rockjax._problem.models import key
-from rockjax._problem.reading import Reader, load_table, pulse_periods
+from rockjax._problem.reading import Reader, load_table
+from rockjax._report.entry import Entry
+from rockjax._report.kinds import KINDS, check_model
+from rockjax._report.reading import read_checks
+from rockjax._studies.fragility import measure_of
 from rockjax._text.cards import format_call
 from rockjax.internal import parameters_of, read
 
@@ -80,99 +85,28 @@ _HAZARD = "File of a hazard curve, relative to the folder of this file."
 _END = "End of the search, in SI units of the hazard."
 
 
-class EnvelopeKeys(models.Keys):
-    """The envelope of a random motion."""
-
-    t_1: Positive | None = key(None, "End of the rise [s].")
-    t_2: Positive | None = key(None, "Start of the decay [s].")
-    c: Positive | None = key(None, "Rate of the decay [1/s].")
-
-
-class GaussianKeys(models.Keys):
-    """A random motion, as `rockjax.GaussianMotion`."""
-
-    n: models.Points = key(..., "Number of samples.")
-    dt: Positive = key(..., "Sampling interval [s].")
-    S_0: Positive = key(..., "Spectral density of the noise [m²/s³].")
-    omega_g: Positive | None = key(None, "Frequency of the soil [rad/s].")
-    zeta_g: Positive | None = key(None, "Damping ratio of the soil [–].")
-    omega_f: Positive | None = key(None, "Frequency of the high-pass filter [rad/s].")
-    zeta_f: Positive | None = key(None, "Damping ratio of the high-pass filter [–].")
-    envelope: EnvelopeKeys | None = key(None, "Envelope of the motion.")
-
-
-# Keys of targets: name → type and description.
-TARGET_KEYS: dict[str, tuple[Any, str]] = {
-    "limit": (
-        Positive,
-        "Largest peak: |θ|/α, |φ|/α_c, V/(m_t g), |T|/N, V/W_0 [–], deformation [m], acceleration [m/s²].",
-    ),
-    "at_least": (
-        Positive,
-        "Least factor on the motions, share of a load [–]; of pulses [m/s²] or a_p/(g tan α).",
-    ),
-    "at_most": (Positive, "Largest probability [–], or frequency [1/year]."),
-    "hazard": (str, _HAZARD),
-    "motions": (str, _SET),
-    "motion": (GaussianKeys, "The random motion."),
-    "pulse": (models.PulseName, "Kind of the pulse."),
-    "T_p": (models.Periods, "Periods of the pulse [s]."),
-    "frequency_ratio": (models.Periods, "Frequencies ω_p/p of the pulse [–], instead of its periods."),
-    "ratio": (bool, "Whether at_least is a_p/(g tan α)."),
-    "max_acceleration_ratio": (Positive, "End of the search, a_p/(g tan α) [–]."),
-    "max_scale": (Positive, "End of the search, a factor on the motions [–]."),
-    "max_intensity": (Positive, _END),
-    "width": (Positive, _WIDTH),
-    "intensity": (Positive, "Factor on the motions [–]."),
-    "smoothing": (Positive, "Width h of the smoothed count [–]."),
-    "cov": (Positive, "Coefficient of variation of the estimate [–]."),
-    "rays": (Annotated[int, Field(ge=8)], "Number of rays."),
-    "seed": (models.Index, "Seed of the rays."),
-    "contents": (list[str], "Names of [[contents]]; by default all."),
-    "oscillators": (list[str], "Names of [[oscillators]]; by default all."),
-    "name": (str, "Name in reports."),
+# Kinds of `[[targets]]`, whose keys are in `rockjax/_report/kinds`: kind → class.
+TARGETS: dict[str, Callable[..., AbstractTarget]] = {
+    **{kind: functools.partial(PeakLimit, output) for kind, output in PEAKS.items()},
+    "peak-rotation": PeakRotation,
+    "peak-shear": PeakShear,
+    "peak-deformation": PeakDeformation,
+    "peak-drift": PeakDrift,
+    "peak-floor-acceleration": PeakFloorAcceleration,
+    "peak-friction": PeakFriction,
+    "peak-foundation-shear": PeakFoundationShear,
+    "least-axial-force": LeastAxialForce,
+    "contents-rotation": ContentsRotation,
+    "floor-spectrum": FloorSpectrum,
+    "no-overturning": NoOverturning,
+    "overturning-acceleration": OverturningAcceleration,
+    "overturning-scale": OverturningScale,
+    "median-capacity": MedianCapacity,
+    "annual-frequency": AnnualFrequency,
+    "overturning-probability": OverturningProbability,
+    "failure-probability": FailureProbability,
 }
-# Targets: kind → class, required keys in the order of the first arguments, and optional keys.
-TARGETS: dict[str, tuple[Callable[..., AbstractTarget], str, str]] = {
-    **{kind: (functools.partial(PeakLimit, output), "limit motions", "") for kind, output in PEAKS.items()},
-    "peak-rotation": (PeakRotation, "limit motions", ""),
-    "peak-shear": (PeakShear, "limit motions", ""),
-    "peak-deformation": (PeakDeformation, "limit motions", ""),
-    "peak-drift": (PeakDrift, "limit motions", ""),
-    "peak-floor-acceleration": (PeakFloorAcceleration, "limit motions", ""),
-    "peak-friction": (PeakFriction, "limit motions", ""),
-    "peak-foundation-shear": (PeakFoundationShear, "limit motions", ""),
-    "least-axial-force": (LeastAxialForce, "at_least motions", ""),
-    "contents-rotation": (ContentsRotation, "limit motions", "contents"),
-    "floor-spectrum": (FloorSpectrum, "limit motions", "oscillators"),
-    "no-overturning": (NoOverturning, "motions", ""),
-    "overturning-acceleration": (
-        OverturningAcceleration,
-        "at_least pulse",
-        "T_p frequency_ratio ratio max_acceleration_ratio width",
-    ),
-    "overturning-scale": (OverturningScale, "at_least motions", "max_scale width"),
-    "median-capacity": (MedianCapacity, "at_least motions", "max_scale width"),
-    "annual-frequency": (AnnualFrequency, "at_most hazard motions", "max_intensity width"),
-    "overturning-probability": (OverturningProbability, "at_most motions", "intensity smoothing"),
-    "failure-probability": (FailureProbability, "at_most motion", "cov rays seed"),
-}
-
-
-def _target(kind: str) -> Any:
-    """Return the model of the table of a target."""
-    _, required, optional = TARGETS[kind]
-    fields: Any = {name: (TARGET_KEYS[name][0], key(..., TARGET_KEYS[name][1])) for name in required.split()}
-    for name in (*optional.split(), "name"):
-        fields[name] = TARGET_KEYS[name][0] | None, key(None, TARGET_KEYS[name][1])
-    fields["kind"] = Literal[kind], key(..., "Kind of the target.")
-    return create_model(kind, __base__=models.Keys, **fields)
-
-
-if TYPE_CHECKING:
-    Target = Any
-else:
-    Target = Annotated[functools.reduce(operator.or_, map(_target, TARGETS)), Field(discriminator="kind")]
+FIRST = ("hazard", "pulse", "motion")  # arguments that follow the limit
 
 
 class Quantity(models.Keys):
@@ -213,13 +147,23 @@ class ProblemFile(models.Problem):
         ]
         | None
     ) = key(None, "The objective, by default the distance from the start.")
-    targets: list[Target] = key([], "Conditions that the design must satisfy.")
 
     @model_validator(mode="after")
     def _check(self) -> ProblemFile:
         if self.minimise is None and not self.targets:
             raise ValueError("there is nothing to do; give [minimise], [[targets]] or both")
         return self
+
+
+def problem_schema() -> dict[str, Any]:
+    """Return the JSON schema of problem files, with the keys of every kind of check and target."""
+    kinds = functools.reduce(operator.or_, map(check_model, KINDS))
+    entries: Any = list[Annotated[kinds, Field(discriminator="kind")]]
+    fields: Any = {
+        "checks": (entries, key([], "Checks of the report.")),
+        "targets": (entries, key([], "Conditions of the design; checks of the report as well.")),
+    }
+    return create_model("ProblemFile", __base__=ProblemFile, **fields).model_json_schema()
 
 
 SETTINGS = ("starts", "seed", "tolerance", "max_iterations")
@@ -327,13 +271,9 @@ class _Reader(Reader):
         motions = self.motions(checked.motions, podium)
         with self.at("vary"):
             make_variables(structure, checked.vary)
-        things = {
-            "contents": self.contents(checked.contents),
-            "oscillators": self.oscillators(checked.oscillators),
-        }
         targets = tuple(
-            self.target(entry, f"targets[{k}]", motions, podium, things)
-            for k, entry in enumerate(checked.targets)
+            self.target(entry, f"targets[{k}]", motions)
+            for k, entry in enumerate(read_checks(self, table, checked, podium, ("targets",)))
         )
         minimise = None if checked.minimise is None else self.minimise(checked.minimise, motions, podium)
         settings = {name: value for name, value in checked.as_arguments().items() if name in SETTINGS}
@@ -381,50 +321,36 @@ class _Reader(Reader):
         """Return the hazard curve of a file, whose name is relative to the folder of the problem file."""
         return rj.Hazard.from_file(self.folder / name).in_si()
 
-    def target(
-        self,
-        entry: Any,
-        location: str,
-        motions: Mapping[str, Any],
-        podium: rj.Podium,
-        things: Mapping[str, Mapping[str, Any]],
-    ) -> AbstractTarget:
-        """Return a target; its required keys are the first arguments of its class, in order.
+    def target(self, entry: Entry, where: str, motions: Mapping[str, Any]) -> AbstractTarget:
+        """Return a target from an entry.
 
-        - `entry`: table of the target; `location`: its key, for errors
-        - `motions`: sets of motions by name; `podium`: the structure at the start
-        - `things`: contents and oscillators of the file by name
+        - `entry`: the entry; `where`: its key, for errors; `motions`: sets of motions by name
+
+        Raises `ValueError` for kinds and keys that only a report has.
         """
-        with self.at(location):
-            arguments: dict[str, Any] = entry.as_arguments("kind")
-            if "motions" in arguments:
-                set_name = self.require_set(motions, entry.motions, f"{location}.motions")
-                arguments["motions"] = motions[set_name]
-            if "hazard" in arguments:
-                arguments["hazard"] = self.hazard(entry.hazard)
-            if "pulse" in arguments:
-                models.require_one(arguments, "T_p", "frequency_ratio")
-                arguments |= {"pulse": PULSES[entry.pulse], "T_p": pulse_periods(entry, podium)}
-                arguments.pop("frequency_ratio", None)
-            if "motion" in arguments:
-                with self.at(f"{location}.motion"):
-                    motion_arguments = entry.motion.as_arguments()
-                    if "envelope" in motion_arguments:
-                        envelope = motion_arguments["envelope"]
-                        motion_arguments["envelope"] = rj.Envelope(**envelope.as_arguments())
-                    arguments["motion"] = rj.GaussianMotion(**motion_arguments)
-            make, required, optional = TARGETS[entry.kind]
-            for table in set(optional.split()) & things.keys():
-                arguments[table] = self.chosen_things(table, things[table], arguments.get(table))
-            positional = [arguments.pop(name) for name in required.split()]
-            return make(*positional, **arguments)
-
-    def chosen_things(self, table: str, things: Mapping[str, Any], names: list[str] | None) -> list[Any]:
-        """Return the things of a table with these names, or all. Raises `ValueError` for other names, and
-        without any."""
-        if not things:
-            raise ValueError(f"needs [[{table}]], what stands on the floors")
-        for name in names or ():
-            if name not in things:
-                raise ValueError(f"{table} must be of {', '.join(things)}, got {name!r}")
-        return [things[name] for name in names or things]
+        kind, arguments = KINDS[entry.kind], dict(entry.arguments)
+        if entry.kind not in TARGETS:
+            self.fail(f"{where}.kind", f"is a check of the report only; targets are {', '.join(TARGETS)}")
+        if entry.keys.statistic != "max":
+            self.fail(f"{where}.statistic", "must be max, because a design holds under every motion")
+        suite = []
+        if kind.needs_motions:
+            suite = motions[self.require_set(motions, entry.keys.motions, f"{where}.motions")]
+            if entry.keys.vertical and not all(hasattr(motion, "vertical") for motion in suite):
+                self.fail(
+                    f"{where}.vertical", f"the motions of {entry.keys.motions} have no vertical component"
+                )
+        arguments.pop("curve", None)  # of one structure
+        with self.at(where):
+            measure, period = arguments.pop("measure", ("scale", None))
+            if entry.kind == "median-capacity" and measure != "scale":
+                sizes = measure_of(measure, period, rj.Motions(tuple(as_motions(where, suite)))).values
+                suite = [y.scaled(1 / float(size)) for y, size in zip(suite, np.asarray(sizes), strict=True)]
+            for table in {"contents", "oscillators"} & arguments.keys():
+                if not arguments[table]:
+                    raise ValueError(f"needs [[{table}]], what stands on the floors")
+                arguments[table] = list(arguments[table].values())
+            positional = [entry.limit] if kind.has_limit else []
+            positional += [arguments.pop(name) for name in FIRST if name in arguments]
+            positional += [suite] if kind.needs_motions else []
+            return TARGETS[entry.kind](*positional, **arguments, name=entry.keys.name)

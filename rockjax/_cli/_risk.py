@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from rockjax._problem import models
 
@@ -31,12 +30,17 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
     files = parse_outputs(output, "rockjax-risk").check(("risk",))
     settings = request.settings
     import rockjax as rj
+    from rockjax._problem.risk import fragility_of
     from rockjax._risk.annual import MIN_EXTRAPOLATED
 
     if settings.hazard is None:
         raise ValueError("rockjax risk needs a hazard curve; give its file by --hazard")
     hazard = rj.Hazard.from_file(_path(request, settings.hazard), site=settings.site)
-    fragility = _fragility(request, settings)
+    fragility = fragility_of(settings, lambda name: _path(request, name))
+    if fragility is None:
+        raise ValueError(
+            "rockjax risk needs a fragility curve; give --fragility FILE, or --median and --dispersion"
+        )
     annual = rj.annual_frequency(fragility, hazard)
     contributions = rj.disaggregation(fragility, hazard)
     report.say(repr(hazard))
@@ -68,40 +72,3 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
 def _path(request: Request, name: str) -> Path:
     """Return the path of a file in the working directory, or else in the folder of the problem file."""
     return Path(name) if request.path is None or Path(name).exists() else request.path.parent / name
-
-
-def _fragility(request: Request, settings: models.Risk) -> Any:
-    """Return the fragility curve: a dataset, a lognormal distribution, or a curve of a fragility model."""
-    import jax.numpy as jnp
-
-    import rockjax as rj
-
-    parameters = [value for value in (settings.median, settings.dispersion) if value is not None]
-    if settings.fragility is None:
-        if len(parameters) != 2:
-            raise ValueError(
-                "rockjax risk needs a fragility curve; give --fragility FILE, or --median and --dispersion"
-            )
-        return rj.Lognormal(jnp.asarray(parameters[0]), jnp.asarray(parameters[1]))
-    if parameters:
-        raise ValueError("--fragility replaces --median and --dispersion; give the file or the values")
-    path = _path(request, settings.fragility)
-    if path.suffix.lower() == ".xml":
-        return _curve_of_model(path, rj.read_fragility_model(path), settings.structure)
-    from rockjax.plots._from_file import load
-
-    data = load(path)
-    if data.attrs["kind"] != "fragility":
-        raise ValueError(
-            f"{path} contains a {data.attrs['kind']}, not a fragility; `rockjax fragility` writes one"
-        )
-    return data
-
-
-def _curve_of_model(path: Path, model: dict[str, Any], structure: str | None) -> Any:
-    if structure is None and len(model) > 1:
-        raise ValueError(f"{path} has several structures; choose one of {', '.join(model)} by --structure")
-    name = next(iter(model)) if structure is None else structure
-    if name not in model:
-        raise ValueError(f"{path} has no structure {name!r}; choose one of {', '.join(model)}")
-    return model[name]

@@ -28,7 +28,7 @@ def schema(
     from rockjax._extensions import extension
     from rockjax._files import write_atomically
 
-    text = json.dumps(extension("design").ProblemFile.model_json_schema(), indent=1) + "\n"
+    text = json.dumps(extension("design").problem_schema(), indent=1) + "\n"
     if output is None:
         report.say(text)
     else:

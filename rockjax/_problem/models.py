@@ -665,6 +665,27 @@ class Ensemble(_OneMotion):
     )
 
 
+class EnvelopeKeys(Keys):
+    """The envelope of a random motion."""
+
+    t_1: Positive | None = key(None, "End of the rise [s].")
+    t_2: Positive | None = key(None, "Start of the decay [s].")
+    c: Positive | None = key(None, "Rate of the decay [1/s].")
+
+
+class GaussianKeys(Keys):
+    """A random motion, as `rockjax.GaussianMotion`."""
+
+    n: Points = key(..., "Number of samples.")
+    dt: Positive = key(..., "Sampling interval [s].")
+    S_0: Positive = key(..., "Spectral density of the noise [m²/s³].")
+    omega_g: Positive | None = key(None, "Frequency of the soil [rad/s].")
+    zeta_g: Positive | None = key(None, "Damping ratio of the soil [–].")
+    omega_f: Positive | None = key(None, "Frequency of the high-pass filter [rad/s].")
+    zeta_f: Positive | None = key(None, "Damping ratio of the high-pass filter [–].")
+    envelope: EnvelopeKeys | None = key(None, "Envelope of the motion.")
+
+
 class Project(Keys):
     """Texts of `rockjax report`, which change no number."""
 

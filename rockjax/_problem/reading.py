@@ -82,8 +82,8 @@ class Reader:
         """Raise `LocatedError`, which names the file, a key and the reason."""
         raise LocatedError(f"{self.prefix}{key}: {reason}")
 
-    def check(self, model: type[K], table: Any) -> K:
-        """Return a table as its model. Raises `ValueError` for the first invalid key."""
+    def check(self, model: type[K], table: Any, where: str = "") -> K:
+        """Return the table at the key `where` as its model. Raises `ValueError` for the first invalid key."""
         try:
             return model.model_validate(table)
         except ValidationError as error:
@@ -91,7 +91,8 @@ class Reader:
         flag, chosen = self.set_by_options.get(key.rpartition(".")[2], ("", None))
         if flag and chosen == value:
             raise LocatedError(f"{flag}: {reason}")
-        return self.fail(key, reason)
+        path = [where, *([key] if key != "file" else [])] if where else [key]
+        return self.fail(".".join(path), reason)
 
     def options(self, given: models.Options, **changes: Any) -> Options:
         """Return the options of a file; `changes` are defaults for options that the file does not give."""

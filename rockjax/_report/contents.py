@@ -7,7 +7,6 @@ import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rockjax._risk.annual import MIN_EXTRAPOLATED
 from rockjax._version import __version__
 
 from .assumptions import ASSUMPTIONS
@@ -108,10 +107,8 @@ def _notices(evaluation: Evaluation):
             ").",
         )
     for check in evaluation.checks:
-        if check.kind.name == "annual-frequency" and check.values is not None:
-            share = float(evaluation.scenes.risk(str(check.motions), True)["extrapolated"])
-            if share > MIN_EXTRAPOLATED:
-                yield f"{share:.0%} of the annual frequency of {check.id} comes from beyond the hazard curve."
+        if check.values is not None:
+            yield from check.kind.notices(check.entry, evaluation.scenes)
     yield from warnings_of(evaluation)
     unused = [name for name in problem.motions if all(check.motions != name for check in evaluation.checks)]
     if unused:

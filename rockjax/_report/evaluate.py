@@ -11,14 +11,16 @@ import numpy as np
 
 from rockjax._responses.estimate import SAFETY
 
-from .assumptions import INVALIDATING, Outcome
+from .assumptions import ASSUMPTIONS, INVALIDATING, Outcome
 from .contents import tables_of
+from .entry import Entry
 from .evaluation import Check, Evaluation
-from .keys import CheckKeys
-from .kinds import KINDS, ByOthers, Kind, RiskKind, Values
+from .kinds import KINDS
+from .kinds.base import Kind, Values
+from .kinds.outside import ByOthers
 from .problem import Problem
 from .reading import read_problem
-from .scenes import Scenes, Silent
+from .scenes import Needs, Scenes, Silent
 from .store import Store
 
 ROUNDING = 8 * np.finfo(float).eps  # least relative error of a value
@@ -31,8 +33,8 @@ def evaluate(
     """Evaluate all checks of a problem (host).
 
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
-    - `skip`: what is left out: `"risk"` (checks of annual frequency and median capacity), `"methods"` (the
-      simplified methods) and `"spread"` (changed parameters)
+    - `skip`: what is left out: `"risk"` (annual frequency, median capacity, failure probability),
+      `"methods"` (the simplified methods) and `"spread"` (changed parameters)
     - `store`: path of a file (.nc) that keeps the answers of scenes, so that a later call does not solve them
       again; None for no file
     - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`; None for none
@@ -45,55 +47,52 @@ def evaluate(
         if name not in PARTS:
             raise ValueError(f"evaluate: skip must hold some of {', '.join(PARTS)}, got {name!r}")
     path = None if store is None else Path(store)
-    scenes = Scenes(problem, Store(path), needed_outputs(problem), progress or Silent())
+    scenes = Scenes(problem, Store(path), needs_of_sets(problem), progress or Silent())
     checks = tuple(_evaluate(entry, scenes, skip) for entry in problem.checks)
     outcomes = {
-        name: {y.id: y.test(problem, scenes.peaks(name)) for y in INVALIDATING}
+        name: {y.id: y.test(problem, scenes.peaks(name)) for y in ASSUMPTIONS}
         for name in scenes.used_sets
         if any(check.motions == name and check.values is not None for check in checks)
     }
     return Evaluation(problem, scenes, checks, outcomes, tuple(skip), tables_of)
 
 
-def needed_outputs(problem: Problem) -> dict[str, tuple[str, ...]]:
-    """Return set of motions → outputs that its checks need."""
-    needed: dict[str, dict[str, None]] = {name: {} for name in problem.motions}
+def needs_of_sets(problem: Problem) -> dict[str, Needs]:
+    """Return set of motions → what its checks need of their scenes."""
+    needed = {name: Needs({}, {}) for name in problem.motions}
     for entry in problem.checks:
         kind = KINDS[entry.kind]
         if entry.motions and not kind.missing(entry, problem):
-            needed[entry.motions] |= dict.fromkeys(kind.outputs(entry))
-    return {name: tuple(outputs) for name, outputs in needed.items()}
+            needed[entry.motions].outputs.update(dict.fromkeys(kind.outputs(entry)))
+            needed[entry.motions].things.update(kind.things(entry))
+    return needed
 
 
-def _evaluate(entry: CheckKeys, scenes: Scenes, skip: tuple[str, ...]) -> Check:
+def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
     """Return a check. A check that fails to run is not made, with the message as its reason."""
     kind = KINDS[entry.kind]
-    problem = scenes.problem
-    limit = kind.limit(entry, float(problem.podium.g))
+    reason = kind.missing(entry, scenes.problem)
     if isinstance(kind, ByOthers):
-        texts = [getattr(entry, name) or "" for name in ("text", "reference")]
-        return Check(entry, kind, "BY OTHERS", ": ".join(filter(None, texts)) or "Made by others.")
-    reason = kind.missing(entry, problem)
-    if not reason and isinstance(kind, RiskKind) and "risk" in skip:
-        reason = "Left out by --skip risk."
+        return Check(entry, kind, "BY OTHERS", reason)
+    if not reason and kind.part in skip:
+        reason = f"Left out by --skip {kind.part}."
     if reason:
-        return Check(entry, kind, "NOT MADE", reason, limit=limit)
+        return Check(entry, kind, "NOT MADE", reason)
     try:
-        return _made(entry, kind, limit, scenes, "spread" not in skip)
+        return _made(entry, kind, scenes, "spread" not in skip)
     except (ValueError, RuntimeError, OSError, NotImplementedError) as error:
-        return Check(entry, kind, "NOT MADE", f"{type(error).__name__}: {error}", limit=limit)
+        return Check(entry, kind, "NOT MADE", f"{type(error).__name__}: {error}")
 
 
-def _made(entry: CheckKeys, kind: Kind, limit: float, scenes: Scenes, with_spread: bool) -> Check:
+def _made(entry: Entry, kind: Kind, scenes: Scenes, with_spread: bool) -> Check:
     """Return a check that can be made."""
     values = kind.values(entry, scenes)
-    value, error, governing = statistic_of(values, entry.statistic, kind.is_minimum)
-    utilisations = utilisations_of(value, error, limit, kind.is_minimum)
+    value, error, governing = statistic_of(values, entry.keys.statistic, kind.is_minimum)
+    utilisations = utilisations_of(value, error, entry.limit, kind.is_minimum, values.reach)
     violated = _violated(kind, entry, scenes)
     without = sorted({name for name in values.unanswered if name})
     result = decide(utilisations, bool(without), bool(violated))
-    word = "" if math.isfinite(value) else (values.words[governing or 0] or "no finite value")
-    reason = ""
+    reason = values.remark
     if without and result == "UNDECIDED":
         count = sum(map(bool, values.unanswered))
         reason = f"{count} of {len(values.unanswered)} scenes have no decided answer: {', '.join(without)}"
@@ -103,24 +102,26 @@ def _made(entry: CheckKeys, kind: Kind, limit: float, scenes: Scenes, with_sprea
         result,
         reason,
         violated,
-        limit,
         value,
         error,
-        word,
+        "" if math.isfinite(value) else (values.words[governing] or "no finite value"),
         utilisations[1],
-        None if values.is_of_set else governing,
-        values.places[governing or 0],
+        None if kind.is_of_set else governing,
+        values.places[governing],
         values,
     )
+    slopes = _sensitivities(check, scenes)
+    is_smooth = all(abs(y) * scenes.problem.report.spread <= 1 for y in slopes.values())
     return dataclasses.replace(
         check,
-        sensitivities=_sensitivities(check, scenes),
+        sensitivities=slopes if is_smooth else {},
+        no_slopes=Check.no_slopes if is_smooth else "not smooth",
         spread=_spread(check, scenes) if with_spread and kind.repeats else {},
         laws=_laws(check, scenes) if kind.repeats else {},
     )
 
 
-def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int | None]:
+def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int]:
     """Return the statistic of values, its error, and the index of the governing motion.
 
     - `statistic`: "max" (the largest utilisation), "mean", "median" or "p84"
@@ -151,8 +152,10 @@ def _quantile(y: np.ndarray, share: float) -> float:
     return float((1 - weight) * ordered[low] + weight * ordered[high])
 
 
-def utilisations_of(value: float, error: float, limit: float, is_minimum: bool) -> tuple[float, float, float]:
-    """Return the utilisation with the value decreased by ten times its error, as it is, and increased."""
+def utilisations_of(
+    value: float, error: float, limit: float, is_minimum: bool, reach: float = SAFETY
+) -> tuple[float, float, float]:
+    """Return the utilisation with the value decreased by `reach` times its error, as it is, and increased."""
 
     def of(y: float) -> float:
         if not is_minimum:
@@ -161,7 +164,7 @@ def utilisations_of(value: float, error: float, limit: float, is_minimum: bool) 
             return 0.0
         return limit / y if y > 0 else (math.inf if limit > 0 else 0.0 if y >= limit else math.inf)
 
-    every = [of(value + sign * SAFETY * error) if math.isfinite(value) else of(value) for sign in (-1, 0, 1)]
+    every = [of(value + sign * reach * error) if math.isfinite(value) else of(value) for sign in (-1, 0, 1)]
     return min(every), every[1], max(every)
 
 
@@ -180,18 +183,11 @@ def decide(utilisations: tuple[float, float, float], has_no_answer: bool, is_vio
     return "NOT VALID" if is_violated else "PASS"
 
 
-def _violated(kind: Kind, entry: CheckKeys, scenes: Scenes) -> tuple[str, ...]:
-    """Return the numbers of the assumptions that do not hold in a motion of the set; for searches, at the
-    boundary found."""
-    if not entry.motions:
-        return ()
-    data = scenes.peaks(entry.motions) if kind.repeats else scenes.at_boundary(entry)
-    found = {}
-    for assumption in INVALIDATING:
-        outcome = assumption.test(scenes.problem, data)
-        if isinstance(outcome, Outcome) and outcome.violated.any():
-            found[assumption.id] = outcome
-    return tuple(found)
+def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
+    """Return the numbers of the assumptions that do not hold in the scenes that the check rests on."""
+    data = kind.tested(entry, scenes)
+    outcomes = {} if data is None else {y.id: y.test(scenes.problem, data) for y in INVALIDATING}
+    return tuple(name for name, y in outcomes.items() if isinstance(y, Outcome) and y.violated.any())
 
 
 def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
@@ -215,7 +211,8 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
 def _utilisation(check: Check, scenes: Scenes, law: str | None = None, change: str = "") -> Any:
     values = check.kind.values(check.entry, scenes, law, change)
     value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum)
-    return utilisations_of(value, error, check.limit, check.kind.is_minimum), values
+    limit, is_minimum = check.entry.limit, check.kind.is_minimum
+    return utilisations_of(value, error, limit, is_minimum, values.reach), values
 
 
 def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from .assumptions import Outcome
-from .keys import CheckKeys
-from .kinds import Kind, Values
+from .entry import Entry
+from .kinds.base import Kind, Values
 from .problem import Problem
 from .scenes import Scenes
 
@@ -29,19 +29,19 @@ class Check:
     - `limit`, `value`, `error`: in SI; the value is ±inf where it is a word, and NaN where there is none
     - `word`: what replaces the value, such as "overturned at 5.85 s"; "" for a number
     - `utilisation`: value/limit, or limit/value for a minimum [–]; inf where the columns overturn
-    - `governing`: index of the governing motion, or None; `place`: storey or joint, and time
+    - `governing`: number of the governing motion or pulse, or None; `place`: storey or joint, and time
     - `values`: the values of all motions
-    - `sensitivities`: d ln U/d ln y for every input y and the factor on the motions; empty without
+    - `sensitivities`: d ln U/d ln y for every input y and the factor on the motions; empty without, and
+      `no_slopes` says why
     - `spread`: input → U of the whole set with the input decreased and increased; empty without
     - `laws`: law of impact → (U, result)
     """
 
-    entry: CheckKeys
+    entry: Entry
     kind: Kind
     result: str
     reason: str = ""
     violated: tuple[str, ...] = ()
-    limit: float = math.nan
     value: float = math.nan
     error: float = math.nan
     word: str = ""
@@ -50,20 +50,21 @@ class Check:
     place: str = ""
     values: Values | None = None
     sensitivities: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    no_slopes: str = "no derivative"
     spread: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     laws: Mapping[str, tuple[float, str]] = dataclasses.field(default_factory=dict)
 
     @property
     def id(self) -> str:
-        return str(self.entry.id)
+        return self.entry.id
 
     @property
     def name(self) -> str:
-        return self.entry.name or self.kind.title
+        return self.entry.keys.name or self.kind.title
 
     @property
     def clause(self) -> str:
-        return self.entry.clause or ""
+        return self.entry.keys.clause or ""
 
     @property
     def motions(self) -> str | None:
@@ -71,11 +72,15 @@ class Check:
 
     @property
     def statistic(self) -> str:
-        return self.entry.statistic
+        return self.entry.keys.statistic
+
+    @property
+    def limit(self) -> float:
+        return self.entry.limit if self.kind.has_limit else math.nan
 
     @property
     def is_target(self) -> bool:
-        return bool(getattr(self.entry, "is_target", False))
+        return self.entry.is_target
 
     @property
     def is_verified(self) -> bool:

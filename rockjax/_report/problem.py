@@ -21,7 +21,7 @@ from rockjax._problem import models
 from rockjax._problem.reading import Reader, to_excitation
 from rockjax._structures import Podium
 
-from .keys import CheckKeys
+from .entry import Entry
 
 WHOLE_NUMBERS = ("columns", "stories", "modes", "superstructure.stories", "superstructure.modes")
 
@@ -46,6 +46,10 @@ class MotionSet:
     def excitations(self) -> list[AbstractExcitation]:
         """The motions as excitations."""
         return [to_excitation(member) for member in self.members]
+
+    def scaled(self, factor: float) -> list[AbstractExcitation]:
+        """Return the motions as excitations, times a factor."""
+        return self.excitations if factor == 1 else [y.scaled(factor) for y in self.excitations]
 
     @property
     def has_vertical(self) -> bool:
@@ -103,7 +107,7 @@ class Problem:
     podium: Podium
     inputs: tuple[Input, ...]
     motions: Mapping[str, MotionSet]
-    checks: tuple[CheckKeys, ...]
+    checks: tuple[Entry, ...]
     options: Options
     sources: Mapping[str, str]
     project: models.Project

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import math
 from collections.abc import Iterator, Mapping
@@ -17,6 +18,7 @@ from rockjax._problem.reading import Reader, load_table
 from rockjax._structures import Podium
 from rockjax._text.reading import read_text
 
+from .entry import BOUNDS, Entry
 from .kinds import KINDS, check_model
 from .problem import Input, MotionSet, Problem
 
@@ -51,7 +53,7 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
     for name in file.report.motions:
         if name not in sets:
             reader.require_set(sets, name, f"report.motions.{name}")
-    checks = tuple(_checks(reader, table, sets, podium))
+    checks = tuple(read_checks(reader, table, file, podium))
     if not checks:
         reader.fail("checks", "is missing; a report needs [[checks]] or [[targets]]")
     inputs = tuple(
@@ -105,48 +107,77 @@ def _paths(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
             yield from _paths(value, f"{prefix}{name}.")
 
 
-def _checks(reader: Reader, table: Mapping[str, Any], sets: Mapping[str, Any], podium: Podium):
-    """Yield the checks of a file, from `[[checks]]` and then from `[[targets]]`."""
+def read_checks(
+    reader: Reader,
+    table: Mapping[str, Any],
+    file: models.Problem,
+    podium: Podium,
+    parts: tuple[str, ...] = ("checks", "targets"),
+) -> Iterator[Entry]:
+    """Yield the entries of `[[checks]]` and `[[targets]]`.
+
+    - `reader`: reader of the file; `table`: its contents; `file`: the same, validated
+    - `podium`: the structure
+    - `parts`: tables that are read, in their order
+
+    Raises `ValueError`, which names the file, the key and the cause.
+    """
     taken: set[str] = set()
-    for part in ("checks", "targets"):
+    for part in parts:
         entries = table.get(part, [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             reader.fail(part, f"must be a list of tables [[{part}]]")
-        for k, entry in enumerate(entries):
-            where = f"{part}[{k}]"
-            kind = entry.get("kind")
-            if kind is None:
-                reader.fail(where, "kind is missing")
-            if kind not in KINDS:
-                near = difflib.get_close_matches(str(kind), KINDS, 1)
-                hint = f"did you mean {near[0]}?" if near else f"the kinds are {', '.join(KINDS)}"
-                reader.fail(f"{where}.kind", f"must be a kind of check, got {kind!r}; {hint}")
-            with reader.at(where):
-                given = {name: _resolve(reader, table, where, name, value) for name, value in entry.items()}
-                keys = reader.check(check_model(kind), given)
-            identity = keys.id or f"{'C' if part == 'checks' else 'T'}{k + 1}"
+        for k, given in enumerate(entries):
+            with reader.at(f"{part}[{k}]"):
+                entry = _entry(reader, table, file, podium, f"{part}[{k}]", given)
+            identity = entry.id or f"{'C' if part == 'checks' else 'T'}{k + 1}"
             if identity in taken:
-                reader.fail(f"{where}.id", f"{identity!r} is the id of another check; give each its own")
+                reader.fail(f"{part}[{k}].id", f"{identity!r} is the id of another check; give each its own")
             taken.add(identity)
-            motions = keys.motions
-            if KINDS[kind].needs_motions:
-                motions = reader.require_set(sets, motions, f"{where}.motions")
-            updated = keys.model_copy(
-                update={"id": identity, "motions": motions, "is_target": part == "targets"}
-            )
-            with reader.at(where):
-                KINDS[kind].check(updated, podium)
-            yield updated
+            motions = None
+            if KINDS[entry.kind].uses_motions(entry.arguments):
+                motions = reader.require_set(file.motions, entry.motions, f"{part}[{k}].motions")
+            yield dataclasses.replace(entry, id=identity, motions=motions, is_target=part == "targets")
 
 
-def _resolve(reader: Reader, table: Mapping[str, Any], where: str, name: str, value: Any) -> Any:
+def _entry(
+    reader: Reader,
+    table: Mapping[str, Any],
+    file: models.Problem,
+    podium: Podium,
+    where: str,
+    given: Mapping[str, Any],
+) -> Entry:
+    """Return an entry with the id and the motions that it gives.
+
+    - `reader`, `table`, `file`, `podium`: as for `read_checks`
+    - `where`: its key; `given`: its table
+    """
+    name = given.get("kind")
+    if name is None:
+        raise ValueError("kind is missing")
+    if name not in KINDS:
+        near = difflib.get_close_matches(str(name), KINDS, 1)
+        hint = f"did you mean {near[0]}?" if near else f"the kinds are {', '.join(KINDS)}"
+        raise ValueError(f"kind must be a kind of check, got {name!r}; {hint}")
+    kind = KINDS[name]
+    resolved = {key: _resolve(table, key, value) for key, value in given.items()}
+    keys = reader.check(check_model(name), resolved, where)
+    arguments = kind.read(keys, reader, file, podium)
+    kind.check(keys, kind.uses_motions(arguments))
+    quantity = kind.quantity_of(keys, file)
+    limit = kind.limit(keys, quantity, float(podium.g))
+    return Entry(keys.id or "", name, keys, arguments, keys.motions, quantity, limit, False)
+
+
+def _resolve(table: Mapping[str, Any], name: str, value: Any) -> Any:
     """Return the value of a limit that is a key of the file, such as "joints.friction"; other values
-    unchanged."""
-    if name not in ("limit", "at_least", "at_most") or not isinstance(value, str):
+    unchanged. Raises `ValueError` for a key that holds no number."""
+    if name not in BOUNDS or not isinstance(value, str):
         return value
     found: Any = table
     for step in value.split("."):
         found = found.get(step) if isinstance(found, dict) else None
     if not isinstance(found, int | float) or isinstance(found, bool) or not math.isfinite(found):
-        reader.fail(f"{where}.{name}", f"must be a number or a key of this file, got {value!r}")
+        raise ValueError(f"{name} must be a number or a key of this file, got {value!r}")
     return float(found)

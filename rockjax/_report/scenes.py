@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,12 +14,14 @@ import numpy as np
 
 from rockjax._options import Options
 from rockjax._outputs.registry import REGISTRY
-from rockjax._responses.peak import Peak, data_variables
+from rockjax._responses.estimate import companion
+from rockjax._responses.floor_answers import VARIABLES
+from rockjax._responses.peak import data_variables
 from rockjax._structures import Podium, ShearBuilding
 from rockjax._structures.modes import with_fields
 from rockjax._types import Value
 
-from .keys import CheckKeys
+from .entry import Entry
 from .problem import MotionSet, Problem
 from .store import Store, fingerprint
 from .uplift import UpliftRatio
@@ -26,9 +29,7 @@ from .uplift import UpliftRatio
 if TYPE_CHECKING:
     import xarray
 
-    from rockjax._risk.hazard import Hazard
-
-Traced = Callable[[Podium, Any], Value]  # podium, excitation ↦ value of a check
+Traced = Callable[[Podium, Value], Value]  # podium, factor on the motion ↦ value of a check
 
 BASE = ("peak_rotation", "impacts", "errors")
 JOINT_OUTPUTS = ("peak_friction", "axial_force", "impact_friction")
@@ -37,23 +38,29 @@ NEAR = 1e-6  # relative distance of scenes from the boundary
 BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances of boundaries
 
 
+class Needs(NamedTuple):
+    """Outputs and things on floors (by name) that the checks of a set of motions need."""
+
+    outputs: dict[str, None] = {}
+    things: dict[str, Any] = {}
+
+
 class Scenes:
     """The scenes of a problem.
 
     - `problem`: the problem; `store`: keeps their answers
-    - `needed`: set of motions → outputs that its checks need
+    - `needed`: set of motions → what its checks need
     - `progress`: object with `update(number)` and `describe(text)`, or None
     """
 
-    def __init__(
-        self, problem: Problem, store: Store, needed: Mapping[str, tuple[str, ...]], progress: Any = None
-    ):
+    def __init__(self, problem: Problem, store: Store, needed: Mapping[str, Needs], progress: Any = None):
         self.problem, self.store, self.needed, self.progress = problem, store, needed, progress
         # Checks and sections ask for the same structures and scenes many times.
         self.podium, self.peaks = functools.cache(self._podium), functools.cache(self._peaks)
         self._changed_peaks = functools.cache(self._solve_changes)
 
-    def _say(self, text: str) -> None:
+    def say(self, text: str) -> None:
+        """Show what is computed."""
         if self.progress is not None:
             self.progress.describe(text)
 
@@ -92,7 +99,7 @@ class Scenes:
         for output in ("peak_shear", "peak_drift", "peak_floor_acceleration", "peak_velocity_jump"):
             if podium.superstructure is not None and REGISTRY[output].applies(podium):
                 wanted[output] = None
-        wanted |= dict.fromkeys(self.needed.get(name, ()))
+        wanted |= self.needed.get(name, Needs()).outputs
         if podium.elevation is not None:
             wanted |= dict.fromkeys((*JOINT_OUTPUTS, "peak_foundation_shear"))
         return tuple(wanted)
@@ -102,58 +109,103 @@ class Scenes:
         return self.problem.options.replace(outputs=self.outputs(name), throw=False)
 
     # -------------------------------------------------------------------------------------------------- peaks
-    def _peaks(self, name: str, law: str | None = None, change: str = "") -> xarray.Dataset:
+    def _peaks(
+        self, name: str, law: str | None = None, change: str = "", factor: float = 1.0
+    ) -> xarray.Dataset:
         """Return the peaks of the scenes of a set, along `motion`.
 
         - `name`: the set; `law`: law of impact instead of that of the structure
-        - `change`: one of `changes`
+        - `change`: one of `changes`; `factor`: on all motions
         """
         if change:
-            return self._changed_peaks(name).sel(change=change)
+            return self._changed_peaks(name, factor).sel(change=change)
         law = None if law is None or self._is_own_law(law) else law
         motions, options, podium = self.motion_set(name), self.options(name), self.podium(law)
-        mark = fingerprint(podium, motions.hashes, options)
+        things = self.things(name)
+        mark = fingerprint(podium, motions.hashes, options, things, factor)
 
         def solve() -> xarray.Dataset:
-            self._say(f"scenes of {name}" + (f", law {law}" if law else ""))
-            return self._solve(podium, motions.excitations, options, ("motion",))
+            self.say(f"scenes of {name}" + (f", law {law}" if law else ""))
+            data = self._solve(podium, motions.scaled(factor), options, ("motion",), things)
+            return self._with_floor_errors(data, podium, motions.scaled(factor), options, things)
 
-        return self.store.get(f"peaks.{name}.{law or 'own'}", mark, solve)
+        return self.store.get(f"peaks.{name}.{law or 'own'}{_suffix(factor)}", mark, solve)
+
+    def things(self, name: str) -> dict[str, Any]:
+        """Return the things on floors that checks of a set need: name → thing."""
+        return self.needed.get(name, Needs()).things
+
+    def _with_floor_errors(
+        self, data: xarray.Dataset, podium: Podium, excitations: Any, options: Options, things: dict[str, Any]
+    ) -> xarray.Dataset:
+        """Return the peaks of scenes with estimated errors of the things on floors, from a second solution:
+        inf where the solutions differ in what overturns."""
+        if not things:
+            return data
+        finer = companion(options).replace(outputs=("peak_rotation",))
+        other = self._solve(podium, excitations, finer, ("motion",), things)
+        for name in ("contents_peak_rotation", "oscillator_pseudo_acceleration"):
+            if name in data:
+                error = np.abs(data[name].values - other[name].values)
+                if name.startswith("contents"):
+                    differs = data["contents_overturned"].values != other["contents_overturned"].values
+                    error = np.where(differs, np.inf, error)
+                data[f"{name}_error"] = data[name].dims, error
+        return data
 
     def _is_own_law(self, law: str) -> bool:
         return fingerprint(self.podium(law)) == fingerprint(self.problem.podium)
 
-    def _solve_changes(self, name: str) -> xarray.Dataset:
+    def _solve_changes(self, name: str, factor: float = 1.0) -> xarray.Dataset:
         """Return the peaks of a set with every change, along `change` and `motion`."""
-        motions, options = self.motion_set(name), self.options(name)
+        motions, options, things = self.motion_set(name), self.options(name), self.things(name)
         podiums = [self.podium(None, change) for change in self.changes]
-        mark = fingerprint(podiums, self.changes, motions.hashes, options, self.problem.report.spread)
+        spread = self.problem.report.spread
+        mark = fingerprint(podiums, self.changes, motions.hashes, options, spread, things, factor)
 
         def solve() -> xarray.Dataset:
-            self._say(f"scenes of {name} with changed parameters")
+            self.say(f"scenes of {name} with changed parameters")
             by_change = []
             for sign in ("-", "+"):  # of all podiums with equal factors on the motions
-                factor = self.factors(f"motion{sign}")["motion"]
-                scaled = [y.scaled(factor) for y in motions.excitations]
-                by_change.append(self._solve(self.problem.podium, scaled, options, ("motion",)))
-            stacked = _stacked(podiums[:-2])
-            data = self._solve(stacked, motions.excitations, options, ("change", "motion"))
+                scaled = motions.scaled(factor * self.factors(f"motion{sign}")["motion"])
+                by_change.append(self._solve(self.problem.podium, scaled, options, ("motion",), things))
+            stacked, excitations = _stacked(podiums[:-2]), motions.scaled(factor)
+            data = self._solve(stacked, excitations, options, ("change", "motion"), things)
             import xarray
 
             return xarray.concat(
                 [data, *[y.expand_dims("change") for y in by_change]], "change"
             ).assign_coords(change=list(self.changes))
 
-        return self.store.get(f"spread.{name}", mark, solve)
+        return self.store.get(f"spread.{name}{_suffix(factor)}", mark, solve)
 
-    def _solve(self, podium: Podium, excitations: Any, options: Options, dims: tuple[str, ...]) -> Any:
-        """Return the peaks of a batch as a dataset."""
+    def _solve(
+        self,
+        podium: Podium,
+        excitations: Any,
+        options: Options,
+        dims: tuple[str, ...],
+        things: Mapping[str, Any] = MappingProxyType({}),
+    ) -> xarray.Dataset:
+        """Return the peaks of a batch as a dataset.
+
+        - `podium`, `excitations`, `options`: of the batch; `dims`: its dims
+        - `things`: things on floors: name → thing; the names are coordinates of their dims
+        """
         import xarray
 
         from rockjax._batch.batch import peak_responses
 
-        peaks: Peak = peak_responses(podium, excitations, options=options, progress=self.progress or False)
-        return xarray.Dataset(data_variables(peaks, options.outputs, dims))
+        progress, on_floors = self.progress or False, tuple(things.values())
+        peaks = peak_responses(podium, excitations, options=options, progress=progress, on_floors=on_floors)
+        data = xarray.Dataset(data_variables(peaks, options.outputs, dims))
+        names = {
+            dim: [
+                name for name, answer in zip(things, peaks.on_floors, strict=True) if isinstance(answer, kind)
+            ]
+            for kind, (dim, _) in VARIABLES.items()
+        }
+        return data.assign_coords({dim: found for dim, found in names.items() if found})
 
     # ----------------------------------------------------------------------------------------------- searches
     def scales(self, name: str, event: str) -> xarray.Dataset:
@@ -170,7 +222,7 @@ class Scenes:
     def _uplift(self, motions: MotionSet) -> xarray.Dataset:
         import xarray
 
-        self._say(f"uplift factors of {motions.name}")
+        self.say(f"uplift factors of {motions.name}")
         factor = self._uplift_guess(motions)
         # Close to uplift, where the tolerance of the scenes is that of the factor.
         scaled = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
@@ -204,12 +256,10 @@ class Scenes:
     def _overturning(self, motions: MotionSet) -> xarray.Dataset:
         import xarray
 
-        from rockjax._boundaries.boundary import overturning_scale
-
         factors = []
         for name, excitation in zip(motions.names, motions.excitations, strict=True):
-            self._say(f"overturning factor of {name}")
-            factors.append(float(overturning_scale(self.problem.podium, excitation, **self._boundary)))
+            self.say(f"overturning factor of {name}")
+            factors.append(float(self._overturning_scale(self.problem.podium, excitation)))
         found = np.array(factors)
         # Boundaries are bisected to rounding, so that the error is that of their scenes.
         error = np.where(np.isfinite(found), found * BOUNDARY_ERROR, np.nan)
@@ -218,161 +268,80 @@ class Scenes:
         )
 
     @property
-    def _boundary(self) -> dict[str, Any]:
-        """Arguments of `overturning_scale`."""
+    def boundary_options(self) -> dict[str, Any]:
+        """Arguments of searches for boundaries of overturning."""
         from rockjax._boundaries.boundary import BOUNDARY
 
-        ratio = self.problem.options.overturn_ratio
-        return {"max_scale": MAX_SCALE, "options": BOUNDARY.replace(overturn_ratio=ratio)}
+        return {"options": BOUNDARY.replace(overturn_ratio=self.problem.options.overturn_ratio)}
+
+    def _overturning_scale(self, podium: Podium, excitation: Any) -> Value:
+        from rockjax._boundaries.boundary import overturning_scale
+
+        return overturning_scale(podium, excitation, max_scale=MAX_SCALE, **self.boundary_options)
 
     def scale_function(self, event: str, name: str, motion: int) -> Traced:
-        """Return the least factor on a motion as a function of podium and excitation, for derivatives."""
-        from rockjax._boundaries.boundary import overturning_scale
+        """Return the least factor on a motion as a function, for derivatives."""
         from rockjax._responses.simulate import peak_response
 
+        excitation = self.motion_set(name).excitations[motion]
         if event == "overturning":
-            return lambda podium, excitation: overturning_scale(podium, excitation, **self._boundary)
+            return lambda podium, factor: self._overturning_scale(podium, excitation.scaled(factor))
         scale = 0.9 * float(self.scales(name, event)["factor"][motion])
         options = self._uplift_options.replace(outputs=(UpliftRatio(),))
 
-        def factor(podium: Podium, excitation: Any):
-            peak = peak_response(podium, excitation.scaled(scale), options=options)
+        def least_factor(podium: Podium, factor: Value) -> Value:
+            peak = peak_response(podium, excitation.scaled(scale * factor), options=options)
             return scale / peak.uplift_ratio
 
-        return factor
+        return least_factor
 
-    def at_boundary(self, entry: CheckKeys) -> xarray.Dataset:
-        """Return the peaks of the motions of a search, each scaled to just below the boundary that was found,
-        or to the end of the search."""
-        name = str(entry.motions)
-        motions, podium = self.motion_set(name), self.problem.podium
-        if entry.kind in ("overturning-scale", "uplift-scale"):
-            factor = self.scales(name, entry.kind.removesuffix("-scale"))["factor"].values
-        else:
-            factor = self.risk(name, entry.kind == "annual-frequency")["scale"].values
-        factor = np.where(np.isfinite(factor), (1 - NEAR) * factor, MAX_SCALE)
-        options = self.options(name)
-        mark = fingerprint(podium, motions.hashes, options, factor)
+    def scaled(self, label: str, name: str, factors: np.ndarray) -> xarray.Dataset:
+        """Return the peaks of the motions of a set, each with its factor; `label`: name in the store."""
+        motions = self.motion_set(name).excitations
+        return self.of_excitations(label, name, [y.scaled(f) for y, f in zip(motions, factors, strict=True)])
 
-        def solve() -> xarray.Dataset:
-            self._say(f"scenes of {name} at the boundary")
-            scaled = [y.scaled(f) for y, f in zip(motions.excitations, factor, strict=True)]
-            return self._solve(podium, scaled, options, ("motion",))
+    def of_excitations(self, label: str, name: str, excitations: list[Any]) -> xarray.Dataset:
+        """Return the peaks of excitations.
 
-        return self.store.get(f"boundary.{name}.{entry.kind}", mark, solve)
-
-    # --------------------------------------------------------------------------------------------------- risk
-    def risk(self, name: str, with_hazard: bool) -> xarray.Dataset:
-        """Return the fragility of a set by `[fragility]`, and the annual frequency by `[risk]` (host).
-
-        - `name`: the set; `with_hazard`: whether the annual frequency is computed
-
-        The variables are `capacity` along `motion`; `median`, `dispersion`, their intervals
-        `median_interval`, `dispersion_interval` along `bound`; and `frequency`, `return_period`,
-        `probability`, `extrapolated`.
+        - `label`: name in the store; `name`: set whose outputs are requested
         """
-        import xarray
-
-        problem, motions = self.problem, self.motion_set(name)
-        settings, hazard = problem.fragility, self._hazard() if with_hazard else None
-        mark = fingerprint(
-            problem.podium,
-            motions.hashes,
-            problem.options,
-            settings.model_dump(),
-            hazard,
-            problem.risk.model_dump(),
-        )
+        options, podium = self.options(name), self.problem.podium
+        mark = fingerprint(podium, excitations, options)
 
         def solve() -> xarray.Dataset:
-            curve = self._curve(motions)
-            bounds = curve["interval"].transpose("quantity", "bound").values
-            data: dict[str, Any] = {
-                "capacity": ("motion", curve.attrs.pop("capacity")),
-                "scale": ("motion", curve.attrs.pop("scale")),
-                "median": float(curve["median_capacity"]),
-                "dispersion": float(curve["dispersion"]),
-                "median_interval": ("bound", bounds[0]),
-                "dispersion_interval": ("bound", bounds[1]),
-            }
-            slopes: dict[str, float] = {}
-            if hazard is not None:
-                from rockjax._risk.annual import annual_frequency
+            self.say("scenes at the boundary")
+            return self._solve(podium, excitations, options, ("motion",))
 
-                annual = annual_frequency(curve, hazard)
-                data |= {
-                    "frequency": float(annual.frequency),
-                    "return_period": float(annual.return_period),
-                    "probability": float(annual.probability(problem.risk.years)),
-                    "extrapolated": float(annual.extrapolated),
-                }
-                slopes = {key: float(y) for key, y in annual.sensitivities.items()}
-            attrs = {"measure": curve.attrs["measure"], "units": curve["at"].attrs.get("units", "1")}
-            found = xarray.Dataset(data, attrs=attrs)
-            found["sensitivity"] = "parameter", np.array(list(slopes.values()), float)
-            return found.assign_coords(parameter=np.array(list(slopes), dtype=str))
-
-        return self.store.get(f"risk.{name}.{'annual' if with_hazard else 'median'}", mark, solve)
-
-    def _hazard(self) -> Hazard:
-        from rockjax._risk.hazard import Hazard
-
-        path = self.problem.path.parent / str(self.problem.risk.hazard)
-        return Hazard.from_file(path, site=self.problem.risk.site).in_si()
-
-    def _curve(self, motions: MotionSet) -> xarray.Dataset:
-        """Return the fragility curve of a set, with the least overturning intensities of its motions as the
-        attribute `capacity`."""
-        from rockjax._motions.motion import Motions
-        from rockjax._studies.curve import fragility
-        from rockjax._studies.fragility import incremental_dynamic_analysis, levels_of, measure_of
-
-        problem = self.problem
-        settings = problem.fragility
-        self._say(f"fragility of {motions.name}")
-        suite = Motions(motions.members)  # pyright: ignore[reportArgumentType]
-        measure = measure_of(settings.measure, settings.measure_period, suite)
-        levels = levels_of(problem.podium, suite, measure, settings.intensity, settings.levels)
-        analysis = incremental_dynamic_analysis(
-            problem.podium,
-            suite,
-            levels,
-            measure=measure,
-            names=motions.names,
-            sensitivities=settings.sensitivities,
-            options=problem.options,
-            progress=self.progress or False,
-        )
-        curve = fragility(analysis, method=settings.method, confidence=settings.confidence)
-        curve.attrs["capacity"] = analysis["capacity"].values
-        curve.attrs["scale"] = analysis["capacity"].values / np.asarray(measure.values)
-        return curve
+        return self.store.get(label, mark, solve)
 
     # ------------------------------------------------------------------------------------------- derivatives
     def slopes(
-        self, entry: CheckKeys, functions: Mapping[int, Traced], powers: Mapping[str, float]
+        self, entry: Entry, functions: Mapping[int, Traced], powers: Mapping[str, float]
     ) -> xarray.Dataset:
         """Return d ln(value)/d ln y of a check for every input y and the factor on the motion, along `motion`
         and `parameter`.
 
-        - `entry`: the check; `functions`: index of a motion of its set → its value as a function
+        - `entry`: the check; `functions`: number of a case → its value as a function
         - `powers`: inputs that multiply the value besides their effect on the structure: key → exponent
         """
         import xarray
 
-        problem, motion_set = self.problem, self.motion_set(str(entry.motions))
-        names, motions = [*problem.variables, "motion"], list(functions)
-        hashes = [motion_set.hashes[k] for k in motions]
-        joints = problem.joints.model_dump()
-        mark = fingerprint(problem.podium, hashes, problem.options, entry.kind, names, motions, joints)
+        problem, motions = self.problem, list(functions)
+        names = [*problem.variables, *(["motion"] if entry.motions else [])]
+        hashes = [self.motion_set(entry.motions).hashes[k] for k in motions] if entry.motions else []
+        joints, about = problem.joints.model_dump(), (entry.kind, dict(entry.arguments))
+        mark = fingerprint(problem.podium, hashes, problem.options, about, names, motions, joints)
 
         def solve() -> xarray.Dataset:
-            self._say(f"derivatives of {entry.id}")
-            rows = [self._slopes(value, motion_set.excitations[k]) for k, value in functions.items()]
+            self.say(f"derivatives of {entry.id}")
+            rows = [self._slopes(value) for value in functions.values()]
             exponents = np.array([powers.get(name, 0.0) for name in names])
             return xarray.Dataset(
                 {
-                    "slope": (("motion", "parameter"), np.array([row[1] for row in rows]) + exponents),
+                    "slope": (
+                        ("motion", "parameter"),
+                        np.array([row[1][: len(names)] for row in rows]) + exponents,
+                    ),
                     "value": ("motion", np.array([row[0] for row in rows])),
                 },
                 coords={"parameter": names, "motion": motions},
@@ -380,7 +349,7 @@ class Scenes:
 
         return self.store.get(f"slopes.{entry.id}", mark, solve)
 
-    def _slopes(self, value: Any, excitation: Any) -> tuple[float, np.ndarray]:
+    def _slopes(self, value: Traced) -> tuple[float, np.ndarray]:
         """Return a value and d ln(value)/d ln y for every input and the factor on the motion.
 
         The value depends on the inputs by the leaves of the podium, and the leaves by the chain rule on the
@@ -391,7 +360,7 @@ class Scenes:
         leaves = [jnp.asarray(y, float) for y in leaves]
 
         def of_leaves(leaves: list[Any], log_scale: Any):
-            return value(jax.tree.unflatten(structure, leaves), excitation.scaled(jnp.exp(log_scale)))
+            return value(jax.tree.unflatten(structure, leaves), jnp.exp(log_scale))
 
         result, (by_leaf, by_scale) = jax.value_and_grad(of_leaves, argnums=(0, 1))(leaves, jnp.zeros(()))
 
@@ -424,12 +393,17 @@ class Scenes:
         mark = fingerprint(podium, motions.hashes[motion], options)
 
         def solve() -> xarray.Dataset:
-            self._say(f"history of {motions.names[motion]}")
+            self.say(f"history of {motions.names[motion]}")
             response = simulate(podium, motions.members[motion], options=options)
             data = response.dataset()
             return data if podium.elevation is None else with_joints(data, response)
 
         return self.store.get(f"history.{name}.{motion}", mark, solve)
+
+
+def _suffix(factor: float) -> str:
+    """Return the end of the name of scenes in the store whose motions have a factor."""
+    return "" if factor == 1 else f".times {factor!r}".replace(".", " ")
 
 
 def _largest_acceleration(excitation: Any) -> float:

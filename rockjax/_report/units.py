@@ -52,6 +52,18 @@ KINDS = {
     "count": Kind({NO_UNIT: 1.0}, NO_UNIT, digits=None),
     "utilisation": Kind({NO_UNIT: 1.0}, NO_UNIT),
 }
+_OF_UNIT = {
+    "1": "number",
+    "m": "displacement",
+    "m s-2": "acceleration",
+    "m/s2": "acceleration",
+    "m s-1": "velocity",
+    "rad": "angle",
+    "s": "time",
+    "kg": "mass",
+    "N": "force",
+    "N m-1": "stiffness",
+}
 _SYMBOLS = {"deg": "°"}
 _ALIASES = {
     alias: unit
@@ -150,6 +162,11 @@ def in_unit(value: float, unit: str, kind: str, g: float = STANDARD_GRAVITY) -> 
 def size_of(unit: str, kind: str, g: float = STANDARD_GRAVITY) -> float:
     """Return the size of a unit of a kind in SI. `g`: gravity [m/s²]."""
     return g if unit == "g" else KINDS[kind].units[unit]
+
+
+def kind_of_unit(unit: str) -> str:
+    """Return the kind of numbers with a unit of outputs and datasets; their lengths are displacements."""
+    return _OF_UNIT.get(unit, "number")
 
 
 def si_unit(kind: str) -> str:

@@ -9,7 +9,8 @@ import pytest
 import rockjax as rj
 from rockjax._report.evaluate import decide, statistic_of, utilisations_of
 from rockjax._report.evaluation import verdict
-from rockjax._report.kinds import KINDS, Values
+from rockjax._report.kinds import KINDS
+from rockjax._report.kinds.base import Values
 
 FILE = """
 [structure]
@@ -36,7 +37,7 @@ def problem(tmp_path, checks=CHECK, file=FILE):
 def values_of(*numbers, errors=None):
     blank = ("",) * len(numbers)
     return Values(
-        np.array(numbers), np.zeros(len(numbers)) if errors is None else errors, blank, blank, blank
+        np.array(numbers), np.zeros(len(numbers)) if errors is None else errors, blank, blank, blank, ()
     )
 
 
@@ -135,9 +136,9 @@ def test_values_by_key_units_and_targets(tmp_path):
         '[[checks]]\nkind = "displacement"\nlimit = 60\nunit = "mm"\nid = "U"\n'
         '[[targets]]\nkind = "overturning-scale"\nat_least = 1.5\nmotions = "pulses"\n',
     )
-    g = float(found.podium.g)
     assert [entry.id for entry in found.checks] == ["C1", "U", "T1"]
-    assert [KINDS[entry.kind].limit(entry, g) for entry in found.checks] == [0.5, pytest.approx(0.06), 1.5]
+    assert [entry.limit for entry in found.checks] == [0.5, pytest.approx(0.06), 1.5]
+    assert [entry.is_target for entry in found.checks] == [False, False, True]
     assert found.motions["pulses"].names == ("Ricker(2.5, 1)", "Ricker(3, 1)")
 
 

@@ -1,5 +1,6 @@
 """Reports of a rigid podium: answers beside those of the functions of the package, files, words."""
 
+import dataclasses
 import json
 import math
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._files import write_dataset
 from rockjax._report.uplift import UpliftRatio
 
 FILE = """
@@ -164,6 +166,18 @@ def test_derivatives_are_those_of_differences(report, checks):
         assert slope == pytest.approx(difference, rel=1e-6, abs=1e-6), name
 
 
+def test_steep_derivatives_are_not_shown(report, checks):
+    """If a change by the spread would, by a derivative, change U by more than U itself."""
+    problem = report.evaluation.problem
+    steepest = max(map(abs, checks["C1"].sensitivities.values()))
+    for spread, is_shown in ((0.99 / steepest, True), (1.01 / steepest, False)):
+        settings = problem.report.model_copy(update={"spread": spread})
+        only = dataclasses.replace(problem, report=settings, checks=problem.checks[:1])
+        (check,) = rj.evaluate(only, skip=("spread",)).checks
+        assert bool(check.sensitivities) == is_shown
+        assert check.no_slopes == ("no derivative" if is_shown else "not smooth")
+
+
 def test_spread_is_that_of_changed_structures(report, checks):
     problem = report.evaluation.problem
     options = report.evaluation.scenes.options("pulses")
@@ -254,4 +268,12 @@ def test_annual_frequency_is_that_of_the_package(tmp_path):
     known = rj.annual_frequency(rj.fragility(analysis), hazard)
     assert check.value == pytest.approx(float(known.frequency), rel=1e-9)
     assert check.result == ("PASS" if check.value <= 1e-3 else "FAIL")
-    assert "risk-design-annual" in report.tables
+    assert {"fragility-design", "annual-c1"} <= report.tables.keys()
+    write_dataset(tmp_path / "curve.nc", rj.fragility(analysis))  # the same curve, from a file
+    text = path.read_text().replace("[risk]\n", "[risk]\nfragility = 'curve.nc'\n")
+    path.write_text(text)
+    (given,) = rj.evaluate(path).checks
+    assert given.value == check.value
+    path.write_text(text.replace("width = 0.6", "width = 0.61"))
+    with pytest.raises(ValueError, match=r"risk: curve\.nc is of another structure"):
+        rj.read_problem(path)

@@ -10,14 +10,12 @@ from rockjax import _results as results
 from rockjax._outputs.registry import VARIABLES
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.tables import Column, Quantity, Table, Word
-from rockjax._report.units import Units
+from rockjax._report.units import Units, kind_of_unit
 
 from .common import sets_with_scenes
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
-
-_KINDS = {"1": "number", "m": "length", "m s-2": "acceleration", "m s-1": "velocity"}
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
@@ -43,7 +41,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             if f"{variable}_error" not in data:
                 continue
             error, value = data[f"{variable}_error"].values, data[variable].values
-            kind = _KINDS.get(entry.unit, "number")
+            kind = kind_of_unit(entry.unit)
             finite, of_value = error[np.isfinite(error)], value[np.isfinite(value)]
             rows.append(
                 (

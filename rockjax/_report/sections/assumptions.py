@@ -9,11 +9,10 @@ import numpy as np
 
 from rockjax._report.assumptions import ASSUMPTIONS, Assumption, Outcome
 from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.cells import number
 from rockjax._report.kinds import KINDS
 from rockjax._report.tables import Code, Column, Table, Word
 from rockjax._report.units import Units
-
-from .common import number, sets_with_scenes
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
@@ -53,8 +52,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
     """Return the row of an assumption: the worst set decides."""
     texts, violated, tested = [], False, False
-    for name in sets_with_scenes(evaluation):
-        outcome = assumption.test(evaluation.problem, evaluation.scenes.peaks(name))
+    for name, outcomes in evaluation.assumptions.items():
+        outcome = outcomes[assumption.id]
         if isinstance(outcome, str):
             if outcome not in texts:
                 texts.append(outcome)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.cells import number, of_scene, slug
 from rockjax._report.tables import Column, Table, Word
 from rockjax._report.units import Units
 
-from .common import number, of_scene, sets_with_scenes, slug
+from .common import details, sets_with_scenes
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -61,6 +62,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         )
     if not blocks:
         blocks.append(Paragraph("The structure carries no building."))
+    blocks += details(evaluation, 6)
     return Section(6, "Building", tuple(blocks))
 
 

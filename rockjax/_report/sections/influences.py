@@ -6,10 +6,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.cells import number, slug
 from rockjax._report.tables import Cell, Column, Quantity, Table, Word
 from rockjax._report.units import Units
-
-from .common import number, slug
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
@@ -41,7 +40,7 @@ def _table(check: Check) -> Table:
     names = dict.fromkeys((*check.sensitivities, *check.spread))
 
     def row(name: str) -> tuple[Cell, ...]:
-        slope: Any = Word("no derivative", "none")
+        slope: Any = Word(check.no_slopes, "none")
         if name in check.sensitivities:
             slope = number(check.sensitivities[name], "number")
         ends = [Word("not repeated", "none")] * 2

@@ -8,11 +8,12 @@ import numpy as np
 
 from rockjax._outputs.base import JOINT_NAMES
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
+from rockjax._report.cells import of_scene, slug
 from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Formula, Table, Word
 from rockjax._report.units import Units
 
-from .common import governing_scene, of_scene, sets_with_scenes, slug
+from .common import governing_scene, sets_with_scenes
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation

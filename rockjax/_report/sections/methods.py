@@ -8,16 +8,16 @@ import numpy as np
 
 from rockjax._motions.motion import Motion
 from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.cells import number, of_scene, slug
 from rockjax._report.tables import Column, Quantity, Table, Word
-from rockjax._report.units import Units
+from rockjax._report.units import Units, kind_of_unit
 
-from .common import number, of_scene, sets_with_scenes, slug
+from .common import sets_with_scenes
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
 
 TITLE = "Simplified methods beside the exact answer"
-_KINDS = {"m/s2": "acceleration", "m": "displacement", "1": "number"}
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
@@ -55,7 +55,7 @@ def _tables(evaluation: Evaluation, name: str, found: Any) -> list[Table]:
     )
     rows = []
     for result in found:
-        kind = _KINDS[result.unit]
+        kind = kind_of_unit(result.unit)
         made = result.governing_demand is not None and result.capacity is not None
         verdict = {
             True: Word("accepts", "pass"),

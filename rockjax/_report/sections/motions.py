@@ -9,11 +9,12 @@ import numpy as np
 from rockjax._motions.intensity import spectral_acceleration
 from rockjax._motions.motion import Motion
 from rockjax._report.blocks import Figure, Paragraph, Section
+from rockjax._report.cells import number, slug
 from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
-from .common import number, sets_with_scenes, slug
+from .common import sets_with_scenes
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation

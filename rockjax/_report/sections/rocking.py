@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._report.blocks import Figure, Paragraph, Section
-from rockjax._report.kinds import KINDS, deck_displacement
+from rockjax._report.cells import number, of_scene, slug
+from rockjax._report.kinds import KINDS
+from rockjax._report.kinds.peaks import deck_displacement
 from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
-from .common import governing_scene, number, of_scene, sets_with_scenes, slug
+from .common import details, governing_scene, sets_with_scenes
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -28,7 +30,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         blocks.append(Paragraph("No scene survives without overturning, so there is no history to draw."))
     else:
         blocks.insert(0, _history(evaluation, *scene, units))
-    return Section(4, "Rotation, uplift, overturning", tuple(blocks))
+    return Section(4, "Rotation, uplift, overturning", (*blocks, *details(evaluation, 4)))
 
 
 def _table(evaluation: Evaluation, name: str) -> Table:

@@ -10,7 +10,7 @@ from rockjax._parameters.table import STRUCTURE
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
 from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
 from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Word
-from rockjax._report.units import Units
+from rockjax._report.units import Units, kind_of_unit
 
 from .common import governing_scene
 
@@ -40,7 +40,6 @@ _MEANINGS = {
     "residual_height": ("Height of the residual mass above the beam", "length"),
     "end_radius": ("Radius of the column ends", "length"),
 }
-_KINDS = {"m": "length", "rad": "angle", "m s-2": "acceleration", "s": "time", "kg": "mass", "N": "force"}
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
@@ -92,7 +91,8 @@ def _row(entry: Input) -> tuple[Cell, ...]:
     if not meaning and name in STRUCTURE:
         parameter = STRUCTURE[name]
         meaning = f"{parameter.meaning[:1].upper()}{parameter.meaning[1:]} {parameter.symbol}"
-        kind = "count" if parameter.is_integer else _KINDS.get(parameter.unit, "number")
+        kind = "count" if parameter.is_integer else kind_of_unit(parameter.unit)
+        kind = "length" if kind == "displacement" else kind  # a dimension
     return (
         Word(meaning or name),
         Word((Code(f"structure.{entry.key}"),)),

@@ -6,15 +6,13 @@ import math
 from typing import TYPE_CHECKING
 
 from rockjax._report.blocks import Limit, Section, Summary, SummaryRow
-from rockjax._report.kinds import ByOthers
 from rockjax._report.tables import Quantity, Text, Word
-from rockjax._report.units import Units, unit_of_kind
+from rockjax._report.units import Units
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
 
 SHOWN_SLOPES = 4
-_STATISTICS = {"max": "largest", "mean": "mean", "median": "median", "p84": "84 % quantile"}
 _NOTE = (
     "U is value/limit, or limit/value where the limit is a minimum. Errors are estimates of the numerical "
     "error. Sensitivities are the largest d ln U/d ln y of the governing motion; the spread is the range of "
@@ -31,17 +29,12 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
-    count = len(evaluation.problem.motions[check.motions]) if check.motions else 0
-    statistic = _STATISTICS[check.statistic]
-    statistic = "least" if statistic == "largest" and check.kind.is_minimum else statistic
-    scope = f"{check.motions}, {statistic} of {count}" if check.motions else "no motions"
-    if check.values is not None and check.values.is_of_set:
-        scope = f"{check.motions}, all {count} motions"
+    scope = check.kind.scope(check.entry, evaluation.problem)
     limit: Limit | Word = Word("none given", "none")
-    if math.isfinite(check.limit) and check.kind.needs_limit and not isinstance(check.kind, ByOthers):
+    if check.kind.has_limit:
         sign = "≥" if check.kind.is_minimum else "≤"
-        quantity = Quantity(check.limit, check.kind.quantity, given=True)
-        limit = Limit(sign, quantity, check.entry.unit and _unit(check))
+        quantity = Quantity(check.limit, check.entry.quantity, given=True)
+        limit = Limit(sign, quantity, check.entry.keys.unit)
     if check.values is None:
         state = "by others" if check.result == "BY OTHERS" else "not made"
         return SummaryRow(
@@ -59,7 +52,7 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
         )
     if math.isfinite(check.value):
         value: Quantity | Word = Quantity(
-            check.value, check.kind.quantity, check.error if check.error > 0 else None
+            check.value, check.entry.quantity, check.error if check.error > 0 else None
         )
     else:
         value = Word(check.word, "overturned" if "overturned" in check.word else "joint opens")
@@ -72,7 +65,7 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
         limit,
         Quantity(check.utilisation, "utilisation") if finite else Word("> 1", "fail"),
         check.result,
-        governs=_governs(check, evaluation),
+        governs=_governs(check),
         sensitivities=_slopes(check),
         spread=_spread(check),
         section=check.kind.section,
@@ -82,21 +75,15 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
     )
 
 
-def _unit(check: Check) -> str:
-    """Return the unit of the limit as `units.KINDS` writes it."""
-    return unit_of_kind(str(check.entry.unit), check.kind.quantity)
-
-
-def _governs(check: Check, evaluation: Evaluation) -> Text:
-    if check.governing is None or not check.motions:
-        return "whole set"
-    name = evaluation.problem.motions[check.motions].names[check.governing]
+def _governs(check: Check) -> Text:
+    names = check.values.names if check.values else ()
+    name = names[check.governing] if check.governing is not None and names else "whole set"
     return ", ".join(text for text in (name, check.place, check.reason) if text)
 
 
 def _slopes(check: Check) -> Text:
     if not check.sensitivities:
-        return "no derivative" if math.isfinite(check.value) else "no finite value"
+        return check.no_slopes if math.isfinite(check.value) else "no finite value"
     largest = sorted(check.sensitivities.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
     return ", ".join(f"{name} {value:+.2f}".replace("-", "−") for name, value in largest)
 

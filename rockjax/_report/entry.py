@@ -1,0 +1,50 @@
+"""Entries of `[[checks]]` and `[[targets]]`: keys that all of them have, and the entries."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from rockjax._problem import models
+from rockjax._problem.models import described_as, key
+
+Bound = Annotated[float | str, described_as("a number or a key of this file")]
+BOUNDS = ("limit", "at_least", "at_most")
+
+
+class CheckKeys(models.Keys):
+    """Keys of all checks."""
+
+    kind: str = key(..., "Kind of the check.")
+    id: str | None = key(None, "Identifier in the report; by default C1, C2 …, and T1, T2 … for targets.")
+    name: str | None = key(None, "Name in reports.")
+    clause: str | None = key(None, "Clause that asks for the check.")
+    motions: str | None = key(None, "Name of a set of motions; by default the only one.")
+    statistic: Literal["max", "mean", "median", "p84"] = key("max", "Statistic over the motions of the set.")
+    unit: str | None = key(None, "Unit of the limit; by default the SI unit.")
+    vertical: bool = key(False, "Whether the motions must have a vertical component.")
+    limit: Bound | None = key(None, "Limit, in `unit` or by a key such as 'joints.friction'.")
+    at_least: Bound | None = key(None, "Limit of a kind that needs a minimum.")
+    at_most: Bound | None = key(None, "Limit of the other kinds.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """An entry of `[[checks]]` or `[[targets]]`.
+
+    - `id`: its identifier; `kind`: name of its kind; `keys`: its table
+    - `arguments`: the keys that only its kind has, as objects: a class of pulses, a random motion …
+    - `motions`: name of its set of motions, or None
+    - `quantity`: what its value measures, one of `units.KINDS`; `limit`: its limit [SI], 1 without
+    - `is_target`: whether it is a design target
+    """
+
+    id: str
+    kind: str
+    keys: CheckKeys
+    arguments: Mapping[str, Any]
+    motions: str | None
+    quantity: str
+    limit: float
+    is_target: bool

@@ -1,0 +1,244 @@
+"""Base class of the kinds of checks."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockjax import _results as results
+from rockjax._problem import models
+from rockjax._report.entry import BOUNDS, CheckKeys, Entry
+from rockjax._report.problem import Problem
+from rockjax._report.scenes import Scenes, Traced
+from rockjax._report.tables import Table
+from rockjax._report.units import to_si
+from rockjax._responses.estimate import SAFETY
+
+if TYPE_CHECKING:
+    import xarray
+
+    from rockjax._problem.reading import Reader
+    from rockjax._structures import Podium
+
+STATISTICS = {"max": "largest", "mean": "mean", "median": "median", "p84": "84 % quantile"}
+
+
+class Values(NamedTuple):
+    """Values of a check for each of its cases, or one value for all of them.
+
+    - `values`: (n,) in SI; ±inf where there is a word instead
+    - `errors`: (n,) estimated errors, NaN where unknown
+    - `words`: (n,) what replaces a number, such as "overturned at 5.85 s"; "" elsewhere
+    - `places`: (n,) storey or joint and time of the value; "" without
+    - `unanswered`: names of results without an answer, or "undecided"; "" for scenes with an answer
+    - `names`: (n,) names of the cases: motions or pulses
+    - `remark`: what else the summary says of the value; "" for nothing
+    - `reach`: a check passes if it does so with errors of this multiple of the estimates
+    """
+
+    values: np.ndarray
+    errors: np.ndarray
+    words: tuple[str, ...]
+    places: tuple[str, ...]
+    unanswered: tuple[str, ...]
+    names: tuple[str, ...]
+    remark: str = ""
+    reach: float = SAFETY
+
+
+def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
+    """Return the values of a check that has one value; `fields`: further fields of `Values`."""
+    return Values(
+        np.array([value]), np.array([error]), ("",), ("",), fields.pop("unanswered", ()), (), **fields
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind(abc.ABC):
+    """A kind of check.
+
+    - `name`: in problem files; `title`: on the page
+    - `quantity`: what its value measures, one of `units.KINDS`
+    - `is_minimum`: whether the value must be at least the limit
+    - `section`: section of the page with the details
+    - `keys`: further keys: name → (type, description)
+    - `needs_motions`: whether it belongs to a set of motions; `has_limit`: whether it has a limit
+    - `is_of_set`: whether it has one value for the set, so that no motion governs and there is no statistic
+    - `part`: the name in `evaluate(skip=…)` that leaves it out; "" without
+    """
+
+    name: str
+    title: str
+    quantity: str
+    is_minimum: bool = False
+    section: int = 4
+    keys: Mapping[str, tuple[Any, str]] = dataclasses.field(default_factory=dict)
+    needs_motions: bool = True
+    has_limit: bool = True
+    is_of_set: bool = False
+    part: str = ""
+
+    # ------------------------------------------------------------------------------------------------ reading
+    def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
+        """Return the arguments of an entry from the keys of its kind, and from other tables of the file.
+
+        - `keys`: table of the entry; `file`: the tables of the file, read by `reader`
+        - `podium`: the structure
+
+        Raises `ValueError` for keys that contradict each other.
+        """
+        del reader, file, podium
+        return keys.as_arguments(*CheckKeys.model_fields)
+
+    def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
+        """Return what the value of an entry measures."""
+        del keys, file
+        return self.quantity
+
+    def uses_motions(self, arguments: Mapping[str, Any]) -> bool:
+        """Return whether an entry with these arguments belongs to a set of motions."""
+        del arguments
+        return self.needs_motions
+
+    def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
+        """Return the limit [SI] of an entry, whose value measures `quantity`; 1 for kinds without a limit.
+
+        Raises `ValueError` for none, two, or a unit of another kind.
+        """
+        own = "at_least" if self.is_minimum else "at_most"
+        given = {name: getattr(keys, name) for name in BOUNDS if getattr(keys, name) is not None}
+        if not self.has_limit:
+            if given:
+                raise ValueError(f"{self.name} has no limit, got {next(iter(given))}")
+            return 1.0
+        if len(given) != 1:
+            raise ValueError(f"{self.name} needs exactly one of limit and {own}, got {len(given)}")
+        ((name, value),) = given.items()
+        if name not in ("limit", own):
+            raise ValueError(f"{self.name} is a check with limit or {own}, got {name}")
+        if keys.unit is not None:
+            value = to_si(value, keys.unit, quantity, g=g, owner="unit", subject=self.name)
+        if not self.is_minimum and value <= 0:
+            raise ValueError(f"the limit of {self.name} must be > 0, got {value:g}")
+        return value
+
+    def check(self, keys: CheckKeys, uses_motions: bool) -> None:
+        """Raise `ValueError` for a statistic, or motions, that the kind does not have."""
+        if keys.statistic != "max" and (self.is_of_set or not uses_motions):
+            raise ValueError(
+                f"statistic must be left out: {self.name} has one value, not one for each motion"
+            )
+        if not uses_motions and not self.needs_motions:
+            for name in ("motions", "vertical"):
+                if getattr(keys, name):
+                    raise ValueError(f"{name} must be left out: {self.name} belongs to no set of motions")
+
+    # --------------------------------------------------------------------------------------------- evaluation
+    def missing(self, entry: Entry, problem: Problem) -> str:
+        """Return why the check cannot be made, and what would make it possible; "" if it can be made."""
+        if entry.keys.vertical and entry.motions and not problem.motions[entry.motions].has_vertical:
+            return (
+                f"The motions of {entry.motions} have no vertical component; give one by the keys vertical, "
+                "vertical_ratio or paired of the set."
+            )
+        return ""
+
+    def outputs(self, entry: Entry) -> tuple[str, ...]:
+        """Return the outputs of the scenes of its set that it needs."""
+        del entry
+        return ()
+
+    def things(self, entry: Entry) -> Mapping[str, Any]:
+        """Return the things on floors that the scenes of its set need: name → thing."""
+        del entry
+        return {}
+
+    @abc.abstractmethod
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        """Return the values of the check.
+
+        - `entry`: its keys; `scenes`: solves scenes and keeps their answers
+        - `law`: law of impact instead of that of the structure
+        - `change`: one of `Scenes.changes`; "" for the structure itself
+        """
+
+    def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced | None:
+        """Return the value of one case as a function that can be differentiated; None if there is none."""
+        del entry, scenes, case
+        return None
+
+    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+        """Return the scenes in which the assumptions are tested; None without."""
+        return scenes.peaks(entry.motions) if entry.motions else None
+
+    @property
+    def powers(self) -> dict[str, float]:
+        """Inputs that multiply the value besides their effect on the structure: key → exponent."""
+        return {}
+
+    @property
+    def repeats(self) -> bool:
+        """True if the check is evaluated again for other laws and for changed parameters."""
+        return False
+
+    # --------------------------------------------------------------------------------------------------- page
+    def scope(self, entry: Entry, problem: Problem) -> str:
+        """Return the set of motions and the statistic in words."""
+        if not entry.motions:
+            return "no motions"
+        count = len(problem.motions[entry.motions])
+        statistic = "least" if self.is_minimum and entry.keys.statistic == "max" else entry.keys.statistic
+        return f"{entry.motions}, " + (
+            f"all {count} motions" if self.is_of_set else f"{STATISTICS.get(statistic, statistic)} of {count}"
+        )
+
+    def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
+        """Return tables with the details, for its section; checks with equal tables show them once."""
+        del entry, values, scenes
+        return []
+
+    def notices(self, entry: Entry, scenes: Scenes) -> Iterator[str]:
+        """Yield what the reader of the page must know."""
+        del entry, scenes
+        yield from ()
+
+
+def with_words(
+    scenes: Scenes,
+    entry: Entry,
+    data: Any,
+    values: np.ndarray,
+    errors: np.ndarray,
+    places: list[str],
+    least: bool,
+) -> Values:
+    """Return values of scenes, with words for scenes that overturned and for joints that open.
+
+    - `scenes`, `entry`: the scenes and the entry; `data`: dataset of the scenes of its set
+    - `values`, `errors`, `places`: (n,)
+    - `least`: whether the value must be at least a limit
+    """
+    words, unanswered = [], unanswered_scenes(data)
+    worst = -np.inf if least else np.inf
+    values = np.array(values, float)
+    for k, is_overturned in enumerate(np.asarray(data["overturned"])):
+        if is_overturned:
+            values[k], unanswered[k] = worst, ""
+            words.append(f"overturned at {float(data['overturn_time'][k]):.2f} s")
+        else:
+            words.append("joint opens" if np.isinf(values[k]) else "")
+    names = scenes.motion_set(str(entry.motions)).names
+    return Values(values, np.asarray(errors, float), tuple(words), tuple(places), tuple(unanswered), names)
+
+
+def unanswered_scenes(data: Any) -> list[str]:
+    """Return why each scene has no decided answer; "" where it has one."""
+    undecided = np.asarray(data["undecided"], bool) if "undecided" in data else np.zeros(data.sizes["motion"])
+    return [
+        results.NAMES[int(code)] if code > results.OVERTURNED else "undecided" if is_open else ""
+        for code, is_open in zip(np.asarray(data["result"]), undecided, strict=True)
+    ]

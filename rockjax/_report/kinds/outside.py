@@ -1,0 +1,38 @@
+"""Checks that are known and not in the model, or made by others."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from rockjax._report.entry import CheckKeys, Entry
+from rockjax._report.problem import Problem
+from rockjax._report.scenes import Scenes
+
+from .base import Kind, Values
+
+
+@dataclasses.dataclass(frozen=True)
+class OutsideModel(Kind):
+    """A check that is known and not in the model."""
+
+    reason: str = ""
+
+    def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
+        return super().limit(keys, quantity, g) if self.has_limit else 1.0
+
+    def missing(self, entry: Entry, problem: Problem) -> str:
+        del entry, problem
+        return self.reason
+
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        raise NotImplementedError
+
+
+@dataclasses.dataclass(frozen=True)
+class ByOthers(OutsideModel):
+    """A check that others make; `text` and `reference` say which."""
+
+    def missing(self, entry: Entry, problem: Problem) -> str:
+        del problem
+        texts = [entry.arguments.get(name) for name in ("text", "reference")]
+        return ": ".join(filter(None, texts)) or "Made by others."

@@ -1,0 +1,222 @@
+"""Kinds of checks of peaks, made from the outputs."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._outputs.base import JOINT_NAMES, JOINTS, STORIES
+from rockjax._outputs.registry import REGISTRY, VARIABLES
+from rockjax._report.entry import Entry
+from rockjax._report.problem import Problem
+from rockjax._report.scenes import Scenes, Traced
+from rockjax._report.units import kind_of_unit
+from rockjax._structures import Podium
+from rockjax._types import Value
+
+from .base import Kind, Values, with_words
+
+
+@dataclasses.dataclass(frozen=True)
+class PeakKind(Kind):
+    """A check of a peak: `variable` is its answer, multiplied by a factor of the structure."""
+
+    variable: str = ""
+    factor: Callable[[Problem, Podium], Any] = lambda problem, podium: 1.0  # number, or one for each place
+    needs: Callable[[Problem], str] = lambda problem: ""
+    explicit: tuple[tuple[str, float], ...] = ()  # inputs that multiply the value besides: key, exponent
+    convert: Callable[[Podium, Any], Any] | None = None  # podium, value ↦ value, if it is no multiple
+
+    @property
+    def powers(self) -> dict[str, float]:
+        return dict(self.explicit)
+
+    @property
+    def repeats(self) -> bool:
+        return True
+
+    def missing(self, entry: Entry, problem: Problem) -> str:
+        reason = super().missing(entry, problem) or self.needs(problem)
+        variable, output = VARIABLES[self.variable]
+        if not reason and not REGISTRY[output].applies(problem.podium):
+            what = "a building with stories" if variable.axis == STORIES else "a structure that has it"
+            return f"The structure has no {variable.description}; it needs {what}."
+        return reason
+
+    def outputs(self, entry: Entry) -> tuple[str, ...]:
+        return (VARIABLES[self.variable][1],)
+
+    def of_array(self, values: Any, problem: Problem, podium: Podium) -> Any:
+        """Return the values of the check from answers whose last axis are places, if they have one."""
+        scaled = values * self.factor(problem, podium)
+        return scaled if self.convert is None else self.convert(podium, scaled)
+
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        problem = scenes.problem
+        data = scenes.peaks(str(entry.motions), law, change)
+        podium, axis = scenes.podium(law, change), VARIABLES[self.variable][0].axis
+        raw = np.asarray(data[self.variable], float)
+        every = np.asarray(self.of_array(raw, problem, podium))
+        name = f"{self.variable}_error"
+        error = np.asarray(data[name], float) if name in data else np.full_like(raw, np.nan)
+        moved = np.asarray(self.of_array(raw + error, problem, podium))
+        with np.errstate(invalid="ignore"):
+            error = np.abs(moved - every)
+        factors = scenes.factors(change)
+        for key_, power in self.explicit:
+            every, error = (y * factors.get(key_, 1.0) ** power for y in (every, error))
+        places = [""] * len(raw)
+        if axis is not None:
+            worst = np.argmin(every, axis=-1) if self.is_minimum else np.argmax(every, axis=-1)
+            rows = np.arange(len(raw))
+            every, error = every[rows, worst], error[rows, worst]
+            words = {JOINTS: lambda k: f"{JOINT_NAMES[k]} joint", STORIES: lambda k: f"storey {k + 1}"}
+            places = [words.get(axis, lambda k: f"mode {k + 1}")(int(k)) for k in worst]
+        if self.variable == "peak_rotation":
+            places = [f"{float(t):.3f} s" for t in data["peak_rotation_time"].values]
+        return with_words(scenes, entry, data, every, error, places, self.is_minimum)
+
+    def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced | None:
+        from rockjax._responses.simulate import peak_response
+
+        variable, output = VARIABLES[self.variable]
+        options = scenes.problem.options.replace(outputs=(output,), throw=False)
+        excitation = scenes.motion_set(str(entry.motions)).excitations[case]
+
+        def value(podium: Podium, factor: Value) -> Value:
+            peak = peak_response(podium, excitation.scaled(factor), options=options)
+            every = self.of_array(peak.values[self.variable], scenes.problem, podium)
+            if variable.axis is None:
+                return every
+            return jnp.min(every) if self.is_minimum else jnp.max(every)
+
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class NoOverturning(Kind):
+    """No motion overturns the columns: max|θ|/α at most `overturn_ratio`."""
+
+    @property
+    def repeats(self) -> bool:
+        return True
+
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        data = scenes.peaks(str(entry.motions), law, change)
+        ratio = float(scenes.problem.options.overturn_ratio)
+        values = np.asarray(data["peak_rotation"], float) / ratio
+        errors = np.asarray(data["peak_rotation_error"], float) / ratio
+        return with_words(scenes, entry, data, values, errors, [""] * len(values), False)
+
+
+def _dead_load(problem: Problem, podium: Podium) -> Any:
+    del problem
+    return 1 / podium.dead_load
+
+
+def _heights(problem: Problem, podium: Podium) -> np.ndarray:
+    del podium
+    assert problem.story_heights is not None
+    return 1 / problem.story_heights
+
+
+def _needs_heights(problem: Problem) -> str:
+    return (
+        ""
+        if problem.story_heights is not None
+        else ("The heights of the stories are missing; give story_heights in [structure].")
+    )
+
+
+def _pressure(problem: Problem, podium: Podium) -> Any:
+    joints, mass = problem.joints, problem.column_mass
+    assert mass is not None
+    assert joints.contact_width is not None
+    assert joints.contact_depth is not None
+    return mass * podium.g / (joints.contact_width * joints.contact_depth)
+
+
+def _needs_contact(problem: Problem) -> str:
+    names = [name for name in ("contact_width", "contact_depth") if getattr(problem.joints, name) is None]
+    missing = [f"joints.{name}" for name in names]
+    if problem.column_mass is None:
+        missing.append("structure.column_mass")
+    return f"The file has no {', no '.join(missing)}." if missing else ""
+
+
+def deck_displacement(podium: Podium, rotation: Any) -> Any:
+    """Return u_b of Eq. (13) at |θ|/α [m]."""
+    alpha = podium.alpha
+    return 2 * podium.R * (jnp.sin(alpha) - jnp.sin(alpha - rotation * alpha))
+
+
+_TITLES = {
+    "peak_rotation": "Rotation max|θ|/α",
+    "peak_deformation": "Deformation of the superstructure",
+    "peak_shear": "Base shear / weight of the building",
+    "peak_drift": "Storey drift",
+    "peak_floor_acceleration": "Floor acceleration",
+    "peak_friction": "Friction demand |T|/N of the joints",
+    "least_axial_force": "Least compression of a column / its share of the weight",
+    "peak_axial_force": "Largest compression of a column / its share of the weight",
+    "peak_foundation_shear": "Foundation shear / total weight",
+    "peak_impact_friction": "Friction demand |J_T|/J_N at impacts",
+    "least_impulse_share": "Least share of a column in an impulse",
+    "peak_deck_acceleration": "Deck acceleration",
+    "peak_velocity_jump": "Velocity jump of the deck at an impact",
+}
+
+
+def peak_kinds() -> list[Kind]:
+    """Return a kind for each answer that has a peak of a scene."""
+    kinds: list[Kind] = []
+    for name, (variable, _) in VARIABLES.items():
+        if not variable.until_overturning:
+            continue
+        title = _TITLES.get(name) or variable.description[:1].upper() + variable.description[1:]
+        section = 5 if variable.axis == JOINTS or "foundation" in name or "impulse" in name else 6
+        make = functools.partial(
+            PeakKind,
+            name.replace("_", "-"),
+            title,
+            kind_of_unit(variable.unit),
+            is_minimum=name.startswith("least"),
+            section=4 if name == "peak_rotation" else section,
+            variable=name,
+        )
+        kinds.append(make(factor=_dead_load) if name.endswith("axial_force") else make())
+    kinds += [
+        PeakKind(
+            "peak-drift-ratio",
+            "Storey drift / height",
+            "ratio",
+            section=6,
+            variable="peak_drift",
+            factor=_heights,
+            needs=_needs_heights,
+            explicit=(("story_heights", -1.0),),
+        ),
+        PeakKind(
+            "contact-pressure",
+            "Contact pressure at a column edge",
+            "stress",
+            section=5,
+            variable="peak_axial_force",
+            factor=_pressure,
+            needs=_needs_contact,
+            explicit=(("column_mass", 1.0),),
+        ),
+        PeakKind(
+            "displacement",
+            "Displacement of the deck u_b at max|θ|",
+            "displacement",
+            variable="peak_rotation",
+            convert=deck_displacement,
+        ),
+    ]
+    return kinds

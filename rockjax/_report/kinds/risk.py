@@ -1,0 +1,327 @@
+"""Kinds of checks of probabilities: fragility, annual frequency, and probabilities of failure."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockjax._lognormal import Lognormal
+from rockjax._motions.intensity import LABEL
+from rockjax._problem import models
+from rockjax._problem.reading import Reader
+from rockjax._problem.risk import check_structure, fragility_of
+from rockjax._report.cells import number, slug
+from rockjax._report.entry import CheckKeys, Entry
+from rockjax._report.problem import Problem
+from rockjax._report.scenes import Scenes
+from rockjax._report.store import fingerprint
+from rockjax._report.tables import Column, Table, Word
+from rockjax._report.units import kind_of_unit
+from rockjax._risk.annual import MIN_EXTRAPOLATED, annual_frequency
+from rockjax._risk.gaussian import Envelope, GaussianMotion
+from rockjax._risk.hazard import Hazard
+from rockjax._risk.rocking import failure_probability
+from rockjax._structures import Podium
+
+from .base import Kind, Values, one_value, unanswered_scenes
+from .searches import just_below
+
+if TYPE_CHECKING:
+    import xarray
+
+UNITS_OF_MEASURES = {"PGA": "m s-2", "Sa": "m s-2", "PGV": "m s-1", "scale": "1"}
+INTERVAL = 1.96  # standard errors on each side of a 95 % interval
+UNTESTED = "assumptions are not tested"
+
+
+@dataclasses.dataclass(frozen=True)
+class FragilityKind(Kind):
+    """The median of the least overturning intensities of a set, by the table `[fragility]`."""
+
+    def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
+        found = super().read(keys, reader, file, podium)
+        return found | {"measure": measure_of_file(file)}
+
+    def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
+        del keys
+        return kind_of_unit(UNITS_OF_MEASURES[measure_of_file(file)[0]])
+
+    def curve(self, entry: Entry, scenes: Scenes) -> Any:
+        """Return the fragility of the set as `rockjax.fragility` does, with the factors on the motions of the
+        capacities as `scale`."""
+        problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
+        measure = entry.arguments["measure"]
+        about = problem.fragility.model_dump(), measure
+        mark = fingerprint(problem.podium, motions.hashes, problem.options, about)
+        return scenes.store.get(
+            f"fragility.{motions.name}.{measure[0]}", mark, lambda: _fragility(scenes, motions.name, measure)
+        )
+
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        del law, change
+        return one_value(float(self.curve(entry, scenes)["median_capacity"]))
+
+    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+        factors = just_below(self.curve(entry, scenes)["scale"].values)
+        name, measure = str(entry.motions), entry.arguments["measure"][0]
+        return scenes.scaled(f"boundary.{name}.fragility {measure}", name, factors)
+
+    def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
+        del values
+        curve = self.curve(entry, scenes)
+        kind = kind_of_unit(curve["at"].attrs["units"])
+        names = {"median_capacity": (f"Median overturning {curve.attrs['measure']}", kind)}
+        rows = []
+        for name, (title, of) in (names | {"dispersion": ("Dispersion", "number")}).items():
+            rows.append((title, float(curve[name]), of))
+            confidence, bounds = scenes.problem.fragility.confidence, curve["interval"].sel(quantity=name)
+            for bound in ("lower", "upper"):
+                rows.append(
+                    (f"{title}, {confidence:.0%} interval, {bound}", float(bounds.sel(bound=bound)), of)
+                )
+        name = f"fragility-{slug(str(entry.motions))}"
+        return [_table(name, f"Fragility of the set {entry.motions}", rows)]
+
+
+@dataclasses.dataclass(frozen=True)
+class AnnualKind(FragilityKind):
+    """The annual frequency, from the curve of `[risk]` or from the fragility of a set, and a hazard curve."""
+
+    def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
+        found = Kind.read(self, keys, reader, file, podium)
+        name = found.pop("hazard", None) or file.risk.hazard
+        with reader.at("risk"):
+            curve = fragility_of(file.risk, lambda name: reader.folder / name)
+            if curve is not None:
+                check_structure(curve, podium, file.risk.fragility or "the curve")
+                found["curve"] = curve
+        if name is None:
+            return found
+        hazard = Hazard.from_file(reader.folder / name, site=file.risk.site).in_si()
+        by_file = "fragility" in file.model_fields_set
+        return found | {"hazard": hazard, "measure": measure_of_file(file) if by_file else _of_hazard(hazard)}
+
+    def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
+        del keys, file
+        return self.quantity
+
+    def uses_motions(self, arguments: Mapping[str, Any]) -> bool:
+        return "curve" not in arguments
+
+    def missing(self, entry: Entry, problem: Problem) -> str:
+        if "hazard" not in entry.arguments:
+            return "The file has no hazard curve; give risk.hazard, or hazard of the check."
+        return super().missing(entry, problem)
+
+    def curve(self, entry: Entry, scenes: Scenes) -> Any:
+        given = entry.arguments.get("curve")
+        return super().curve(entry, scenes) if given is None else given
+
+    def _annual(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
+        """Return `frequency`, `return_period`, `probability`, `extrapolated`, and `sensitivity` along
+        `parameter`."""
+        import xarray
+
+        curve, hazard = self.curve(entry, scenes), entry.arguments["hazard"]
+        years = scenes.problem.risk.years
+        mark = fingerprint(hazard, _numbers_of(curve), years)
+
+        def solve() -> xarray.Dataset:
+            annual = annual_frequency(curve, hazard)
+            names = ("frequency", "return_period", "extrapolated")
+            data: dict[str, Any] = {name: float(getattr(annual, name)) for name in names}
+            data["probability"] = float(annual.probability(years))
+            data["sensitivity"] = "parameter", np.array(list(map(float, annual.sensitivities.values())))
+            return xarray.Dataset(data, coords={"parameter": np.array(list(annual.sensitivities), str)})
+
+        return scenes.store.get(f"annual.{entry.id}", mark, solve)
+
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        del law, change
+        remark = "" if entry.motions else f"curve of [risk], {UNTESTED}"
+        return one_value(float(self._annual(entry, scenes)["frequency"]), remark=remark)
+
+    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+        return super().tested(entry, scenes) if entry.motions else None
+
+    def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
+        data, years = self._annual(entry, scenes), scenes.problem.risk.years
+        rows = [
+            ("Annual frequency λ_f", float(data["frequency"]), "rate"),
+            ("Return period", float(data["return_period"]), "return period"),
+            (f"Probability in {years:g} years", float(data["probability"]), "ratio"),
+            ("Share from beyond the hazard curve", float(data["extrapolated"]), "ratio"),
+        ]
+        for name, value in zip(data["parameter"].values, data["sensitivity"].values, strict=True):
+            symbol = "d ln λ_f/dβ" if name == "dispersion" else f"d ln λ_f/d ln {name}"
+            rows.append((symbol, float(value), "number"))
+        annual = _table(f"annual-{slug(entry.id)}", f"Annual frequency, check {entry.id}", rows)
+        if entry.motions:
+            return [*super().tables(entry, values, scenes), annual]
+        kind = kind_of_unit(entry.arguments["hazard"].units)
+        median, dispersion = _numbers_of(self.curve(entry, scenes))[:2]
+        rows = [("Median", median, kind), ("Dispersion", dispersion, "number")]
+        return [_table("fragility-given", "Fragility of [risk]", rows), annual]
+
+    def notices(self, entry: Entry, scenes: Scenes) -> Iterator[str]:
+        share = float(self._annual(entry, scenes)["extrapolated"])
+        if share > MIN_EXTRAPOLATED:
+            yield f"{share:.0%} of the annual frequency of {entry.id} comes from beyond the hazard curve."
+
+
+@dataclasses.dataclass(frozen=True)
+class ShareKind(Kind):
+    """The share of the motions of a set, times a factor, that overturns the columns."""
+
+    @property
+    def repeats(self) -> bool:
+        return True
+
+    def outputs(self, entry: Entry) -> tuple[str, ...]:
+        del entry
+        return ("peak_rotation",)
+
+    def _scenes(
+        self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = ""
+    ) -> xarray.Dataset:
+        return scenes.peaks(str(entry.motions), law, change, float(entry.arguments.get("intensity", 1.0)))
+
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        data = self._scenes(entry, scenes, law, change)
+        share = float(np.mean(data["overturned"].values))
+        return one_value(share, 0.0, unanswered=tuple(unanswered_scenes(data)))
+
+    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+        return self._scenes(entry, scenes)
+
+    def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
+        del values
+        data, names = self._scenes(entry, scenes), scenes.motion_set(str(entry.motions)).names
+        rows = [
+            (Word(name), Word("overturned" if fallen else "survives", "overturned" if fallen else "holds"))
+            for name, fallen in zip(names, data["overturned"].values, strict=True)
+        ]
+        factor = float(entry.arguments.get("intensity", 1.0))
+        caption = f"Motions of the set {entry.motions} × {factor:g}, check {entry.id}"
+        return [Table(f"share-{slug(entry.id)}", caption, (Column("Motion"), Column("Columns")), tuple(rows))]
+
+
+@dataclasses.dataclass(frozen=True)
+class FailureKind(Kind):
+    """The probability that a random motion overturns the columns, by sampling."""
+
+    def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
+        found = super().read(keys, reader, file, podium)
+        if "motion" in found:
+            given = found["motion"].as_arguments()
+            if "envelope" in given:
+                given["envelope"] = Envelope(**given["envelope"].as_arguments())
+            found["motion"] = GaussianMotion(**given)
+        ratio = file.options.overturn_ratio
+        return found | ({"limit": ("rotation", ratio)} if ratio is not None and ratio < 1 else {})
+
+    def missing(self, entry: Entry, problem: Problem) -> str:
+        del problem
+        return "" if "motion" in entry.arguments else "The check has no random motion; give its key motion."
+
+    def _data(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
+        import xarray
+
+        settings = {
+            name: entry.arguments[name] for name in ("cov", "seed", "limit") if name in entry.arguments
+        }
+        podium, motion = scenes.problem.podium, entry.arguments["motion"]
+
+        def solve() -> xarray.Dataset:
+            scenes.say(f"samples of {entry.id}")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # the check says what has not converged
+                found = failure_probability(podium, motion, **settings)
+            names = ("probability", "standard_error", "scenes", "converged")
+            data: dict[str, Any] = {name: float(getattr(found, name)) for name in names}
+            return xarray.Dataset(data | {"interval": ("bound", np.array(found.interval))})
+
+        return scenes.store.get(f"failure.{entry.id}", fingerprint(podium, motion, settings), solve)
+
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        del law, change
+        data = self._data(entry, scenes)
+        unanswered = () if float(data["converged"]) else ("estimate not converged",)
+        value, error = float(data["probability"]), float(data["standard_error"])
+        return one_value(value, error, unanswered=unanswered, remark=UNTESTED, reach=INTERVAL)
+
+    def scope(self, entry: Entry, problem: Problem) -> str:
+        del entry, problem
+        return "random motion"
+
+    def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
+        del values
+        data = self._data(entry, scenes)
+        rows = [
+            ("Probability of failure", float(data["probability"]), "number"),
+            ("Standard error", float(data["standard_error"]), "number"),
+            *(
+                (f"95 % interval, {y}", float(data["interval"][k]), "number")
+                for k, y in enumerate(("lower", "upper"))
+            ),
+            ("Scenes", float(data["scenes"]), "count"),
+        ]
+        return [_table(f"failure-{slug(entry.id)}", f"Probability of failure, check {entry.id}", rows)]
+
+
+def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
+    """Return the intensity measure and the period of capacities: of `[fragility]`; without this table, the
+    factor on the motions."""
+    settings = file.fragility
+    by_file = "fragility" in file.model_fields_set
+    return (settings.measure, settings.measure_period) if by_file else ("scale", None)
+
+
+def _of_hazard(hazard: Hazard) -> tuple[str, float | None]:
+    found = LABEL.fullmatch(hazard.measure)
+    return ("Sa", float(found["period"])) if found else (hazard.measure, None)
+
+
+def _fragility(scenes: Scenes, name: str, chosen: tuple[str, float | None]) -> xarray.Dataset:
+    """Return the fragility curve of a set over the chosen measure, with the variables of
+    `FragilityKind.data`."""
+    from rockjax._motions.motion import Motions
+    from rockjax._studies.curve import fragility
+    from rockjax._studies.fragility import incremental_dynamic_analysis, levels_of, measure_of
+
+    problem, motions, settings = scenes.problem, scenes.motion_set(name), scenes.problem.fragility
+    scenes.say(f"fragility of {name}")
+    suite = Motions(motions.members)  # pyright: ignore[reportArgumentType]
+    measure = measure_of(*chosen, suite)
+    analysis = incremental_dynamic_analysis(
+        problem.podium,
+        suite,
+        levels_of(problem.podium, suite, measure, settings.intensity, settings.levels),
+        measure=measure,
+        names=motions.names,
+        sensitivities=settings.sensitivities,
+        options=problem.options,
+        progress=scenes.progress or False,
+    )
+    curve = fragility(analysis, method=settings.method, confidence=settings.confidence)
+    return curve.assign(scale=("record", analysis["capacity"].values / np.asarray(measure.values)))
+
+
+def _numbers_of(curve: Any) -> list[float]:
+    """Return median, dispersion and the other numbers of a curve that annual frequencies depend on."""
+    if isinstance(curve, Lognormal):
+        return list(map(float, curve))
+    names = ("median_capacity", "dispersion", "no_damage_limit", "min_intensity", "max_intensity")
+    numbers = [float(curve[name]) for name in names if name in curve]
+    return numbers + [
+        y for name in curve.data_vars if "sensitivity" in str(name) for y in curve[name].values.tolist()
+    ]
+
+
+def _table(name: str, caption: str, rows: list[tuple[str, float, str]]) -> Table:
+    cells = tuple((Word(text), number(value, kind)) for text, value, kind in rows)
+    return Table(name, caption, (Column("Quantity"), Column("Value")), cells)

@@ -1,0 +1,144 @@
+"""Kinds of checks that search for a boundary: factors on motions, and amplitudes of pulses."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._boundaries.boundary import overturning_acceleration
+from rockjax._excitations.pulses import PULSES
+from rockjax._problem import models
+from rockjax._problem.models import require_one
+from rockjax._problem.reading import Reader, pulse_periods
+from rockjax._report.cells import number, slug
+from rockjax._report.entry import CheckKeys, Entry
+from rockjax._report.problem import Problem
+from rockjax._report.scenes import BOUNDARY_ERROR, MAX_SCALE, NEAR, Scenes, Traced
+from rockjax._report.store import fingerprint
+from rockjax._report.tables import Table
+from rockjax._structures import Podium, g_tan_alpha
+from rockjax._types import Value
+
+from .base import Kind, Values
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def just_below(factors: np.ndarray, end: float = MAX_SCALE) -> np.ndarray:
+    """Return factors just below a boundary; the end of the search where there is none."""
+    return np.where(np.isfinite(factors), (1 - NEAR) * factors, end)
+
+
+@dataclasses.dataclass(frozen=True)
+class ScaleKind(Kind):
+    """The least factor on the motions that lifts or overturns the columns; `event` is "uplift" or
+    "overturning"."""
+
+    event: str = "overturning"
+
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        del law, change
+        data = scenes.scales(str(entry.motions), self.event)
+        values = np.asarray(data["factor"], float)
+        end = float(data.attrs["limit"])
+        words = tuple("" if np.isfinite(y) else f"no {self.event} up to {end:.3g}" for y in values)
+        blank = ("",) * len(values)
+        names = scenes.motion_set(str(entry.motions)).names
+        return Values(values, np.asarray(data["error"], float), words, blank, (), names)
+
+    def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced | None:
+        return scenes.scale_function(self.event, str(entry.motions), case)
+
+    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+        name = str(entry.motions)
+        factors = just_below(scenes.scales(name, self.event)["factor"].values)
+        return scenes.scaled(f"boundary.{name}.{self.event}", name, factors)
+
+
+@dataclasses.dataclass(frozen=True)
+class PulseKind(Kind):
+    """The least amplitudes of pulses that overturn the columns, one for each period."""
+
+    def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
+        found = super().read(keys, reader, file, podium)
+        require_one(found, "pulse")
+        require_one(found, "T_p", "frequency_ratio")
+        found |= {"pulse": PULSES[found["pulse"]], "T_p": pulse_periods(keys, podium)}
+        found.pop("frequency_ratio", None)
+        return found
+
+    def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
+        del file
+        return "number" if getattr(keys, "ratio", False) else self.quantity
+
+    def _settings(self, entry: Entry, scenes: Scenes) -> dict[str, Any]:
+        own = {name: y for name, y in entry.arguments.items() if name in ("max_acceleration_ratio", "width")}
+        return scenes.boundary_options | own
+
+    def _unit(self, entry: Entry, podium: Podium) -> Value:
+        """Return the size of the unit of the amplitudes [m/s²]."""
+        return g_tan_alpha(podium.alpha, podium.g) if entry.arguments.get("ratio") else jnp.ones(())
+
+    def _found(self, entry: Entry, scenes: Scenes) -> np.ndarray:
+        """Return the amplitude of each period in the unit of the limit, inf where none overturns."""
+        import xarray
+
+        podium = scenes.problem.podium
+        mark = fingerprint(podium, entry.arguments, scenes.problem.options.overturn_ratio)
+
+        def solve() -> xarray.Dataset:
+            cases = range(np.size(entry.arguments["T_p"]))
+            found = [float(self.traced(entry, scenes, k)(podium, jnp.ones(()))) for k in cases]
+            return xarray.Dataset({"amplitude": ("pulse", found)})
+
+        return scenes.store.get(f"pulses.{entry.id}", mark, solve)["amplitude"].values
+
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+        del law, change
+        found = self._found(entry, scenes)
+        end = self._settings(entry, scenes).get("max_acceleration_ratio", 12.0)
+        words = tuple("" if np.isfinite(y) else f"no overturning up to {end:g} g tan α" for y in found)
+        pulse = entry.arguments["pulse"].__name__
+        names = tuple(f"{pulse}, T_p = {y:.4g} s" for y in np.atleast_1d(entry.arguments["T_p"]))
+        errors = np.where(np.isfinite(found), found * BOUNDARY_ERROR, np.nan)
+        return Values(found, errors, words, ("",) * len(found), (), names)
+
+    def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced:
+        period = float(np.atleast_1d(entry.arguments["T_p"])[case])
+        settings, pulse = self._settings(entry, scenes), entry.arguments["pulse"]
+
+        def value(podium: Podium, factor: Value) -> Value:
+            del factor
+            return overturning_acceleration(podium, pulse, period, **settings) / self._unit(entry, podium)
+
+        return value
+
+    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+        podium = scenes.problem.podium
+        end = self._settings(entry, scenes).get("max_acceleration_ratio", 12.0)
+        largest = end * float(g_tan_alpha(podium.alpha, podium.g))
+        amplitudes = just_below(self._found(entry, scenes) * float(self._unit(entry, podium)), largest)
+        pulse = entry.arguments["pulse"]
+        periods = np.atleast_1d(entry.arguments["T_p"])
+        pulses = [pulse(float(a), float(T)) for a, T in zip(amplitudes, periods, strict=True)]
+        return scenes.of_excitations(f"boundary.{entry.id}", "", pulses)
+
+    def scope(self, entry: Entry, problem: Problem) -> str:
+        del problem
+        count = len(np.atleast_1d(entry.arguments["T_p"]))
+        return f"{entry.arguments['pulse'].__name__} pulses, least of {count}"
+
+    def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
+        podium = scenes.problem.podium
+        unit, ratio = float(self._unit(entry, podium)), float(g_tan_alpha(podium.alpha, podium.g))
+        columns = {"Pulse": None, "Least a_p that overturns": "acceleration", "a_p/(g tan α)": "number"}
+        rows = [
+            (name, number(y * unit, "acceleration", word=word), number(y * unit / ratio, "number", word=word))
+            for name, y, word in zip(values.names, values.values, values.words, strict=True)
+        ]
+        caption = f"Pulses that overturn the columns, check {entry.id}"
+        return [Table.of(f"pulses-{slug(entry.id)}", caption, columns, rows)]

@@ -1,0 +1,264 @@
+"""Kinds of checks beyond peaks: values are those of the functions of the package; targets are checks."""
+
+import re
+
+import numpy as np
+import pytest
+
+import optimise
+import rockjax as rj
+from optimise._problem import TARGETS
+from rockjax._report.entry import Entry
+from rockjax._report.evaluate import evaluate
+from rockjax._report.kinds import KINDS, check_model
+from rockjax._risk.gaussian import Envelope
+
+FILE = """
+[structure]
+width = 0.6
+height = 3.0
+column_mass = 2700.0
+beam_mass = 60e3
+[motions.pulses]
+kind = "ricker"
+a_p = [2.5, 3.5]
+T_p = 1.0
+[report]
+laws = []
+"""
+SHARE = '[[targets]]\nkind = "overturning-probability"\nat_most = 0.6\nintensity = 4.0\n'
+FAILURE = """
+[[checks]]
+kind = "failure-probability"
+at_most = 0.2
+cov = 0.3
+motion = { n = 61, dt = 0.06, S_0 = 0.2, envelope = { t_1 = 1.0, t_2 = 2.0, c = 1.0 } }
+"""
+PULSES = """
+[[targets]]
+kind = "overturning-acceleration"
+at_least = 0.1
+unit = "g"
+pulse = "one-sine"
+T_p = [1.0, 1.2]
+"""
+FLOORS = """
+[[contents]]
+name = "cabinet"
+width = 0.4
+height = 1.8
+[[contents]]
+name = "shelf"
+width = 0.2
+height = 2.0
+[[oscillators]]
+name = "pipe"
+period = 0.3
+[[checks]]
+kind = "contents-rotation"
+limit = 0.9
+[[targets]]
+kind = "floor-spectrum"
+limit = 1.5
+unit = "g"
+"""
+
+
+def read(folder, checks, file=FILE):
+    path = folder / "problem.toml"
+    path.write_text(file + checks, encoding="utf-8")
+    return rj.read_problem(path)
+
+
+def test_every_target_is_a_kind_of_check():
+    assert TARGETS.keys() <= KINDS.keys()
+    assert set(check_model("peak-rotation").model_fields) < set(check_model("annual-frequency").model_fields)
+
+
+def test_a_design_reads_the_keys_of_checks(tmp_path):
+    """Units, keys of the file, `limit` for `at_least`, ids and clauses; the same limits in both."""
+    more = (
+        "[joints]\nfriction = 0.5\n[vary]\nwidth = [0.4, 1.0]\n[minimise]\nquantity = 'width'\n"
+        '[[targets]]\nkind = "overturning-scale"\nlimit = 1.5\nid = "S"\nclause = "4.2"\nname = "Scale"\n'
+        '[[targets]]\nkind = "peak-friction"\nlimit = "joints.friction"\n'
+    )
+    found = read(tmp_path, SHARE + PULSES + more)
+    problem = optimise.load(tmp_path / "problem.toml")
+    assert [entry.id for entry in found.checks] == ["T1", "T2", "S", "T4"]
+    assert [entry.limit for entry in found.checks] == [0.6, pytest.approx(0.980665), 1.5, 0.5]
+    share, pulses, scale, friction = problem.targets
+    assert (share.at_most, pulses.at_least, scale.at_least) == (0.6, pytest.approx(0.980665), 1.5)
+    assert (scale.name, friction.friction) == ("Scale", 0.5)
+    for given, words in (
+        ('kind = "uplift-scale"\nlimit = 0.5\n', "is a check of the report only"),
+        ('kind = "peak-rotation"\nlimit = 0.5\nstatistic = "mean"\n', "statistic: must be max"),
+        ('kind = "peak-rotation"\nlimit = 0.5\nvertical = true\n', "no vertical component"),
+    ):
+        read(tmp_path, f"[vary]\nwidth = [0.4, 1.0]\n[[targets]]\n{given}")
+        with pytest.raises(ValueError, match=words):
+            optimise.load(tmp_path / "problem.toml")
+
+
+def test_share_of_motions_that_overturn(tmp_path):
+    """One of two motions overturns; the count is that of the design target."""
+    problem = read(tmp_path, SHARE)
+    (check,) = evaluate(problem, skip=("spread",)).checks
+    target = optimise.OverturningProbability(0.6, problem.motions["pulses"].excitations, 4.0)
+    assert check.value == target.exact(problem.podium)
+    assert check.is_target
+    assert check.utilisation == check.value / 0.6
+    assert check.result == ("PASS" if check.value <= 0.6 else "FAIL")
+
+
+@pytest.mark.parametrize(
+    ("check", "reason"),
+    [
+        ('kind = "contents-rotation"\nlimit = 0.5', r"no \[\[contents\]\]"),
+        ('kind = "floor-spectrum"\nlimit = 0.5', r"no \[\[oscillators\]\]"),
+        ('kind = "failure-probability"\nlimit = 0.1', "give its key motion"),
+        ('kind = "annual-frequency"\nlimit = 0.1', "give risk.hazard"),
+    ],
+)
+def test_a_check_without_its_input_is_not_made(tmp_path, check, reason):
+    (found,) = evaluate(read(tmp_path, f"[[checks]]\n{check}\n")).checks
+    assert found.result == "NOT MADE"
+    assert re.search(reason, found.reason)
+
+
+@pytest.mark.parametrize(
+    ("check", "message"),
+    [
+        (PULSES + "frequency_ratio = 2.0\n", r"targets\[0\]: needs T_p or frequency_ratio, not both"),
+        (PULSES + 'motions = "pulses"\n', "belongs to no set of motions"),
+        (PULSES + 'statistic = "mean"\n', "statistic must be left out"),
+        (SHARE + 'statistic = "mean"\n', "statistic must be left out"),
+        (FLOORS + 'oscillators = ["pump"]\n', "oscillators must be of pipe, got 'pump'"),
+        (FLOORS.replace('name = "pipe"', "level = 2"), "oscillators"),
+        (FAILURE.replace("n = 61", "n = 1"), r"checks\[0\]\.motion\.n: must be"),
+    ],
+)
+def test_wrong_keys(tmp_path, check, message):
+    with pytest.raises(ValueError, match=message):
+        read(tmp_path, check)
+
+
+RISK = """
+[[checks]]
+kind = "annual-frequency"
+at_most = 1e-3
+[risk]
+hazard = "hazard.csv"
+"""
+
+
+def test_the_curve_of_risk(tmp_path):
+    """Median and dispersion, without scenes and without motions; half of a curve is an error."""
+    (tmp_path / "hazard.csv").write_text("PGA [m/s2],rate [1/year]\n1.0,0.02\n3.0,0.002\n10.0,0.00005\n")
+    report = rj.report(read(tmp_path, RISK + "median = 5.0\ndispersion = 0.4\n"), skip=("methods",))
+    (check,) = report.evaluation.checks
+    hazard = rj.Hazard.from_file(tmp_path / "hazard.csv")
+    known = rj.annual_frequency(rj.Lognormal(np.array(5.0), np.array(0.4)), hazard)
+    assert check.value == float(known.frequency)
+    assert check.motions is None
+    assert "curve of [risk]" in check.reason
+    assert {"fragility-given", "annual-c1"} <= report.tables.keys()
+    with pytest.raises(ValueError, match="needs both median and dispersion"):
+        read(tmp_path, RISK + "median = 5.0\n")
+
+
+def test_the_curve_of_another_structure_is_refused(tmp_path):
+    from rockjax._problem.risk import check_structure
+    from rockjax._responses.datasets import describe_podium
+
+    problem = read(tmp_path, SHARE)
+
+    class Curve:
+        attrs = describe_podium(problem.podium)
+
+    check_structure(Curve(), problem.podium, "curve.nc")
+    with pytest.raises(ValueError, match=r"curve\.nc is of another structure: alpha_rad is"):
+        check_structure(Curve(), problem.varied({"width": 1.01}), "curve.nc")
+
+
+@pytest.mark.parametrize(
+    ("table", "unit"),
+    [("", "number"), ("[fragility]\n", "acceleration"), ('[fragility]\nmeasure = "PGV"', "velocity")],
+)
+def test_a_median_has_the_unit_of_its_measure(tmp_path, table, unit):
+    """Without a table `[fragility]`, it is a factor on the motions, in reports and in designs."""
+    (entry,) = read(tmp_path, f'[[checks]]\nkind = "median-capacity"\nat_least = 1.5\n{table}').checks
+    assert isinstance(entry, Entry)
+    assert entry.quantity == unit
+
+
+def test_a_design_takes_the_median_in_the_same_measure(tmp_path):
+    """Motions of unit PGA, so that their factors are intensities."""
+    file = FILE.replace('kind = "ricker"\na_p = [2.5, 3.5]\nT_p = 1.0', "synthetic = 2\nduration = 4.0")
+    target = '[[targets]]\nkind = "median-capacity"\nat_least = 4.0\n'
+    read(tmp_path, f"[vary]\nwidth = [0.4, 1.0]\n{target}[fragility]\n", file)
+    (median,) = optimise.load(tmp_path / "problem.toml").targets
+    peaks = [float(np.abs(median.suite.motion(k).acceleration).max()) for k in range(2)]
+    scales = [float(median.suite.motion(k).scale) for k in range(2)]
+    np.testing.assert_allclose(np.array(peaks) * scales, 1.0)
+
+
+@pytest.mark.slow
+def test_pulses(tmp_path):
+    problem = read(tmp_path, PULSES)
+    evaluation = evaluate(problem)
+    (check,) = evaluation.checks
+    options = evaluation.scenes.boundary_options
+    known = [rj.overturning_acceleration(problem.podium, rj.OneSine, T, **options) for T in (1.0, 1.2)]
+    np.testing.assert_array_equal(check.values.values, known)
+    assert check.result == "PASS"
+    h = 1e-4
+    sides = [
+        rj.overturning_acceleration(problem.varied({"width": 1 + y}), rj.OneSine, 1.2, **options)
+        for y in (-h, h)
+    ]
+    slope = float(np.log(sides[1] / sides[0])) / (2 * h)
+    assert check.governing == 1
+    assert check.sensitivities["width"] == pytest.approx(-slope, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_random_motions(tmp_path):
+    problem = read(tmp_path, FAILURE)
+    (check,) = evaluate(problem).checks
+    motion = rj.GaussianMotion(61, 0.06, 0.2, envelope=Envelope(t_1=1.0, t_2=2.0, c=1.0))
+    known = rj.failure_probability(problem.podium, motion, cov=0.3)
+    assert (check.value, check.error) == (known.probability, known.standard_error)
+    assert check.result == ("FAIL" if known.probability > 0.2 else "PASS")
+    (skipped,) = evaluate(problem, skip=("risk",)).checks
+    assert skipped.result == "NOT MADE"
+
+
+@pytest.mark.slow
+def test_things_on_floors(tmp_path):
+    """Bit for bit those of a batch; one block overturns, which fails the check; spectra are those of
+    `rj.floor_spectrum`."""
+    problem = read(tmp_path, FLOORS)
+    report = rj.report(problem, skip=("spread", "methods"))
+    contents, spectrum = report.evaluation.checks
+    motions = problem.motions["pulses"].excitations
+    things = [
+        rj.Contents.from_dimensions(0.4, 1.8),
+        rj.Contents.from_dimensions(0.2, 2.0),
+        rj.Oscillator(0.3),
+    ]
+    options = report.evaluation.scenes.options("pulses")
+    peaks = rj.peak_responses(problem.podium, motions, options=options, on_floors=things)
+    np.testing.assert_array_equal(spectrum.values.values, peaks.on_floors[2].pseudo_acceleration)
+    known = [rj.floor_spectrum(problem.podium, y, [0.3])["pseudo_acceleration"].item() for y in motions]
+    np.testing.assert_allclose(spectrum.values.values, known, rtol=1e-6)
+    assert spectrum.result == "PASS"
+    assert contents.result == "FAIL"
+    assert contents.word.startswith("shelf overturned at")
+    assert {"contents-pulses", "oscillators-pulses"} <= report.tables.keys()
+    h = 1e-4
+    rows = [
+        rj.peak_response(problem.podium, motions[1].scaled(1 + y), options=options, on_floors=things[2:])
+        for y in (-h, h)
+    ]
+    low, high = (float(row.on_floors[0].pseudo_acceleration) for row in rows)
+    assert spectrum.sensitivities["motion"] == pytest.approx(np.log(high / low) / (2 * h), abs=1e-4)
