@@ -1,0 +1,219 @@
+"""Tables of structures, and of what stands on their floors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, create_model, model_validator
+
+from rockjax._parameters import table
+
+from .fields import (
+    STRUCTURE,
+    Count,
+    Index,
+    Keys,
+    NotNegative,
+    NotNegatives,
+    Number,
+    Numbers,
+    OneOrMore,
+    Positive,
+    Positives,
+    Shares,
+    described_as,
+    key,
+    require_one,
+)
+
+
+def type_of(entry: table.Parameter) -> Any:
+    """Return the type of the key of a parameter, with its range."""
+    if entry.is_integer:
+        return Count
+    closed, (low, high) = entry.range.closed, entry.range[:2]
+    ends = {"ge" if closed[0] else "gt": low, "le" if closed[1] else "lt": high}
+    limits: dict[str, Any] = {name: end for name, end in ends.items() if math.isfinite(end)}
+    kind = Annotated[float, Field(**limits)]
+    if entry.name == "restitution":
+        return Annotated[Literal["paper", "compatible"] | kind, described_as(_LAW)]
+    words = f"a number {entry.range.words}".rstrip()
+    return Annotated[kind, described_as(f"{words}; {entry.note}" if entry.note else words)]
+
+
+_LAW = "'paper', 'compatible' or a factor in [0, 1]"
+_NOTES = {
+    "alpha": ", instead of tan_alpha",
+    "restitution": ": paper, Eq. (27); compatible, with Eq. (26); or a number",
+    "columns": "; by default the number of positions, or 2",
+}
+
+
+def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
+    """Return the type and the field of a parameter; `needed`: whether the key is required."""
+    # `damping` has no option, because --zeta sets both damping ratios.
+    panel = "" if name == "damping" or entry.place.count(".") > 1 else STRUCTURE
+    note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
+    kind, meaning = type_of(entry), f"{entry.heading}{note}."
+    return (kind, key(..., meaning, panel)) if needed else (kind | None, key(None, meaning, panel))
+
+
+def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
+    """Return a model with a key for each parameter, of which those in `needed` are required."""
+    fields: Any = {name: make_field(name, entry, name in needed) for name, entry in entries.items()}
+    return create_model("Parameters", __base__=Keys, **fields)
+
+
+def _stored_in(*places: str) -> dict[str, table.Parameter]:
+    """Return the parameters of a structure that are stored in these attributes of a podium or of its parts,
+    except width and height."""
+    entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.WIDTH_AND_HEIGHT}
+    return {name: entry for name, entry in entries.items() if entry.place.partition(".")[0] in places}
+
+
+class Superstructure(make_model(_stored_in("superstructure") | table.BUILDING, "eta")):
+    """A superstructure. Without T_s it is rigid; with `stories` its stories are equal."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Superstructure:
+        for name in ("zeta", "stories"):
+            if getattr(self, name) is not None and self.T_s is None:
+                raise ValueError(f"{name} needs T_s; without it the superstructure is rigid")
+        return self
+
+
+class ModesOfSuperstructure(Keys):
+    """A superstructure by its modes."""
+
+    eta: NotNegatives = key(..., "Mass ratios of the modes [–].")
+    T: Positives = key(..., "Periods of the modes [s].")
+    zeta: Shares | None = key(None, "Damping ratios, or one for all modes [–].")
+    residual: NotNegative | None = key(None, "Ratio of the residual mass, which moves with the beam [–].")
+
+
+class Building(Keys):
+    """A building, floor by floor from the bottom."""
+
+    masses: Positives = key(..., "Mass ratios of the floors [–].")
+    stiffnesses: Positives = key(..., "Stiffnesses of the stories divided by the mass of all columns [1/s²].")
+    damping: Shares | None = key(None, "Damping ratios of the modes, or one for all modes [–].")
+    modes: Index | None = key(None, "Number of modes in the analysis; by default all.")
+    heights: Positives | None = key(None, "Heights of the stories [m].")
+
+
+_COLUMNS = "Positions of the columns along the motion [m]; columns in a line across it have equal positions."
+_HEIGHTS = "Height of the superstructure above the beam [m]; a list for several modes or floors."
+_RESIDUAL = "Height of the residual mass of modes above the beam [m]."
+
+
+class Elevation(Keys):
+    """Positions of the columns and heights of the masses, as `rockjax.Elevation`."""
+
+    columns: Numbers = key(..., _COLUMNS)
+    beam_depth: NotNegative | None = key(None, "Depth of the beam [m].")
+    top_height: OneOrMore | None = key(None, _HEIGHTS)
+    residual_height: Number | None = key(None, _RESIDUAL)
+
+
+def _top(given: Any) -> str:
+    tags = {"masses": "Building", "T": "Modes"}  # tags differ from keys, so that messages omit them
+    return next((tags[name] for name in tags if isinstance(given, dict) and name in given), "one")
+
+
+class ByRatios(
+    make_model(_stored_in("alpha", "", "R", "gamma", "lam", "restitution", "g", "restrainers"), "R")
+):
+    """A structure by ratios."""
+
+    superstructure: (
+        Annotated[
+            Annotated[Superstructure, Tag("one")]
+            | Annotated[ModesOfSuperstructure, Tag("Modes")]
+            | Annotated[Building, Tag("Building")],
+            Discriminator(_top),
+        ]
+        | None
+    ) = key(None, "Superstructure on the beam; by default none.")
+    elevation: Elevation | None = key(None, "Positions of columns and masses, for forces in the joints.")
+
+    @model_validator(mode="after")
+    def _check(self) -> ByRatios:
+        require_one(self.as_arguments(), "alpha", "tan_alpha")
+        return self
+
+
+class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "height", "column_mass")):
+    """A structure by dimensions, as `rockjax.Podium.from_dimensions`."""
+
+    story_masses: Positives | None = key(None, "Masses of the floors of a building from the bottom [kg].")
+    story_stiffnesses: Positives | None = key(None, "Stiffnesses of the stories [N/m].")
+    story_heights: Positives | None = key(None, "Heights of the stories [m].")
+    modes: Index | None = key(None, "Number of modes in the analysis; by default all.")
+    positions: Numbers | None = key(None, _COLUMNS)
+    beam_depth: NotNegative | None = key(None, "Depth of the beam, with positions [m].")
+    top_height: OneOrMore | None = key(None, _HEIGHTS)
+    residual_height: Number | None = key(None, _RESIDUAL)
+
+
+def _structure(given: Any) -> str:
+    """Return the tag of the model of a structure."""
+    has_dimensions = isinstance(given, dict) and any(
+        name in given for name in (*table.WIDTH_AND_HEIGHT, "column_mass")
+    )
+    return "dimensions" if has_dimensions and "R" not in given else "ratios"
+
+
+Structure = Annotated[
+    Annotated[ByRatios, Tag("ratios")] | Annotated[ByDimensions, Tag("dimensions")], Discriminator(_structure)
+]
+
+
+Level = Annotated[Literal["deck"] | Count, described_as("'deck' or the number of a story ≥ 1")]
+_LEVEL = "Floor: deck, or the number of a story from the bottom."
+_NAME = "Name in tables and reports; by default its kind and its number."
+
+
+class Contents(Keys):
+    """A light block on a floor, by alpha and R or by width and height, as `rockjax.Contents`."""
+
+    name: str | None = key(None, _NAME)
+    alpha: Annotated[float, Field(gt=0, lt=math.pi / 2)] | None = key(None, "Slenderness α_c [rad].")
+    R: Positive | None = key(None, "Half diagonal R_c [m].")
+    width: Positive | None = key(None, "Full width [m], instead of alpha and R.")
+    height: Positive | None = key(None, "Full height [m], with the width.")
+    lam: NotNegative | None = key(None, "Inertia factor λ_c [–]; by default 1/3, a uniform block.")
+    restitution: (
+        Annotated[
+            Literal["paper"] | Annotated[float, Field(ge=0, le=1)],
+            described_as("'paper' or a factor in [0, 1]"),
+        ]
+        | None
+    ) = key(None, "Law of its impacts: paper, or a factor [–].")
+    level: Level = key("deck", _LEVEL)
+    vertical: bool | None = key(None, "Whether the vertical motion of the floor acts; by default true.")
+    overturn_ratio: Positive | None = key(None, "|φ|/α_c that counts as overturning [–]; by default 1.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Contents:
+        pair = ("alpha", "R") if require_one(self.as_arguments(), "alpha", "width") == "alpha" else _SIZES
+        other = [name for name in ("R", "height") if name not in pair and getattr(self, name) is not None]
+        if getattr(self, pair[1]) is None or other:
+            raise ValueError("needs alpha and R, or width and height")
+        return self
+
+
+_SIZES = "width", "height"
+
+
+class Oscillator(Keys):
+    """A light linear oscillator on a floor, as `rockjax.Oscillator`."""
+
+    name: str | None = key(None, _NAME)
+    period: Positive = key(..., "Natural period T_e [s].")
+    damping: Annotated[float, Field(ge=0, lt=1), described_as("a number in [0, 1)")] = key(
+        0.05, "Damping ratio ζ [–]."
+    )
+    level: Level = key("deck", _LEVEL)
+    direction: Literal["horizontal", "vertical"] = key("horizontal", "Direction of the motion.")
