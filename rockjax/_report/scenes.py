@@ -29,7 +29,7 @@ from .uplift import UpliftRatio
 if TYPE_CHECKING:
     import xarray
 
-Traced = Callable[[Podium, Value], Value]  # podium, factor on the motion ↦ value of a check
+Traced = Callable[[Any], Value]  # ln of the factors on every input and on the motion, (n + 1,) ↦ value
 
 BASE = ("peak_rotation", "impacts", "errors")
 JOINT_OUTPUTS = ("peak_friction", "axial_force", "impact_friction")
@@ -285,7 +285,7 @@ class Scenes:
 
         excitation = self.motion_set(name).excitations[motion]
         if event == "overturning":
-            return lambda podium, factor: self._overturning_scale(podium, excitation.scaled(factor))
+            return self.by_logs(lambda podium, y: self._overturning_scale(podium, excitation.scaled(y)))
         scale = 0.9 * float(self.scales(name, event)["factor"][motion])
         options = self._uplift_options.replace(outputs=(UpliftRatio(),))
 
@@ -293,7 +293,7 @@ class Scenes:
             peak = peak_response(podium, excitation.scaled(scale * factor), options=options)
             return scale / peak.uplift_ratio
 
-        return least_factor
+        return self.by_logs(least_factor)
 
     def scaled(self, label: str, name: str, factors: np.ndarray) -> xarray.Dataset:
         """Return the peaks of the motions of a set, each with its factor; `label`: name in the store."""
@@ -315,14 +315,11 @@ class Scenes:
         return self.store.get(label, mark, solve)
 
     # ------------------------------------------------------------------------------------------- derivatives
-    def slopes(
-        self, entry: Entry, functions: Mapping[int, Traced], powers: Mapping[str, float]
-    ) -> xarray.Dataset:
+    def slopes(self, entry: Entry, functions: Mapping[int, Traced]) -> xarray.Dataset:
         """Return d ln(value)/d ln y of a check for every input y and the factor on the motion, along `motion`
         and `parameter`.
 
         - `entry`: the check; `functions`: number of a case → its value as a function
-        - `powers`: inputs that multiply the value besides their effect on the structure: key → exponent
         """
         import xarray
 
@@ -334,42 +331,29 @@ class Scenes:
 
         def solve() -> xarray.Dataset:
             self.say(f"derivatives of {entry.id}")
-            rows = [self._slopes(value) for value in functions.values()]
-            exponents = np.array([powers.get(name, 0.0) for name in names])
+            origin = jnp.zeros(len(problem.variables) + 1)
+            pairs = [jax.value_and_grad(function)(origin) for function in functions.values()]
+            values = np.array([float(value) for value, _ in pairs])
+            slopes = np.array([np.asarray(slope)[: len(names)] for _, slope in pairs]) / values[:, None]
             return xarray.Dataset(
-                {
-                    "slope": (
-                        ("motion", "parameter"),
-                        np.array([row[1][: len(names)] for row in rows]) + exponents,
-                    ),
-                    "value": ("motion", np.array([row[0] for row in rows])),
-                },
+                {"slope": (("motion", "parameter"), slopes), "value": ("motion", values)},
                 coords={"parameter": names, "motion": motions},
             )
 
         return self.store.get(f"slopes.{entry.id}", mark, solve)
 
-    def _slopes(self, value: Traced) -> tuple[float, np.ndarray]:
-        """Return a value and d ln(value)/d ln y for every input and the factor on the motion.
+    def by_logs(self, function: Callable[[Podium, Value], Value]) -> Traced:
+        """Return a function of podium and factor on the motion as one of the logarithms of all factors."""
+        return lambda logs: function(self.varied(logs), jnp.exp(logs[-1]))
 
-        The value depends on the inputs by the leaves of the podium, and the leaves by the chain rule on the
-        inputs.
-        """
-        problem = self.problem
-        leaves, structure = jax.tree.flatten(problem.podium)
-        leaves = [jnp.asarray(y, float) for y in leaves]
-
-        def of_leaves(leaves: list[Any], log_scale: Any):
-            return value(jax.tree.unflatten(structure, leaves), jnp.exp(log_scale))
-
-        result, (by_leaf, by_scale) = jax.value_and_grad(of_leaves, argnums=(0, 1))(leaves, jnp.zeros(()))
-
-        rows = [
-            jnp.tensordot(g, J, axes=jnp.ndim(g)) for g, J in zip(by_leaf, self._leaves_by_input, strict=True)
+    def varied(self, logs: Any) -> Podium:
+        """Return the structure with its inputs multiplied by factors, to first order in their logarithms,
+        `logs`, (n + 1,). The last one, of the factor on the motion, has no effect."""
+        leaves, structure = jax.tree.flatten(self.problem.podium)
+        changed = [
+            jnp.asarray(y, float) + J @ logs[:-1] for y, J in zip(leaves, self._leaves_by_input, strict=True)
         ]
-        total = np.asarray(sum(rows))
-        number = float(result)
-        return number, np.append(total, float(by_scale)) / number
+        return jax.tree.unflatten(structure, changed)
 
     @functools.cached_property
     def _leaves_by_input(self) -> list[Any]:
@@ -381,6 +365,46 @@ class Scenes:
             return [jnp.asarray(y, float) for y in jax.tree.leaves(problem.varied(factors))]
 
         return jax.jit(jax.jacfwd(to_leaves))(jnp.zeros(len(problem.variables)))
+
+    def answers(self, name: str, motion: int) -> Callable[[Any], dict[str, Any]]:
+        """Return the answers of a scene to first order: a function of the logarithms of the factors on the
+        inputs and on the motion, with exact values and derivatives at zero.
+
+        All answers of a scene are differentiated together, by one program for all motions and sets.
+        """
+        import xarray
+
+        from rockjax._responses.simulate import peak_response
+
+        problem, motions = self.problem, self.motion_set(name)
+        excitation = motions.excitations[motion].common_form()
+        options = problem.options.replace(outputs=tuple(self.needed[name].outputs), throw=False)
+        mark = fingerprint(problem.podium, motions.hashes[motion], options, problem.variables)
+
+        def values(logs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+            scaled = excitation.scaled(jnp.exp(logs[-1]))
+            peak = peak_response(self.varied(logs), scaled, options=options)
+            found = {key: y for key, y in peak.values.items() if y is not None}
+            return found, found
+
+        def solve() -> xarray.Dataset:
+            self.say(f"derivatives of {motions.names[motion]}")
+            slopes, found = jax.jacfwd(values, has_aux=True)(jnp.zeros(len(problem.variables) + 1))
+            dims = lambda key, y: tuple(f"{key}_axis{k}" for k in range(y.ndim))
+            data = {key: (dims(key, y), np.asarray(y)) for key, y in found.items()}
+            more = {
+                f"{key}_slope": ((*dims(key, found[key]), "parameter"), np.asarray(y))
+                for key, y in slopes.items()
+            }
+            return xarray.Dataset(data | more)
+
+        data = self.store.get(f"derivatives.{name}.{motion}", mark, solve)
+
+        def near(logs: Any) -> dict[str, Any]:
+            names = [str(key) for key in data if not str(key).endswith("_slope")]
+            return {key: data[key].values + data[f"{key}_slope"].values @ logs for key in names}
+
+        return near
 
     # ---------------------------------------------------------------------------------------------- histories
     def history(self, name: str, motion: int) -> xarray.Dataset:

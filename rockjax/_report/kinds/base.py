@@ -167,18 +167,14 @@ class Kind(abc.ABC):
         """
 
     def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced | None:
-        """Return the value of one case as a function that can be differentiated; None if there is none."""
+        """Return the value of one case as a function of the logarithms of the factors on every input and on
+        the motion, (n + 1,), which can be differentiated at zero; None if there is none."""
         del entry, scenes, case
         return None
 
     def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         """Return the scenes in which the assumptions are tested; None without."""
         return scenes.peaks(entry.motions) if entry.motions else None
-
-    @property
-    def powers(self) -> dict[str, float]:
-        """Inputs that multiply the value besides their effect on the structure: key → exponent."""
-        return {}
 
     @property
     def repeats(self) -> bool:

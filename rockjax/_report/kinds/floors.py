@@ -98,7 +98,7 @@ class FloorKind(Kind):
             peak = peak_response(podium, excitation.scaled(factor), options=options, on_floors=things)
             return jnp.max(jnp.stack([getattr(y, self.answer) for y in peak.on_floors]))
 
-        return value
+        return scenes.by_logs(value)
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         del values

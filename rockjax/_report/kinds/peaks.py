@@ -33,10 +33,6 @@ class PeakKind(Kind):
     convert: Callable[[Podium, Any], Any] | None = None  # podium, value ↦ value, if it is no multiple
 
     @property
-    def powers(self) -> dict[str, float]:
-        return dict(self.explicit)
-
-    @property
     def repeats(self) -> bool:
         return True
 
@@ -82,17 +78,12 @@ class PeakKind(Kind):
         return with_words(scenes, entry, data, every, error, places, self.is_minimum)
 
     def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced | None:
-        from rockjax._responses.simulate import peak_response
+        answers, problem = scenes.answers(str(entry.motions), case), scenes.problem
+        powers = np.array([dict(self.explicit).get(key, 0.0) for key in (*problem.variables, "motion")])
 
-        variable, output = VARIABLES[self.variable]
-        options = scenes.problem.options.replace(outputs=(output,), throw=False)
-        excitation = scenes.motion_set(str(entry.motions)).excitations[case]
-
-        def value(podium: Podium, factor: Value) -> Value:
-            peak = peak_response(podium, excitation.scaled(factor), options=options)
-            every = self.of_array(peak.values[self.variable], scenes.problem, podium)
-            if variable.axis is None:
-                return every
+        def value(logs: Any) -> Value:
+            every = self.of_array(answers(logs)[self.variable], problem, scenes.varied(logs))
+            every = every * jnp.exp(powers @ logs)
             return jnp.min(every) if self.is_minimum else jnp.max(every)
 
         return value

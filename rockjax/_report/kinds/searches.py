@@ -92,7 +92,7 @@ class PulseKind(Kind):
 
         def solve() -> xarray.Dataset:
             cases = range(np.size(entry.arguments["T_p"]))
-            found = [float(self.traced(entry, scenes, k)(podium, jnp.ones(()))) for k in cases]
+            found = [float(self._amplitude(entry, scenes, k, podium)) for k in cases]
             return xarray.Dataset({"amplitude": ("pulse", found)})
 
         return scenes.store.get(f"pulses.{entry.id}", mark, solve)["amplitude"].values
@@ -108,14 +108,13 @@ class PulseKind(Kind):
         return Values(found, errors, words, ("",) * len(found), (), names)
 
     def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced:
+        return scenes.by_logs(lambda podium, factor: self._amplitude(entry, scenes, case, podium))
+
+    def _amplitude(self, entry: Entry, scenes: Scenes, case: int, podium: Podium) -> Value:
+        """Return the least amplitude that overturns, in the unit of the limit."""
         period = float(np.atleast_1d(entry.arguments["T_p"])[case])
         settings, pulse = self._settings(entry, scenes), entry.arguments["pulse"]
-
-        def value(podium: Podium, factor: Value) -> Value:
-            del factor
-            return overturning_acceleration(podium, pulse, period, **settings) / self._unit(entry, podium)
-
-        return value
+        return overturning_acceleration(podium, pulse, period, **settings) / self._unit(entry, podium)
 
     def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         podium = scenes.problem.podium
