@@ -150,6 +150,33 @@ def record_decisions(
     return state, decisions, count
 
 
+def solve_scene(
+    scene: Scene, plan: Plan, state: LoopState, max_steps: int, capacity: int | None, reversible: bool
+) -> tuple[LoopState, LoopState, Nodes | None]:
+    """Integrate a scene, in one of two forms.
+
+    - `scene`, `plan`, `state`, `max_steps`: as in `run`
+    - `capacity`: number of nodes to store; a scene that needs more ends with HISTORY_FULL; None stores none
+    - `reversible`: whether to integrate twice: first to record the decisions, then to replay them in a loop
+      that has derivatives in reverse mode, too
+
+    Returns the final state, the final state for integers and flags, and the nodes or None.
+    """
+    if not reversible:
+        if capacity is None:
+            final, nodes = run(scene, plan, state, max_steps), None
+        else:
+            final, nodes = run_with_history(scene, plan, state, max_steps, capacity)
+        return final, final, nodes
+    constant = jax.lax.stop_gradient
+    state = state._replace(passing=None)  # no sample is passed, so every step has a decision
+    final, decisions, count = record_decisions(constant(scene), plan, constant(state), max_steps)
+    state, nodes = replay(scene, plan, state, decisions, count, capacity)
+    if nodes is not None and capacity is not None:
+        final = final._replace(code=jnp.where(nodes.used > capacity, results.HISTORY_FULL, final.code))
+    return state, final, nodes
+
+
 def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, stored):
     """Integrate a scene and store data of every accepted step.
 

@@ -18,12 +18,12 @@ from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options, as_compiled
 from rockjax._outputs.views import Ended
-from rockjax._programs.derivatives import differentiable, is_concrete, with_jacobian, with_jacobian_rule
+from rockjax._programs.derivatives import differentiable, is_concrete, with_derivatives, with_slopes
 from rockjax._programs.program import StoredProgram
 from rockjax._results import State
 from rockjax._structures import Podium
 
-from .flat import Nodes, record_decisions, replay, run, run_with_history
+from .flat import Nodes, solve_scene
 from .scene import plan_for, prepare
 from .state import LoopState, Plan, Scene
 
@@ -60,80 +60,43 @@ def solve(
     return PROGRAM(*arguments, history=history)
 
 
-def _solve(
+def _answers(
     podium: Podium,
     excitation: AbstractExcitation,
     initial: State,
     t_end: Array | None,
     options: Options,
-    history: int | None = None,
-) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
-    leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
-    function, recorded = _functions(
-        structure, plan_for(podium, options, history is not None), options, history
-    )
-    return with_jacobian_rule(function, recorded, options.engine == "flat")(*leaves)
-
-
-def _solve_with_slopes(
-    podium: Podium,
-    excitation: AbstractExcitation,
-    initial: State,
-    t_end: Array | None,
-    options: Options,
-    numbers: tuple[int, ...],
-    history: int | None = None,
+    *,
+    history: int | None,
+    reversible: bool,
 ):
-    """Return the answers, and the derivatives of their floats with respect to the leaves with the indices
-    `numbers`, one row per leaf."""
-    leaves, structure = jax.tree.flatten((podium, excitation, initial, t_end, options))
-    function, _ = _functions(structure, plan_for(podium, options, history is not None), options, history)
-    floats, jacobian, integers = with_jacobian(function, leaves, numbers)
-    return (floats, integers), jacobian
+    """Return the answers as `solve` does; arguments as there. `reversible` selects the form for derivatives
+    with respect to arrays."""
+    plan = plan_for(podium, options, history is not None)
+    scene, state = prepare(podium, excitation, initial, t_end, options, plan)
+    if options.engine == "segments":
+        from .segments import run_segments
+
+        state, nodes = run_segments(scene, plan, state, options, history)
+        return _with_nodes(answers(scene, plan, state), nodes)
+    state, final, nodes = solve_scene(scene, plan, state, options.max_steps, history, reversible)
+    return _with_nodes(answers(scene, plan, state, final), nodes)
 
 
-def _functions(structure: Any, plan: Plan, options: Options, history: int | None):
-    """Return the function from the leaves of the arguments to the answers, and a second form of it for
-    derivatives with respect to arrays."""
-
-    def scene(leaves) -> tuple[Scene, LoopState]:
-        podium, excitation, initial, t_end, options = jax.tree.unflatten(structure, leaves)
-        return prepare(podium, excitation, initial, t_end, options, plan)
-
-    def function(*leaves):
-        ready, state = scene(leaves)
-        if options.engine == "segments":
-            from .segments import run_segments
-
-            state, nodes = run_segments(ready, plan, state, options, history)
-        elif history is None:
-            state, nodes = run(ready, plan, state, options.max_steps), None
-        else:
-            state, nodes = run_with_history(ready, plan, state, options.max_steps, history)
-        return _with_nodes(answers(ready, plan, state), nodes)
-
-    def recorded(*leaves):
-        """Return the answers from recorded decisions, for derivatives with respect to arrays in forward and
-        reverse mode."""
-        constant = jax.lax.stop_gradient
-        ready, state = scene(leaves)
-        state = state._replace(passing=None)  # no sample is passed, so every step has a decision
-        final, decisions, count = record_decisions(constant(ready), plan, constant(state), options.max_steps)
-        state, nodes = replay(ready, plan, state, decisions, count, history)
-        floats, _ = answers(ready, plan, state)
-        _, integers = answers(ready, plan, final)
-        return _with_nodes((floats, integers), nodes)
-
-    return function, recorded
-
-
+_solve = with_derivatives(_answers)
 PROGRAM = StoredProgram(_solve)
-SLOPES = StoredProgram(_solve_with_slopes)
+SLOPES = StoredProgram(with_slopes(_answers))
 
 
-def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array], dict[str, Array]]:
+def answers(
+    scene: Scene, plan: Plan, state: LoopState, final: LoopState | None = None
+) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the outputs of a finished scene by name: floats, which have derivatives, and integers and
-    flags."""
+    flags.
+
+    - `scene`, `plan`, `state`: the prepared scene, its static choices, and its final state
+    - `final`: final state for integers and flags; None for the same one
+    """
     floats = {
         "overturn_time": state.overturn_time,
         "uplift_time": state.uplift_time,
@@ -145,6 +108,7 @@ def answers(scene: Scene, plan: Plan, state: LoopState) -> tuple[dict[str, Array
         floats |= output.answer(ended, record, note)
     for output in plan.absent:
         floats |= output.absent(ended)
+    state = state if final is None else final
     ratio = state.peak / scene.c.alpha
     integers = {
         "exceeded_alpha": ratio >= 1,

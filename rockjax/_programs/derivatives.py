@@ -1,6 +1,6 @@
 """Derivatives of programs, in forward mode together with the value.
 
-Inside a traced program derivatives with respect to scalars are a Jacobian (`with_jacobian_rule`). For one
+Inside a traced program derivatives with respect to scalars are a Jacobian (`_with_jacobian_rule`). For one
 scene with concrete parameters one stored program serves all requested derivatives (`differentiable`): it
 computes the answers and their derivatives with respect to every scalar parameter of the podium and the
 excitation, in one pass. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
@@ -65,7 +65,48 @@ def _of_some(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) -
     return of_varied
 
 
-def with_jacobian(function: Callable, leaves: Sequence[Any], varied: Sequence[int]):
+def _of_leaves(function: Callable, structure: Any, **keywords: Any) -> Callable:
+    return lambda *leaves: function(*jax.tree.unflatten(structure, leaves), **keywords)
+
+
+def with_derivatives(function: Callable) -> Callable:
+    """Return the function from the arguments of a scene, and `history`, to its answers, with the derivative
+    rule of `_with_jacobian_rule`.
+
+    - `function`: function of the arguments, of which the last are the options of the solver, with the
+      keywords `history` and `reversible`. It returns (floats, integers), by loops that reverse mode can
+      differentiate if `reversible`
+    """
+
+    @functools.wraps(function)
+    def evaluate(*arguments, history: int | None = None):
+        leaves, structure = jax.tree.flatten(arguments)
+        plain, reversible = (
+            _of_leaves(function, structure, history=history, reversible=y) for y in (False, True)
+        )
+        return _with_jacobian_rule(plain, reversible, arguments[-1].engine == "flat")(*leaves)
+
+    return evaluate
+
+
+def with_slopes(function: Callable) -> Callable:
+    """Return the function from the arguments of a scene, `numbers` and `history` to its answers, and the
+    derivatives of their floats with respect to the leaves with the indices `numbers`, one row per leaf.
+
+    - `function`: as for `with_derivatives`
+    """
+
+    @functools.wraps(function)
+    def evaluate(*arguments, numbers: tuple[int, ...], history: int | None = None):
+        leaves, structure = jax.tree.flatten(arguments)
+        of_leaves = _of_leaves(function, structure, history=history, reversible=False)
+        floats, jacobian, integers = _with_jacobian(of_leaves, leaves, numbers)
+        return (floats, integers), jacobian
+
+    return evaluate
+
+
+def _with_jacobian(function: Callable, leaves: Sequence[Any], varied: Sequence[int]):
     """Return floats, their derivatives with respect to the leaves with the indices `varied` (one row per
     leaf), and integers, in one pass."""
     point = [_first_order_only(y) if i in varied else y for i, y in enumerate(leaves)]
@@ -75,7 +116,7 @@ def with_jacobian(function: Callable, leaves: Sequence[Any], varied: Sequence[in
     return pushed(function, point, unit_tangents, loops=True)
 
 
-def with_jacobian_rule(function: Callable, for_arrays: Callable, has_derivatives: bool):
+def _with_jacobian_rule(function: Callable, for_arrays: Callable, has_derivatives: bool):
     """Return `function`, leaves ↦ (floats, integers), with a rule for derivatives inside a program. They are
     a Jacobian, computed in one pass together with the value.
 
@@ -94,7 +135,7 @@ def with_jacobian_rule(function: Callable, for_arrays: Callable, has_derivatives
             of_varied = _of_some(for_arrays, primals, varied)
             floats, floats_dot, integers = jax.jvp(of_varied, point, directions, has_aux=True)
         else:
-            floats, jacobian, integers = with_jacobian(function, primals, varied)
+            floats, jacobian, integers = _with_jacobian(function, primals, varied)
             direction = jnp.stack(directions)
             floats_dot = jax.tree.map(lambda J: jnp.tensordot(direction, J, axes=1), jacobian)
         return (floats, integers), (floats_dot, _no_tangent(integers))

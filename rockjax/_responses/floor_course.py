@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from rockjax._engine.flat import run_with_history
+from rockjax._engine.flat import solve_scene
 from rockjax._engine.scene import default_end, plan_for, prepare
 from rockjax._engine.state import Plan
 from rockjax._excitations.base import AbstractExcitation
@@ -63,28 +63,33 @@ def course_of(scene: history.Solved) -> FloorCourse:
     nodes = scene[2]
     rows = jnp.arange(nodes.t.shape[0])
     is_used = rows < nodes.used
+    used_rows = jnp.minimum(rows, nodes.used - 1)
     last = jnp.max(jnp.where(is_used, nodes.t, -jnp.inf))
     times = jnp.where(is_used, nodes.event_time, last)
     starts = jax.lax.stop_gradient(jnp.where(is_used, nodes.t, last))
     lengths = jnp.append(jnp.diff(starts), 0.0)
-    at_end = NODES[-1] == NODES
+    # All steps at their nodes, then the ends of steps just before the impacts.
+    is_impact = jnp.isfinite(nodes.impact_time) & is_used
     t = starts[:, None] + lengths[:, None] * (0.5 + 0.5 * jnp.asarray(NODES))[None, :]
-    left = jnp.broadcast_to(at_end, t.shape)
-    node = jnp.broadcast_to(jnp.where(is_used, rows, 0)[:, None], t.shape)
-    motion = bodies(scene, t.ravel(), left.ravel(), node.ravel())
+    left = jnp.broadcast_to(NODES[-1] == NODES, t.shape)
+    node = jnp.broadcast_to(used_rows[:, None], t.shape)
+    motion = bodies(
+        scene,
+        jnp.append(t, jnp.where(is_impact, times, times[0])),
+        jnp.append(left, jnp.ones_like(is_impact)),
+        jnp.append(node, jnp.where(is_impact, rows - 1, 0)),
+    )
+    accelerations = motion.accelerations[: t.size].reshape(*t.shape, -1)
+    speed, climb = motion.velocity[t.size :, -1], motion.climb[t.size :]
     # An impact multiplies the rate of rotation by e, and its vertical part changes sign, (L3). The velocities
     # of modes do not jump. The impact that ends the rocking is the first of infinitely many with this e.
-    is_impact = jnp.isfinite(nodes.impact_time) & is_used
-    impact_rows = jnp.where(is_impact, rows, 0)
-    is_left = jnp.ones(rows.shape, bool)
-    before = bodies(scene, times[impact_rows], is_left, jnp.maximum(impact_rows - 1, 0))
     e = jnp.maximum(scene[0].restitution_factor, 0.0)
-    of_modes = jnp.zeros((rows.size, motion.acceleration.shape[-1] - 1))
-    of_beam = jnp.stack([(1 - e) * -before.velocity[:, -1], (1 + e) * -before.climb], axis=-1)
+    of_modes = jnp.zeros((rows.size, accelerations.shape[-1] - 2))
+    of_beam = jnp.stack([(1 - e) * -speed, (1 + e) * -climb], axis=-1)
     jumps = jnp.concatenate([of_modes, of_beam], axis=-1)
     jumps = jnp.where(is_impact[:, None], jumps, 0.0)
     finite_times = jnp.where(is_used, times, jnp.inf)
-    return FloorCourse(finite_times, motion.accelerations.reshape(*t.shape, -1), jumps, times[-1])
+    return FloorCourse(finite_times, accelerations, jumps, times[-1])
 
 
 def without_fast_forwards(plan: Plan) -> Plan:
@@ -99,14 +104,17 @@ def floor_course(
     t_end: Any,
     options: Options,
     capacity: int,
+    reversible: bool,
 ) -> tuple[FloorCourse, Array]:
     """Solve a scene without fast-forwards. Return the motion of its floors, and the result code.
 
     - `podium`, `excitation`, `initial`, `t_end`, `options`: the scene
     - `capacity`: number of steps that the history can hold
+    - `reversible`: whether reverse mode can differentiate the loop
     """
     plan = without_fast_forwards(plan_for(podium, options, history=True))
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)
-    state, nodes = run_with_history(scene, plan, state, options.max_steps, capacity)
+    nodes: Any
+    _, final, nodes = solve_scene(scene, plan, state, options.max_steps, capacity, reversible)
     rtol = options.rtol if podium.restrainers else None
-    return course_of((podium, excitation, nodes, jnp.asarray(jnp.inf), options.method, rtol)), state.code
+    return course_of((podium, excitation, nodes, jnp.asarray(jnp.inf), options.method, rtol)), final.code

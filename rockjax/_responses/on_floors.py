@@ -14,7 +14,7 @@ from jax.core import Tracer
 from rockjax import _results as results
 from rockjax._checks import concrete, format_value
 from rockjax._engine.coefficients import present
-from rockjax._engine.flat import run
+from rockjax._engine.flat import solve_scene
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.solve import answers
 from rockjax._excitations.base import AbstractExcitation
@@ -23,7 +23,7 @@ from rockjax._options import Options
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.joints import friction_of, quarter_tangent
 from rockjax._outputs.views import Ended, Start, Step, StepEnd
-from rockjax._programs.derivatives import differentiable, is_concrete, with_jacobian, with_jacobian_rule
+from rockjax._programs.derivatives import differentiable, is_concrete, with_derivatives, with_slopes
 from rockjax._programs.program import StoredProgram
 from rockjax._results import REST
 from rockjax._sincos import sincos
@@ -73,19 +73,22 @@ class JoltFriction(AbstractOutput):
         return {self.name: friction_of(record), "started_by_impulse": note}
 
 
-def _rock(block: Contents, g: Value, weights: Values, course: FloorCourse, options: Options):
+def _rock(
+    block: Contents, g: Value, weights: Values, course: FloorCourse, options: Options, reversible: bool
+):
     """Return the answers of a block by name: first floats, then integers and flags.
 
     - `g`: acceleration of gravity [m/s²]
     - `weights`: weights of the bodies in the motion of the floor, horizontally and vertically, shape
       (2, bodies)
     - `course`, `options`: motion of the bodies, and options of the scene
+    - `reversible`: whether reverse mode can differentiate the loop
     """
     outputs = "peak_rotation", "margin", "peak_friction", JoltFriction()
     options = options.replace(outputs=outputs, overturn_ratio=block.overturn_ratio)
     motion = GroundMotion(*map(course.motion, weights))
     solitary = block.block(g)
-    floats, integers = _solve(solitary, motion, course.end, options)
+    floats, integers = _solve(solitary, motion, course.end, options, reversible)
     joints, impacts = floats["peak_friction"][BOTTOM], integers["impacts"]
     at_impacts = jnp.where(impacts > 0, solitary.impact_friction[BOTTOM], 0.0)
     demand = jnp.maximum(jnp.maximum(joints, floats["jolt_friction"]), at_impacts)
@@ -96,7 +99,9 @@ def _rock(block: Contents, g: Value, weights: Values, course: FloorCourse, optio
     }
 
 
-def _vibrate(oscillator: Oscillator, g: Value, weights: Values, course: FloorCourse, options: Options):
+def _vibrate(
+    oscillator: Oscillator, g: Value, weights: Values, course: FloorCourse, options: Options, reversible: bool
+):
     """Return the answers of an oscillator by name; arguments and result are as for `_rock`.
 
     The oscillator is solved as a superstructure without mass on a podium that never lifts: its columns are
@@ -111,7 +116,7 @@ def _vibrate(oscillator: Oscillator, g: Value, weights: Values, course: FloorCou
         atol=jnp.maximum(OSCILLATOR_ATOL * options.atol, 1e-17),
     )
     motion = course.motion(weights[DIRECTIONS.index(oscillator.direction)])
-    floats, integers = _solve(flat, motion, course.end, finer)
+    floats, integers = _solve(flat, motion, course.end, finer, reversible)
     displacement = floats["peak_deformation"]
     return {
         "relative_displacement": displacement,
@@ -120,12 +125,15 @@ def _vibrate(oscillator: Oscillator, g: Value, weights: Values, course: FloorCou
     }, integers
 
 
-def _solve(structure: Podium, motion: AbstractExcitation, end: Value, options: Options):
+def _solve(
+    structure: Podium, motion: AbstractExcitation, end: Value, options: Options, reversible: bool = False
+):
     """Return the answers of a structure on a floor up to the time `end` [s]."""
     structure = structure.split()
     plan = without_fast_forwards(plan_for(structure, options, history=True))
     scene, state = prepare(structure, motion, REST, end, options, plan)
-    return answers(scene, plan, run(scene, plan, state, options.max_steps))
+    state, final, _ = solve_scene(scene, plan, state, options.max_steps, None, reversible)
+    return answers(scene, plan, state, final)
 
 
 # For each class of things on floors: the function that computes the answers, and the class of the answers.
@@ -138,47 +146,51 @@ KINDS: dict[type, tuple[Any, type]] = {
 Things = Sequence[Contents | Oscillator] | Contents | Oscillator
 
 
-def on_floors(structures, excitation, initial, t_end, options: Options, *, history: int):
+def _on_floors(structures, excitation, initial, t_end, options: Options, *, history: int, reversible: bool):
     """Return the answers of things on the floors of a scene.
 
     - `structures`: the podium, and the things on its floors
     - `excitation`, `initial`, `t_end`, `options`: the scene
     - `history`: number of steps that the history of the floors can hold
+    - `reversible`: whether reverse mode can differentiate the loops
 
     The result is (floats, (integers, code)): the floats and the integers of each thing by name, and the
     result code of the scene.
     """
-    leaves, structure = jax.tree.flatten((structures, excitation, initial, t_end, options))
-
-    def function(*leaves):
-        (podium, things), excitation, initial, t_end, options = jax.tree.unflatten(structure, leaves)
-        if t_end is None:
-            periods = [thing.period for thing in things if isinstance(thing, Oscillator)]
-            t_end = end_with_oscillators(podium, excitation, functools.reduce(jnp.maximum, periods, 0.0))
-        course, code = floor_course(podium, excitation, initial, t_end, options, history)
-        groups: dict[Any, list[int]] = {}  # things of the same class and direction are solved together
-        for k, thing in enumerate(things):
-            groups.setdefault((type(thing), getattr(thing, "direction", None)), []).append(k)
-        answer_of = {}
-        for members in groups.values():
-            group = [things[k] for k in members]
-            answer_of |= dict(zip(members, _solve_group(podium, group, course, options), strict=True))
-        has_failed = code > results.OVERTURNED
-        floats, integers = zip(*(answer_of[k] for k in range(len(things))), strict=True)
-        floats = jax.tree.map(lambda y: jnp.where(has_failed, jnp.nan, y), floats)
-        flags = {"until_overturning": code == results.OVERTURNED}
-        integers = tuple(y | flags | {"code": jnp.where(has_failed, code, y["code"])} for y in integers)
-        return floats, (integers, code)
-
-    return with_jacobian_rule(function, function, True)(*leaves)
+    podium, things = structures
+    if t_end is None:
+        periods = [thing.period for thing in things if isinstance(thing, Oscillator)]
+        t_end = end_with_oscillators(podium, excitation, functools.reduce(jnp.maximum, periods, 0.0))
+    course, code = floor_course(podium, excitation, initial, t_end, options, history, reversible)
+    groups: dict[Any, list[int]] = {}  # things of the same class and direction are solved together
+    for k, thing in enumerate(things):
+        groups.setdefault((type(thing), getattr(thing, "direction", None)), []).append(k)
+    answer_of = {}
+    for members in groups.values():
+        answers_of_group = _solve_group(podium, [things[k] for k in members], course, options, reversible)
+        answer_of |= dict(zip(members, answers_of_group, strict=True))
+    has_failed = code > results.OVERTURNED
+    floats, integers = zip(*(answer_of[k] for k in range(len(things))), strict=True)
+    floats = jax.tree.map(lambda y: jnp.where(has_failed, jnp.nan, y), floats)
+    flags = {"until_overturning": code == results.OVERTURNED}
+    integers = tuple(y | flags | {"code": jnp.where(has_failed, code, y["code"])} for y in integers)
+    return floats, (integers, code)
 
 
-def _solve_group(podium: Podium, things: list[Any], course: FloorCourse, options: Options) -> list[Any]:
+on_floors = with_derivatives(_on_floors)
+PROGRAM = StoredProgram(on_floors, words="the program for things on floors")
+SLOPES = StoredProgram(with_slopes(_on_floors), words="the program for things on floors")
+
+
+def _solve_group(
+    podium: Podium, things: list[Any], course: FloorCourse, options: Options, reversible: bool
+) -> list[Any]:
     """Return the answers of things of one class and direction, computed in lanes."""
     solve, _ = KINDS[type(things[0])]
     weights = jnp.stack([_weights_of(podium, thing) for thing in things])
     lanes = jax.tree.map(lambda *y: jnp.stack(y), *map(_stackable, things))
-    answers = jax.vmap(lambda thing, w: solve(thing, podium.g, w, course, options))(lanes, weights)
+    solve_lane = lambda thing, w: solve(thing, podium.g, w, course, options, reversible)
+    answers = jax.vmap(solve_lane)(lanes, weights)
     return [jax.tree.map(functools.partial(jnp.take, indices=k, axis=0), answers) for k in range(len(things))]
 
 
@@ -198,19 +210,6 @@ def _stackable(thing: Any) -> Any:
         e = GivenRestitution(thing.block(jnp.ones(())).restitution_factor)
         thing = dataclasses.replace(thing, vertical=True, restitution=e)
     return jax.tree.map(jnp.asarray, thing)
-
-
-def _with_slopes(structures, excitation, initial, t_end, options, numbers, *, history: int):
-    """Return the answers, and the derivatives of their floats with respect to some leaves of the arguments,
-    one row per leaf. `numbers` holds the indices of these leaves."""
-    leaves, structure = jax.tree.flatten((structures, excitation, initial, t_end, options))
-    function = lambda *leaves: on_floors(*jax.tree.unflatten(structure, leaves), history=history)
-    floats, jacobian, integers = with_jacobian(function, leaves, numbers)
-    return (floats, integers), jacobian
-
-
-PROGRAM = StoredProgram(on_floors, words="the program for things on floors")
-SLOPES = StoredProgram(_with_slopes, words="the program for things on floors")
 
 
 def answers_on_floors(

@@ -184,6 +184,32 @@ def test_derivatives_agree_with_differences():
         np.testing.assert_allclose(forward[:, k], slope, rtol=1e-5, atol=1e-6 * np.abs(base / number).max())
 
 
+@pytest.mark.slow
+def test_derivatives_with_respect_to_samples_agree_with_differences():
+    """Of a block and an oscillator on the deck and on the top, forward and reverse."""
+    dt, (noise, direction) = 0.1, np.random.default_rng(2).normal(size=(2, 24))
+    t = dt * np.arange(24)
+    samples = 2.6 * np.sin(2 * np.pi * t / 0.9) * np.exp(-t) + 0.3 * noise
+    blocks = rj.Contents(0.4, 0.5), rj.Contents(0.2, 0.5, level=1)
+    things = *blocks, rj.Oscillator(0.2), rj.Oscillator(0.3, level=1)
+
+    def values(samples):
+        found = rj.peak_response(HEAVY, rj.Record(samples, dt), t_end=4.0, options=FINE, on_floors=things)
+        deck, top, *oscillators = found.on_floors
+        of_blocks = deck.peak_rotation, deck.uplift_time, top.uplift_time, top.overturn_time
+        friction = deck.friction_demand, top.friction_demand
+        of_oscillators = (y for x in oscillators for y in (x.relative_displacement, x.absolute_acceleration))
+        return jnp.stack([*of_blocks, *friction, *of_oscillators])
+
+    _, forward = jax.jvp(values, (samples,), (direction,))
+    reverse = jax.jacrev(values)(samples)
+    np.testing.assert_allclose(reverse @ direction, forward, rtol=1e-6)
+    at = lambda step: np.asarray(values(samples + step * direction))
+    h = 1e-4
+    slope = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
+    np.testing.assert_allclose(forward, slope, rtol=1e-6)
+
+
 def test_nothing_acts_back_and_batches_agree_with_single_scenes():
     """Fact 23: the podium's answers are the same bits; mirrored motions and another order change nothing."""
     things = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5, vertical=False)
