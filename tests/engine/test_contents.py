@@ -14,7 +14,7 @@ from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.transitions import jolt
 from rockjax._excitations.base import Shaking
 from rockjax._excitations.piecewise import DEGREE, PiecewiseMotion
-from rockjax._responses.on_floors import _solve
+from rockjax._responses.on_floors import JoltFriction, _solve
 from tests import reference_contents, restrained
 from tests.scenes import shaking
 
@@ -26,34 +26,43 @@ BLOCK = rj.Contents(0.2, 0.5)
 PULSE = rj.Ricker(3.0, 1.0)
 
 
-def started_by(jump: float, alpha=0.2, R=0.5):
-    """Peak of a block at rest whose floor moves by one jump and then rests; its rotation in radians."""
+def started_by(jump: float, alpha=0.2):
+    """Peak [rad] of a block at rest whose floor moves by one jump and then rests, whether it overturns, and
+    its friction demands at the jump and at its own impacts."""
     times = jnp.array([0.0, 0.5, 6.0])
-    motion = PiecewiseMotion(times, jnp.zeros((3, DEGREE + 1)), jnp.array([0.0, jump, 0.0]))
-    block = rj.Podium(alpha, R)
-    floats, integers = _solve(block, motion, times[-1], FINE.replace(outputs=("peak_rotation",)))
-    return float(floats["peak_rotation"]) * alpha, bool(integers["overturned"])
+    across, up = (
+        PiecewiseMotion(times, jnp.zeros((3, DEGREE + 1)), jnp.array([0.0, y, 0.0])) for y in (jump, 0.0)
+    )
+    block, options = rj.Podium(alpha, 0.5), FINE.replace(outputs=("peak_rotation", JoltFriction()))
+    floats, integers = _solve(block, rj.GroundMotion(across, up), times[-1], options)
+    friction = float(floats["jolt_friction"]), float(block.impact_friction[0])
+    return float(floats["peak_rotation"]) * alpha, bool(integers["overturned"]), friction
 
 
 def test_a_jump_starts_a_block():
-    """Fact 14: the peak after one jump, and the jump that overturns."""
-    np.testing.assert_allclose(started_by(0.3)[0], 0.03658828377247352, rtol=1e-9)
+    """Facts 14 and 19: the peak after one jump, the jump that overturns, friction demands."""
+    peak, _, friction = started_by(0.3)
+    np.testing.assert_allclose(peak, 0.03658828377247352, rtol=1e-9)
+    np.testing.assert_allclose(friction, [1.914665005873861, 0.1504866019045806], rtol=1e-12)
+    np.testing.assert_allclose(started_by(0.3, 0.3)[2], [1.490024380734774, 0.2265818444748230], rtol=1e-12)
     limit = 0.5209128360247842
     assert not started_by(limit * (1 - 1e-6))[1]
     assert started_by(limit * (1 + 1e-6))[1]
 
 
 def test_a_jump_moves_a_rocking_block():
-    """Facts 14 and 15, and that a jump upwards alone never lifts a block at rest."""
-    block = rj.Podium(0.2, 0.5)
+    """Facts 14 to 16, and that a jump upwards alone never lifts a block at rest."""
     still = rj.GroundMotion(rj.Rest(), rj.Rest())
-    scene, _ = prepare(block.split(), still, rj.State(), None, FINE, plan_for(block, FINE, False))
 
-    def after(theta, side, across, up):
+    def after(theta, side, across, up, block=rj.Podium(0.2, 0.5)):
+        scene, _ = prepare(block.split(), still, rj.State(), None, FINE, plan_for(block, FINE, False))
         x, v = (jnp.asarray(theta),), (jnp.zeros(()),)
-        still = Shaking(jnp.zeros(()), jnp.zeros(()))
-        return jolt(scene, jnp.asarray(side), x, v, still, Shaking(jnp.asarray(across), jnp.asarray(up)))
+        at_rest = Shaking(jnp.zeros(()), jnp.zeros(()))
+        return jolt(scene, jnp.asarray(side), x, v, at_rest, Shaking(jnp.asarray(across), jnp.asarray(up)))
 
+    for up, rate in ((0.09122700786751294, 1.030674369188189), (0.0, 1.081223289597132)):
+        lifted = after(0.0, 0.0, 0.6036118453365736, up, rj.Podium(0.3, 0.4))
+        np.testing.assert_allclose(float(lifted.v[0]), -rate, rtol=1e-12)
     np.testing.assert_allclose(float(after(0.05, 1.0, 0.3, 0.1).v[0]), -0.4673627049422589, rtol=1e-12)
     lifted = after(0.0, 0.0, 0.3, 0.0)
     np.testing.assert_allclose(float(lifted.v[0]), -0.3 * 1.470099866761862, rtol=1e-12)
@@ -67,14 +76,18 @@ def test_one_impact_starts_a_block():
     """Facts 16 and 19: a frame that comes to rest at its first impact, with and without its vertical part."""
     podium = FRAME.replace(restitution=0.0)
     things = rj.Contents(0.3, 0.4), rj.Contents(0.3, 0.4, vertical=False)
-    found = rj.peak_response(
+    response = rj.simulate(
         podium, rj.Rest(), initial=rj.State(theta=0.05), t_end=4.0, options=FINE, on_floors=things
-    ).on_floors
+    )
+    found, deck = response.on_floors, response.floor()
+    np.testing.assert_allclose(deck.velocity_jumps, [0.6036118453365736], rtol=1e-9)
+    np.testing.assert_allclose(deck.vertical_velocity_jumps, [0.09122700786751294], rtol=1e-9)
     for each, peak in zip(found, (0.1221296327300025, 0.1393632265028351), strict=True):
         np.testing.assert_allclose(each.peak_rotation, peak / 0.3, rtol=1e-9)
         np.testing.assert_allclose(each.uplift_time, 0.5285930092632813, rtol=1e-9)
         assert each.started_by_impulse
-    np.testing.assert_allclose(found[0].friction_demand, 0.9844854941904820, rtol=1e-9)
+    demands = [each.friction_demand for each in found]
+    np.testing.assert_allclose(demands, [0.9844854941904820, 1.490024380734774], rtol=1e-9)
 
 
 def test_an_impact_of_a_building_starts_a_block():
@@ -162,21 +175,26 @@ def test_blocks_agree_with_an_independent_integrator(name):
 
 
 def test_derivatives_agree_with_differences():
-    """With respect to the podium, the motion and the things themselves, forward and reverse."""
+    """With respect to the podium, the motion and the things themselves, forward and reverse. Fact 22: the
+    size of everything."""
 
     def values(y):
-        podium = HEAVY.replace(alpha=y[0], R=y[1])
-        things = rj.Contents(y[4], y[5]), rj.Contents(0.25, 0.3, level=1), rj.Oscillator(y[6])
+        podium = HEAVY.replace(alpha=y[0], R=y[1], superstructure=rj.Elastic(30.0, y[8], 0.05))
+        things = rj.Contents(y[4], y[5]), rj.Contents(0.25, y[7], level=1), rj.Oscillator(y[6])
         found = rj.peak_response(podium, rj.Ricker(y[2], y[3]), t_end=6.0, options=FINE, on_floors=things)
         block, other, oscillator = found.on_floors
         of_block = block.peak_rotation, block.uplift_time, block.peak_rotation_time
         of_others = other.peak_rotation, oscillator.relative_displacement, oscillator.absolute_acceleration
         return jnp.stack([*of_block, *of_others])
 
-    y = np.array([0.15, 1.5, 2.4, 1.0, 0.4, 0.5, 0.2])
+    y = np.array([0.15, 1.5, 2.4, 1.0, 0.4, 0.5, 0.2, 0.3, 0.5])
     base = np.asarray(values(jnp.asarray(y)))
     forward, reverse = (np.asarray(way(values)(jnp.asarray(y))) for way in (jax.jacfwd, jax.jacrev))
     np.testing.assert_allclose(forward, reverse, rtol=1e-12, atol=1e-12)
+    # Lengths grow with s, periods with √s: the derivative with respect to ln s, times 2.
+    sizes, times = [1, 5, 7], [3, 6, 8]
+    by_size = 2 * forward[:, sizes] @ y[sizes] + forward[:, times] @ y[times]
+    np.testing.assert_allclose(by_size, base * [0, 1, 1, 0, 2, 0], rtol=1e-6, atol=1e-6)
     for k, number in enumerate(y):
         h, unit = 1e-4 * number, np.eye(y.size)[k]
         at = lambda step, unit=unit: np.asarray(values(jnp.asarray(y + step * unit)))
@@ -233,6 +251,28 @@ def test_nothing_acts_back_and_batches_agree_with_single_scenes():
     for one, other in zip(batch.on_floors, turned.on_floors[::-1], strict=True):
         for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
             assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+
+
+def test_modes_without_mass_and_split_modes_change_nothing():
+    """Facts 8 and 23: an oscillator on the deck is a mode without mass, and two modes of one period are one
+    mode, for the podium and for all things on it."""
+    things = rj.Contents(0.12, 0.4), rj.Oscillator(0.3, 0.02)
+    u_b = 2 * 1.5 * (math.sin(0.15) - math.sin(0.05))
+    for initial in (rj.State(), rj.State(theta=0.1, u_t=u_b, u_t_dot=0.0)):
+        scene: Any = {"initial": initial, "t_end": 4.0, "options": FINE, "on_floors": things}
+        reference = rj.peak_response(TOP, PULSE, **scene)
+        for eta in ([30.0, 0.0, 0.0], [12.0, 18.0, 0.0]):
+            modes = rj.Modes(eta, [0.5, 0.5, 0.3], [0.05, 0.05, 0.02])
+            found = rj.peak_response(FRAME.replace(superstructure=modes), PULSE, **scene)
+            np.testing.assert_allclose(found.peak_rotation, reference.peak_rotation, rtol=1e-9)
+            block, oscillator = found.on_floors
+            displacement = oscillator.relative_displacement
+            np.testing.assert_allclose(found.peak_deformation[2], displacement, rtol=1e-8)
+            exact_block, exact_oscillator = reference.on_floors
+            np.testing.assert_allclose(displacement, exact_oscillator.relative_displacement, rtol=1e-8)
+            np.testing.assert_allclose(block.peak_rotation, exact_block.peak_rotation, rtol=1e-8)
+            np.testing.assert_allclose(block.friction_demand, exact_block.friction_demand, rtol=1e-8)
+            assert block.impacts == exact_block.impacts
 
 
 def test_histories_and_records_have_things_on_floors():

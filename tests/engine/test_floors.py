@@ -3,10 +3,13 @@
 import math
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._engine.coefficients import coefficients
+from rockjax._engine.model import acceleration, beam_absolute
 from tests.scenes import shaking
 
 FINE = rj.Options(rtol=1e-12, atol=1e-14)
@@ -33,6 +36,12 @@ def released(**changes):
     return rj.simulate(TOP.replace(**changes), rj.Rest(), initial=initial, t_end=1.0, options=FINE)
 
 
+def jump_ratio(podium):
+    """(1−e)/((1+e) tan α), the ratio |Δv_b|/Δw."""
+    e = float(podium.restitution_factor)
+    return (1 - e) / ((1 + e) * math.tan(float(podium.alpha)))
+
+
 def test_free_rocking_has_the_jumps_of_its_closed_form(free):
     deck = free.floor()
     jumps, vertical = np.asarray(deck.velocity_jumps), np.asarray(deck.vertical_velocity_jumps)
@@ -44,6 +53,35 @@ def test_free_rocking_has_the_jumps_of_its_closed_form(free):
     np.testing.assert_allclose(np.abs(jumps).sum(), 0.7637542311316412, rtol=1e-9)
     np.testing.assert_allclose(vertical.sum(), 5.095473172050416, rtol=1e-9)
     assert deck.peak_velocity_jump == np.abs(jumps).max()
+    np.testing.assert_allclose(np.abs(jumps[:9] / vertical[:9]), 0.1498887748680476, rtol=1e-9)
+
+
+def test_jumps_of_frames_have_their_ratio():
+    """Fact 17; `free` and `released` compare the first numbers with jumps."""
+    block = rj.Podium(alpha=0.15, R=1.5)
+    for podium, exact in (
+        (FRAME, 0.1498887748680476),
+        (block, 0.1127077997631335),
+        (TOP, 0.1508158376214710),
+        (TOP.replace(restitution="compatible"), 0.5885876281403821),
+        (block.replace(restitution=math.cos(0.3)), math.tan(0.15)),
+    ):
+        np.testing.assert_allclose(jump_ratio(podium), exact, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("gamma", "exact"), [(10.0, 0.006562912782958232), (0.0, -0.4665023668442045)])
+def test_a_jump_of_the_ground_acceleration_reaches_the_deck_in_part(gamma, exact):
+    """Fact 4: k_g at ψ = α, and 1 in full contact."""
+    c = coefficients(FRAME.replace(gamma=gamma).split(), 1e-8, False)
+    x = v = (jnp.zeros(()),)
+
+    def deck(sigma, ground):
+        a = acceleration(c, sigma, ground, x, v)
+        return float(beam_absolute(c, sigma, ground, x, v, a))
+
+    for sigma in (-1.0, 1.0):
+        np.testing.assert_allclose(deck(sigma, 1.0) - deck(sigma, 0.0), exact, rtol=1e-12)
+    assert deck(0.0, 0.7) == 0.7
 
 
 def test_free_rocking_has_the_accelerations_of_its_closed_form(free):
@@ -88,6 +126,13 @@ def test_accelerations_of_the_ground_jump_at_its_breakpoints():
     np.testing.assert_allclose(still.acceleration(end, left=True), 0.123, rtol=1e-9)
     assert still.peak_acceleration == pytest.approx(0.123, rel=1e-12)
     assert still.vertical_acceleration(start + 0.3) == 0
+    rocking = rj.simulate(FRAME, rj.OneCosine(4.0, 1.0), options=FINE)
+    end, deck = float(rocking.excitation.support[1]), rocking.floor()
+    psi, inertia = 0.15 - abs(float(rocking(end).theta)), 3 * 10 + 0.75 * 4 / 3
+    k_g = 1 - 3 * (1 + 2 * 10) * math.cos(psi) ** 2 / (2 * inertia)
+    assert psi < 0.15
+    jump = deck.acceleration(end) - deck.acceleration(end, left=True)
+    np.testing.assert_allclose(jump, -4 * k_g, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("law", "after"), [("paper", -1.3884663521), ("compatible", -1.2753912728)])
@@ -101,6 +146,8 @@ def test_an_impact_makes_a_finite_jump_on_an_elastic_top(law, after):
     jump = 2 * 0.05 * (2 * math.pi / 0.5) * scene.floor().velocity_jumps[0]
     np.testing.assert_allclose(found[1] - found[0], jump, rtol=1e-9)
     np.testing.assert_allclose(top.vertical_acceleration(first), scene.floor().vertical_acceleration(first))
+    ratio = np.abs(scene.floor().velocity_jumps) / scene.floor().vertical_velocity_jumps
+    np.testing.assert_allclose(ratio, jump_ratio(scene.podium), rtol=1e-9)
 
 
 def test_the_top_agrees_with_the_shear_of_the_history():

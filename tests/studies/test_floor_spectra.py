@@ -135,6 +135,8 @@ def test_slender_columns_have_the_linearised_spectrum():
     size = float(found["relative_displacement"].item()) / (2 * float(block.R) * alpha)
     assert size == pytest.approx(0.09561023890232810, rel=2e-6)
     assert float(found["peak_time"].item()) == pytest.approx(3.543932538, rel=1e-5)
+    impacts = rj.simulate(block, rj.Rest(), initial=start, t_end=6.0, options=FINE).impact_times[:2]
+    np.testing.assert_allclose(impacts, [0.6584789484624084, 1.702377397029442], rtol=2e-6)
 
 
 def test_oscillators_on_the_deck_are_modes_without_mass():
