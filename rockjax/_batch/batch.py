@@ -13,7 +13,6 @@ import threading
 import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, wait
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -23,7 +22,7 @@ from rockjax import _results as results
 from rockjax._checks import float_type
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
-from rockjax._machine.threads import submit
+from rockjax._machine.threads import run_in_threads
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options, as_compiled
 from rockjax._parameters.variants import place_of
@@ -289,20 +288,8 @@ def run_batch(
     from rockjax._progress import bar as bar_of
 
     threads = min(executor.hosts, len(todo))
-    futures: list[Future] = []
     with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar:
-        try:
-            if threads == 1:
-                work()
-            else:
-                futures += [submit(work) for _ in range(threads)]
-                for future in futures:
-                    future.result()
-        except BaseException as error:
-            stopped.set()
-            wait(futures)
-            if stop is None or not isinstance(error, KeyboardInterrupt):
-                raise
+        run_in_threads(work, threads, stopped, raises=stop is None)
     answers.close()
     return answers.floats, answers.integers, Tally(answers.useful, answers.possible)
 

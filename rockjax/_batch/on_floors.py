@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from rockjax import _results as results
-from rockjax._machine.threads import submit
+from rockjax._machine.threads import run_in_threads
 from rockjax._options import Options
 from rockjax._programs.program import StoredProgram
 from rockjax._responses import on_floors as of_scene
@@ -78,14 +78,7 @@ def answers_on_floors(
                 answers[first] = solve(first)
                 bar.update(answers[first][1][1].size)
 
-        count = min(threads, len(pending))
-        futures = [submit(work) for _ in range(count - 1)]
-        try:
-            work()
-            for future in futures:
-                future.result()
-        except KeyboardInterrupt:
-            stop.set()
+        run_in_threads(work, min(threads, len(pending)), stop, raises=False)
     if stop.is_set():
         raise Interrupted("stopped while things on floors were solved", None)
     grid_order = np.argsort(scenes.in_grid(np.arange(scenes.total)))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
+import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any
 
 import jax
@@ -32,6 +33,29 @@ def submit(work: Callable, *arguments: Any) -> Future:
     if not _POOLS:
         _POOLS.append(ThreadPoolExecutor(1024, "rockjax"))
     return _POOLS[0].submit(run)
+
+
+def run_in_threads(work: Callable[[], None], count: int, stop: threading.Event, *, raises: bool) -> None:
+    """Run `work()` in several threads, and wait until all have ended.
+
+    - `work`: function that ends soon after `stop` is set
+    - `count`: number of threads; a single one is this thread
+    - `stop`: event that stops the work; Ctrl-C and any exception set it
+    - `raises`: whether Ctrl-C raises `KeyboardInterrupt`; other exceptions are always raised
+    """
+    futures: list[Future] = []
+    try:
+        if count == 1:
+            work()
+        else:
+            futures += [submit(work) for _ in range(count)]
+            for future in futures:
+                future.result()
+    except BaseException as error:
+        stop.set()
+        wait(futures)
+        if raises or not isinstance(error, KeyboardInterrupt):
+            raise
 
 
 def import_in_background(*modules: str) -> None:

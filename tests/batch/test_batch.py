@@ -208,7 +208,8 @@ def test_a_thread_that_is_alone_solves_the_chunks_of_the_others(name, monkeypatc
     """Also where its lanes have become fewer at what looked like the end of its work."""
     from concurrent.futures import Future
 
-    from rockjax._batch import batch, executors
+    from rockjax._batch import executors
+    from rockjax._machine import threads
 
     def in_turn(work):
         done = Future()
@@ -217,7 +218,7 @@ def test_a_thread_that_is_alone_solves_the_chunks_of_the_others(name, monkeypatc
 
     podium, motions = PODIUMS[name], rj.Ricker(amplitudes(300), 1.0)
     together = rj.peak_responses(podium, motions, threads=3)
-    monkeypatch.setattr(batch, "submit", in_turn)
+    monkeypatch.setattr(threads, "submit", in_turn)
     monkeypatch.setattr(executors, "MANY_TRIALS", 10)
     alone = rj.peak_responses(podium, motions, threads=3)
     for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
