@@ -94,3 +94,9 @@ def displayed(unit: str) -> str:
 def displayed_or_empty(unit: str) -> str:
     """Return a unit of a dataset for display; an empty string for ratios."""
     return "" if unit == "1" else displayed(unit)
+
+
+def unit_of_measure(measure: str) -> str:
+    """Return the SI unit of an intensity measure: "PGA", "PGV", "Sa", a label such as "Sa(0.5 s)", or "scale"
+    for the factor on a motion."""
+    return {"PGV": "m s-1", "scale": "1"}.get(measure, "m s-2")

@@ -50,6 +50,7 @@ from .implicit import boundary_gradient, traced_boundary_change
 from .margin import DEFAULT_WIDTH, has_margin, margin_options, scan_options, signed_margin
 from .refinement import SPACING_SHARE
 
+MAX_ACCELERATION_RATIO = 12.0  # default end of searches for pulses, a_p/(g tan α)
 BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # default options; the scenes determine the accuracy of a boundary
 ONE_SIDED_BELOW = 1e-4  # if a dip of the margin is lower than this, the boundary is about to jump to this dip
 
@@ -99,7 +100,7 @@ def overturning_acceleration(
     pulse: Callable[[Any, Any], AbstractExcitation],
     T_p,
     *,
-    max_acceleration_ratio=12.0,
+    max_acceleration_ratio=MAX_ACCELERATION_RATIO,
     options: Options = BOUNDARY,
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,

@@ -125,9 +125,7 @@ def _vibrate(
     }, integers
 
 
-def _solve(
-    structure: Podium, motion: AbstractExcitation, end: Value, options: Options, reversible: bool = False
-):
+def _solve(structure: Podium, motion: AbstractExcitation, end: Value, options: Options, reversible: bool):
     """Return the answers of a structure on a floor up to the time `end` [s]."""
     structure = structure.split()
     plan = without_fast_forwards(plan_for(structure, options, history=True))

@@ -15,7 +15,7 @@ import numpy as np
 from rockjax._files import write_atomically
 from rockjax._motions.headings import Heading, parse_heading
 from rockjax._text.reading import read_text
-from rockjax._units import INTENSITY_UNITS, STANDARD_GRAVITY, UNITS, in_si, unit_of
+from rockjax._units import INTENSITY_UNITS, STANDARD_GRAVITY, UNITS, in_si, unit_of, unit_of_measure
 
 if TYPE_CHECKING:
     import xarray
@@ -235,7 +235,7 @@ def _openquake(path: str | Path, rows: list[_Row], comments: list[_Row], site: i
     poe = np.array([curves[site or 0].number(path, k) for k in columns])
     x, rates = _rates_of_probabilities(str(path), x, poe, years)
     measure, unit = _measure(path, imt[1])
-    factor, units = UNITS[unit].factor, "m s-1" if measure == "PGV" else "m s-2"
+    factor, units = UNITS[unit].factor, unit_of_measure(measure)
     return {"intensity": x * factor, "annual_rate": rates, "measure": measure, "units": units}
 
 
@@ -395,7 +395,7 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
     import xarray
 
     measure, units = _measure(path, imls.get("imt", ""))
-    factor, si = UNITS[units].factor, "m s-1" if measure == "PGV" else "m s-2"
+    factor, si = UNITS[units].factor, unit_of_measure(measure)
     if (stated := imls.get("imlUnit")) is not None and unit_of(stated) != units:
         raise ValueError(
             f"{path}: {name}: imlUnit must be {units!r}, OpenQuake's unit of {measure}, got {stated!r}"

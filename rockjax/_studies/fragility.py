@@ -30,6 +30,7 @@ from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import data_variables
 from rockjax._structures import Podium, g_tan_alpha
+from rockjax._units import unit_of_measure
 
 from .spectra import boundary_axis
 
@@ -66,10 +67,10 @@ def measure_of(name: str, period: float | None, suite: Motions) -> Measure:
     - `name`: "PGA", "PGV", "Sa" with `period` [s], or "scale" for the factor on the motions
     """
     if name == "scale":
-        return Measure(name, np.ones(len(suite)), "1")
+        return Measure(name, np.ones(len(suite)), unit_of_measure(name))
     label = f"Sa({period:g} s)" if name == "Sa" else name
     values = np.array([measure_by_label(motion, label) for motion in suite])
-    return Measure(label, values, "m s-1" if name == "PGV" else "m s-2")
+    return Measure(label, values, unit_of_measure(name))
 
 
 def levels_of(

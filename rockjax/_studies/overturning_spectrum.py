@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._boundaries.boundary import BOUNDARY, ONE_SIDED_BELOW, check_search, positive_limit
+from rockjax._boundaries.boundary import (
+    BOUNDARY,
+    MAX_ACCELERATION_RATIO,
+    ONE_SIDED_BELOW,
+    check_search,
+    positive_limit,
+)
 from rockjax._boundaries.crossings import Scan, scan
 from rockjax._boundaries.implicit import log_sensitivities
 from rockjax._boundaries.margin import DEFAULT_WIDTH
@@ -35,7 +41,7 @@ def overturning_spectrum(
     pulse: Callable[[Any, Any], AbstractExcitation],
     frequency_ratio,
     *,
-    max_acceleration_ratio: float = 12.0,
+    max_acceleration_ratio: float = MAX_ACCELERATION_RATIO,
     sensitivities: Sequence[str] = (),
     resolution: int = 128,
     width: float = DEFAULT_WIDTH,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +23,9 @@ from rockjax._structures import Podium
 from rockjax._types import Value
 
 from .base import Kind, Values, with_words
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,8 +72,7 @@ class FloorKind(Kind):
         peaks = scenes.peaks(name, law, change)
         data = peaks.sel({self.dim: things})
         every = np.array(data[self.variable].values, float)
-        fallen = data["contents_overturned"].values if self.dim == "contents" else np.zeros_like(every, bool)
-        every[fallen] = np.inf
+        every[self._fallen(data)] = np.inf
         worst, rows = np.argmax(every, axis=-1), np.arange(len(every))
         errors = np.full(len(every), np.nan)
         if f"{self.variable}_error" in data:
@@ -89,6 +91,12 @@ class FloorKind(Kind):
                 unanswered[k] = "undecided"
         return found._replace(words=tuple(words), unanswered=tuple(unanswered))
 
+    def _fallen(self, data: xarray.Dataset) -> np.ndarray:
+        """Return which things overturned, along motions and things; oscillators do not."""
+        if self.dim == "contents":
+            return data["contents_overturned"].values
+        return np.zeros(data[self.variable].shape, bool)
+
     def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced:
         things = tuple(self.things(entry).values())
         options = scenes.problem.options.replace(outputs=("peak_rotation",), throw=False)
@@ -104,18 +112,17 @@ class FloorKind(Kind):
         del values
         name, data = str(entry.motions), scenes.peaks(str(entry.motions))
         things = [str(y) for y in data[self.dim].values]
-        rows = []
+        fallen, rows = self._fallen(data), []
         for k, motion in enumerate(scenes.motion_set(name).names):
             cells = []
             for j in range(len(things)):
-                fallen = self.dim == "contents" and bool(data["contents_overturned"].values[k, j])
                 value = data[self.variable].values[k, j]
                 cells.append(
                     Word(
                         f"overturned at {float(data['contents_overturn_time'].values[k, j]):.2f} s",
                         "overturned",
                     )
-                    if fallen
+                    if fallen[k, j]
                     else of_scene(data, k, value, self.quantity)
                 )
             rows.append((Word(motion), *cells))

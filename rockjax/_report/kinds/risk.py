@@ -26,6 +26,7 @@ from rockjax._risk.gaussian import Envelope, GaussianMotion
 from rockjax._risk.hazard import Hazard
 from rockjax._risk.rocking import failure_probability
 from rockjax._structures import Podium
+from rockjax._units import unit_of_measure
 
 from .base import Kind, Values, one_value, unanswered_scenes
 from .searches import just_below
@@ -33,7 +34,6 @@ from .searches import just_below
 if TYPE_CHECKING:
     import xarray
 
-UNITS_OF_MEASURES = {"PGA": "m s-2", "Sa": "m s-2", "PGV": "m s-1", "scale": "1"}
 INTERVAL = 1.96  # standard errors on each side of a 95 % interval
 UNTESTED = "assumptions are not tested"
 
@@ -48,7 +48,7 @@ class FragilityKind(Kind):
 
     def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
         del keys
-        return kind_of_unit(UNITS_OF_MEASURES[measure_of_file(file)[0]])
+        return kind_of_unit(unit_of_measure(measure_of_file(file)[0]))
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
         """Return the fragility of the set as `rockjax.fragility` does, with the factors on the motions of the
@@ -287,8 +287,7 @@ def _of_hazard(hazard: Hazard) -> tuple[str, float | None]:
 
 
 def _fragility(scenes: Scenes, name: str, chosen: tuple[str, float | None]) -> xarray.Dataset:
-    """Return the fragility curve of a set over the chosen measure, with the variables of
-    `FragilityKind.data`."""
+    """Return the curve of `FragilityKind.curve` for a set, over the chosen measure."""
     from rockjax._motions.motion import Motions
     from rockjax._studies.curve import fragility
     from rockjax._studies.fragility import incremental_dynamic_analysis, levels_of, measure_of

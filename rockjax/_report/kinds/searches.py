@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._boundaries.boundary import overturning_acceleration
+from rockjax._boundaries.boundary import MAX_ACCELERATION_RATIO, overturning_acceleration
 from rockjax._excitations.pulses import PULSES
 from rockjax._problem import models
 from rockjax._problem.models import require_one
@@ -77,7 +77,7 @@ class PulseKind(Kind):
 
     def _settings(self, entry: Entry, scenes: Scenes) -> dict[str, Any]:
         own = {name: y for name, y in entry.arguments.items() if name in ("max_acceleration_ratio", "width")}
-        return scenes.boundary_options | own
+        return scenes.boundary_options | {"max_acceleration_ratio": MAX_ACCELERATION_RATIO} | own
 
     def _unit(self, entry: Entry, podium: Podium) -> Value:
         """Return the size of the unit of the amplitudes [m/s²]."""
@@ -100,7 +100,7 @@ class PulseKind(Kind):
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
         del law, change
         found = self._found(entry, scenes)
-        end = self._settings(entry, scenes).get("max_acceleration_ratio", 12.0)
+        end = self._settings(entry, scenes)["max_acceleration_ratio"]
         words = tuple("" if np.isfinite(y) else f"no overturning up to {end:g} g tan α" for y in found)
         pulse = entry.arguments["pulse"].__name__
         names = tuple(f"{pulse}, T_p = {y:.4g} s" for y in np.atleast_1d(entry.arguments["T_p"]))
@@ -118,7 +118,7 @@ class PulseKind(Kind):
 
     def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         podium = scenes.problem.podium
-        end = self._settings(entry, scenes).get("max_acceleration_ratio", 12.0)
+        end = self._settings(entry, scenes)["max_acceleration_ratio"]
         largest = end * float(g_tan_alpha(podium.alpha, podium.g))
         amplitudes = just_below(self._found(entry, scenes) * float(self._unit(entry, podium)), largest)
         pulse = entry.arguments["pulse"]

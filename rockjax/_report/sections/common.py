@@ -13,11 +13,7 @@ if TYPE_CHECKING:
 
 def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
     """Return the names of the sets whose scenes a check uses."""
-    return tuple(
-        name
-        for name in evaluation.scenes.used_sets
-        if any(check.motions == name and check.values is not None for check in evaluation.checks)
-    )
+    return tuple(evaluation.assumptions)
 
 
 def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
