@@ -153,7 +153,8 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
     angle, rate, curvature, jerk = (state.sigma * y for y in (theta, theta_dot, theta_ddot, jerk))
     path = barrier(Quintic(angle, h * rate, h**2 * curvature / 2, h**3 * jerk / 6, zero, zero))
     hits = (angle > 0) & (path.value(one) < 0)
-    # No impact is earlier than this. Without it an unconverged crossing near z = 0 could return for ever.
+    # No impact is earlier than this. Without this bound an unconverged search could choose a step of almost
+    # no length again and again.
     earliest = safe_ratio(angle, sum((jnp.abs(c) for c in path[1:]), zero), hits)
     return jnp.where(hits, h * crossing(path, earliest, one), h)
 

@@ -166,7 +166,7 @@ class Scenes:
         def solve() -> xarray.Dataset:
             self.say(f"scenes of {name} with changed parameters")
             by_change = []
-            for sign in ("-", "+"):  # of all podiums with equal factors on the motions
+            for sign in ("-", "+"):  # the unchanged structure, with all motions smaller, then larger
                 scaled = motions.scaled(factor * self.factors(f"motion{sign}")["motion"])
                 by_change.append(self._solve(self.problem.podium, scaled, options, ("motion",), things))
             stacked, excitations = _stacked(podiums[:-2]), motions.scaled(factor)
@@ -343,7 +343,7 @@ class Scenes:
         return self.store.get(f"slopes.{entry.id}", mark, solve)
 
     def by_logs(self, function: Callable[[Podium, Value], Value]) -> Traced:
-        """Return a function of podium and factor on the motion as one of the logarithms of all factors."""
+        """Turn a function of podium and factor on the motion into a function of the logarithms of all factors."""
         return lambda logs: function(self.varied(logs), jnp.exp(logs[-1]))
 
     def varied(self, logs: Any) -> Podium:
@@ -370,7 +370,7 @@ class Scenes:
         """Return the answers of a scene to first order: a function of the logarithms of the factors on the
         inputs and on the motion, with exact values and derivatives at zero.
 
-        All answers of a scene are differentiated together, by one program for all motions and sets.
+        All answers of a scene are differentiated together, by one program for all motions of a set.
         """
         import xarray
 

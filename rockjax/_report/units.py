@@ -184,7 +184,7 @@ def to_si(
     - `kind`: what it measures, one of `KINDS`
     - `g`: gravity [m/s²]
     - `owner`: the key that holds the unit, for messages, such as "checks[5].unit"
-    - `subject`: what has the kind, for messages, such as "peak-drift-ratio"; the kind itself by default
+    - `subject`: what has the kind, for messages, such as "peak-drift-ratio"; "the value" by default
 
     Raises `ValueError` if the unit is unknown or of another kind.
     """

@@ -34,10 +34,10 @@ class Values(NamedTuple):
     - `errors`: (n,) estimated errors, NaN where unknown
     - `words`: (n,) what replaces a number, such as "overturned at 5.85 s"; "" elsewhere
     - `places`: (n,) storey or joint and time of the value; "" without
-    - `unanswered`: names of results without an answer, or "undecided"; "" for scenes with an answer
+    - `unanswered`: why a scene or an estimate has no answer, such as "undecided"; "" if it has one
     - `names`: (n,) names of the cases: motions or pulses
     - `remark`: what else the summary says of the value; "" for nothing
-    - `reach`: a check passes if it does so with errors of this multiple of the estimates
+    - `reach`: a check passes only if value ± `reach` · error satisfies the limit
     """
 
     values: np.ndarray

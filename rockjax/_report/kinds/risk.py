@@ -89,7 +89,7 @@ class FragilityKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class AnnualKind(FragilityKind):
-    """The annual frequency, from the curve of `[risk]` or from the fragility of a set, and a hazard curve."""
+    """The annual frequency, from a hazard curve and a fragility curve: that of `[risk]`, or that of a set."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         found = Kind.read(self, keys, reader, file, podium)
@@ -175,7 +175,7 @@ class AnnualKind(FragilityKind):
 
 @dataclasses.dataclass(frozen=True)
 class ShareKind(Kind):
-    """The share of the motions of a set, times a factor, that overturns the columns."""
+    """The share of the motions of a set that overturn the columns when all are scaled by a factor."""
 
     @property
     def repeats(self) -> bool:
