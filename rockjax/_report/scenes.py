@@ -343,7 +343,7 @@ class Scenes:
         return self.store.get(f"slopes.{entry.id}", mark, solve)
 
     def by_logs(self, function: Callable[[Podium, Value], Value]) -> Traced:
-        """Turn a function of podium and factor on the motion into a function of the logarithms of all factors."""
+        """Turn a function of podium and factor on the motion into one of the logarithms of all factors."""
         return lambda logs: function(self.varied(logs), jnp.exp(logs[-1]))
 
     def varied(self, logs: Any) -> Podium:
