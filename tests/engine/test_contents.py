@@ -34,7 +34,7 @@ def started_by(jump: float, alpha=0.2):
         PiecewiseMotion(times, jnp.zeros((3, DEGREE + 1)), jnp.array([0.0, y, 0.0])) for y in (jump, 0.0)
     )
     block, options = rj.Podium(alpha, 0.5), FINE.replace(outputs=("peak_rotation", JoltFriction()))
-    floats, integers = _solve(block, rj.GroundMotion(across, up), times[-1], options)
+    floats, integers = _solve(block, rj.GroundMotion(across, up), times[-1], options, False)
     friction = float(floats["jolt_friction"]), float(block.impact_friction[0])
     return float(floats["peak_rotation"]) * alpha, bool(integers["overturned"]), friction
 
