@@ -31,20 +31,20 @@ class AnnualFrequency(AbstractScaleTarget):
     """The columns overturn at most `at_most` times a year, on average.
 
     - `at_most`: mean annual frequency λ_f, > 0 [1/year]
-    - `hazard`: the [`rockjax.Hazard`][] of the site, a curve over PGA, PGV or Sa at a period, in SI units
-    - `suite`: two or more records or motions, or `FreshSamples` of records; each is scaled to every intensity
-      of the hazard's measure, which refers to the horizontal component
-    - `max_intensity`: highest intensity searched, by default the last point of the hazard; motions that do
-      not overturn the columns up to this intensity count as censored [as the hazard]
-    - `width`: a verified design misses no overturning window wider than `width` times `max_intensity` [–]
+    - `hazard`: the [`rockjax.Hazard`][] of the site, for PGA, PGV or Sa at a period, in SI units
+    - `suite`: two or more records or motions, or `FreshSamples` of records; intensities are measured on the
+      horizontal component
+    - `max_intensity`: highest intensity searched, by default the last point of the hazard [unit of `hazard`];
+      motions that do not overturn the columns up to this intensity count as censored
+    - `width`: verification finds every overturning window wider than `width` times `max_intensity` [–]
     - `name`: name in reports
 
     λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
     overturning intensities, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f). If fewer than two
     motions overturn the columns, λ_f is the frequency with which `max_intensity` is exceeded, and its
-    derivative is zero. Raises `ValueError` for a hazard in other units or over another measure, and for a
-    `max_intensity` that is exceeded at least as often as `at_most`, because λ_f might then never be small
-    enough.
+    derivative is zero. Raises `ValueError` for a hazard in other units or for another measure, and for a
+    `max_intensity` that is exceeded `at_most` times a year or more often, because λ_f might then never be
+    small enough.
     """
 
     at_most: Any
@@ -97,16 +97,16 @@ class AnnualFrequency(AbstractScaleTarget):
             )
         self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
         self.width, self.name = float(width), name
-        # Scaled to unit intensity, so that the factor on a motion is its intensity.
+        # Motions have unit intensity, so that the scale factor of a motion equals its intensity.
         members = single_motions(owner, unscaled, "suite").members
-        scaled = [motion.scaled(1 / size) for motion, size in zip(members, intensities, strict=True)]
+        scaled = [motion.scaled(1 / x) for motion, x in zip(members, intensities, strict=True)]
         members_or_samples = suite.of_records(scaled) if isinstance(suite, FreshSamples) else scaled
         self.suite = Suite.of(members_or_samples, owner, "suite")
 
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
-        """Fit a lognormal distribution to the least overturning intensities [as the hazard].
+        """Fit a lognormal distribution to the least overturning intensities, in the unit of the hazard.
 
-        Its parameters are NaN if fewer than two motions overturn the columns.
+        The parameters are NaN if fewer than two motions overturn the columns.
         """
         return self._fit(self.least_scales(podium, options))
 

@@ -1,4 +1,4 @@
-"""The result of a design: outcome of every start, the best one, its margins and shadow prices."""
+"""The result of a design: outcomes of all starts, and margins and shadow prices of the best start."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from rockjax.internal import Module, require_instance
 
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
-from ._results import CONVERGED, INFEASIBLE, NAMES, NOT_FINITE, RESULTS, STALLED, UNVERIFIED, named
+from ._results import CONVERGED, INFEASIBLE, NAMES, NOT_FINITE, RESULTS, STALLED, UNVERIFIED, result_of_code
 from ._variables import Structure, Variables, as_podium, make_variables
 
 
 class Outcome(NamedTuple):
     """Outcome of one start.
 
-    - `variables`: name → value in user units; `objective`: its verified value
+    - `variables`: name → value in user units; `objective`: verified value of the objective
     - `margin`: worst verified margin [–]; `satisfied`: whether all margins are ≥ 0
-    - `result`: an `optimise.RESULTS`; `iterations`: number of iterations
+    - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations
     """
 
     variables: dict[str, float]
@@ -40,9 +40,9 @@ class Outcome(NamedTuple):
 class Effort(NamedTuple):
     """Cost of a design.
 
-    - `evaluations`: number of evaluations of a design with its derivatives
-    - `scenes`: number of scenes simulated for them; the search for an overturning acceleration counts as one
-    - `iterations`: number of iterations of all starts; `seconds`: wall time, with compilation [s]
+    - `evaluations`: number of evaluated design points, with derivatives
+    - `scenes`: number of simulated scenes; the search for one overturning amplitude counts as one scene
+    - `iterations`: total number of iterations; `seconds`: wall time, including compilation [s]
     """
 
     evaluations: int
@@ -52,26 +52,26 @@ class Effort(NamedTuple):
 
 
 class Design(Module):
-    """A design and how it was found.
+    """The best design of a search, and a record of the search.
 
-    - `podium`: the designed podium; `structure`: the same in the form of the argument, `Podium` or
-      `Dimensions`
+    - `podium`: the designed podium; `structure`: the designed structure, of the same type as the argument
+      (`Podium` or `Dimensions`)
     - `variables`: name → value in user units; `objective`: value of the objective at the design, the largest
       entry if it is a vector
-    - `satisfied`: whether all margins are ≥ 0, in a verification with rtol and atol of at most 1e-11 and
-      1e-13, or in an independent sample
-    - `margins`: target → margins in this verification [–]; NaN for a probability whose independent sample
-      has not converged
-    - `multipliers`: target → shadow price, the decrease of the objective per unit of margin given up, that
-      is per relative loosening of the limit [unit of the objective]; 0 for targets that do not bind, NaN if
-      the design is not satisfied
-    - `result`: an `optimise.RESULTS`; `history`: an `Iterate` per iteration and start; `stats`: an `Effort`
+    - `satisfied`: whether all margins are ≥ 0 in the verification: a simulation with rtol ≤ 1e-11 and
+      atol ≤ 1e-13, or an independent sample
+    - `margins`: target → verified margins [–]; NaN for a probability whose independent sample has not
+      converged
+    - `multipliers`: target → shadow prices: the decrease of the objective per relative relaxation of the
+      limit [unit of the objective]; 0 for targets that do not bind, NaN if a target is violated
+    - `result`: a member of `optimise.RESULTS`; `stats`: an `Effort`
+    - `history`: an `Iterate` for every iteration of every start
     - `starts`: an `Outcome` of every start; `best`: index of the start that gave this design
     - `bounds`: name → (lowest, highest); `units`: name → unit; `minimised`: name of the objective
-    - `probabilities`: target on a probability of failure → the estimate of an independent sample
+    - `probabilities`: target on a probability of failure → estimate from an independent sample
     - `standard_errors`: target with fresh samples → standard errors of its margins in an independent sample
-    - `overturned`: target or objective on peaks of the superstructure → number of scenes of its suite in
-      which the columns overturn, if any; a peak is then the largest value until overturning
+    - `overturned`: target or objective → number of its scenes in which the columns overturn, if any; the
+      peaks of these scenes cover only the time until overturning
     """
 
     podium: rj.Podium
@@ -95,7 +95,7 @@ class Design(Module):
 
     @property
     def failing(self) -> dict[str, float]:
-        """Targets that are not satisfied, worst first: name → worst margin, negative [–]."""
+        """Violated and unverified targets, worst first: name → worst margin, negative or NaN [–]."""
         worst = {name: float(np.min(values)) for name, values in self.margins.items()}
         return {
             name: value for name, value in sorted(worst.items(), key=lambda item: item[1]) if not value >= 0
@@ -109,7 +109,7 @@ class Design(Module):
 
 
 def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
-    """Return the headline, and the rows of variables and of targets, which begin with a heading."""
+    """Return the headline, the table of variables and the table of targets, each with a heading row."""
     state = "satisfied" if design.satisfied else "not satisfied"
     remark = f" ({UNTIL_OVERTURNING})" if design.minimised in design.overturned else ""
     result = NAMES[int(design.result._value)]
@@ -119,7 +119,7 @@ def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
         low, high = design.bounds[name]
         remark = " (at bound)" if min(value - low, high - value) <= 1e-6 * (high - low) else ""
         variables.append([name, f"{value:.6g}", design.units[name], f"{low:g} … {high:g}{remark}"])
-    targets = [["target", "worst margin", "of", "shadow price"]]
+    targets = [["target", "worst margin", "margins", "shadow price"]]
     for name, margins in design.margins.items():
         price = float(np.sum(design.multipliers[name]))
         price_text = "0" if abs(price) <= 1e-9 * abs(design.objective) else f"{price:.4g}"
@@ -144,7 +144,7 @@ def table(design: Design) -> str:
 
 
 def aligned(rows: list[list[str]]) -> list[str]:
-    """Return the aligned lines of a table, or none if it has no rows besides its heading."""
+    """Return the aligned lines of a table; no lines if the table has only its heading row."""
     return [f"  {line}" for line in align_rows(rows)] if len(rows) > 1 else []
 
 
@@ -191,7 +191,7 @@ def _html(design: Design) -> str:
 
 
 class SampleEstimates(NamedTuple):
-    """Estimates of independent samples at a design, by the index of the target.
+    """Estimates from independent samples at a design, by index of the target.
 
     - `probabilities`: probabilities of failure; `errors`: standard errors of margins (k,) [–]
     """
@@ -223,12 +223,13 @@ def build_design(
     search: SearchResult,
     estimate_samples: Callable[[np.ndarray], SampleEstimates],
 ) -> Design:
-    """Return the best start as a design, with the outcomes of all.
+    """Return the design at the end of the best start, with the outcomes of all starts.
 
-    - `given`: the structure as the user gave it; `variables`: its variables
-    - `objective`: what was minimised, None for the nearest design
+    - `given`: the structure as the user gave it; `variables`: the design variables
+    - `objective`: the minimised objective, None for the nearest design
     - `search`: result of the search
-    - `estimate_samples`: function from scaled variables (n,) to the estimates of independent samples there
+    - `estimate_samples`: function that returns the estimates from independent samples at scaled variables
+      (n,)
     """
     pairs = zip(search.ends, search.evaluations, strict=True)
     outcomes = tuple(_outcome(variables, end, evaluation) for end, evaluation in pairs)
@@ -242,7 +243,7 @@ def build_design(
     if unverified:
         for k in unverified:
             margins[spans[k]] = np.nan
-        result = named(UNVERIFIED) if final.satisfied else final.result
+        result = result_of_code(UNVERIFIED) if final.satisfied else final.result
         final = final._replace(margin=np.nan, satisfied=False, result=result)
         outcomes = (*outcomes[:best], final, *outcomes[best + 1 :])
     prices = search.scale * best_end.multipliers if final.satisfied else np.full(ends[-1], np.nan)
@@ -279,7 +280,7 @@ def build_design(
 
 
 def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
-    """Return the outcome of a start; its verified evaluation may change the result of its search."""
+    """Return the outcome of a start. The verified evaluation may change the result of the search."""
     is_finite = bool(np.isfinite(evaluation.c).all() and np.isfinite(evaluation.f).all())
     satisfied = is_finite and evaluation.violation == 0
     code = end.result if is_finite else NOT_FINITE
@@ -290,7 +291,8 @@ def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
     values = variables.values(end.x)
     values_by_name = dict(zip(variables.names, map(float, values), strict=True))
     worst = float(np.min(evaluation.c, initial=np.inf))
-    return Outcome(values_by_name, float(np.max(evaluation.f)), worst, satisfied, named(code), end.iterations)
+    objective, result = float(np.max(evaluation.f)), result_of_code(code)
+    return Outcome(values_by_name, objective, worst, satisfied, result, end.iterations)
 
 
 def _rank_outcome(outcome: Outcome, has_targets: bool) -> tuple[int, float]:

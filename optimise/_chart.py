@@ -1,4 +1,4 @@
-"""Design charts: values of a design variable with which a structure survives a pulse, over its period."""
+"""Design charts: values of a design variable at which a structure survives a pulse, against its period."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ def design_chart(
     options: rj.Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Return the least safe α (or other design variable) as a function of the period of a pulse (host).
+    """Return the smallest safe value of a design variable, such as α, against the pulse period (host).
 
     - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; all other parameters keep their values
     - `vary`: (name, (lowest, highest)) in user units, as in [`optimise.design`][]
     - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude or amplitudes, > 0 [m/s²]; `T_p`:
       periods, shape (n,), > 0, ascending [s]
-    - `resolution`: number of values of the variable at which every period is scanned first, ≥ 4
+    - `resolution`: number of values of the variable in the first scan of each period, ≥ 4
     - `options`: options of the simulations
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`
 
-    Returns a Dataset over `a_p`, `T_p` with two variables. `least_safe` is the least value above which all
+    Returns a Dataset with the dimensions `a_p` and `T_p`. `least_safe` is the smallest value above which all
     values up to the upper bound survive (NaN where the upper bound overturns). `boundaries` holds every
     change between survival and overturning that the scan finds, along a further dimension `boundary`,
     ascending and padded with NaN. Raises `ValueError` for invalid inputs.
@@ -79,11 +79,11 @@ def design_chart(
     boundary_tables, least_safe, scene_counts = [], [], []
     for amplitude in amplitudes:
 
-        def plane(x, y, amplitude=amplitude):
-            structure = with_variables(podium, {name: y})
-            return as_podium(structure), pulse(amplitude, x)
+        def scene(period, value, amplitude=amplitude):
+            structure = with_variables(podium, {name: value})
+            return as_podium(structure), pulse(amplitude, period)
 
-        scanned = scan(plane, periods, (low, high), resolution, options, progress, width=None)
+        scanned = scan(scene, periods, (low, high), resolution, options, progress, width=None)
         boundaries, _ = scanned.crossings.table(periods.size)
         boundary_tables.append(boundaries)
         least_safe.append(_least_safe(boundaries, scanned.starts_surviving, low))
@@ -91,7 +91,7 @@ def design_chart(
     width = max(table.shape[1] for table in boundary_tables)
     pad = lambda table: np.pad(table, ((0, 0), (0, width - table.shape[1])), constant_values=np.nan)
     unit = parameter(podium, name).unit
-    safe_attrs = {"units": unit, "long_name": f"least {name} above which all survive"}
+    safe_attrs = {"units": unit, "long_name": f"smallest {name} above which all values survive"}
     boundary_attrs = {"units": unit, "long_name": f"{name} where survival changes"}
     return xarray.Dataset(
         {
@@ -120,7 +120,7 @@ def design_chart(
 
 
 def _least_safe(boundaries: np.ndarray, starts_surviving: np.ndarray, low: float) -> np.ndarray:
-    """Return the last boundary at each period, `low` without any, and NaN where the upper end overturns."""
+    """Return the last boundary at each period, `low` if there is none, NaN if the upper bound overturns."""
     counts = np.sum(np.isfinite(boundaries), axis=1)
     # An odd number of changes means that survival differs between the two ends of the range.
     survives_at_end = starts_surviving ^ (counts % 2 == 1)
@@ -129,7 +129,7 @@ def _least_safe(boundaries: np.ndarray, starts_surviving: np.ndarray, low: float
 
 
 def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the least safe value over the period of the pulse, one curve for each amplitude.
+    """Plot the smallest safe value against the pulse period, one curve for each amplitude.
 
     - `chart`: a Dataset of [`optimise.design_chart`][]; `ax`: axes to draw in, by default those of a new
       figure
@@ -153,7 +153,7 @@ def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
             ax.plot(T_p, np.where(boundary == least_safe, np.nan, boundary), ".", ms=2, color=colour)
     unit = chart["least_safe"].attrs["units"]
     label = chart.attrs["varied"] if unit == "1" else f"{chart.attrs['varied']} [{unit}]"
-    ax.set(xlabel=r"$T_p$ [s]", ylabel=f"least safe {label}", xlim=(T_p[0], T_p[-1]))
+    ax.set(xlabel=r"$T_p$ [s]", ylabel=f"smallest safe {label}", xlim=(T_p[0], T_p[-1]))
     ax.grid(alpha=0.3)
     ax.legend()
     return ax

@@ -27,11 +27,11 @@ def design_command(
     OUTPUT-response.png.
 
     - `problem`: the design problem; `output`: OUTPUT, the prefix of the files
-    - `quiet`: whether to show no progress bar; `suffix`: file extension of the pictures
+    - `quiet`: whether to hide the progress bar; `suffix`: file extension of the pictures
 
-    Returns the design, the paths of the files, and the interruption of the search, or None if it was not
-    interrupted. The design of an interrupted search is the best one so far. Raises `rockjax.Interrupted` if
-    there is none.
+    Returns the design, the paths of the written files, and the `rockjax.Interrupted` error of an interrupted
+    search, otherwise None. The design of an interrupted search is the best design so far. Raises
+    `rockjax.Interrupted` if there is no design yet.
     """
     import rockjax as rj
     from rockjax._files import as_json, write_atomically, write_figure
@@ -58,7 +58,7 @@ def design_command(
 
 
 def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
-    """Return the motion with the least margin, over all targets on responses.
+    """Return the motion with the smallest margin among all targets on responses.
 
     If there is no such target, return the motion that comes closest to overturning the design.
     """
@@ -76,8 +76,8 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
 
 
 def joint_peaks(problem: Problem, design: Design) -> Any:
-    """Return the peaks of the joints of a design under all motions of its problem, for warnings; None without
-    an elevation or motions."""
+    """Return the peaks in the joints under all motions of a problem, for warnings; None if the podium has no
+    elevation or the problem no motions."""
     from types import SimpleNamespace
 
     from rockjax._cli._joints import OUTPUTS, VARIABLES

@@ -36,11 +36,11 @@ class Evaluation(NamedTuple):
 
     @property
     def violation(self) -> float:
-        """Largest violation of a margin, 0 if none is negative [–]."""
+        """Largest violation of a margin [–]; 0 if no margin is negative."""
         return float(max(0.0, np.max(-self.c, initial=0.0)))
 
     def merit(self, weight: float, penalty: float) -> float:
-        """Return the weighted largest value plus the penalised violation."""
+        """Return weight · (largest objective value) + penalty · violation."""
         return weight * float(np.max(self.f)) + penalty * self.violation
 
 
@@ -61,19 +61,19 @@ class Rules(NamedTuple):
 
     @property
     def accepted_violation(self) -> float:
-        """Accepted violation relative to the margin aimed at; the targets still hold with it [–]."""
+        """Accepted violation of the margin aimed at, with which the targets themselves still hold [–]."""
         return 0.5 * self.shift
 
 
 class Iterate(NamedTuple):
     """One iteration of one start.
 
-    - `start`: index of the start; `iteration`: number of the iteration
+    - `start`: index of the start; `iteration`: index of the iteration
     - `x`: scaled variables before the step (n,); `objective`: largest value at `x`; `margin`: worst margin
       at `x` [–]
     - `residual`: residual of the optimality conditions (NaN for gradient steps)
     - `radius`: radius of the trust region (for gradient steps, the factor on the step)
-    - `penalty`: penalty ν (for gradient steps, ρ)
+    - `penalty`: penalty ν of the violation (for gradient steps, ρ of the augmented Lagrangian)
     - `step`: largest entry of the step; `accepted`: whether the step was accepted
     """
 
@@ -108,7 +108,7 @@ Descent = Generator[Vector, Evaluation, End]
 
 
 def scale_evaluation(evaluation: Evaluation, rules: Rules) -> Evaluation:
-    """Return an evaluation in the units of a descent: values/scale, margins minus shift."""
+    """Return an evaluation in the units of a descent: values / scale, and margins − shift."""
     return Evaluation(
         evaluation.f / rules.scale,
         evaluation.c - rules.shift,
@@ -123,7 +123,7 @@ def rank(evaluation: Evaluation) -> tuple[float, float]:
 
 
 def objective_scale(evaluations: list[Evaluation]) -> float:
-    """Return the typical change of the objective across the box, from its slopes at the starts.
+    """Return the typical change of the objective between the bounds, from its slopes at the starts.
 
     If all slopes are zero, return the largest absolute value, or 1 if the values are zero as well.
     """
@@ -135,7 +135,7 @@ def objective_scale(evaluations: list[Evaluation]) -> float:
 
 
 def result_at_rest(current: Evaluation, residual: float, rules: Rules) -> int:
-    """Return the result code of a descent whose point no step improves."""
+    """Return the result code of a descent that no step improves further."""
     if current.violation > rules.shift:
         return INFEASIBLE
     return CONVERGED if residual <= 100 * rules.tolerance else STALLED

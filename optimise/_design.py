@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import optax
 
 MAX_REFINEMENTS = 3  # rounds that correct designs in which verification finds a small violation
-SAMPLED_TOLERANCE = 1e-4  # least tolerance with sampled probabilities, which scatter by more
+SAMPLED_TOLERANCE = 1e-4  # smallest tolerance with sampled probabilities, whose scatter is larger
 MAX_CORRECTIONS = 3  # restarts of a search after independent samples
 MAX_CHECKED_ENDS = 4  # ends at which independent samples are taken in one round
 MAX_SAMPLE_VIOLATION = 0.2  # largest violation in an independent sample that is corrected [–]
@@ -65,16 +65,16 @@ def design(
     - `method`: `"sqp"`, sequential quadratic programming; or an `optax.GradientTransformation`, with `"adam"`
       short for `optax.adam(0.02)`. A transformation takes `max_iterations` steps on an augmented Lagrangian
       in scaled variables, and `"sqp"` continues from the best point. A transformation also accepts
-      `FreshSamples` in place of suites; `"sqp"` does not follow then
+      `FreshSamples` in place of suites, then without `"sqp"` afterwards
     - `starts`: number of starting points, ≥ 1: `podium` and a Latin hypercube drawn at random from `seed`
-    - `options`: options of the simulations; their `outputs` and `throw` are set as needed
+    - `options`: options of the simulations; `outputs` and `throw` are replaced as needed
     - `tolerance`: tolerance of the optimality conditions, in scaled variables, and margin aimed at, in
       [1e-10, 1e-2]; raised to 1e-4 if a target is a `FailureProbability` [–]
     - `max_iterations`: limit for every start, by default 60 for `"sqp"`, 100 steps of a gradient
       transformation, or 300 with `FreshSamples`
     - `progress`: `True` for a progress bar, or any object with a method `update(iterations)`
 
-    If no design satisfies the targets, the one with the least worst violation is returned, with
+    If no design satisfies the targets, the design with the smallest violation is returned, with
     `satisfied = False`. Raises `ValueError` for invalid inputs. Ctrl-C raises [`rockjax.Interrupted`][],
     whose `partial` is the best design so far, verified like any other, or None before the first evaluation.
     """
@@ -219,9 +219,9 @@ class DescentSearch:
         return self.evaluate(self.end_points)
 
     def correct(self, rules: Rules) -> None:
-        """Continue from the ends while an independent sample contradicts the rays used by the search.
+        """Continue from the ends while an independent sample contradicts the estimate of the search.
 
-        It stops after `MAX_CORRECTIONS` rounds.
+        The search stops after `MAX_CORRECTIONS` rounds.
         """
         for _ in range(MAX_CORRECTIONS if self.evaluate.sampled_targets.targets else 0):
             best = _best(self.evaluate(self.end_points))
@@ -249,7 +249,7 @@ class DescentSearch:
         )
 
     def estimate_samples(self, x: np.ndarray) -> SampleEstimates:
-        """Return the estimates of independent samples at the end of a start."""
+        """Return the estimates from independent samples at the end of a start."""
         return self.evaluate.sampled_targets.probabilities(x)
 
     @property
@@ -328,7 +328,7 @@ def _best(evaluations: list[Evaluation]) -> int:
 
 
 def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, int]:
-    """Return name → number of margins, in order; repeated names are numbered."""
+    """Return target name → number of margins; repeated names are numbered."""
     names: dict[str, int] = {}
     for target, size in zip(targets, sizes, strict=True):
         base_name = target.name or target.describe()
@@ -340,9 +340,9 @@ def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, i
 
 
 def _small_violation(end: End, verified: Evaluation, limit: float) -> float:
-    """Return the violation of an end in verification if it can be corrected, 0 otherwise.
+    """Return the verified violation of an end if further descents can correct it, 0 otherwise.
 
-    It can be corrected if it is at most `limit` and the search took the targets to be satisfied.
+    They can if the violation is at most `limit` and the search found the targets satisfied.
     """
     if end.result in (INFEASIBLE, NOT_FINITE) or not verified.is_finite:
         return 0.0

@@ -33,15 +33,15 @@ BOOTSTRAP_SAMPLES = 200  # resamples from which standard errors are estimated
 
 
 class DesignProblem(Module):
-    """Function of the design variables that is differentiated: objective values and margins of the targets.
+    """Objective values and target margins as a differentiable function of the design variables.
 
     Targets and objectives ("items") that read responses to motions share one suite without repetitions.
 
     - `variables`: the design variables; `objective`: None for the nearest design; `targets`: the targets
     - `suite`: all motions whose responses are read, None if there are none
-    - `slices`: for each target, then the objective: the (first, end) of its motions in `suite`, None for an
-      item that reads no responses
-    - `outputs`: outputs of the simulations of the suite; `scenes`: number of scenes for one evaluation
+    - `slices`: for each target and then the objective, the range (first, end) of its motions in `suite`; None
+      for an item that reads no responses
+    - `outputs`: outputs of the suite's simulations; `scenes`: number of scenes for one evaluation
     """
 
     variables: Variables
@@ -55,9 +55,9 @@ class DesignProblem(Module):
     def __call__(
         self, x: Float[Array, " n"], options: rj.Options
     ) -> tuple[Float[Array, " k"], list[Float[Array, " m"]], Int[Array, " items"]]:
-        """Return objective values (k,), margins (m,) of every target, and overturned scenes of each item.
+        """Return objective values (k,), margins (m,) of every target, and counts of overturned scenes.
 
-        The number of overturned scenes is 0 for items that read no peaks of the superstructure.
+        The count (items,) is 0 for items that do not depend on peaks until overturning.
         """
         podium = self.variables.podium(x)
         peaks = None if self.suite is None else self.suite.responses(podium, options, self.outputs)
@@ -129,7 +129,7 @@ def _floats_to_arrays(item: Any) -> Any:
 
 
 def _trace_functions(variables: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
-    """Trace user functions separately, because their jaxpr identifies them in the store of programs."""
+    """Replace user functions by traced ones, whose jaxpr identifies them in the store of programs."""
 
     def trace(leaf: Any) -> Any:
         if not isinstance(leaf, OfPodium) or isinstance(leaf.function, TracedFunction):
@@ -145,7 +145,7 @@ def _trace_functions(variables: Variables, objective: AbstractObjective | None) 
 
 @functools.partial(StoredProgram, arrays_only=True, words="the design with its derivatives")
 def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
-    """Return the Jacobians of (values, margins of every target), and the outputs of the problem."""
+    """Return the Jacobians of the values and of every target's margins, and the result of `problem`."""
 
     def evaluate_point(x):
         def with_outputs(x):
@@ -186,7 +186,7 @@ def _with_records(target: Any, records: rj.Records) -> Any:
 
 
 def verification_options(options: rj.Options) -> rj.Options:
-    """Return options with tolerances at most those of the verification of a design."""
+    """Return options with tolerances small enough to verify a design."""
     return options.replace(
         **{name: min(value, getattr(options, name)) for name, value in VERIFICATION_TOLERANCES.items()}
     )
@@ -198,18 +198,17 @@ def options_as_arrays(options: rj.Options) -> rj.Options:
 
 
 class Evaluator:
-    """Evaluates one point of every start in one batch; keeps the best point of each and counts the cost.
+    """Evaluator of one point of every start in one batch; stores the best point of each and counts the cost.
 
-    A point is better if it violates the margin aimed at by less, or if it does not violate it and has a lower
-    objective.
+    Points are ranked by their violation of the margin aimed at, and then by their objective.
 
     - `problem`: objective and traced targets; `sampled_targets`: targets on probabilities of failure
     - `options`: options of the simulations; `points`: starting points (starts, n), in scaled variables
     - `target_margin`: margin aimed at [–]; `bar`: progress bar
 
     `best` holds the best point of every start and its evaluation, `sizes` the number of margins of each
-    target, `evaluations` the number of evaluated points. `sources` holds the fresh samples of targets by
-    their index.
+    target, `evaluations` the number of evaluated points. `sources` holds fresh samples by index of the
+    target.
     """
 
     def __init__(
@@ -224,7 +223,7 @@ class Evaluator:
         self.sampled_targets, self.draws, self.verification_scenes = sampled_targets, 0, 0
         self.accurate = False  # whether evaluations use the tolerances of verification
         self.sources = {k: s for k, t in enumerate(problem.targets) if (s := fresh_samples_of(t)) is not None}
-        self.width, self.target_margin, self.bar = len(points), target_margin, bar
+        self.start_count, self.target_margin, self.bar = len(points), target_margin, bar
         self.options, self.full_problem = options, problem
         objective = problem.objective
         self.problem = dataclasses.replace(
@@ -239,7 +238,7 @@ class Evaluator:
         """Return the evaluations at points (starts, n).
 
         `count` is the number of points added to `evaluations`, by default all. Accurate evaluations use the
-        tolerances of verification and the full resolution of the targets.
+        tolerances of verification and the widths of the targets.
         """
         options = verification_options(self.options) if self.accurate else self.options
         problem = self.full_problem if self.accurate else self.problem
@@ -255,9 +254,9 @@ class Evaluator:
         for k in self.sampled_targets.targets:
             overturned = np.insert(overturned, k, 0, axis=1)
         self.sizes = [margin.shape[1] for margin in margins]
-        self.evaluations += self.width if count is None else count
+        self.evaluations += self.start_count if count is None else count
         # Empty arrays come first, so that a design without targets has margins of shape (starts, 0).
-        empty = np.zeros((self.width, 0)), np.zeros((self.width, 0, points.shape[1]))
+        empty = np.zeros((self.start_count, 0)), np.zeros((self.start_count, 0, points.shape[1]))
         c, c_slope = (
             np.concatenate([blank, *ys], axis=1) for blank, ys in zip(empty, (margins, slopes), strict=True)
         )

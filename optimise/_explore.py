@@ -51,19 +51,19 @@ if TYPE_CHECKING:
 OUTPUTS = (*PEAKS, "margin")
 POINTS = 1001  # points of each curve
 TIME_AFTER = 12.0  # time drawn after the end of the motion, in units of 1/p
-_WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width of the picture [in], height of a row [in], dots per inch
-PIXEL_RATIO = 2  # the PNG has this many pixels for each pixel of layout, for high-resolution screens
+_WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch
+PIXEL_RATIO = 2  # width of the PNG divided by its width on the page, for high-resolution screens
 SLIDER_POSITIONS = 500  # approximate number of positions of a slider
-MAX_REFINEMENTS = 3  # a step is divided by at most 10^MAX_REFINEMENTS to make the first value a position
+MAX_REFINEMENTS = 3  # a slider step is divided by at most 10^MAX_REFINEMENTS to reach the initial value
 
 
 class Explorer:
     """Sliders for a structure and its ground motion, and the response.
 
-    - `widget`: the widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
-    - `values`: name → value in user units; until a slider is moved, exactly the value of the argument
+    - `widget`: widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
+    - `values`: name → value in user units; exactly the given value until its slider is moved
     - `structure`, `podium`, `excitation`, `peak`: structure, motion and peak response for these values
-    - `picture`: the picture, as PNG with two pixels for each pixel of layout
+    - `picture`: picture of the response as PNG, twice as wide as on the page
     """
 
     def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):
@@ -145,17 +145,17 @@ def explore(
     *,
     options: rj.Options = rj.Options(),
 ) -> Explorer:
-    """Return sliders for a notebook, with the response; needs ipywidgets (extra `notebook`).
+    """Explore a structure and its response with sliders in a notebook; needs ipywidgets (extra `notebook`).
 
     - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion. Parameters that
       are not varied keep their values
     - `vary`: name → (lowest, highest) in user units. Names are those of the structure, as in
       [`optimise.design`][], and scalar fields of the motion, such as `a_p` and `T_p` of a pulse or `scale` of
       a record. A name that both have means the parameter of the structure
-    - `options`: options of the simulations; their `outputs` and `throw` are set as needed
+    - `options`: options of the simulations; `outputs` and `throw` are replaced as needed
 
-    The picture shows the response for the first values in grey together with the present one. Only the first
-    picture compiles. Raises `ValueError` for unknown names, and for ranges that are invalid or do not contain
+    The picture shows the initial response in grey and the present one in colour. Only the first picture
+    compiles. Raises `ValueError` for unknown names, and for ranges that are invalid or do not contain
     the present value.
     """
     if not isinstance(structure, Structure):
@@ -200,7 +200,7 @@ def explore(
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
-    """Return the outputs; the margin only for the flat engine and `overturn_ratio` ≤ 1."""
+    """Return the outputs to request; the margin needs the flat engine and `overturn_ratio` ≤ 1."""
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 
@@ -245,7 +245,7 @@ class _Answer(Module):
     peak: rj.Peak
     t: Float[Array, " n"]
     rotation: Float[Array, " n"]
-    sway: Float[Array, " n"]
+    deformation: Float[Array, " n"]
     ground: Float[Array, " n"]
 
 
@@ -261,27 +261,26 @@ def _answer(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options) 
     )
     ground = excitation.horizontal if isinstance(excitation, rj.GroundMotion) else excitation
     return _Answer(
-        peak, t, response(t).theta / podium.alpha, _sway(response, podium, t), ground(t) / podium.g
+        peak, t, response(t).theta / podium.alpha, _deformation(response, podium, t), ground(t) / podium.g
     )
 
 
-def _sway(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the deformation of the superstructure (n,) [m]: of one mass, the roof, or the first mode."""
+def _deformation(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Return the deformation (n,) of the superstructure: at the roof of a building, else of mode 1 [m]."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return jnp.sum(response.drift(t), axis=-1)
     deformation = response.deformation(t)
     return deformation if deformation.ndim == 1 else deformation[:, 0]
 
 
-def _sway_label(podium: rj.Podium) -> str:
-    """Return the axis label of `_sway`."""
+def _deformation_label(podium: rj.Podium) -> str:
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return "roof\n[mm]"
     return "mode 1\n[mm]" if isinstance(podium.superstructure, rj.Modes) else "deformation\n[mm]"
 
 
 class _Grid(NamedTuple):
-    """Positions of a slider. A browser rounds every value to the nearest position, even the first one."""
+    """Positions of a slider. A browser rounds every value to the nearest position, even the initial one."""
 
     low: float
     high: float
@@ -289,9 +288,9 @@ class _Grid(NamedTuple):
 
     @classmethod
     def containing(cls, low: float, high: float, value: float) -> _Grid:
-        """Return a grid with a round step and some hundred positions, refined until it holds `value`.
+        """Return a grid with a round step and some hundred positions.
 
-        The step is divided by at most 10^MAX_REFINEMENTS, which may not suffice.
+        The step is divided by up to 10^MAX_REFINEMENTS if this makes `value` a position.
         """
         rough_step = (high - low) / SLIDER_POSITIONS
         power = 10.0 ** math.floor(math.log10(rough_step))
@@ -305,7 +304,7 @@ class _Grid(NamedTuple):
         return abs(position - round(position)) < 1e-6
 
     def read(self, shown_value: float, initial_value: float) -> float:
-        """Return the value of a slider; the initial one if the shown value is only its rounding."""
+        """Return the value of a slider: the shown value, or the initial value if the browser rounded it."""
         if not self.holds(shown_value):
             return shown_value
         shown_value = float(f"{shown_value:.12g}")  # browsers compute positions in floating point
@@ -329,7 +328,7 @@ def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.Float
 
 
 class _Drawing:
-    """A figure of the first and the present response, whose curves are updated."""
+    """Figure of the initial and the present response. A call updates the curves of the present one."""
 
     def __init__(self, first: _Answer, structure: Structure):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -340,7 +339,7 @@ class _Drawing:
         podium = as_podium(structure)
         rows = [
             (lambda a: np.asarray(a.rotation), ROTATION, COLOURS[2]),
-            (lambda a: MM_PER_M * np.asarray(a.sway), _sway_label(podium), COLOURS[3]),
+            (lambda a: MM_PER_M * np.asarray(a.deformation), _deformation_label(podium), COLOURS[3]),
             (lambda a: np.asarray(a.ground), r"$\ddot u_g$ [g]", COLOURS[0]),
         ]
         if not podium.vibrates:
@@ -353,7 +352,7 @@ class _Drawing:
             self.figure.subplots_adjust(left=0.11, right=0.98, top=0.97, bottom=0.25 / len(rows), hspace=0.12)
             self.curves: list[tuple[Axes, Line2D, Any]] = []
             for ax, (quantity, label, colour) in zip(axes, rows, strict=True):
-                ax.plot(np.asarray(first.t), quantity(first), color="0.6", ls="--", label="at first")
+                ax.plot(np.asarray(first.t), quantity(first), color="0.6", ls="--", label="initial")
                 (line,) = ax.plot([], [], color=colour, ls="-", label="now")
                 ax.set_ylabel(label)
                 ax.grid(visible=True)
@@ -363,7 +362,7 @@ class _Drawing:
             axes[-1].set_xlabel("time [s]")
 
     def __call__(self, answer: _Answer) -> bytes:
-        """Draw the present response and return the picture as PNG."""
+        """Draw a response and return the picture as PNG."""
         for ax, line, quantity in self.curves:
             line.set_data(np.asarray(answer.t), quantity(answer))
             if ax.get_autoscaley_on():
@@ -387,9 +386,9 @@ _ROWS = {
 
 
 def _peak_table(first: rj.Peak, present: rj.Peak) -> str:
-    """Return an HTML table of the first and the present peaks."""
+    """Return an HTML table of the initial and the present peaks."""
 
-    def number(peak: rj.Peak, field: str, factor: float) -> str:
+    def formatted_peak(peak: rj.Peak, field: str, factor: float) -> str:
         return f"{factor * float(np.max(getattr(peak, field))):.3g}"  # the largest of all modes or stories
 
     available = {
@@ -398,12 +397,12 @@ def _peak_table(first: rj.Peak, present: rj.Peak) -> str:
         if getattr(first, field_and_factor[0]) is not None
     }
     rows = [
-        (name, *(number(peak, *field_and_factor) for peak in (first, present)))
+        (name, *(formatted_peak(peak, *field_and_factor) for peak in (first, present)))
         for name, field_and_factor in available.items()
     ]
     rows += [("result", _describe_end(first), _describe_end(present))]
     cell = '<td style="padding: 1px 6px; text-align: left">'
-    heading = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "at first", "now"))
+    heading = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "initial", "now"))
     lines = ["".join(f"{cell}{text}</td>" for text in row) for row in rows]
     return (
         '<table style="line-height: 1.4">'

@@ -1,8 +1,8 @@
 """Target on a probability of failure under random ground motions.
 
 The probability is estimated by sampling, outside jit, one structure at a time. During a search it is
-estimated along rays: directions in the space of the random variables u, through failing samples, along which
-the distance to failure is solved for.
+estimated from rays: directions in the space of the random variables u, through failing samples, along which
+the distance to failure is computed.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from rockjax.internal import concrete, require_instance, require_number, require
 from ._suite import Margins
 from ._targets import AbstractTarget, Name, check_limit
 
-SAFETY_FACTOR = 1.645  # margin in standard errors of ln P, with which 95 % of independent samples agree
-MAX_SCENES = 10_000_000  # scenes of an independent sample
-SAME_STRUCTURE = 1e-3  # relative change of a structure up to which its independent sample is reused
+SAFETY_FACTOR = 1.645  # safety margin in standard errors of ln P; covers 95 % of independent samples
+MAX_SCENES = 10_000_000  # largest number of scenes of an independent sample
+SAME_STRUCTURE = 1e-3  # an independent sample is reused if all parameters differ relatively by at most this
 
 
 class FailureProbability(AbstractTarget):
     """A random ground motion makes the structure fail with a probability of at most `at_most`.
 
     - `at_most`: probability, 1e-9 ≤ at_most ≤ 0.3 [–]; `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: limit state of failure, as for [`rockjax.failure_probability`][]
+    - `limit`: limit state, as for [`rockjax.failure_probability`][]
     - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `rays`: number of directions along
       which the failure surface is followed, ≥ 8; `seed`: seed of the random numbers, ≥ 0
     - `name`: name in reports
 
-    The margin is ln k. k is the factor on the standard normal variables u of the motion (on the motions
-    themselves, if they have no pulse) at which the probability equals `at_most`. During the search k comes
-    from rays through failing samples of the first structure, with derivatives by the implicit function
-    theorem. All structures use the same rays, and a safety margin covers the scatter between two samples. A
-    design is verified by subset simulation from another seed; this independent sample gives its margin and is
+    The margin is ln k. If the standard normal variables u of the motion are multiplied by k, the probability
+    equals `at_most`; without a pulse, this multiplies the motions by k. During the search k comes from rays
+    through failing samples of the first structure, with derivatives by the implicit function theorem. All
+    structures use the same rays, and a safety margin covers the scatter between two samples. A design is
+    verified by subset simulation with another seed; this independent sample gives the margin and is stored
     in `Design.probabilities`. If it has not converged in 10 million scenes, the margin is NaN and the design
     is not satisfied, with the result `unverified`.
     """
@@ -87,7 +87,7 @@ class FailureProbability(AbstractTarget):
         )
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        """Return the margin of a structure (1,) from new rays for this structure (host)."""
+        """Return the margin of a structure (1,) from rays sampled for this structure (host)."""
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
                 "FailureProbability: margins cannot be traced, because they are sampled; use the target in "
@@ -119,16 +119,16 @@ class _Check(NamedTuple):
 
 
 class RayTarget:
-    """A target with the rays that a search uses, sampled at its first structure (host).
+    """A target with the rays of a search, which are sampled at its first structure (host).
 
     - `scenes`: number of scenes simulated so far; `checks`: independent samples taken so far
-    - `is_verified`: whether a design is being verified, without the safety margin of the search
+    - `is_verifying`: whether a design is being verified; margins then have no safety margin
     """
 
     def __init__(self, target: FailureProbability, podium: rj.Podium):
         self.target, self.scenes = target, 0
         self.checks: list[_Check] = []
-        self.is_verified = False
+        self.is_verifying = False
         limit = self._limit(podium)
         try:
             self.rays = sample_rays(limit, target.at_most, target.rays, target.cov, target.seed)
@@ -152,12 +152,12 @@ class RayTarget:
 
     def _target_probability(self, podium: rj.Podium) -> float:
         """Return the probability along the rays at which the factor k is solved for."""
-        safety = 0.0 if self.is_verified else self.spread
+        safety = 0.0 if self.is_verifying else self.spread
         return min(self.target.at_most / self._ratio(podium) * math.exp(-safety), 0.9)
 
     @property
     def spread(self) -> float:
-        """Difference of ln P between two samples that 95 % of them do not exceed."""
+        """Difference of ln P that 95 % of pairs of samples do not exceed."""
         return SAFETY_FACTOR * math.sqrt(2) * self.target.cov
 
     def _ratio(self, podium: rj.Podium) -> float:
@@ -168,7 +168,7 @@ class RayTarget:
         return min(self.checks, key=lambda check: _largest_difference(check.parameters, parameters)).ratio
 
     def check(self, podium: rj.Podium) -> float | None:
-        """Take an independent sample at a structure and return the change of ln P.
+        """Take an independent sample at a structure and return the change of the estimate of ln P.
 
         Return None if the structure has been sampled already.
         """

@@ -26,9 +26,9 @@ from rockjax.internal import (
 from ._suite import has_answer
 from ._variables import Structure, Variables, as_podium, make_variables
 
-WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # fractions of the strong rotation's duration, fitted in this order
+WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # successive windows, as fractions of the duration of strong rotation
 STRONG_RATIO = 0.1  # rotation is strong above this fraction of its peak
-EDGE = 1e-3  # least distance of starts from the bounds, where the transform is flat
+EDGE = 1e-3  # smallest distance of starts from the bounds, where the transformation is flat
 MAX_STEPS = 40  # steps of the solver in each window
 DRAWS_PER_START = 16  # random points for each start; the one with the least cost on the first window is used
 
@@ -36,12 +36,12 @@ DRAWS_PER_START = 16  # random points for each start; the one with the least cos
 class Fit(Module):
     """A fitted podium with its standard errors.
 
-    - `podium`: the fitted podium; `structure`: the same in the form of the argument, `Podium` or `Dimensions`
+    - `podium`: the fitted podium; `structure`: the fitted structure, of the same type as the argument
     - `variables`: name → value; `errors`: name → standard error, from the Jacobian and the scatter of the
       residuals. All are inf if the measurement does not determine every variable; at a bound they are only
       indicative
     - `covariance`: covariance matrix of the variables, in user units, in the order of `variables`
-    - `rms`: root mean square of the residuals [rad]; `residuals`: measured minus fitted θ at the times [rad]
+    - `rms`: root mean square of the residuals [rad]; `residuals`: measured minus fitted θ [rad]
     - `starts`: rms of every start [rad]; `best`: index of the returned start; `converged`: whether the solver
       converged on the last window of this start
     - `units`: name → unit
@@ -111,7 +111,7 @@ def fit(
     - `tolerance`: relative and absolute tolerance of the least-squares solver, > 0 [–]
 
     A rotation out of phase with the measurement gives a poor search direction. The fit therefore starts with
-    a short window, which covers the first impacts, and repeats with longer ones. The method is
+    a short window, which covers the first impacts, and continues with longer ones. The method is
     Levenberg–Marquardt in transformed variables that stay within the bounds. Raises `ValueError` for invalid
     inputs.
     """

@@ -27,10 +27,10 @@ class AbstractFloorTarget(AbstractTarget):
         options = options.replace(outputs=("margin",), throw=False)
         solve = lambda motion: rj.peak_response(podium, motion, options=options, on_floors=self.things)
         peaks = self.suite.map_motions(solve)
-        sizes = jnp.concatenate([self.size(answer) for answer in peaks.on_floors])
-        return limited_by_overturning((self.limit - sizes) / self.limit, peaks)
+        values = jnp.concatenate([self.limited_value(answer) for answer in peaks.on_floors])
+        return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
-    def size(self, answer: Any) -> Margins:
+    def limited_value(self, answer: Any) -> Margins:
         """Return the quantity that `limit` bounds, for every motion (k,)."""
         raise NotImplementedError
 
@@ -39,13 +39,12 @@ class AbstractFloorTarget(AbstractTarget):
         return len(self.suite)
 
 
-def _as_tuple(owner: str, name: str, required: type, things: Any) -> tuple[Any, ...]:
-    """Return one or several things as a tuple. Raises `ValueError` unless there are some, all of the class
-    `required`."""
-    members = (things,) if isinstance(things, required) else things
+def _as_tuple(owner: str, name: str, required: type, value: Any) -> tuple[Any, ...]:
+    """Return one or several instances of `required` as a tuple; raise `ValueError` for anything else."""
+    members = (value,) if isinstance(value, required) else value
     if not isinstance(members, Sequence) or not members or not all(isinstance(y, required) for y in members):
         raise ValueError(
-            f"{owner}: {name} must be one or several rockjax.{required.__name__}, got {format_value(things)}"
+            f"{owner}: {name} must be one or several rockjax.{required.__name__}, got {format_value(value)}"
         )
     return tuple(members)
 
@@ -56,9 +55,9 @@ class ContentsRotation(AbstractFloorTarget):
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them
     - `contents`: one or several [`rockjax.Contents`][]; `name`: name of the target in reports
 
-    The margin of each block is (limit − s)/limit with s = max|φ|/α_c. For a block that overturns, s = 1 − M
-    with its negative overturning margin M. If the columns overturn, margins are at most the overturning
-    margin of the columns. Raises `ValueError` for a limit out of range and for other things than contents.
+    The margin of each block is (limit − s)/limit with s = max|φ|/α_c. For a block that overturns, s = 1 − M,
+    where M < 0 is the overturning margin of the block. If the columns overturn, margins are at most the
+    overturning margin of the columns. Raises `ValueError` for a limit or contents that are invalid.
     """
 
     limit: Any
@@ -72,7 +71,7 @@ class ContentsRotation(AbstractFloorTarget):
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
         self.things = _as_tuple(owner, "contents", rj.Contents, contents)
 
-    def size(self, answer: rj.ContentsAnswer) -> Margins:
+    def limited_value(self, answer: rj.ContentsAnswer) -> Margins:
         return jnp.where(answer.overturned, 1 - answer.margin, answer.peak_rotation)
 
     def describe(self) -> str:
@@ -85,8 +84,8 @@ class FloorSpectrum(AbstractFloorTarget):
     - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them
     - `oscillators`: one or several [`rockjax.Oscillator`][]; `name`: name of the target in reports
 
-    The margin of each oscillator is (limit − PSA)/limit. If the columns overturn, margins are at most their
-    overturning margin. Raises `ValueError` for a limit out of range and for other things than oscillators.
+    The margin of each oscillator is (limit − PSA)/limit. If the columns overturn, margins are at most the
+    overturning margin of the columns. Raises `ValueError` for a limit or oscillators that are invalid.
     """
 
     limit: Any
@@ -100,7 +99,7 @@ class FloorSpectrum(AbstractFloorTarget):
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
         self.things = _as_tuple(owner, "oscillators", rj.Oscillator, oscillators)
 
-    def size(self, answer: rj.OscillatorAnswer) -> Margins:
+    def limited_value(self, answer: rj.OscillatorAnswer) -> Margins:
         return answer.pseudo_acceleration
 
     def describe(self) -> str:

@@ -23,7 +23,7 @@ class FreshSamples:
     (records only) and `optimise.MedianCapacity`.
 
     - `motions`: a [`rockjax.GaussianMotion`][], or two or more records, drawn with replacement
-    - `batch`: number of motions of a step, ≥ 2
+    - `batch`: number of motions in a step, ≥ 2
     - `verify`: number of motions of the independent sample that verifies a design, a multiple of `batch`
     - `seed`: seed of the random numbers, ≥ 0
 
@@ -57,13 +57,13 @@ class FreshSamples:
         self.motions = rj.Records.of(self.members)
 
     def records(self, owner: str) -> tuple[Any, ...]:
-        """Return the records from which samples are drawn. Raises `ValueError` for a random motion."""
+        """Return the records from which samples are drawn. Raises `ValueError` for a Gaussian motion."""
         if not self.members:
             raise ValueError(f"{owner}: FreshSamples must be drawn from records here, got {self!r}")
         return self.members
 
     def of_records(self, members: Sequence[Any]) -> Self:
-        """Return fresh samples of other records, with the same batch, seed and size of the verification."""
+        """Return fresh samples of other records, with the same `batch`, `verify` and `seed`."""
         return type(self)(list(members), self.batch, verify=self.verify, seed=self.seed)
 
     def draw(self, k: int) -> rj.Records:
@@ -86,4 +86,4 @@ class FreshSamples:
 
     def __repr__(self):
         source = f"{len(self.members)} records" if self.members else "Gaussian motions"
-        return f"FreshSamples: {self.batch} of {source} a step, {self.verify} to verify"
+        return f"FreshSamples: {self.batch} of {source} per step, {self.verify} for verification"

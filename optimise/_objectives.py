@@ -15,7 +15,7 @@ from rockjax._units import displayed_or_empty
 from rockjax.internal import Module, require_instance
 
 from ._annual import AnnualFrequency
-from ._peak_targets import limited_output, of_output, overturning_depths, requested, words_of
+from ._peak_targets import limited_output, output_title, output_values, overturning_depths, with_margin
 from ._suite import Margins, Suite
 from ._targets import AbstractResponses, check_limit, severity
 
@@ -38,7 +38,7 @@ class AbstractObjective(Module):
         """Return the description of the objective in reports."""
 
     def while_searching(self) -> Self:
-        """Return the objective that the search uses instead: cheaper, or this one."""
+        """Return a cheaper objective for the search, or this objective itself."""
         return self
 
     @property
@@ -66,7 +66,7 @@ class AbstractWorst(AbstractObjective, AbstractResponses):
 class WorstRotation(AbstractWorst):
     """The largest peak rotation max|θ|/α under a motion or a list of motions [–].
 
-    Where the columns overturn, 1 minus the (negative) overturning margin is used instead.
+    Where the columns overturn, it is overturn_ratio − M with the overturning margin M < 0.
     """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
@@ -84,8 +84,8 @@ class WorstRotation(AbstractWorst):
 class WorstPeak(AbstractWorst):
     """The largest value of an output, over all motions and all modes, stories or floors.
 
-    - `output`: name of one of `rockjax.Options.outputs` with a single answer, such as `"peak_shear"`, or an
-      output of your own; `excitations`: a motion or a list of motions
+    - `output`: name of an output of `rockjax.Options.outputs` that is a peak, such as `"peak_shear"`, or an
+      instance of [`rockjax.AbstractOutput`][]; `excitations`: a motion or a list of motions
 
     Where the columns overturn, the peak until overturning underestimates the response. It is therefore
     multiplied by (1 − M), where M < 0 is the overturning margin. To exclude such designs, add a target such
@@ -107,16 +107,16 @@ class WorstPeak(AbstractWorst):
 
     @property
     def outputs(self) -> tuple[str | AbstractOutput, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return requested(self.output)
+        return with_margin(self.output)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        values = of_output(self, self.output, peaks)
+        values = output_values(self, self.output, peaks)
         overturned, depth = overturning_depths(peaks, len(values))
         return jnp.where(overturned, (1 + depth) * values, values)
 
     def describe(self) -> str:
         unit = displayed_or_empty(self.output.unit)
-        return f"worst {words_of(self.output)}" + (f" [{unit}]" if unit else "")
+        return f"worst {output_title(self.output)}" + (f" [{unit}]" if unit else "")
 
 
 class WorstShear(WorstPeak):
@@ -180,7 +180,7 @@ class ExpectedLoss(AbstractObjective):
     - `function`: function of the podium that returns the annual cost of building it [currency]
     - `loss`: loss by one overturning, > 0 [currency]
     - `risk`: an `optimise.AnnualFrequency`, which gives the annual frequency of overturning λ_f [1/year]; its
-      `at_most` is ignored. It may also be a target
+      `at_most` is ignored. The same object may also be a target
 
     Raises `ValueError` for invalid arguments.
     """

@@ -1,4 +1,4 @@
-"""Optimality of a point and its multipliers, from linear models and the step of unit curvature."""
+"""Optimality conditions at a point: residual and multipliers, from linear models."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from ._descent import Evaluation
 from ._quadratic import Model, Vector, solve
 
-NEAR_DISTANCE = 1e-3  # distance within which models of other points describe a kink here
+NEAR_DISTANCE = 1e-3  # models of other points within this distance describe kinks at a point
 EvaluatedPoints = list[tuple[Vector, Evaluation]]
 
 
@@ -19,8 +19,8 @@ class Optimality(NamedTuple):
     The step of unit curvature minimises the linear models plus half the squared length of the step.
 
     - `multipliers`: multipliers of the margins (m,)
-    - `residual`: largest entry of the step of unit curvature, as for a projected gradient; 0 exactly where
-      the merit is stationary within the bounds
+    - `residual`: largest entry of this step, like the norm of a projected gradient; 0 exactly where the merit
+      is stationary within the bounds
     - `violation`: modelled violation after this step [–]
     """
 
@@ -30,10 +30,10 @@ class Optimality(NamedTuple):
 
 
 def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Model:
-    """Return the linear models of x and of other evaluated points, for steps from x.
+    """Return the linear models built at x and at other evaluated points, for steps from x.
 
     The models of other points are cuts. At x they may not predict more than the evaluated objective, or less
-    than an evaluated margin: objective cuts are lowered and margin cuts raised until they agree with x.
+    than an evaluated margin: objective cuts are lowered and margin cuts raised to the values at x.
     """
     k, m = len(current.f), len(current.c)
     f, f_slope, c, c_slope = [current.f], [current.f_slope], [current.c], [current.c_slope]

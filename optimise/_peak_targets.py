@@ -25,8 +25,8 @@ class PeakRotation(AbstractResponseTarget):
 
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them; `name`: name in reports
 
-    The margin is (limit − s)/limit, where s is max|θ|/α, or overturn_ratio − M where the columns overturn,
-    with the negative overturning margin M. Raises `ValueError` for other limits; for a limit of 1 use
+    The margin is (limit − s)/limit with s = max|θ|/α. Where the columns overturn, s is overturn_ratio − M,
+    with the overturning margin M < 0. Raises `ValueError` for other limits; for a limit of 1 use
     [`optimise.NoOverturning`][].
     """
 
@@ -75,18 +75,18 @@ class PeakLimit(AbstractResponseTarget):
 
     @property
     def outputs(self) -> tuple[str | AbstractOutput, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return requested(self.output)
+        return with_margin(self.output)
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        margins = (self.limit - of_output(self, self.output, peaks)) / self.limit
+        margins = (self.limit - output_values(self, self.output, peaks)) / self.limit
         return limited_by_overturning(margins, peaks)
 
     def describe(self) -> str:
-        return f"{words_of(self.output)} ≤ {self.limit:g} {displayed_or_empty(self.output.unit)}".rstrip()
+        return f"{output_title(self.output)} ≤ {self.limit:g} {displayed_or_empty(self.output.unit)}".rstrip()
 
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
-    """Return an output, given itself or by its name. Raises `ValueError` for an output that is not a peak."""
+    """Return an output from its name or itself. Raises `ValueError` for an output that is not a peak."""
     instance = output if isinstance(output, AbstractOutput) else REGISTRY.get(output)
     if instance is None or not _is_peak(instance):
         peaks = [name for name, registered in REGISTRY.items() if _is_peak(registered)]
@@ -97,24 +97,24 @@ def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
 
 
 def _is_peak(output: AbstractOutput) -> bool:
-    """Return whether an output has an answer of its own name that is a peak."""
+    """Return whether an output has an answer with the name of the output that is a peak."""
     return any(answer.name == output.name and answer.until_overturning for answer in output.variables)
 
 
-def requested(output: AbstractOutput) -> tuple[str | AbstractOutput, ...]:
+def with_margin(output: AbstractOutput) -> tuple[str | AbstractOutput, ...]:
     """Return the output and the overturning margin, for `rockjax.Options.outputs`."""
     return name_if_registered(output), "margin"
 
 
-def words_of(output: AbstractOutput) -> str:
-    """Return a description of an output for reports."""
+def output_title(output: AbstractOutput) -> str:
+    """Return the name of an output for reports."""
     return output.name.replace("_", " ")
 
 
-def of_output(reader: AbstractResponses, output: AbstractOutput, peaks: rj.Peak) -> Float[Array, " k"]:
-    """Return the answers of an output for all motions and modes, stories, floors or joints, (k,).
+def output_values(reader: AbstractResponses, output: AbstractOutput, peaks: rj.Peak) -> Float[Array, " k"]:
+    """Return the values (k,) of an output for all motions and all modes, stories, floors or joints.
 
-    `reader`: target or objective, for the message. Raises `ValueError` for a podium without the output.
+    `reader`: target or objective that the error names. Raises `ValueError` for a podium without the output.
     """
     values = getattr(peaks, output.name)
     if values is None:
@@ -132,8 +132,8 @@ def limited_by_overturning(margins: Margins, peaks: rj.Peak) -> Margins:
 
 
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Return whether the scene of each of `count` values overturned, and −M > 0 of its overturning margin M
-    (1 where it did not overturn) [–], both (count,)."""
+    """Return whether the scene of each of `count` values overturned, and −M > 0 with the overturning margin M
+    (1 where the scene did not overturn) [–]."""
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     repeat = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
     return repeat(peaks.overturned), repeat(depth)
@@ -192,9 +192,9 @@ class PeakFriction(PeakLimit):
     - `limit`: > 0 [–], such as μ divided by a safety factor
     - `excitations`: a motion or a list of them; `name`: name in reports
 
-    The margins of the bottom and the top joint are the least (limit·N − |T|)/(limit·N_0), with the dead load
-    N_0 of the mean column. They are smooth where a joint pulls, so that a design can start there. Positions
-    of columns are in the elevation of the podium; without an elevation the target applies to the mean column.
+    T and N are the shear and axial force in a joint, and N_0 is the dead load of the mean column. The margins
+    of the bottom and the top joint are min (limit·N − |T|)/(limit·N_0). They are smooth for N < 0, so that a
+    design can start there. Without an elevation of the podium, the target applies to the mean column.
     """
 
     friction: float = eqx.field(static=True)
@@ -227,9 +227,8 @@ class LeastAxialForce(AbstractResponseTarget):
     - `excitations`: a motion or a list of them; `name`: name in reports
 
     The margins of the bottom and the top joint are min N/N_0 − at_least, with the dead load N_0 of the mean
-    column. Where the columns overturn they are at most the overturning margin. Positions of columns are in
-    the elevation of the podium; without an elevation the target applies to the mean column. Raises
-    `ValueError` for other fractions.
+    column. Where the columns overturn, they are at most the overturning margin. Without an elevation of the
+    podium, the target applies to the mean column. Raises `ValueError` for other fractions.
     """
 
     at_least: Any
@@ -246,7 +245,7 @@ class LeastAxialForce(AbstractResponseTarget):
         self.suite = Suite.of(excitations, "LeastAxialForce")
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
-        unloading = of_output(self, Unloading(), peaks)
+        unloading = output_values(self, Unloading(), peaks)
         return limited_by_overturning(1 - self.at_least - unloading, peaks)
 
     def describe(self) -> str:

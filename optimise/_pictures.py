@@ -1,4 +1,4 @@
-"""Pictures of a design. They return axes or a figure, which is neither shown nor saved."""
+"""Pictures of a design. The functions return axes or a figure, which is neither shown nor saved."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ MAX_STARTS = 8  # starts that the legend lists
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
-    """Plot the objective over iterations, one line for every start, and return the axes.
+    """Plot the objective against the iteration, one line for every start, and return the axes.
 
     - `design`: a result of [`optimise.design`][]; `ax`: axes to draw in, by default those of a new figure
 
-    Filled markers satisfy the targets. The start that gave the design is black.
+    Iterates that satisfy the targets have filled markers. The start that gave the design is black.
     """
     check_design("convergence", design)
     import matplotlib.pyplot as plt
@@ -81,7 +81,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
 
 
 def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
-    """Plot θ/α before and after the design under one motion, and the motion; return the figure.
+    """Plot θ/α before and after the design under a ground motion, and this motion; return the figure.
 
     - `before`: the podium before the design; `design`: a result of [`optimise.design`][]
     - `excitation`: the ground motion

@@ -106,7 +106,7 @@ TARGETS: dict[str, Callable[..., AbstractTarget]] = {
     "overturning-probability": OverturningProbability,
     "failure-probability": FailureProbability,
 }
-FIRST = ("hazard", "pulse", "motion")  # arguments that follow the limit
+POSITIONAL = ("hazard", "pulse", "motion")  # positional arguments after the limit
 
 
 class Quantity(models.Keys):
@@ -173,7 +173,7 @@ class Problem(NamedTuple):
     """Design problem of a file: the arguments of [`optimise.design`][], and the sets of motions by name.
 
     - `podium`, `vary`, `minimise`, `targets`, `options`: arguments of [`optimise.design`][]
-    - `settings`: its further arguments, `starts`, `seed`, `tolerance` and `max_iterations`, as far as given
+    - `settings`: those of its arguments `starts`, `seed`, `tolerance`, `max_iterations` that the file sets
     - `motions`: name → set of motions
     """
 
@@ -186,7 +186,7 @@ class Problem(NamedTuple):
     motions: dict[str, list[rj.AbstractExcitation]]
 
     def design(self, **changes) -> Design:
-        """Return the design; `changes` are further arguments of [`optimise.design`][], or replace some."""
+        """Solve the problem; `changes` add or replace arguments of [`optimise.design`][]."""
         settings: dict[str, Any] = {"options": self.options} | self.settings | changes
         return design(self.podium, self.vary, self.minimise, self.targets, **settings)
 
@@ -219,9 +219,9 @@ def _format_problem(problem: Problem) -> str:
 
 
 def load(path: str | Path) -> Problem:
-    """Read the design problem of a TOML file.
+    """Read a design problem from a TOML file.
 
-    Raises `ValueError`, which names the file, the key and the cause.
+    Raises `ValueError` for an invalid file, with the file, the key and the cause.
     """
     path = Path(path)
     return problem_of(load_table(path), path)
@@ -264,7 +264,7 @@ class _Reader(Reader):
     """Reader of the tables of a design problem."""
 
     def problem(self, table: dict[str, Any]) -> Problem:
-        """Return the problem of a table. Raises `ValueError`, which names the file, the key and the cause."""
+        """Return the problem of a table. Raises `ValueError` with the file, the key and the cause."""
         checked = self.check(ProblemFile, table)
         structure = self.structure(checked.structure, Dimensions)
         podium = as_podium(structure)
@@ -318,7 +318,7 @@ class _Reader(Reader):
         return WORST[entry.quantity](motions[self.require_set(motions, entry.motions, "minimise.motions")])
 
     def hazard(self, name: str) -> rj.Hazard:
-        """Return the hazard curve of a file, whose name is relative to the folder of the problem file."""
+        """Read a hazard curve; `name` is relative to the folder of the problem file."""
         return rj.Hazard.from_file(self.folder / name).in_si()
 
     def target(self, entry: Entry, where: str, motions: Mapping[str, Any]) -> AbstractTarget:
@@ -340,17 +340,17 @@ class _Reader(Reader):
                 self.fail(
                     f"{where}.vertical", f"the motions of {entry.keys.motions} have no vertical component"
                 )
-        arguments.pop("curve", None)  # of one structure
+        arguments.pop("curve", None)  # a given fragility curve belongs to one structure
         with self.at(where):
             measure, period = arguments.pop("measure", ("scale", None))
             if entry.kind == "median-capacity" and measure != "scale":
-                sizes = measure_of(measure, period, rj.Motions(tuple(as_motions(where, suite)))).values
-                suite = [y.scaled(1 / float(size)) for y, size in zip(suite, np.asarray(sizes), strict=True)]
+                measured = measure_of(measure, period, rj.Motions(tuple(as_motions(where, suite)))).values
+                suite = [y.scaled(1 / float(x)) for y, x in zip(suite, np.asarray(measured), strict=True)]
             for table in {"contents", "oscillators"} & arguments.keys():
                 if not arguments[table]:
-                    raise ValueError(f"needs [[{table}]], what stands on the floors")
+                    raise ValueError(f"needs entries [[{table}]] in the file")
                 arguments[table] = list(arguments[table].values())
             positional = [entry.limit] if kind.has_limit else []
-            positional += [arguments.pop(name) for name in FIRST if name in arguments]
+            positional += [arguments.pop(name) for name in POSITIONAL if name in arguments]
             positional += [suite] if kind.needs_motions else []
             return TARGETS[entry.kind](*positional, **arguments, name=entry.keys.name)

@@ -1,10 +1,10 @@
-"""Quadratic subproblem of a step: linear models of values and margins, and the curvature of the Lagrangian.
+"""Quadratic subproblem of a step d, with linear models of values f and margins c and a curvature B.
 
     minimise    w·max_i(f_i + ∇f_i·d) + ν v + ½ dᵀB d        over d, v
     subject to  c_j + ∇c_j·d ≥ −v,   v ≥ 0,   lower ≤ d ≤ upper
 
-A further variable that is at least every entry replaces the maximum (epigraph form). Because violations up to
-v are allowed at the price ν v, a solution always exists.
+The solver sees the maximum as a further variable with lower bounds f_i + ∇f_i·d (epigraph form). Because
+violations up to v are allowed at the price ν v, a solution always exists.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Model(NamedTuple):
 
     - `f`: values at d = 0 (k,); `f_slope`: their Jacobian (k, n)
     - `c`: margins at d = 0 (m,); `c_slope`: their Jacobian (m, n)
-    - `value_of` (k,), `margin_of` (m,): index of the value or margin that each row models; cuts add rows for
-      the same value or margin
+    - `value_of` (k,), `margin_of` (m,): index of the value or margin that a row models; several rows may
+      model the same value or margin
     """
 
     f: Vector
@@ -45,7 +45,7 @@ class Model(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A solved subproblem.
+    """Solution of the subproblem.
 
     - `d`: the step (n,); `violation`: modelled violation after it [–]
     - `value_multipliers` (k,): multipliers of the modelled values, which sum to the weight w
@@ -58,7 +58,7 @@ class Step(NamedTuple):
     margin_multipliers: Vector
 
 
-ON_BOUND = 1e-10  # distance from a bound below which a step is put on it
+ON_BOUND = 1e-10  # a step that is closer to a bound than this is moved onto the bound
 _SOLVED = ("Solved", "AlmostSolved")
 
 

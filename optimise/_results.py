@@ -43,8 +43,8 @@ NAMES = (
 CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED, AVERAGED, UNVERIFIED = range(8)
 
 
-def named(code: int) -> RESULTS:
-    """Return the result of a code."""
+def result_of_code(code: int) -> RESULTS:
+    """Return the result with a code."""
     return getattr(RESULTS, NAMES[code])
 
 

@@ -1,4 +1,4 @@
-"""Margins and slopes of the sampled targets of a design, at a point."""
+"""Sampled targets of a design, with margins and slopes at design points."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class SampledTargets:
 
     - `variables`: the design variables; `targets`: all targets of the design
 
-    `targets` of the object holds only the sampled ones, by their index among all targets.
+    The attribute `targets` holds only the sampled targets, by their index among all targets.
     """
 
     def __init__(self, variables: Variables, targets: Sequence[AbstractTarget]):
@@ -77,9 +77,9 @@ class SampledTargets:
         return sum(ray_target.scenes for ray_target in self._ray_targets.values())
 
     def use_accurate(self) -> None:
-        """Switch to verification: margins corrected by the independent samples, without safety margin."""
+        """Switch to verification: margins without the safety margin of the search."""
         for ray_target in self._ray_targets.values():
-            ray_target.is_verified = True
+            ray_target.is_verifying = True
         self._cache.clear()
 
     def at(self, x: Vector) -> Mapping[int, MarginSlope]:
@@ -131,7 +131,7 @@ class SampledTargets:
         return is_new, differs
 
     def probabilities(self, x: Vector) -> SampleEstimates:
-        """Return the estimates of independent samples at a point."""
+        """Return the estimates from independent samples at a point."""
         if self._parameters is None:
             return SampleEstimates({})
         podium, _ = self._parameters(x)

@@ -28,15 +28,15 @@ ACCEPT_RATIO, GOOD_RATIO = 1e-3, 0.75
 LARGEST_PENALTY = 1e6
 MAX_CUTS = 12
 MAX_AXIS_SEARCHES = 4  # searches along the axes from the end of a descent
-AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # their distances from the end, in scaled variables
-NOISE = 1e-11  # relative decreases of the merit below this are rounding
+AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # distances from this end, in scaled variables
+NOISE = 1e-11  # smaller relative decreases of the merit are rounding errors
 
 
 def descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: int = 0) -> Descent:
     """Minimise from x in [0, 1]ⁿ: a coroutine that yields points and receives their `Evaluation`s.
 
     - `x`: first point (n,), in scaled variables; `rules`: scale, margins aimed at, stopping criteria
-    - `history`: list to which iterates are appended; `start`: index of the start, which iterates contain
+    - `history`: list to which iterates are appended; `start`: index of the start, stored in iterates
     - `first`: number of the first iteration
 
     Returns the `End`. Responses have ripples and the feasible set may be disconnected. A descent therefore
@@ -173,7 +173,7 @@ class _DescentState:
 
     @property
     def is_stationary(self) -> bool:
-        # Where margins are steep, even a step below the tolerance may remove a violation.
+        # Where margins are steep, a step shorter than the tolerance may remove a violation.
         is_correctable = self.is_violated and self.modelled_violation <= 0.5 * self.current.violation
         return self.residual <= self.rules.tolerance and not is_correctable
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 MAX_ITERATIONS = 300
 MAX_CORRECTIONS = 3  # further searches after the first
 STEPS_DIVISOR = 4  # a further search has max_iterations/STEPS_DIVISOR steps
-SAFETY_FACTOR = 1.645 * np.sqrt(2)  # safety margin in standard errors; 95 % of second samples agree
+SAFETY_FACTOR = 1.645 * np.sqrt(2)  # safety margin in standard errors; covers 95 % of second samples
 EXACT_PENALTY = 1e4  # penalty of violations in the computation of multipliers
 
 
@@ -102,7 +102,7 @@ class FreshSearch:
 
     @property
     def ends(self) -> np.ndarray:
-        """0, and the index after the last margin of each target (targets + 1,)."""
+        """Ends of the targets in the vector of margins, after a leading 0, (targets + 1,)."""
         return np.cumsum([0, *self.evaluate.sizes])
 
     def _with_estimates(self, evaluation: Evaluation, estimates: dict[int, MarginEstimate]) -> Evaluation:
@@ -126,10 +126,10 @@ class FreshSearch:
         return np.where(standard_errors > 0, np.hypot(standard_errors, mean_error), 0.0)
 
     def shift_margins(self, first: bool) -> np.ndarray:
-        """Correct the margins aimed at by the independent sample; return which starts continue (s,).
+        """Correct the margins aimed at, using the independent sample; return which starts continue (s,).
 
-        Margins that the sample finds violated are corrected. After the first search, so are those of active
-        targets that exceed twice the safety margin.
+        Violated margins are corrected. After the first search, margins of active targets that exceed twice
+        the safety margin are corrected as well.
         """
         continuing, steps = np.zeros(len(self.x), bool), self.steps
         for k, evaluation in enumerate(self.evaluations):

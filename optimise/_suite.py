@@ -37,9 +37,9 @@ class Suite(Module):
     def of(
         cls, excitations: AnyMotions | FreshSamples, owner: str = "Suite", name: str = "excitations"
     ) -> Suite:
-        """Return the suite of some motions.
+        """Return the suite of given motions.
 
-        - `excitations`: a motion, several motions, or fresh samples, of which the first batch is taken
+        - `excitations`: a motion, several motions, or fresh samples, whose first batch is used
         - `owner`, `name`: function and argument that error messages name
 
         Raises `ValueError` for an empty set and for members that are not ground motions.
@@ -126,7 +126,7 @@ class Suite(Module):
     def peaks(
         self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...], names: tuple[str, ...]
     ) -> dict[str, np.ndarray]:
-        """Return some answers by name for all motions, on all cores (host, without derivatives).
+        """Return answers for all motions, as name → array, on all cores (host, without derivatives).
 
         - `podium`: the structure; `options`: options of the simulations
         - `outputs`: the requested outputs, as in `rockjax.Options`; `names`: names of the answers

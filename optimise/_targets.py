@@ -23,7 +23,7 @@ from ._suite import Margins, Suite
 Name = str | None
 SearchedTarget = TypeVar("SearchedTarget", bound="AbstractTarget")
 
-WIDTH_WHILE_SEARCHING = 1e-3  # coarser than the default, since designs are verified with their own width
+WIDTH_WHILE_SEARCHING = 1e-3  # smallest width during a search; verification uses the width of the target
 
 
 class AbstractTarget(Module):
@@ -55,7 +55,7 @@ class AbstractResponses(Module):
 
     suite: eqx.AbstractVar[Suite]
     outputs: ClassVar[Any]  # required outputs, a tuple as in `rockjax.Options`
-    until_overturning: ClassVar[bool] = False  # whether it uses peaks that cover only the time to overturning
+    until_overturning: ClassVar[bool] = False  # whether peaks cover only the time until overturning
 
     @abc.abstractmethod
     def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
@@ -75,8 +75,8 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
 
 
 def severity(peaks: rj.Peak, options: rj.Options) -> Margins:
-    """Return max|θ|/α; where the columns overturn, overturn_ratio − M, which increases with the speed of the
-    fall [–]."""
+    """Return max|θ|/α; where the columns overturn, overturn_ratio − M with the overturning margin M < 0. It
+    increases with the speed of the fall [–]."""
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
@@ -119,8 +119,8 @@ class OverturningAcceleration(AbstractTarget):
     - `pulse`: class of the pulse, such as `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
     - `max_acceleration_ratio`: largest searched amplitude [g tan α], above `at_least`; if no searched
       amplitude overturns, a_ov is this amplitude, with zero derivative
-    - `width`: a verified design misses no overturning window below a_ov that is wider than this fraction of
-      the searched range [–]
+    - `width`: verification finds every overturning window below a_ov that is wider than this fraction of the
+      searched range [–]
 
     The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for arguments out of range.
     """
@@ -260,7 +260,7 @@ class OverturningScale(AbstractScaleTarget):
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of them (records, pulses, wavelets)
     - `max_scale`: largest searched factor, by default 3 times `at_least` [–]; if no searched factor
       overturns, the scale is `max_scale`, with zero derivative
-    - `width`: a verified design misses no overturning window wider than this fraction of `max_scale` [–]
+    - `width`: verification finds every overturning window wider than this fraction of `max_scale` [–]
 
     The margin is scale/at_least − 1 for every motion. Raises `ValueError` for arguments out of range.
     """
@@ -291,7 +291,7 @@ class MedianCapacity(AbstractScaleTarget):
     - `at_least`: > 0 [–]; `suite`: two motions or more, or `FreshSamples`
     - `max_scale`: largest searched factor, by default 3 times `at_least` [–]; motions that do not overturn
       the columns up to `max_scale` are censored
-    - `width`: a verified design misses no overturning window wider than this fraction of `max_scale` [–]
+    - `width`: verification finds every overturning window wider than this fraction of `max_scale` [–]
 
     The median belongs to a lognormal distribution fitted by maximum likelihood, as in
     [`rockjax.fragility`][]. If fewer than two motions overturn the columns, it is `max_scale`, with zero
@@ -328,8 +328,8 @@ class OverturningProbability(AbstractResponseTarget):
 
     The fraction of n motions changes in jumps of 1/n and has no useful derivative; P is smooth. The margin is
     the quantile m of the smoothed margins with mean Φ((m − M)/h) = at_most. It has the sign of at_most − P,
-    and changes even where P is almost 0 or 1. Motions with |M| < h bias P; `exact` counts motions. Raises
-    `ValueError` for arguments out of range.
+    and changes even where P is almost 0 or 1. Motions with |M| < h bias P; `exact` counts overturned scenes
+    instead. Raises `ValueError` for arguments out of range.
     """
 
     at_most: Any

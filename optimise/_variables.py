@@ -33,7 +33,7 @@ def _row(values: Any, name: str) -> Any:
 
 
 class Dimensions(Module):
-    """A podium by dimensions and masses, the arguments of `rockjax.Podium.from_dimensions`.
+    """A podium given by dimensions and masses, as for `rockjax.Podium.from_dimensions`.
 
     - `width`, `height`: full column width 2B and height 2H [m]
     - `column_mass`: mass m_c of one column [kg]; `beam_mass`: mass m_b of the beam [kg]; `top_mass`: mass m_t
@@ -152,7 +152,7 @@ class Variables(Module):
         lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
         low, high = (numpy.log(numpy.where(log, bound, 1.0)) for bound in (lower, upper))
         values = numpy.where(log, numpy.exp(low * (1 - x) + high * x), lower * (1 - x) + upper * x)
-        # Rounding may put values outside. Differentiating the clip would halve derivatives at a bound.
+        # Rounding may move values out of the bounds. Differentiating the clip would halve slopes at a bound.
         clipped = numpy.clip(values, lower, upper)
         return clipped if numpy is np else values + jax.lax.stop_gradient(clipped - values)
 
@@ -315,8 +315,8 @@ def _law_message(owner: str, law) -> str:
 def parameter(base: Structure, name: str) -> Parameter:
     """Return the parameter that a variable name denotes. Raises `KeyError` for an unknown name."""
     if isinstance(base, Dimensions):
-        row, number = _row_entry(name)
-        return DIMENSIONS[name] if row is None else numbered_parameter(row, number)
+        row, position = _row_entry(name)
+        return DIMENSIONS[name] if row is None else numbered_parameter(row, position)
     entry = find_parameter(name)
     if entry is None:
         raise KeyError(name)
@@ -324,21 +324,21 @@ def parameter(base: Structure, name: str) -> Parameter:
 
 
 def _row_entry(name: str) -> tuple[Parameter | None, int]:
-    """Return the row of dimensions of a name such as `story_mass_2`, and the number 2 in it.
+    """Return the row of dimensions that `story_mass_2` or a similar name belongs to, and its position 2.
 
     Return (None, 0) for a name that does not belong to a row.
     """
-    row, _, number = name.rpartition("_")
-    is_in_row = row in ROWS_OF_DIMENSIONS and number.isdecimal()
-    return (ROWS_OF_DIMENSIONS[row], int(number)) if is_in_row else (None, 0)
+    row, _, position = name.rpartition("_")
+    is_in_row = row in ROWS_OF_DIMENSIONS and position.isdecimal()
+    return (ROWS_OF_DIMENSIONS[row], int(position)) if is_in_row else (None, 0)
 
 
 def value_of(base: Structure, name: str):
     """Return the value of a variable in a structure, in user units."""
     if not isinstance(base, Dimensions):
         return variants.read(base, name)
-    row, number = _row_entry(name)
-    return getattr(base, name) if row is None else getattr(base, row.place)[number - 1]
+    row, position = _row_entry(name)
+    return getattr(base, name) if row is None else getattr(base, row.place)[position - 1]
 
 
 def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
@@ -347,11 +347,11 @@ def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
         return variants.with_values(base, values)
     changes: dict[str, Any] = {}
     for name, value in values.items():
-        row, number = _row_entry(name)
+        row, position = _row_entry(name)
         if row is None:
             changes[name] = value
         else:
             row_values = changes.get(row.place, getattr(base, row.place))
-            changes[row.place] = jnp.asarray(row_values).at[number - 1].set(value)
+            changes[row.place] = jnp.asarray(row_values).at[position - 1].set(value)
     with _without_unit_warnings():
         return base.replace(**changes)
