@@ -1,4 +1,4 @@
-"""Data of the running command for the attributes of its files."""
+"""Data of the running command, for the attributes of the files that it writes."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from contextvars import ContextVar
 from typing import Any
 
 COMMAND: ContextVar[str] = ContextVar("command")  # the command line
-# Attributes of files: number of columns and masses [kg] of a structure by dimensions.
+# Number of columns and masses [kg], as attributes of files, if the structure is given by dimensions.
 MASSES: ContextVar[dict[str, Any]] = ContextVar("masses")

@@ -17,8 +17,8 @@ def design(request: Request, report: Report, output: Output = "rockjax-design") 
 
     Prints the variables, and the targets with their margins and shadow prices. Writes OUTPUT.json,
     OUTPUT-convergence.png and OUTPUT-response.png, the response before and after. Options of the structure
-    override the file. The exit status is 1 if no design satisfies the targets. Ctrl-C keeps the best design
-    so far.
+    override the problem file. The exit status is 1 if no design satisfies the targets. Ctrl-C keeps the best
+    design so far.
 
     \b
     Examples:

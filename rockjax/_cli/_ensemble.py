@@ -18,7 +18,7 @@ from ._run import Report, command
     accuracy(rtol=1e-8, overturn_ratio=1.0, method="dopri8"),
 )
 def ensemble(request: Request, report: Report, output: Output = "rockjax-ensemble") -> None:
-    """Distributions of the peaks of random structures under random motions, with confidence bounds.
+    """Estimate distributions of the peaks of random structures under random motions, with confidence bounds.
 
     The table [ensemble.spread] of the problem file has the distributions of parameters. If the set has
     several motions, each scene draws one of them. Prints quantiles; writes OUTPUT.nc with all scenes, and a

@@ -20,8 +20,8 @@ from ._run import Report, command
     accuracy(rtol=1e-8, method="dopri8"),
 )
 def floors(request: Request, report: Report, output: Output = "rockjax-floors") -> None:
-    """Floor response spectra of the deck and of stories, beside those of the ground and of the same building
-    fixed at its base.
+    """Compute floor response spectra of the deck and of stories, and for comparison spectra of the ground and
+    of the same building fixed at its base.
 
     The picture shows medians if the set has several motions. Writes OUTPUT.nc and OUTPUT.png.
 

@@ -45,13 +45,13 @@ def fragility(
     ] = None,
     output: Output = "rockjax-fragility",
 ) -> None:
-    """Compute a fragility curve: the probability of overturning over the intensity of records.
+    """Compute a fragility curve: the probability of overturning against the intensity of records.
 
     Every record is scaled to all levels, and its least overturning intensity is found (incremental dynamic
     analysis). A lognormal curve is fitted, with confidence intervals. Prints median, dispersion and
     sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
-    OUTPUT-fragility.png and OUTPUT-ida.png. Contents of floors in the problem file have curves of their own:
-    a table, a group and OUTPUT-contents.png. Ctrl-C saves nothing.
+    OUTPUT-fragility.png and OUTPUT-ida.png. Contents of floors in the problem file have fragility curves too:
+    a printed table, a group of OUTPUT.nc and OUTPUT-contents.png. Ctrl-C saves nothing.
 
     \b
     Examples:
@@ -115,7 +115,7 @@ def _finish(
     settings: models.Fragility,
     contents: xarray.Dataset | None,
 ) -> None:
-    """Fit the curve, report it and write the files; `contents`: curves of contents, or None."""
+    """Fit the curve, report it and write the files; `contents`: fragility curves of contents, or None."""
     import numpy as np
 
     from rockjax._units import displayed_or_empty
@@ -153,13 +153,13 @@ def _finish(
     median_note = dispersion_note = ""
     report.facts |= {"units": unit or "1", "median": median, "dispersion": dispersion}
     if "interval" in curve:
-        of_median, of_dispersion = np.asarray(curve["interval"].transpose("quantity", "bound"))
+        median_bounds, dispersion_bounds = np.asarray(curve["interval"].transpose("quantity", "bound"))
         interval = f", {settings.confidence:.0%} interval"
-        median_note = f"{interval} {of_median[0]:.4g} to {of_median[1]:.4g}"
-        dispersion_note = f"{interval} {of_dispersion[0]:.3f} to {of_dispersion[1]:.3f}"
+        median_note = f"{interval} {median_bounds[0]:.4g} to {median_bounds[1]:.4g}"
+        dispersion_note = f"{interval} {dispersion_bounds[0]:.3f} to {dispersion_bounds[1]:.3f}"
         report.facts |= {
-            "median_interval": list(of_median),
-            "dispersion_interval": list(of_dispersion),
+            "median_interval": list(median_bounds),
+            "dispersion_interval": list(dispersion_bounds),
             "confidence": settings.confidence,
         }
     report.say(f"median overturning {name}: {median:.4g}{unit_suffix}{median_note}")

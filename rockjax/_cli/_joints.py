@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 VARIABLES = ("least_axial_force", "least_impulse_share", "peak_friction", "peak_impact_friction")
 OUTPUTS = ("peak_friction", "axial_force", "impact_friction")  # outputs with these variables
-ROUNDING = 1e-9  # an impact eccentricity ξ_J that exceeds 1 by less is rounding
+ROUNDING = 1e-9  # rounding error of the impact eccentricity ξ_J
 
 
 def request_joints(podium: rj.Podium, options: rj.Options) -> rj.Options:
@@ -27,7 +27,7 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
 
     - `podium`: the structure
     - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of one scene or of many. In a
-      batch, scenes that overturn are ignored. None without scenes
+      batch, scenes that overturn are ignored. None if there are no scenes
     - `friction`: friction coefficient μ of the joints [–]; None if unknown
     """
     import numpy as np

@@ -47,9 +47,9 @@ def motions(
         ),
     ] = None,
 ) -> None:
-    """Intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
+    """Print intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
 
-    With --tan-alpha and --R also PGA/(g tan α) and p PGV/(g tan α). Writes OUTPUT.nc if --output is given.
+    With --tan-alpha and --R, also prints PGA/(g tan α) and p PGV/(g tan α). Writes OUTPUT.nc for --output.
     For a problem file, lists the motions of all sets: number, name, source, sampling interval, duration and
     PGA.
 
@@ -206,7 +206,7 @@ def synthetic(
         "rockjax-synthetic"
     ),
 ) -> None:
-    """Synthetic ground motions: filtered noise under an envelope, optionally with a velocity pulse.
+    """Make synthetic ground motions: filtered noise under an envelope, optionally with a velocity pulse.
 
     Writes OUTPUT/synthetic-0001.AT2 … and OUTPUT/suite.csv, a table of these files and their parameters.
 

@@ -1,4 +1,4 @@
-"""Options of the command line: most from the models of problem files, a few without a key there."""
+"""Options of the command line. Most are derived from the models of problem files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import OUTPUT, Flag
 
-# Default values of options of a single structure, of panels of structures and of pulses, by key.
+# Default values of the options for one structure, for panels of structures and for pulses, by key.
 SINGLE_DEFAULTS = {
     "tan_alpha": 0.15,
     "R": 1.5,

@@ -15,9 +15,9 @@ from ._run import Report, command, save_interrupted
 def overturning(
     request: Request, report: Report, output: Output = "rockjax-overturning", resume: Resume = False
 ) -> None:
-    """Overturning boundaries over pulse frequency, with the windows of survival above the first boundary.
+    """Compute overturning boundaries against pulse frequency, with survival windows above the first boundary.
 
-    Without options: Fig. 7 of the paper, from boundaries instead of a grid. Writes OUTPUT.nc,
+    Without options it computes Fig. 7 of the paper, with exact boundaries. Writes OUTPUT.nc,
     OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C saves the finished podiums
     in OUTPUT.partial.nc; --resume continues with the others.
 

@@ -37,9 +37,10 @@ def plot(
 ) -> None:
     """Draw the pictures of a file: spectra, overturning spectra, responses, fragilities, design charts.
 
-    Writes OUTPUT-KIND.png. Kinds of a rocking spectrum: rotation, overturning, sensitivity, lift-off; of an
-    overturning spectrum: boundaries, sensitivity; of a fragility: fragility, ida; of a response: response,
-    phase-portrait, moment-rotation, energy, joint-forces, friction-demand, and animation (a GIF).
+    Writes OUTPUT-KIND.png. Kinds for a rocking spectrum: rotation, overturning, sensitivity, lift-off; for an
+    overturning spectrum: boundaries, sensitivity; for a fragility: fragility, ida, contents; for a response:
+    response, phase-portrait, moment-rotation, energy, stories, joint-forces, friction-demand, and animation
+    (a GIF).
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""Problem files and options: options override the tables of the file, and the models check the result."""
+"""Requests of commands: tables of a problem file, overridden by options and checked by the models."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ class Request:
     def _override(self, entry: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return an entry, overridden by values.
 
-        If it has two alternative keys, such as `a_p` and `acceleration_ratio`, the one that is not on the
+        If it has two alternative keys, such as `a_p` and `acceleration_ratio`, the key that is not on the
         command line is removed.
         """
         merged = {**entry, **values}
@@ -204,7 +204,7 @@ class Request:
     def panels(self) -> Panels:
         """Return podiums for each mass ratio η/γ and each period T_s (0 for a rigid superstructure).
 
-        By default a structure of the problem file is the only panel. Raises `ValueError` for contradictory
+        By default, the structure of a problem file is the only panel. Raises `ValueError` for contradictory
         options, and for options that cannot change the superstructure.
         """
         from rockjax._structures import superstructure_of

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def residual_share(podium: rj.Podium) -> float:
-    """Return the residual mass (in no mode; it moves with the beam) divided by that of the superstructure."""
+    """Return the share of the superstructure's mass that is in no mode and moves with the beam."""
     top = podium.superstructure
     if top is None or not top.rows:
         return 0.0
@@ -35,10 +35,10 @@ def residual_share(podium: rj.Podium) -> float:
     accuracy(rtol=1e-8, method="dopri8"),
 )
 def response(request: Request, report: Report, output: Output = "rockjax-response") -> None:
-    """One time history: rotation, deformation of the superstructure, ground acceleration, and the peaks.
+    """Compute one time history: rotation, deformation, ground acceleration, and the peaks.
 
     Writes OUTPUT.nc and OUTPUT.png, with forces and friction in the joints if the structure has an elevation,
-    and with the answers of the contents and oscillators on its floors if the problem file has any.
+    and with the responses of contents and oscillators on floors if the problem file has any.
     `rockjax plot OUTPUT.nc --kind …` draws phase portraits, energies and an animation.
 
     \b

@@ -108,11 +108,11 @@ class Report:
 def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[..., None]], Any]:
     """Return a decorator that turns a function into a command.
 
-    - `groups`: options that are made from models, by key
-    - `jax`: True to configure the cache of compiled programs and logging before the call
+    - `groups`: options from the models of problem files, by key
+    - `jax`: True to configure JAX's cache of compiled programs and logging before the call
 
     The function has the argument `report` and arguments for its other options. It may have the argument
-    `request`, for the problem file with the options of the groups, or `reader`, for these options alone.
+    `request`, for the problem file and the options of `groups`, or `reader`, for these options alone.
     """
     options = {name: entry for group in groups for name, entry in group.items()}
 
@@ -174,7 +174,7 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
 
 
 def _take_problem(values: dict[str, Any]) -> Path | None:
-    """Return the problem file. If the command has `inputs`, remove it from them."""
+    """Return the problem file. If the command has `inputs`, the problem file is removed from `inputs`."""
     if "inputs" not in values:
         return values["problem"]
     inputs = values["inputs"] or []

@@ -19,10 +19,11 @@ from ._run import Report, command, save_interrupted
 def spectrum(
     request: Request, report: Report, output: Output = "rockjax-spectrum", resume: Resume = False
 ) -> None:
-    """Rocking spectra: peak rotation and overturning boundaries over pulse frequency and acceleration.
+    """Compute rocking spectra: peak rotation and overturning against pulse frequency and acceleration.
 
-    Without options: the 12 panels of Fig. 6 of the paper, and Fig. 7. Boundaries are refined between grid
-    points of different outcome; `rockjax overturning` also finds those between points of the same outcome.
+    Without options it computes the 12 panels of Fig. 6 of the paper, and Fig. 7. Boundaries are refined
+    between grid points with different outcomes; `rockjax overturning` also finds boundaries between points
+    with the same outcome.
     Writes OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities,
     OUTPUT-sensitivity.png. Ctrl-C saves the solved scenes in OUTPUT.partial.nc; --resume solves the others.
 

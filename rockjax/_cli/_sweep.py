@@ -65,11 +65,11 @@ def sweep(
         "rockjax-sweep.zarr"
     ),
 ) -> None:
-    """Peak responses of a grid of any size, chunk by chunk, on this machine or a cluster.
+    """Compute peak responses of a grid of any size, chunk by chunk, on this machine or a cluster.
 
     The axes are parameters of the structure and of the motion; a set of several motions is an additional
-    axis. Writes a zarr store, which xarray opens. The same command continues a sweep that was stopped:
-    chunks in the store are verified and kept.
+    axis. Writes a zarr store, which xarray opens. The same command continues an interrupted sweep: chunks in
+    the store are verified and kept.
 
     \b
     Examples:
@@ -122,7 +122,7 @@ def sweep(
 
 
 def _axes(request: Request, texts: list[str]) -> dict[str, Any]:
-    """Return the values along the axes of the file and of the command line, which has precedence."""
+    """Return the values along the axes from the problem file and the command line, which has precedence."""
     import numpy as np
 
     from_options = {}

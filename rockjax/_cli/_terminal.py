@@ -51,8 +51,8 @@ class _Stream:
 def terminal() -> Iterator[None]:
     """Replace stdout and stderr by streams that do not fail while a command runs.
 
-    If NO_COLOR is set, bold and dim text are switched off as well as colours. If stdout could not be written,
-    for example on a full disk, raises `SystemExit` with status 1 after the command.
+    If NO_COLOR is set, bold and dim text are switched off as well as colours. Raises `SystemExit` with status
+    1 after the command if stdout could not be written, for example on a full disk.
     """
     if os.environ.get("NO_COLOR"):
         _switch_off_styles()

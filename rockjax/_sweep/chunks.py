@@ -28,7 +28,7 @@ class Job(NamedTuple):
     """Data that a process needs, besides the store, to solve a chunk of a sweep."""
 
     store: str  # path or URL
-    fingerprint: str  # fingerprint of the sweep
+    fingerprint: str  # hash of the identity of the sweep
     skeleton: Any  # (structures, excitations, initial, t_end) with names in place of their values
     options: Options
     precision: bool  # True for float64

@@ -44,7 +44,7 @@ def require_creatable(path: str | Path) -> None:
 def zarr_store(path: str) -> Any:
     """Return the object that zarr and xarray open as the store at a path.
 
-    They would parse a local path that contains `#`, `?` or `:` as a URL.
+    Without it they would parse a local path with `#`, `?` or `:` as a URL.
     """
     if not is_local(path):
         return path
@@ -57,7 +57,7 @@ def zarr_store(path: str) -> Any:
 def atomic_folder(path: str) -> Iterator[str]:
     """Yield a temporary folder that is renamed to `path` at the end; for a URL, yield the URL itself.
 
-    Behind a URL a store is complete when its identity is written, which is the last step.
+    A store at a URL is complete when its identity has been written, which is the last step.
     """
     if not is_local(path):
         yield path

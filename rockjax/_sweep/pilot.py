@@ -19,11 +19,11 @@ from .store import compressed_size, variable_for
 
 SAMPLE = (256, 16384)  # smallest and largest number of sampled scenes
 SHARE = 50  # number of scenes divided by the number of sampled scenes, within these limits
-# Shortest and longest wall time of a chunk [s]. It should be long compared with the time to write its files;
-# its end is the time that is lost after a failure.
+# Shortest and longest wall time of a chunk [s]. Writing the files of shorter chunks would take a large share
+# of the time; longer chunks would lose more work after a failure.
 CHUNK_SECONDS = 2.5, 10.0
-# Smallest number of chunks per core, unless chunks would be too short. With more chunks, cores wait less for
-# the last ones.
+# Smallest number of chunks per core, unless chunks would be too short. With more chunks, fewer cores are idle
+# at the end.
 CHUNKS_PER_CORE = 8
 
 

@@ -163,7 +163,7 @@ class ChunkProgress:
         return f"{self.done} of {self.count} chunks"
 
     def finished(self, k: int) -> None:
-        """Advance by chunk k. The minimum prevents that rounding exceeds the total."""
+        """Advance by chunk k. The minimum prevents rounding from exceeding the total."""
         self.done += 1
         self.bar.set_description_str(self._describe(), refresh=False)
         self.bar.update(min(float(self.expected[k]), self.bar.total - self.bar.n))

@@ -56,29 +56,30 @@ class SceneArrays(NamedTuple):
         """Number of scenes."""
         return int(np.prod(self.shape, dtype=np.int64))
 
-    def _own_dimensions(self) -> dict[str, int]:
-        own = own_dimensions(jax.tree.structure(self.skeleton), self.skeleton[1])
-        return dict(zip(jax.tree.leaves(self.skeleton), own, strict=True))
+    def _scene_ndims(self) -> dict[str, int]:
+        """Return how many axes of each leaf belong to a single scene and not to the grid, by name."""
+        ndims = own_dimensions(jax.tree.structure(self.skeleton), self.skeleton[1])
+        return dict(zip(jax.tree.leaves(self.skeleton), ndims, strict=True))
 
-    def _has_grid_axes(self, name: str, own: int) -> bool:
-        return self.arrays[name].ndim > own
+    def _has_grid_axes(self, name: str, ndim: int) -> bool:
+        return self.arrays[name].ndim > ndim
 
     def _arguments(self, select) -> Arguments:
         """Return the arguments, with `select` applied to every leaf that has axes of the grid."""
         values = [
             np.asarray(
-                select(self.arrays[name], own) if self._has_grid_axes(name, own) else self.arrays[name][...]
+                select(self.arrays[name], ndim) if self._has_grid_axes(name, ndim) else self.arrays[name][...]
             )
-            for name, own in self._own_dimensions().items()
+            for name, ndim in self._scene_ndims().items()
         ]
         return jax.tree.unflatten(jax.tree.structure(self.skeleton), values)
 
     def in_box(self, box: tuple[slice, ...]) -> Arguments:
         """Return the arguments of the scenes in a box: a slice of each axis of the grid."""
 
-        def select(y, own: int):
-            axes = y.shape[: y.ndim - own]
-            return y[tuple(part if n > 1 else slice(0, 1) for part, n in zip(box, axes, strict=True))]
+        def select(y, ndim: int):
+            axes = y.shape[: y.ndim - ndim]
+            return y[tuple(y_slice if n > 1 else slice(0, 1) for y_slice, n in zip(box, axes, strict=True))]
 
         return self._arguments(select)
 
@@ -86,8 +87,8 @@ class SceneArrays(NamedTuple):
         """Return the arguments of scenes with given flat indices, as a batch of shape (scenes,)."""
         indices = np.unravel_index(scenes, self.shape)
 
-        def select(y, own: int):
-            axes = y.shape[: y.ndim - own]
+        def select(y, ndim: int):
+            axes = y.shape[: y.ndim - ndim]
             return y[tuple(j if n > 1 else np.zeros_like(j) for j, n in zip(indices, axes, strict=True))]
 
         return self._arguments(select)
@@ -96,14 +97,14 @@ class SceneArrays(NamedTuple):
         """Return the scalar parameters that vary between scenes, with the axes of the grid."""
         return {
             name: self.arrays[name]
-            for name, own in self._own_dimensions().items()
-            if own == 0 and self._has_grid_axes(name, own)
+            for name, ndim in self._scene_ndims().items()
+            if ndim == 0 and self._has_grid_axes(name, ndim)
         }
 
     def common(self) -> dict[str, np.ndarray]:
         """Return the scalar parameters that all scenes share."""
         return {
             name: self.arrays[name]
-            for name, own in self._own_dimensions().items()
-            if own == 0 and not self._has_grid_axes(name, own)
+            for name, ndim in self._scene_ndims().items()
+            if ndim == 0 and not self._has_grid_axes(name, ndim)
         }

@@ -179,8 +179,8 @@ class Store:
                     **array_options,
                 )
             for name, values in inputs.items():
-                size = values.shape if values.size <= _LONG_INPUT else _input_chunks(values.shape, layout)
-                input_options = {"shape": values.shape, "dtype": values.dtype, "chunks": size}
+                chunks = values.shape if values.size <= _LONG_INPUT else _input_chunks(values.shape, layout)
+                input_options = {"shape": values.shape, "dtype": values.dtype, "chunks": chunks}
                 group.create_array(f"inputs/{name}", **input_options, **array_options)[...] = values
             progress = group.create_group("progress")
             progress.create_array(

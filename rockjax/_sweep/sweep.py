@@ -34,7 +34,7 @@ from .store import Store, require_zarr
 if TYPE_CHECKING:
     import xarray
 
-BYTES = 300  # memory of a scene while it is solved, besides its parameters
+BYTES = 300  # memory of a scene while it is solved, without its parameters [bytes]
 
 
 def sweep(
@@ -181,12 +181,12 @@ class SweepPlan:
     - `chunks`: number of chunks
     - `done`: number of scenes already in the store
     - `steps`: expected number of remaining trial steps
-    - `core_seconds`: expected time for them on one core [s]
+    - `core_seconds`: expected time of these steps on one core [s]
     - `cores`: number of available cores
     - `seconds`: expected wall time [s]
     - `memory`: expected memory of the process that solves a chunk [bytes]
-    - `disk`: expected size of the store [bytes], usually too large, because neighbours on a grid compress
-      better than the sample
+    - `disk`: expected size of the store [bytes], usually too large, because neighbouring scenes of a grid
+      compress better than the sample
     - `store`: path or URL of the store
     """
 
@@ -205,10 +205,10 @@ class SweepPlan:
 
     def __repr__(self) -> str:
         axes = " × ".join(map(str, self.shape))
-        of_chunk = " × ".join(map(str, self.chunk))
+        chunk_axes = " × ".join(map(str, self.chunk))
         rows = [
             ("scenes", f"{self.scenes} ({axes})" + (f", {self.done} solved" if self.done else "")),
-            ("chunks", f"{self.chunks}, each {of_chunk}"),
+            ("chunks", f"{self.chunks}, each {chunk_axes}"),
             ("steps", f"{self.steps:.3g}, {self.steps / max(1, self.scenes - self.done):.3g} per scene"),
             (
                 "time",

@@ -55,14 +55,14 @@ def animation(
     - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–]; the picture states it
     - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the
       animation, > 0
-    - `start`, `end`: part of the scene to show [s]; by default all
+    - `start`, `end`: part of the scene to show [s], by default the whole scene
     - `moving_ground`: whether to draw the displacement of the ground: ü_g integrated twice, from rest at the
       start of the history
 
     Columns of width 2B and height 2H rotate about their edges, the beam moves by u_b and v_b, Eq. (13), and
-    an elastic superstructure by u_t − u_b relative to it. The drawn sizes of beam and superstructure are
-    arbitrary, except for heights of stories. Returns an animation that Jupyter displays. Raises `ValueError`
-    for arguments out of range.
+    an elastic superstructure moves by u_t − u_b relative to the beam. The drawn sizes of beam and
+    superstructure are arbitrary, except for heights of stories. Returns an animation that Jupyter displays.
+    Raises `ValueError` for arguments out of range.
     """
     owner = "plots.animation"
     if not isinstance(columns, int) or columns < 1:
@@ -88,7 +88,7 @@ def save_animation(
 ) -> Path:
     """Write the animation of [`rockjax.plots.animation`][] to a file, atomically. Returns the path.
 
-    - `path`: file to write, `.gif` or `.mp4`; `.mp4` needs ffmpeg, of the system or of the package
+    - `path`: file to write, `.gif` or `.mp4`; `.mp4` needs ffmpeg, from the system or the package
       `imageio-ffmpeg`
     - `response`: a [`rockjax.Response`][] or its dataset; `dpi`: resolution
     - `options`: as for [`rockjax.plots.animation`][]
@@ -109,7 +109,7 @@ def save_animation(
 
 
 def _ffmpeg() -> str:
-    """Return the path of ffmpeg: of the system if there is one, otherwise of `imageio-ffmpeg`."""
+    """Return the path of ffmpeg: from the system if installed there, otherwise from `imageio-ffmpeg`."""
     if FFMpegWriter.isAvailable():
         return FFMpegWriter.bin_path()
     try:
@@ -139,15 +139,15 @@ class _Stage:
         attributes, t = data.attrs, data["time"].values
         self.times, self.alpha, self.R = times, attributes["alpha_rad"], attributes["R_m"]
         self.width, self.height = 2 * self.R * np.sin(self.alpha), 2 * self.R * np.cos(self.alpha)
-        drawn = lambda values: exaggerate * np.interp(times, t, values)
+        at_frames = lambda values: exaggerate * np.interp(times, t, values)
         theta = data["theta"].values
-        self.theta, self.floors = drawn(theta), _floors(data, self.height)
-        self.sway = (
-            np.stack([drawn(floor.sway) for floor in self.floors])
+        self.theta, self.floors = at_frames(theta), _floors(data, self.height)
+        self.floor_shifts = (
+            np.stack([at_frames(floor.shift) for floor in self.floors])
             if self.floors
             else np.zeros((0, times.size))
         )
-        self.ground = drawn(_displacement(data)) if moving_ground else np.zeros_like(times)
+        self.ground = at_frames(_displacement(data)) if moving_ground else np.zeros_like(times)
         self.ratio = np.interp(times, t, theta) / self.alpha
         spacing = max(0.9 * self.height, 2.5 * self.width)
         self.foot_positions = spacing * (np.arange(columns) - 0.5 * (columns - 1))
@@ -191,7 +191,7 @@ class _Stage:
         ]
         beam_shift, lift = self._beam_displacement(np.arange(self.times.size))
         max_shift = float(
-            np.max(np.abs(beam_shift + self.ground + np.vstack([0 * self.ground[None], self.sway])))
+            np.max(np.abs(beam_shift + self.ground + np.vstack([0 * self.ground[None], self.floor_shifts])))
         )
         top_height = 0.45 * self.height if self.box is not None else 0.0
         if self.floors:
@@ -237,18 +237,18 @@ class _Stage:
         return [*self.columns, self.beam, self.soil, self.clock, self.cursor]
 
     def _show_floors(self, k: int, beam_x: float, base: float) -> None:
-        z, lower_sway, foot = np.linspace(0, 1, 21), 0.0, 0.0
-        for floor, sway, slab, column_lines in zip(
-            self.floors, self.sway[:, k], self.slabs, self.column_lines, strict=True
+        z, lower_shift, foot = np.linspace(0, 1, 21), 0.0, 0.0
+        for floor, shift, slab, column_lines in zip(
+            self.floors, self.floor_shifts[:, k], self.slabs, self.column_lines, strict=True
         ):
-            deflection = lower_sway + (sway - lower_sway) * (3 - 2 * z) * z**2
+            deflection = lower_shift + (shift - lower_shift) * (3 - 2 * z) * z**2
             for line, side in zip(column_lines, (-0.75, 0.75), strict=True):
                 line.set_data(
                     beam_x + side * floor.width * self.half_beam + deflection,
                     base + foot + (floor.level - foot) * z,
                 )
-            slab.set_xy(_box(beam_x + sway, base + floor.level, floor.width * self.half_beam, floor.depth))
-            lower_sway, foot = sway, floor.level + floor.depth
+            slab.set_xy(_box(beam_x + shift, base + floor.level, floor.width * self.half_beam, floor.depth))
+            lower_shift, foot = shift, floor.level + floor.depth
 
 
 def _box(x: float, y: float, half_width: float, height: float) -> np.ndarray:
@@ -260,10 +260,10 @@ def _box(x: float, y: float, half_width: float, height: float) -> np.ndarray:
 class _Floor(NamedTuple):
     """A mass that moves relative to the beam, on two flexible columns."""
 
-    sway: np.ndarray  # displacement relative to the beam at all times [m]
+    shift: np.ndarray  # displacement relative to the beam at all times [m]
     level: float  # height of the lower edge above the beam [m]
     depth: float  # height of the drawn box [m]
-    width: float  # width divided by that of the beam [–]
+    width: float  # width divided by the width of the beam [–]
 
 
 def _floors(data: xarray.Dataset, height: float) -> list[_Floor]:
@@ -272,14 +272,14 @@ def _floors(data: xarray.Dataset, height: float) -> list[_Floor]:
     `height`: full height of a column [m]
     """
     if "drift" in data:
-        sways = data["drift"].values.cumsum(axis=1).T
+        shifts = data["drift"].values.cumsum(axis=1).T
         heights = getattr(podium_of(data.attrs).superstructure, "heights", None)
-        stories = np.full(len(sways), 0.6 * height) if heights is None else np.asarray(heights)
+        stories = np.full(len(shifts), 0.6 * height) if heights is None else np.asarray(heights)
         depth = 0.15 * float(np.min(stories))
         levels = np.cumsum(stories) - depth
-        return [_Floor(*pair, depth, 0.75) for pair in zip(sways, map(float, levels), strict=True)]
+        return [_Floor(*pair, depth, 0.75) for pair in zip(shifts, map(float, levels), strict=True)]
     if not vibrates(data.attrs):
         return []
     deformation = data["deformation"].values
-    sway = deformation if deformation.ndim == 1 else deformation[:, 0]
-    return [_Floor(sway, 0.8 * height, 0.3 * height, 0.6)]
+    shift = deformation if deformation.ndim == 1 else deformation[:, 0]
+    return [_Floor(shift, 0.8 * height, 0.3 * height, 0.6)]

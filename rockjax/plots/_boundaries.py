@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Plot the minimum overturning acceleration of a rocking spectrum against frequency.
 
-    Refined boundaries are drawn if the spectrum contains them, otherwise steps of its grid.
+    Refined boundaries are drawn if the spectrum contains them, otherwise steps between grid points.
 
     - `dataset`: dataset of [`rockjax.rocking_spectrum`][]
     - `ax`: axes to draw into; `line`: arguments of `Axes.plot` or `Axes.step`
@@ -89,8 +89,8 @@ def _search_end(dataset: xarray.Dataset) -> float:
 def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Plot the least overturning acceleration against frequency, with windows of survival above it shaded.
 
-    A dotted line bridges jumps of the minimum to another branch. A triangle marks an end of the curve, beyond
-    which no searched acceleration overturns. `ax.legend()` names lines and marks.
+    Dotted lines bridge jumps of the minimum to another branch. Triangles mark ends of the curve, beyond which
+    no searched acceleration overturns. `ax.legend()` explains lines and marks.
 
     - `dataset`: dataset of [`rockjax.overturning_spectrum`][]
     - `ax`: axes to draw into; `line`: arguments of `Axes.plot`
@@ -114,8 +114,8 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
 def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tuple[float, float]]]:
     """Return polygons of survival above the minimum.
 
-    At each x a window extends from every second boundary to the next. It is connected to the overlapping
-    windows of the next x; without any, it ends half-way.
+    At each x, windows extend from every second boundary to the next boundary. A window is connected to the
+    overlapping windows at the next x; if there are none, it ends half-way.
     """
     windows: list[list[tuple[float, float]]] = []
     for row in boundaries:
@@ -170,7 +170,7 @@ def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour:
 
 
 def _add_legend_entry(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:
-    """Add a legend entry that all curves share, once for each picture."""
+    """Add a legend entry for all curves unless the picture already has it."""
     if label not in ax.get_legend_handles_labels()[1]:
         draw(label)
 
@@ -212,7 +212,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
 
 
 def _set_limits(ax: Axes, values: np.ndarray) -> None:
-    """Set limits that exclude unbounded values at the ends of branches."""
+    """Set limits of the vertical axis that exclude unbounded values at the ends of branches."""
     finite = values[np.isfinite(values)]
     if finite.size:
         lo, hi = np.percentile(finite, [2, 96])

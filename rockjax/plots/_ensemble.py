@@ -36,12 +36,12 @@ def ensemble(
     - `ax`: axes to draw into
     - `output`, `component`, `confidence`: as for `Ensemble.cdf`
 
-    Overturned scenes count as infinite, so a curve ends at the share of the other scenes. Raises `ValueError`
-    as `Ensemble.cdf` does.
+    Peaks of overturned scenes count as infinite, so a curve ends at the fraction of surviving scenes. Raises
+    `ValueError` as `Ensemble.cdf` does.
     """
     assert ax is not None
-    is_one = isinstance(ensembles, Ensemble) or hasattr(ensembles, "data_vars")
-    members = _members({"": ensembles} if is_one else ensembles)
+    is_single = isinstance(ensembles, Ensemble) or hasattr(ensembles, "data_vars")
+    members = _members({"": ensembles} if is_single else ensembles)
     samples = [y.sample(output, component).values for y in members.values()]
     low, high = _limits(np.concatenate(samples), output, members)
     for k, (label, member) in enumerate(members.items()):
@@ -71,15 +71,16 @@ def quantile_quantile(
     component: int | None = None,
     confidence: float = CONFIDENCE,
 ) -> Axes:
-    """Plot the quantiles of an answer in one ensemble over those of equal probability in another.
+    """Plot the quantiles of an answer in two ensembles against each other, at equal probabilities.
 
-    - `ensembles`: dict label → ensemble with two entries; the first is along the horizontal axis
+    - `ensembles`: dict label → ensemble with two entries; the first has the horizontal axis
     - `ax`: axes to draw into
     - `output`, `component`: as for `Ensemble.quantiles`
     - `confidence`: confidence level of the intervals of the marked quantiles
 
-    Ensembles of one distribution follow the dotted diagonal. The curve ends where one of the ensembles
-    overturns. Raises `ValueError` unless there are two ensembles, and as `Ensemble.quantiles` does.
+    Ensembles with the same distribution follow the dotted diagonal. The curve ends where the quantile of one
+    ensemble is an overturned scene. Raises `ValueError` unless there are two ensembles, and as
+    `Ensemble.quantiles` does.
     """
     assert ax is not None
     if not isinstance(ensembles, Mapping) or hasattr(ensembles, "data_vars") or len(ensembles) != 2:
@@ -102,8 +103,8 @@ def quantile_quantile(
     points, lower, upper = (
         np.stack([data[name] for data in marked]) for name in ("quantile", "lower", "upper")
     )
-    shown = np.isfinite(points).all(axis=0)
-    points, lower, upper = (np.clip(y[:, shown], low, high) for y in (points, lower, upper))
+    is_finite = np.isfinite(points).all(axis=0)
+    points, lower, upper = (np.clip(y[:, is_finite], low, high) for y in (points, lower, upper))
     bars = np.stack([points - lower, upper - points], axis=1)
     ax.errorbar(
         *points,
@@ -115,7 +116,7 @@ def quantile_quantile(
         color=COLOURS[1],
         label=f"with {confidence:.0%} intervals",
     )
-    for probability, x, y in zip(np.array(MARKED)[shown], *points, strict=True):
+    for probability, x, y in zip(np.array(MARKED)[is_finite], *points, strict=True):
         ax.annotate(f"{probability:.0%}", (x, y), (4, -11), textcoords="offset points", fontsize=8)
     (first, second), limits = members, (low, high)
     ax.set_title(_heading(members[first], output, component))
@@ -142,7 +143,7 @@ def _limits(values: np.ndarray, output: str, members: Mapping[str, Ensemble]) ->
 
 
 def _legend_entry(label: str, member: Ensemble) -> str:
-    """Return the label of an ensemble and the counts of its scenes."""
+    """Return the label of an ensemble with its numbers of scenes."""
     counts = member.counts
     parts = [f"{counts['scenes']} scenes", f"{100 * counts['overturned'] / counts['scenes']:.3g}% overturned"]
     parts += [f"{counts[name]} {name}" for name in ("undecided", "unanswered") if counts[name]]
@@ -150,7 +151,7 @@ def _legend_entry(label: str, member: Ensemble) -> str:
 
 
 def _heading(member: Ensemble, output: str, component: int | None) -> str:
-    """Return the label of an axis: name and unit of an answer."""
+    """Return an axis label: name and unit of an answer."""
     if output == "peak_rotation":
         return r"peak rotation $\max|\theta|\,/\,\alpha$"
     answer = member.data[output]

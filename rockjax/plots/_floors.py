@@ -14,12 +14,13 @@ if TYPE_CHECKING:
     import xarray
 
 COLUMNS = 3  # panels in a row
-# prefix of the variable: (label, line)
+# prefix of the variable → (label, line style)
 CURVES: dict[str, tuple[str, dict[str, Any]]] = {
     "ground_": ("ground", {"color": "0.55", "linestyle": "--"}),
     "fixed_base_": ("fixed base", {"color": COLOURS[2], "linestyle": "-."}),
     "": ("podium", {"color": COLOURS[1], "linestyle": "-"}),
 }
+# quantity → (axis label, whether it is drawn in units of g)
 LABELS = {
     "pseudo_acceleration": ("pseudo-acceleration [g]", True),
     "absolute_acceleration": ("absolute acceleration [g]", True),
@@ -38,9 +39,9 @@ def floor_spectrum(
     - `quantity`: `"pseudo_acceleration"`, `"absolute_acceleration"` or `"relative_displacement"`
     - `damping`: ζ of the oscillators, by default the first
 
-    A suite is drawn as its median, with a thin line for each motion on the podium; both omit motions that
-    overturn it. Levels without velocity jumps have a mark at their peak acceleration. Raises `ValueError` for
-    another quantity or damping.
+    Several motions are drawn as their median, with a thin line for each motion of the podium; both omit
+    motions that overturn it. Levels without velocity jumps have a mark at their peak acceleration. Raises
+    `ValueError` for another quantity or damping.
     """
     if quantity not in LABELS:
         raise ValueError(f"plots.floor_spectrum: quantity must be one of {tuple(LABELS)}, got {quantity!r}")
@@ -82,7 +83,7 @@ def floor_spectrum(
 
 
 def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, unit: float) -> None:
-    """Draw one kind of spectrum at a level, if the dataset has it."""
+    """Draw the spectra of ground, fixed base or podium at a level, if the dataset has them."""
     if name not in data or (prefix == "fixed_base_" and level == "deck"):
         return
     label, line = CURVES[prefix]

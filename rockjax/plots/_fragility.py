@@ -37,8 +37,8 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
     """Plot intensity against peak rotation, one curve for each record, with points at levels that it
     survives.
 
-    At the limit state crosses mark the least overturning intensities, and dashes the boundaries of windows of
-    survival above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
+    At the limit state, crosses mark the least overturning intensities, and dashes mark the boundaries of
+    survival windows above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
     ratio = dataset.attrs["overturn_ratio"]
@@ -177,7 +177,7 @@ def _state_label(state: float) -> str:
 
 
 def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
-    """Describe the observed fractions, and why they may be less than those of the first overturning.
+    """Describe the observed fractions, and why they may be below the fractions of first overturning.
 
     - `capacity`: least overturning intensities, ascending; `records`: number of records
     - `levels`, `observed`: intensities, and the fractions of records that overturn at them
@@ -192,12 +192,11 @@ def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, 
 
 
 def _legend(ax: Axes) -> None:
-    """Draw a legend: each curve with its band, then the marks common to all curves, without colours."""
+    """Draw a legend: each curve with its band, then the marks of all curves, without colours."""
     entries: list[tuple[Any, str]] = []
     marks: dict[Any, str] = {}
     for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
         if isinstance(handle, Line2D) and (shape := handle.get_marker()) != "None":
-            # one entry for each shape, with the longest text
             marks[shape] = max(marks.get(shape, ""), text, key=len)
         elif isinstance(handle, Line2D) and text.endswith("band"):
             entries.append(((Patch(facecolor=handle.get_color(), alpha=BAND), handle), text))

@@ -1,4 +1,4 @@
-"""Pictures of files that rockjax wrote, by kind of dataset, as `rockjax plot` draws them."""
+"""Pictures of datasets that rockjax wrote to files, by kind of dataset, for `rockjax plot`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Picture:
     - `default`: whether it is drawn if no picture is requested by name
     - `required_variable`: variable that the dataset must have
     - `is_animation`: whether it is an animation
-    - `group`: group of the file that contains the data; the file must have it
+    - `group`: group of the file that contains the data; None for the root
     """
 
     draw: Callable[..., Any]

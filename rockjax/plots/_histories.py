@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 TIME = "time [s]"
 MAX_COLOURS = 6  # largest number of curves with distinct colours; more curves use a colour scale
 MAX_LEGEND_ROWS = 10
-# σ: name and colour, from light to dark, so that they also differ in grey.
+# σ → name and colour, from light to dark, so that they also differ in greyscale.
 _PHASES = {0: ("full contact", "#E4E4E4"), -1: ("rocking left", "#F2B872"), 1: ("rocking right", "#3B7FB0")}
 
 
@@ -47,8 +47,8 @@ def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
 
 
 def time_limits(data: xarray.Dataset) -> tuple[float, float]:
-    """Return the limits of the time axis [s]: from the start to 1.2 times the time until the last impact, to
-    a later peak, uplift or overturning, or to the end of a history without impacts."""
+    """Return the limits of the time axis [s]. It ends after 1.2 times the time until the last impact or at a
+    later peak, uplift or overturning; without impacts, it ends with the history."""
     t, impacts = data["time"].values, data["impact_times"].values
     if not impacts.size:
         return t[0], t[-1]
@@ -101,7 +101,7 @@ def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
     )
     if not peak > 0:
         return
-    # The sign of the peak is that of the larger one of its two neighbouring samples.
+    # The peak has the sign of the larger of the two neighbouring samples.
     neighbours = data["theta"].values[
         np.clip(np.searchsorted(data["time"].values, time) + np.array([-1, 0]), 0, data.sizes["time"] - 1)
     ]
@@ -123,8 +123,8 @@ def _draw_phases(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
 
 @on_axes
 def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the deformation of the superstructure u_t − u_b over time [mm], 0 without an elastic
-    superstructure: a line for each mode, or the drift of each story of a building."""
+    """Plot the deformation u_t − u_b of each mode, or the drift of each story of a building, over time [mm].
+    Without an elastic superstructure the deformation is 0."""
     assert ax is not None
     data = as_history(response)
     name = "drift" if "drift" in data else "deformation"
@@ -155,10 +155,10 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
 def _draw_rows(data: xarray.Dataset, values: np.ndarray, title: str, label: str, ax: Axes) -> None:
     """Draw one line for each mode or story.
 
-    - `data`, `values`: history, and values to draw, (times, modes or stories)
-    - `title`, `label`: title of the legend, and label of the vertical axis
+    - `data`: history; `values`: values to draw, (times, modes or stories)
+    - `title`: title of the legend; `label`: label of the vertical axis
 
-    More than six lines are coloured from dark, the lowest, to light.
+    The colours of more than six lines range from dark for the first to light for the last.
     """
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     count = values.shape[1]
@@ -192,9 +192,9 @@ def _draw_line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str
 def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot θ̇/(pα) against θ/α: the motion with its jumps at impacts, saddle points and separatrices.
 
-    At the saddle points θ = ±α, with tendons θ = ±θ_s, columns are in unstable equilibrium, Eq. (24). The
-    separatrices through them belong to the frame with a rigid superstructure, without ground motion, impacts
-    and dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
+    At the saddle points θ = ±α (±θ_s with tendons), columns are in unstable equilibrium, Eq. (24). The
+    separatrices pass through the saddle points. They assume a rigid superstructure and no ground motion,
+    impacts or dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
     """
     assert ax is not None
     data = as_history(response)
@@ -241,8 +241,8 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
 
 def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
-    """Return |θ̇| on the separatrices of the frame, rigid and undamped, at rotations θ [rad/s]; 0 beyond
-    them."""
+    """Return |θ̇| [rad/s] on the separatrices of the rigid, undamped frame at rotations θ; 0 beyond the
+    saddle points."""
     podium = podium_of(data.attrs)
     if podium.vibrates:
         podium = podium.replace(superstructure=Rigid(podium.eta))
@@ -254,8 +254,8 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
 
 
 def saddle_rotation(podium: Podium) -> float:
-    """Return |θ| at the top of the potential well [rad]: α without tendons, and π/2 if tendons restore the
-    columns at every rotation."""
+    """Return |θ| at the saddle points [rad]: α without tendons, and π/2 if tendons restore the columns at
+    every rotation."""
     return min(float(podium.stability_angle), 0.5 * np.pi)
 
 
@@ -263,9 +263,9 @@ def saddle_rotation(podium: Podium) -> float:
 def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot the restoring moment, `Response.restoring_moment`, divided by its value at uplift against θ/α.
 
-    In full contact (θ = 0) it is −q/q_up ∈ [−1, 1] of Eq. (9). While rocking it is the moment about the edges
-    of the weights, sin ψ/sin α (1 at θ = 0, 0 at θ = α), of the vertical inertia, Eq. (15), and of
-    restrainers. The thick line is the static moment of weights and tendons.
+    In full contact (θ = 0) it is −q/q_up ∈ [−1, 1] of Eq. (9). During rocking it is the sum of three moments
+    about the edges: of the weights, sin ψ/sin α (1 at θ = 0, 0 at θ = α), of the vertical inertia, Eq. (15),
+    and of restrainers. The thick line is the static moment of weights and tendons.
     """
     assert ax is not None
     data = as_history(response)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 OPEN = "#F7D9CC"  # background of times at which a joint would be open, N < 0
 LEVELS = (-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # N divided by the dead load
 _LINES = {"bottom": "-", "top": "--"}
-_MAX_SHOWN = 4.0  # if a joint opens, upper end of the axis of friction, divided by max(tan α, μ)
+_MAX_SHOWN = 4.0  # upper limit of the friction axis if a joint opens, divided by max(tan α, μ)
 
 
 def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
@@ -48,8 +48,8 @@ def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
 def joint_forces(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot the axial forces N/(m_c g) of both end columns over time, with the dead load of the mean column.
 
-    The forces of the other columns lie between them. Without an elevation the mean column is drawn. Times at
-    which a joint would be open, N < 0, are shaded; after the first of them the model does not hold.
+    The forces of other columns lie between these two. Without an elevation the mean column is drawn. Times at
+    which a joint would be open, N < 0, are shaded; the model does not hold after the first such time.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
     - `ax`: axes to draw into
@@ -89,7 +89,7 @@ def _end_columns(data: xarray.Dataset) -> dict[str, int]:
 
 
 def _mark_least(data: xarray.Dataset, ax: Axes) -> None:
-    """Mark the least ratio of force to dead load. Its label gives the exact peak if that was requested, else
+    """Mark the least ratio of force to dead load. The label gives the exact peak if it was requested, else
     the least sample."""
     forces, loads = data["joint_axial_force"].values, data["dead_load"].values
     ratios = np.where(np.isnan(forces), np.inf, forces) / loads

@@ -48,7 +48,7 @@ def grid_of_panels(
     heading = panels_title(panels)
     if title:
         heading = f"{title}, {heading}" if w > ONE_LINE_WIDTH else f"{title}\n{heading}"
-    below, above = 0.55, 1.05 + 0.2 * max(heading.count("\n") - 1, 0)  # margins; two lines fit without more
+    below, above = 0.55, 1.05 + 0.2 * max(heading.count("\n") - 1, 0)  # margins; two lines fit into 1.05
     h = below + rows * height + (rows - 1) * row_gap + above
     figure = plt.figure(figsize=(w, h))
     spacing = {"wspace": column_gap / width, "hspace": row_gap / height}
@@ -61,7 +61,7 @@ def grid_of_panels(
 
 
 def legend_beside(figure: Figure, axes: np.ndarray, beside: float) -> None:
-    """Draw one legend for all panels, at a distance of `beside` inches to the right of the last one."""
+    """Draw one legend for all panels, `beside` inches to the right of the last panel."""
     entries: dict[str, Artist] = {}
     for ax in axes.flat:
         handles, labels = ax.get_legend_handles_labels()
@@ -115,7 +115,7 @@ def mass_label(panels: xarray.Dataset, ratio: float) -> str:
 
 
 def period_label(panels: xarray.Dataset, ratio: float, T_s: float) -> str:
-    """Return the description of the superstructure from its period, and from η/γ without one."""
+    """Return the description of the superstructure: its period, or its mass if it has no period."""
     if T_s > 0:
         return rf"$T_s = {T_s:g}$ s"
     return r"rigid, $T_s = 0$" if ratio else mass_label(panels, ratio)

@@ -1,4 +1,4 @@
-"""Plots of the response of structures of all sizes to records."""
+"""Plot of record spectra: responses to records of structures of all sizes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def record_spectrum(dataset: xarray.Dataset) -> Figure:
         demand.plot(p, dataset["demand"][k], label=str(name) if is_coloured else None, **style)
         displacement.plot(p, dataset["top_displacement"][k], **style)
     if not is_coloured:
-        # The demand is NaN below the range of the search; the displacement is NaN after overturning.
+        # The demand is NaN below the searched range; the displacement is NaN if the structure overturns.
         median = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)
         demand.plot(p, np.where(median > 0, median, np.nan), color=COLOURS[0], label="median")
         median_survives = np.sum(~dataset["overturned"].values, axis=0) > len(names) / 2

@@ -1,4 +1,4 @@
-"""Style of the plots: colours, lines, labels and the layout of figures."""
+"""Style of the plots: colours, line styles and labels."""
 
 from __future__ import annotations
 
