@@ -1,4 +1,4 @@
-"""Rocking of unanchored bodies by ASCE/SEI 43-05, (P5), in the form that follows from its energy balance."""
+"""Rocking of unanchored bodies by ASCE/SEI 43-05, (P5), in its energy form."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def damping(restitution: float) -> float:
 
 
 def rotations(block: Block, motion: Motion) -> Roots:
-    """Return all roots φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5). S_a is absolute.
+    """Return all roots φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5), with the absolute acceleration S_a.
 
     - `block`: the block
     - `motion`: ground motion
@@ -87,13 +87,13 @@ class AsceRocking(AbstractMethod):
     unit = "1"
     conservative = "depends"
     verdict_known = (
-        "Best estimate, no bound. Its capacity at small rotations is 2g tan α, twice the true threshold of "
-        "uplift. In a survey of a million scenes of rigid blocks (November 2026) its rotation was too small "
-        "in 24 %, and it missed 19 % of the overturnings."
+        "A best estimate, not a bound. Its capacity at small rotations is 2g tan α, twice the true threshold "
+        "of uplift. In a survey of a million scenes of rigid blocks (November 2026) its rotation was too "
+        "small in 24 %, and it missed 19 % of the overturnings."
     )
     missing = (
-        "F_v (vertical motion) is not made: its formula was not found; F_v = 1",
-        "factors of safety are not made: they were not found; the rotation is the best estimate",
+        "F_v (vertical motion) is taken as 1, because its formula was not found",
+        "factors of safety are left out, because they were not found; the rotation is the best estimate",
     )
 
     def gaps(self, case: Case) -> tuple[str, ...]:

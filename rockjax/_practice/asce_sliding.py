@@ -27,8 +27,10 @@ def effective_friction(friction: float, vertical: float, g: float) -> float:
 
 
 def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
-    """Return the largest absolute acceleration of the 10 % spectrum at periods up to 10 s [m/s²], and f_es,
-    the lowest frequency at which the spectrum reaches c_s [Hz]; nan if it stays below from 2 dt to 10 s.
+    """Return the largest absolute acceleration of the 10 % spectrum [m/s²], and f_es [Hz].
+
+    f_es is the lowest frequency at which the spectrum reaches c_s; nan if the spectrum stays below c_s at all
+    periods from 2 dt to 10 s.
 
     - `motion`: ground motion
     - `capacity`: c_s [m/s²]
@@ -49,7 +51,7 @@ def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
 
 
 class AsceSliding(AbstractMethod):
-    """Sliding by ASCE/SEI 43-05, (P6). The capacity c_s is made, the sliding distance is not."""
+    """Capacity c_s for sliding by ASCE/SEI 43-05, (P6), without the sliding distance."""
 
     name = "asce_43_05_sliding"
     title = "ASCE 43-05, sliding"
@@ -60,10 +62,10 @@ class AsceSliding(AbstractMethod):
     unit = "m/s2"
     conservative = "depends"
     verdict_known = (
-        "No verdict, because the sliding distance is not made. c_s is twice the acceleration at which a "
+        "No verdict, because the sliding distance is not computed. c_s is twice the acceleration at which a "
         "rigid body begins to slide, so a spectrum below c_s does not exclude sliding."
     )
-    missing = ("the sliding distance is not made: its formula was not found",)
+    missing = ("the sliding distance is not computed, because its formula was not found",)
 
     def gaps(self, case: Case) -> tuple[str, ...]:
         reasons = []
@@ -84,5 +86,5 @@ class AsceSliding(AbstractMethod):
         }
         capacity = 2 * mu_e * g
         demand, frequencies = np.array([sliding_demand(motion, capacity) for motion in case.motions]).T
-        values["f_es"] = Quantity(frequencies, "Hz", "f_es of each motion, nan if the spectrum is below c_s")
+        values["f_es"] = Quantity(frequencies, "Hz", "f_es for each motion, nan if the spectrum is below c_s")
         return Outcome(capacity, demand, values=values, is_complete=False)

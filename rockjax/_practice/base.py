@@ -1,4 +1,4 @@
-"""The base class of the simplified methods, and their results."""
+"""Base class and results of the simplified methods."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .roots import Roots
 class Quantity(NamedTuple):
     """An intermediate number of a method.
 
-    - `value`: a number, or one for each motion, shape (motions,); None if the method has none
+    - `value`: a number, or a number for each motion, shape (motions,); None if it is undefined
     - `unit`: unit, `"1"` for ratios
     - `meaning`: symbol and meaning
     """
@@ -34,7 +34,8 @@ class Quantity(NamedTuple):
 class Case:
     """A podium and the ground motions under which a method evaluates it.
 
-    - `podium`, `block`: a single podium, and the block that replaces it
+    - `podium`: a single podium
+    - `block`: the rigid block that replaces the podium
     - `motions`: horizontal ground motions
     - `friction`: coefficient of friction μ [–]; None if it is not given
     - `vertical`: largest vertical ground acceleration A_v [m/s²]; None if it is not given
@@ -48,9 +49,9 @@ class Case:
     vertical: float | None
     confidence_factor: float
 
-    def each(self, number: Callable[[Motion], float]) -> np.ndarray:
-        """Return a number of each motion, shape (motions,)."""
-        return np.array([number(motion) for motion in self.motions])
+    def each(self, function: Callable[[Motion], float]) -> np.ndarray:
+        """Evaluate a function for each motion, shape (motions,)."""
+        return np.array([function(motion) for motion in self.motions])
 
     @property
     def pga(self) -> np.ndarray:
@@ -64,18 +65,19 @@ class MethodResult:
 
     - `name`: name in the registry; `title`: name of the method; `source`: publication and clause
     - `equation`, `formula`: number and text of the formula
-    - `quantity`, `unit`: quantity that is compared, and its unit (`"1"` for ratios)
-    - `capacity`: its capacity; None if it was not made
-    - `demand`: its demand in each motion, shape (n,); None if it was not made
-    - `statistic`: `"max"` or `"mean"`, the number of the n demands that is compared with the capacity
+    - `quantity`, `unit`: quantity of capacity and demand, and its unit (`"1"` for ratios)
+    - `capacity`: capacity; None if it was not computed
+    - `demand`: demand in each motion, shape (n,); None if it was not computed
+    - `statistic`: whether the `"max"` or the `"mean"` of the n demands is compared with the capacity
     - `passes`: whether the method accepts the podium; None if the method is incomplete
-    - `rotation_ratio`: θ/α by the method in each motion, 1 for overturning and 0 without uplift, shape (n,)
-      [–]; None for methods without a rotation. With several answers it is the largest
-    - `answers`: all stable answers θ/α of each motion, ascending; 1 stands for overturning. None for methods
-      without a rotation
+    - `rotation_ratio`: θ/α in each motion, the largest if there are several answers; 1 for overturning and 0
+      without uplift, shape (n,) [–]. None for methods that compute no rotation
+    - `answers`: all stable answers θ/α for each motion, ascending; 1 stands for overturning. None for methods
+      that compute no rotation
     - `values`: intermediate numbers by name, each a `Quantity`
-    - `conservative`: `"yes"`, `"no"` or `"depends"`; `verdict_known`: what is known of the reliability
-    - `missing`: what was not made, and why
+    - `conservative`: `"yes"`, `"no"` or `"depends"`
+    - `verdict_known`: what is known about the reliability of the method
+    - `missing`: what was not computed, and why
     - `motions`: names of the motions
     """
 
@@ -100,15 +102,14 @@ class MethodResult:
 
     @property
     def governing_demand(self) -> float | None:
-        """Maximum or mean of the demands, as `statistic` says; None without demands."""
+        """Maximum or mean of the demands, according to `statistic`; None if there are no demands."""
         if self.demand is None:
             return None
         return float(self.demand.max() if self.statistic == "max" else self.demand.mean())
 
     @property
     def utilisation(self) -> float | None:
-        """Governing demand divided by the capacity [–], inf for a capacity of 0; None if one of them was not
-        made."""
+        """Governing demand divided by the capacity [–], inf for a capacity of 0; None if either is None."""
         demand = self.governing_demand
         if demand is None or self.capacity is None:
             return None
@@ -116,8 +117,8 @@ class MethodResult:
 
     @property
     def stable_roots(self) -> np.ndarray | None:
-        """Number of stable answers of each motion, with overturning as one of them, shape (n,); None for
-        methods without a rotation. 0 means that the method gives no uplift."""
+        """Number of stable answers for each motion, including overturning, shape (n,); 0 if the method
+        predicts no uplift. None for methods that compute no rotation."""
         return None if self.answers is None else np.array([len(stable) for stable in self.answers])
 
     def __repr__(self) -> str:
@@ -132,9 +133,9 @@ class MethodResult:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """Numbers of a method for a case, with the names of `MethodResult`.
+    """Results of a method for a case. Fields that are not listed are as in `MethodResult`.
 
-    - `rotations`: roots of each motion; None for methods without a rotation
+    - `rotations`: roots for each motion; None for methods that compute no rotation
     - `is_complete`: whether the numbers suffice for a verdict
     """
 
@@ -159,14 +160,14 @@ class AbstractMethod(abc.ABC):
     statistic: ClassVar[Literal["max", "mean"]] = "max"
     conservative: ClassVar[Literal["yes", "no", "depends"]]
     verdict_known: ClassVar[str]
-    missing: ClassVar[tuple[str, ...]] = ()  # what is never made, and why
+    missing: ClassVar[tuple[str, ...]] = ()  # what the method never computes, and why
 
     @abc.abstractmethod
     def outcome(self, case: Case) -> Outcome:
         """Return capacity, demands and intermediate numbers of a case."""
 
     def gaps(self, case: Case) -> tuple[str, ...]:
-        """Return why the method cannot be applied to a case; no reasons by default."""
+        """Return the reasons why the method cannot be applied to a case; none by default."""
         del case
         return ()
 
@@ -198,14 +199,14 @@ class AbstractMethod(abc.ABC):
 
 
 def restrainer_gaps(case: Case) -> tuple[str, ...]:
-    """Return why no method applies, if the podium has restrainers."""
+    """Return the reason why no method applies, if the podium has restrainers."""
     if case.podium.without_idle_restrainers().restrainers:
-        return ("not made: no simplified method knows tendons, dampers or inerters",)
+        return ("not made: no simplified method covers tendons, dampers or inerters",)
     return ()
 
 
 def damping_gaps(damping: float) -> tuple[str, ...]:
-    """Return why a spectrum cannot have an equivalent damping ratio, if it is not in [0, 1)."""
+    """Return the reason why an equivalent damping ratio cannot be used, if it is not in [0, 1)."""
     if math.isfinite(damping) and 0 <= damping < 1:
         return ()
-    return ("not made: the equivalent damping of this restitution factor is not below 1",)
+    return ("not made: the equivalent damping ratio for this restitution factor is not below 1",)

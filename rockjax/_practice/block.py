@@ -11,15 +11,15 @@ from rockjax._structures import Podium
 
 @dataclasses.dataclass(frozen=True)
 class Block:
-    """A solitary rocking block, and the masses of the podium that it replaces.
+    """A solitary rocking block that replaces a podium.
 
-    For a rigid superstructure the block rocks like the podium (`Podium.equivalent_block`). For an elastic one
-    the block is an assumption of the methods, which treat the superstructure as rigid.
+    If the superstructure is rigid, the block rocks like the podium (`Podium.equivalent_block`). If it is
+    elastic, the block is an assumption of the methods, which treat the superstructure as rigid.
 
     - `alpha`: slenderness α, in (0, π/2) [rad]; `g`: acceleration of gravity, > 0 [m/s²]
-    - `R`: half diagonal of a column, > 0 [m]; `lam`: its inertia factor λ, ≥ 0 [–]
+    - `R`: half diagonal of a column, > 0 [m]; `lam`: inertia factor λ of a column, ≥ 0 [–]
     - `carried`: Γ = γ + η, the mass of beam and superstructure divided by that of the columns, ≥ 0 [–]
-    - `restitution`: velocity factor e of an impact by the podium's law [–]
+    - `restitution`: velocity factor e of an impact, from the restitution law of the podium [–]
     """
 
     alpha: float

@@ -1,4 +1,4 @@
-"""Capacities of the kinematic mechanism by the Italian Circolare 7/2019, (P7)."""
+"""Capacities of the kinematic mechanism according to the Italian Circolare 7/2019, (P7)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ class LimitState(NamedTuple):
     """A limit state of the Circolare.
 
     - `name`: SLV (life safety) or SLC (collapse)
-    - `share`: its displacement divided by d_0 [–]; `factor`: period divided by π√(d/a) [–]
-    - `damping`: damping ratio ξ of its spectrum [–]
+    - `share`: displacement d of the limit state divided by d_0 [–]
+    - `factor`: period divided by π√(d/a), with a = a(d) of the capacity curve [–]
+    - `damping`: damping ratio ξ of the spectrum [–]
     """
 
     name: str
@@ -51,7 +52,6 @@ class Mechanism(NamedTuple):
         return state.share * self.displacement
 
     def period(self, state: LimitState) -> float:
-        """Return the period of a limit state, T_SLV = 1.68π√(d_SLV/a) or T_SLC = 1.56π√(d_SLC/a), a at its
-        displacement [s]."""
+        """Return the period of a limit state, T = 1.68π√(d/a(d)) for SLV or 1.56π√(d/a(d)) for SLC [s]."""
         acceleration = self.acceleration * (1 - state.share)
         return state.factor * math.pi * math.sqrt(self.limit(state) / acceleration)

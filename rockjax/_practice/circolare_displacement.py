@@ -8,7 +8,7 @@ from .spectra import largest_displacement
 
 
 class CircolareDisplacement(AbstractMethod):
-    """Displacement demand of the records against d_SLV, (P7)."""
+    """Check of the mean displacement demand against d_SLV, (P7)."""
 
     name = "circolare_displacement"
     title = "Circolare 7/2019, displacements"
@@ -22,9 +22,9 @@ class CircolareDisplacement(AbstractMethod):
     statistic = "mean"
     conservative = "depends"
     verdict_known = (
-        "Mostly safe: in a survey of a million scenes of rigid blocks (November 2026) 1.9 % of what passed "
-        "exceeded 0.4 α and 0.08 % overturned. The acceleration a_0* exceeds the true threshold of uplift by "
-        "up to 12.5 % (at Γ = ½). The Circolare is for masonry; its application to the frame is an extension."
+        "Mostly safe: in a survey of a million scenes of rigid blocks (November 2026) 1.9 % of the scenes "
+        "that passed exceeded 0.4 α and 0.08 % overturned. The acceleration a_0* exceeds the true threshold "
+        "of uplift by up to 12.5 % (at Γ = ½). The Circolare is for masonry, not for frames."
     )
 
     def outcome(self, case: Case) -> Outcome:

@@ -9,7 +9,7 @@ BEHAVIOUR_FACTOR = 2.0  # q [–]
 
 
 class CircolareForce(AbstractMethod):
-    """Peak ground acceleration against q a_0* with q = 2, (P7)."""
+    """Check of the peak ground acceleration against q a_0* with q = 2, (P7)."""
 
     name = "circolare_force"
     title = "Circolare 7/2019, q = 2"
@@ -20,7 +20,7 @@ class CircolareForce(AbstractMethod):
     unit = "m/s2"
     conservative = "no"
     verdict_known = (
-        "Unsafe for motions with long periods, which PGA does not contain. In a survey of rigid blocks "
+        "Unsafe for motions with long periods, which PGA does not reflect. In a survey of rigid blocks "
         "(November 2026) 31 % of the scenes at PGA = 1.93 g tan α exceeded 0.4 α, and 16 % overturned."
     )
 

@@ -29,18 +29,18 @@ def simplified_methods(
     confidence_factor: float = 1.0,
     methods: Sequence[str] | None = None,
 ) -> tuple[MethodResult, ...]:
-    """Return the answers of simplified methods of practice, (P1) to (P7), for a podium (host).
+    """Apply simplified methods of practice, (P1) to (P7), to a podium and ground motions (host).
 
-    The methods are for comparison with the exact answer ([`rockjax.peak_responses`][]) and do not replace it:
-    each result states what is known of its reliability. Only (P2) considers that the superstructure
-    vibrates; the others treat it as rigid. Vertical motion enters only A_v of (P6).
+    The methods are for comparison with the exact answer ([`rockjax.peak_responses`][]) and do not replace it;
+    each result states what is known about its reliability. Only (P2) considers that the superstructure
+    vibrates; the others treat it as rigid. Vertical motion enters only (P6), as A_v.
 
-    - `podium`: a single podium, with any superstructure. With tendons, dampers or inerters no method is made
+    - `podium`: a single podium, with any superstructure. With tendons, dampers or inerters no method applies
     - `motions`: n sampled motions: a [`rockjax.Motion`][], [`rockjax.Motions`][], records or a list of them
-    - `friction`: coefficient of friction μ of (P6), ≥ 0 [–]; without it (P6) is not made
-    - `vertical`: largest vertical ground acceleration A_v of (P6), ≥ 0 [m/s²]; by default the largest of the
-      vertical components, and without these (P6) is not made
-    - `confidence_factor`: FC of (P7), ≥ 1 [–]
+    - `friction`: coefficient of friction μ in (P6), ≥ 0 [–]; (P6) needs it
+    - `vertical`: largest vertical ground acceleration A_v in (P6), ≥ 0 [m/s²]; by default the largest of the
+      vertical components. (P6) needs one or the other
+    - `confidence_factor`: confidence factor FC in (P7), ≥ 1 [–]
     - `methods`: names of methods, in the order of the results; by default all: `"static"` (P1),
       `"spectral_uplift"` (P2), `"priestley"` (P3), `"fema_356"` (P4), `"asce_43_05_rocking"` (P5),
       `"asce_43_05_sliding"` (P6), `"circolare_displacement"` and `"circolare_force"` (P7)
@@ -86,7 +86,7 @@ def _require_single(podium: Podium) -> None:
 
 def _vertical_peak(motions: AnyMotions) -> float | None:
     """Return the largest acceleration of the vertical components [m/s²]; None unless every motion has a
-    sampled one."""
+    sampled vertical component."""
     peaks = []
     for member in single_motions(OWNER, motions, "motions").members:
         component = member.vertical if isinstance(member, GroundMotion) else None

@@ -66,7 +66,7 @@ def rotations(block: Block, motion: Motion, damping_ratio: float) -> Roots:
 
 
 class Priestley(AbstractMethod):
-    """Largest rotation by the displacement spectrum of an equivalent oscillator, (P3)."""
+    """Largest rotation from the displacement spectrum of an equivalent oscillator, (P3)."""
 
     name = "priestley"
     title = "Priestley et al. 1978"

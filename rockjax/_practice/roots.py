@@ -1,4 +1,4 @@
-"""All rotations at which the answer of a method equals its assumption."""
+"""Fixed points of a method: rotations φ for which the method, if it assumes φ, computes φ."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ZOOM = 64  # points of each of the two refinements of a bracket
 
 
 class Roots(NamedTuple):
-    """Roots φ = θ/α of F(φ) = φ, ascending [–].
+    """Roots φ = θ/α of F(φ) = φ, ascending [–]. F(φ) is the rotation that a method computes if it assumes φ.
 
     - `stable`: roots at which F − φ changes from + to −, to which an iteration converges
     - `unstable`: roots at which it changes from − to +
@@ -26,7 +26,7 @@ class Roots(NamedTuple):
 
     @property
     def answer(self) -> float:
-        """The largest answer θ/α: 1 if it is overturning, 0 without any root [–]."""
+        """The largest answer θ/α: 1 for overturning, 0 if there is no root [–]."""
         return 1.0 if self.overturns else float(self.stable.max(initial=0.0))
 
     @property
@@ -38,8 +38,8 @@ class Roots(NamedTuple):
 def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
     """Return the roots of F(φ) − φ in 0.01 ≤ φ ≤ 0.999.
 
-    The function is evaluated at 1001 equal steps. Roots closer together than a step may be missed in pairs.
-    The bracket of each root is divided twice into 63 parts, and interpolated linearly in the last one.
+    The function is evaluated at 1001 equally spaced points. Two roots between neighbouring points are missed.
+    The bracket of each root is divided twice into 63 parts; the last part is interpolated linearly.
 
     - `excess`: F(φ) − φ, or a quantity of the same sign, for an array of φ [–]
     """
@@ -55,7 +55,7 @@ def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
 def _refined(
     excess: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray, sign: np.ndarray
 ) -> np.ndarray:
-    """Return the root in each bracket, shape (roots,); `sign` is that of the function at `low`."""
+    """Return the root in each bracket, shape (roots,); `sign` is the sign of `excess` at `low`."""
     if not low.size:
         return low
     rows = np.arange(low.size)

@@ -13,12 +13,12 @@ from rockjax._motions.motion import Motion
 from rockjax._oscillators import ground_load, largest
 
 STEP = 1.02  # ratio of consecutive periods in the search for the largest value of a spectrum
-ZOOM = 32  # points of each of the two refinements of that search
-NEAR = 0.98  # a period enters the refinements if its value exceeds this fraction of the largest
+ZOOM = 32  # points of each of the two refinements in this search
+NEAR_LARGEST = 0.98  # a period enters the refinements if its value exceeds this fraction of the largest
 
 
 class Spectrum(NamedTuple):
-    """Largest answers of linear oscillators, shape (periods,).
+    """Largest responses of linear oscillators, shape (periods,).
 
     - `displacement`: S_d = max|x| relative to the ground [m]
     - `acceleration`: S_a = max|2ζωẋ + ω²x|, absolute, not pseudo [m/s²]
@@ -52,7 +52,7 @@ def refined_maximum(
     """
     for _ in range(2):
         padded = np.concatenate([[-np.inf], values, [-np.inf]])
-        is_top = (values > padded[:-2]) & (values >= padded[2:]) & (values >= NEAR * values.max())
+        is_top = (values > padded[:-2]) & (values >= padded[2:]) & (values >= NEAR_LARGEST * values.max())
         top = np.flatnonzero(is_top)
         low, high = periods[np.maximum(top - 1, 0)], periods[np.minimum(top + 1, periods.size - 1)]
         periods = np.unique(np.linspace(low, high, ZOOM))

@@ -1,4 +1,4 @@
-"""Bound of the uplift demand from the response spectrum, (P2)."""
+"""Upper bound of the uplift demand from the response spectrum, (P2)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .spectra import spectrum
 def effective_acceleration(podium: Podium, motion: Motion) -> float:
     """Return a_eff = [(1+2γ) PGA + 2Σ η_i S_a(T_i, ζ_i)]/(1+2γ+2η), (P2) [m/s²].
 
-    S_a is absolute. Masses that move with the beam count in γ, and η is the vibrating mass. By the triangle
-    inequality on Eq. (9), a_eff bounds the demand |q| divided by its threshold, times g tan α.
+    S_a is absolute. Masses that move with the beam count in γ, and η is the vibrating mass. The triangle
+    inequality applied to Eq. (9) shows that the columns cannot lift if a_eff ≤ g tan α.
 
     - `podium`: single podium without restrainers, whose damping ratios are below 1
     - `motion`: ground motion
@@ -50,8 +50,8 @@ class SpectralUplift(AbstractMethod):
     unit = "m/s2"
     conservative = "yes"
     verdict_known = (
-        "Safe against uplift by horizontal motion: a bound by the triangle inequality. With SRSS in the "
-        "place of the sum it is no bound."
+        "Safe against uplift by horizontal motion: a bound by the triangle inequality. With SRSS "
+        "instead of the sum, a_eff is not a bound."
     )
 
     def gaps(self, case: Case) -> tuple[str, ...]:

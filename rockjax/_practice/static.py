@@ -18,8 +18,7 @@ def beam_displacement(block: Block, theta: float) -> float:
 
 
 class Static(AbstractMethod):
-    """Static equilibrium: the ground acceleration that lifts the columns, and the width of a column as the
-    capacity for displacement, (P1)."""
+    """Static equilibrium: ground acceleration that lifts the columns, and displacement capacity 2B, (P1)."""
 
     name = "static"
     title = "Static equilibrium"
@@ -31,7 +30,7 @@ class Static(AbstractMethod):
     conservative = "no"
     verdict_known = (
         "PGA ≤ g tan α is exact for rigid buildings and unsafe for elastic ones, which sway and lift "
-        "earlier. 2B is geometry: it holds no demand."
+        "earlier. The displacement 2B is not compared with a demand."
     )
 
     def outcome(self, case: Case) -> Outcome:

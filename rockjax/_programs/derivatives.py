@@ -1,9 +1,9 @@
 """Derivatives of programs, in forward mode together with the value.
 
-Inside a traced program derivatives with respect to scalars are a Jacobian (`_with_jacobian_rule`). For one
-scene with concrete parameters one stored program serves all requested derivatives (`differentiable`): it
-computes the answers and their derivatives with respect to every scalar parameter of the podium and the
-excitation, in one pass. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
+Inside a traced program, derivatives with respect to scalars come from a Jacobian (`_with_jacobian_rule`). For
+one scene with concrete parameters, one stored program serves all requested derivatives (`differentiable`): in
+one pass it computes the answers and their derivatives with respect to every scalar parameter of the podium
+and the excitation. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from rockjax._programs.program import StoredProgram
 def pushed(
     function: Callable, arguments: Sequence[Any], slopes: Sequence[Any], *, loops: bool = False
 ) -> tuple[Any, Any, Any]:
-    """Evaluate a function, and push derivatives of its arguments forward to its floats, with one evaluation.
+    """Evaluate a function once, and propagate derivatives of its arguments to its floating-point outputs.
 
-    - `function`: function of `arguments` that returns (floats, rest)
-    - `arguments`: its arguments, pytrees
+    - `function`: function of `arguments` that returns (floats, other outputs)
+    - `arguments`: arguments of the function, pytrees
     - `slopes`: for each argument a pytree of its derivatives with respect to n parameters, along a new
       first axis of length n; None for leaves that do not depend on the parameters
     - `loops`: True for a function with loops, which is evaluated once together with all n tangents. A
       function without loops is linearised first, so that the tangents share all intermediate results
 
-    Returns (floats, derivatives of the floats along a new first axis of length n, rest).
+    Returns (floats, derivatives of the floats along a new first axis of length n, other outputs).
     """
     is_none = lambda y: y is None
     leaves, structure = jax.tree.flatten(tuple(arguments), is_leaf=is_none)
@@ -46,15 +46,15 @@ def pushed(
     if loops:
         push = lambda *direction: jax.jvp(of_varied, point, list(direction), has_aux=True)
         return jax.vmap(push, out_axes=(None, 0, None))(*directions)
-    floats, linear, rest = jax.linearize(of_varied, *point, has_aux=True)
+    floats, linear, others = jax.linearize(of_varied, *point, has_aux=True)
     # Without the barrier the coefficients would be computed again for every tangent.
     coefficients, form = jax.tree.flatten(linear)
     linear = jax.tree.unflatten(form, barrier(coefficients))
-    return floats, jax.vmap(linear)(*directions), rest
+    return floats, jax.vmap(linear)(*directions), others
 
 
 def _of_some(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) -> Callable:
-    """Return the function of the leaves with the indices `varied` alone."""
+    """Return the function of only the leaves with the indices `varied`; the other leaves are fixed."""
 
     def of_varied(*values):
         changed = list(leaves)
@@ -70,12 +70,13 @@ def _of_leaves(function: Callable, structure: Any, **keywords: Any) -> Callable:
 
 
 def with_derivatives(function: Callable) -> Callable:
-    """Return the function from the arguments of a scene, and `history`, to its answers, with the derivative
-    rule of `_with_jacobian_rule`.
+    """Give a function of a scene the derivative rule of `_with_jacobian_rule`.
 
-    - `function`: function of the arguments, of which the last are the options of the solver, with the
-      keywords `history` and `reversible`. It returns (floats, integers), by loops that reverse mode can
-      differentiate if `reversible`
+    - `function`: function of the scene's arguments, of which the last is the options of the solver, with the
+      keywords `history` and `reversible`. It returns (floats, integers). With `reversible` its loops can be
+      differentiated in reverse mode
+
+    Returns a function of the same arguments and `history`.
     """
 
     @functools.wraps(function)
@@ -90,25 +91,26 @@ def with_derivatives(function: Callable) -> Callable:
 
 
 def with_slopes(function: Callable) -> Callable:
-    """Return the function from the arguments of a scene, `numbers` and `history` to its answers, and the
-    derivatives of their floats with respect to the leaves with the indices `numbers`, one row per leaf.
+    """Return a function that computes the answers of a scene and the derivatives of their floats.
 
     - `function`: as for `with_derivatives`
+
+    The derivatives are with respect to the leaves with the indices `leaf_indices`, one row per leaf.
     """
 
     @functools.wraps(function)
-    def evaluate(*arguments, numbers: tuple[int, ...], history: int | None = None):
+    def evaluate(*arguments, leaf_indices: tuple[int, ...], history: int | None = None):
         leaves, structure = jax.tree.flatten(arguments)
         of_leaves = _of_leaves(function, structure, history=history, reversible=False)
-        floats, jacobian, integers = _with_jacobian(of_leaves, leaves, numbers)
+        floats, jacobian, integers = _with_jacobian(of_leaves, leaves, leaf_indices)
         return (floats, integers), jacobian
 
     return evaluate
 
 
 def _with_jacobian(function: Callable, leaves: Sequence[Any], varied: Sequence[int]):
-    """Return floats, their derivatives with respect to the leaves with the indices `varied` (one row per
-    leaf), and integers, in one pass."""
+    """Compute the floats, their derivatives with respect to the leaves with the indices `varied` (one row per
+    leaf), and the integers, in one pass."""
     point = [_first_order_only(y) if i in varied else y for i, y in enumerate(leaves)]
     unit_tangents: list[Any] = [None] * len(point)
     for k, i in enumerate(varied):
@@ -117,10 +119,10 @@ def _with_jacobian(function: Callable, leaves: Sequence[Any], varied: Sequence[i
 
 
 def _with_jacobian_rule(function: Callable, for_arrays: Callable, has_derivatives: bool):
-    """Return `function`, leaves ↦ (floats, integers), with a rule for derivatives inside a program. They are
-    a Jacobian, computed in one pass together with the value.
+    """Give a function a derivative rule that computes the value and a Jacobian in one pass.
 
-    - `for_arrays`: the form of the function for derivatives with respect to arrays
+    - `function`: function leaves ↦ (floats, integers)
+    - `for_arrays`: form of the function that is differentiated with respect to arrays
     - `has_derivatives`: whether the engine supports derivatives
     """
     evaluate = jax.custom_jvp(function)
@@ -145,14 +147,14 @@ def _with_jacobian_rule(function: Callable, for_arrays: Callable, has_derivative
 
 
 def _no_tangent(integers: Any) -> Any:
-    """Return the tangents of integers, which have none."""
+    """Return the tangents that JAX expects for integers: zeros of type float0."""
     return jax.tree.map(lambda y: np.zeros(np.shape(y), jax.dtypes.float0), integers)
 
 
 @jax.custom_jvp
 def _first_order_only(x):
-    """Return x. Second derivatives raise an error, since the treatment of event times is exact to first order
-    only."""
+    """Return x; its second derivative raises an error, since the treatment of event times is exact only to
+    first order."""
     return x
 
 
@@ -165,10 +167,10 @@ def _first_order_only_jvp(primals, tangents):
 
 @jax.custom_jvp
 def with_tangents(values):
-    """Return values with a tangent, possibly zero, for each; values without any tangent stay as they are.
+    """Return values unchanged; if some of them have tangents, give the others zero tangents.
 
-    JAX transforms the body of a loop again whenever it finds another field with a tangent. If all tangents
-    exist from the start, it does so only once.
+    JAX transforms the body of a loop again whenever it finds another field with a tangent. If all fields have
+    tangents from the start, JAX transforms the body only once.
     """
     return values
 
@@ -211,8 +213,7 @@ def find_dependent_outputs(function: Callable, argument: Any) -> Any:
 
 
 def is_concrete(leaf: Any) -> bool:
-    """Return whether a leaf has a concrete value. Inside `jax.grad` or `jax.jvp` of a concrete value it
-    has one."""
+    """Return whether a leaf has a concrete value, also inside `jax.grad` or `jax.jvp`."""
     if not isinstance(leaf, Tracer):
         return True
     # A tracer of `grad` or `jvp` holds the value at which the derivative is evaluated.
@@ -229,13 +230,12 @@ def value_of(leaf: Any) -> Any:
 
 @functools.cache
 def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: Any, history: int | None):
-    """Return the function from the leaves of a scene to its answers, with the derivative rule of this module.
+    """Return a differentiable function from the leaves of a scene to its answers.
 
     - `program`: computes the answers
-    - `slopes_of`: computes the answers, and the derivatives of their floats with respect to the leaves
-      with the indices `numbers`, one row per leaf
+    - `slopes_of`: computes the answers and their derivatives, see `with_slopes`
     - `structure`: tree structure of the arguments
-    - `history`: number of steps to store; None stores none
+    - `history`: number of steps to store; None to store no steps
     """
 
     @jax.custom_jvp
@@ -245,11 +245,12 @@ def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: 
     def rule(primals, tangents):
         varied = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
         podium, excitation, *_ = structure.children()
-        numbers = scalar_positions(primals[: podium.num_leaves + excitation.num_leaves])
-        if not set(varied) <= set(numbers) or any(isinstance(y, Tracer) for y in primals):
+        leaf_indices = scalar_positions(primals[: podium.num_leaves + excitation.num_leaves])
+        if not set(varied) <= set(leaf_indices) or any(isinstance(y, Tracer) for y in primals):
             return _traced(program, structure, history, primals, tangents, varied)
-        answer, slopes = slopes_of(*jax.tree.unflatten(structure, primals), numbers=numbers, history=history)
-        directions = {numbers.index(i): tangents[i] for i in varied}
+        scene = jax.tree.unflatten(structure, primals)
+        answer, slopes = slopes_of(*scene, leaf_indices=leaf_indices, history=history)
+        directions = {leaf_indices.index(i): tangents[i] for i in varied}
         _, integers = answer
         floats_dot = jax.tree.map(lambda slope: directional_derivative(np.asarray(slope), directions), slopes)
         return answer, (floats_dot, _no_tangent(integers))
@@ -273,7 +274,7 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
     - `slope`: derivatives of the answer with respect to the parameters, along the first axis
     - `directions`: scalar tangents of parameters, by their index
 
-    Every operation compiles separately, so it uses few and small ones.
+    Outside jit every operation compiles separately, so the function uses few and small operations.
     """
     terms = []
     for k, direction in directions.items():
@@ -283,8 +284,8 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
 
 
 def _traced(program: StoredProgram, structure: Any, history: int | None, primals, tangents, varied):
-    """Differentiate the traced program with respect to the leaves `varied`: samples or initial states, or
-    inside another transformation."""
+    """Differentiate the traced program: for arrays, such as samples, for initial states, and inside other
+    transformations."""
     traced = lambda *leaves: program.traced(*jax.tree.unflatten(structure, leaves), history=history)
     of_varied = _of_some(traced, primals, varied)
     return jax.jvp(of_varied, [primals[i] for i in varied], [tangents[i] for i in varied])

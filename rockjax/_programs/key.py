@@ -23,9 +23,9 @@ from typing import Any
 import jax
 import numpy as np
 
-_OWN_PACKAGES = ("rockjax", "optimise")  # packages that their source identifies
+_OWN_PACKAGES = ("rockjax", "optimise")  # identified by their source
 _LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")  # identified by version
-_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders that affect no program
+_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source affects no program
 _PROCESSOR = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "features", "cpu part")
 # JAX's settings are ignored if their name contains one of these words.
 _IGNORED_SETTINGS = ("cache", "log", "dump", "traceback", "profil", "hash")
@@ -36,11 +36,11 @@ class NoKeyError(Exception):
 
 
 class TracedFunction:
-    """A user-defined function, which the lowered program of the function and its derivative identifies.
+    """A user-defined function, identified by the lowered program of the function and its derivative.
 
     - `function`: the function
-    - `like`: example arguments, pytrees of arrays or of their shapes, for which it is lowered. Arguments
-      of other shapes give correct answers too
+    - `like`: example arguments for lowering, pytrees of arrays or of their shapes. Calls with other shapes
+      are correct, too
     """
 
     def __init__(self, function: Callable, *like: Any):
@@ -88,16 +88,16 @@ def describe(value: Any) -> str:
 
 
 def _qualified_name(obj: Any) -> str:
-    """Return the full name of a class or function that its module or a class in it contains under this name.
+    """Return the full name of a class or function.
 
-    Raises `NoKeyError` for packages that the key does not identify by source or version, and for other
-    objects, such as local functions.
+    Raises `NoKeyError` if the object cannot be imported by that name, such as a local function, or if its
+    package is not identified by source or version.
     """
     module, name = obj.__module__ or "", obj.__qualname__  # the module is None for code run by `exec`
-    found = sys.modules.get(module)
+    importable = sys.modules.get(module)
     for attribute in name.split("."):
-        found = getattr(found, attribute, None)
-    if module.split(".")[0] not in (*_OWN_PACKAGES, *_LIBRARIES, "builtins") or found is not obj:
+        importable = getattr(importable, attribute, None)
+    if module.split(".")[0] not in (*_OWN_PACKAGES, *_LIBRARIES, "builtins") or importable is not obj:
         raise NoKeyError(f"{module}.{name}")
     return f"{module}.{name}"
 
@@ -121,8 +121,7 @@ def describe_shapes(leaves: Iterable[Any]) -> str:
 
 
 def describe_machine() -> str:
-    """Return everything that a compiled program depends on besides its trace: versions, settings,
-    processor."""
+    """Return what a compiled program depends on besides its trace: versions, settings, processor."""
     settings = [
         (name, getattr(jax.config, name, value))
         for name, value in sorted(jax.config.values.items())
@@ -135,7 +134,7 @@ def describe_machine() -> str:
 def _describe_versions() -> str:
     device = jax.local_devices(backend="cpu")[0]
     libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
-    try:  # the processor's features, which the compiler uses; without this file, the name of the machine
+    try:  # the processor's features, which the compiler uses; otherwise the name of the machine
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         processor = [line for line in lines if line.split(":")[0].strip().lower() in _PROCESSOR]
     except OSError:

@@ -45,7 +45,7 @@ class _StaticInputs(NamedTuple):
     """Static inputs of a program: everything besides the shapes and types of its arrays."""
 
     structure: Any  # tree structure of the arguments
-    leaves: tuple[Any, ...]  # static leaves, such as functions and strings; None for leaves that are passed
+    leaves: tuple[Any, ...]  # static leaves, such as functions and strings; None in place of passed leaves
     keywords: tuple[tuple[str, Any], ...]  # keyword arguments, sorted by name
 
 
@@ -54,13 +54,13 @@ class StoredProgram:
 
     - `function`: the function
     - `donate`: positions of arguments whose buffers may be reused for the result
-    - `arrays_only`: whether Python numbers are static, too
+    - `arrays_only`: True if Python numbers are static, too
     - `compiler_options`: options of XLA
     - `name`: name of the program in its key; by default the full name of the function
     - `words`: name of the program in progress bars
 
     For concrete arguments on a single CPU, the program is loaded from the store if it is there, without
-    tracing and compiling, and gives bitwise the same answers. All other arguments, such as tracers, are
+    tracing and compiling, and gives bitwise identical results. All other arguments, such as tracers, are
     passed to `jax.jit`.
     """
 
@@ -113,7 +113,7 @@ class StoredProgram:
         return self._jit(static)(*passed)
 
     def forget(self) -> None:
-        """Drop the programs of this process. Stored programs stay."""
+        """Drop this function's programs from memory. Programs on disk stay."""
         for cache in (self._jits, self._ready, self._locks):
             cache.clear()
 
@@ -146,8 +146,8 @@ class StoredProgram:
 
     def _make(self, key: Any, passed: list) -> Callable:
         """Load or compile the program of a key."""
-        # One thread compiles a program, and others wait for it. A thread that holds the lock for tracing
-        # must not wait: the compiling thread may wait for that lock.
+        # One thread compiles a program, and other threads wait for it. But a thread that holds the tracing
+        # lock must not wait, because the compiling thread may be waiting for the tracing lock.
         lock = self._locks.setdefault(key, threading.Lock())
         with contextlib.nullcontext() if _THREAD_STATE.tracing else lock:
             if key not in self._ready:
@@ -169,7 +169,7 @@ class StoredProgram:
             with _tracing():
                 lowered = self._jit(static).lower(*passed)
             if uses_store and not key:  # the lowered program identifies user-defined classes and functions
-                # It does not contain empty branches of the answers' tree, so the tree belongs to the key.
+                # Its text omits empty branches of the answers' tree, so the tree is added to the key.
                 key = f"{compile_key}\n{keys.describe_machine()}\n{lowered.out_tree}\n{lowered.as_text()}"
                 loaded = _load(key)
             if loaded is not None:
@@ -184,13 +184,13 @@ class StoredProgram:
         return compiled
 
 
-_PROGRAMS: list[StoredProgram] = []
+_PROGRAMS: list[StoredProgram] = []  # all instances
 _PENDING_WRITES: list[Future] = []  # programs that are being written to the store
 
 
 class _ThreadState(threading.local):
-    tracing = False  # True while this thread holds the lock for tracing
-    from_jax = False  # True if the program that it compiled last came from JAX's own cache
+    tracing = False  # True while this thread holds the tracing lock
+    from_jax = False  # True if the last program of this thread came from JAX's own cache
 
 
 _THREAD_STATE = _ThreadState()
@@ -199,8 +199,8 @@ _TRACE_LOCK = threading.RLock()
 
 @contextlib.contextmanager
 def _tracing() -> Iterator[None]:
-    """Hold the lock for tracing: one thread traces at a time, since concurrent tracing delays compilation
-    in other threads."""
+    """Hold the tracing lock: one thread traces at a time, since concurrent tracing delays compilation in
+    other threads."""
     with _TRACE_LOCK:
         before, _THREAD_STATE.tracing = _THREAD_STATE.tracing, True
         try:
@@ -239,8 +239,8 @@ def _load(key: str) -> Callable | None:
 def _register_lapack() -> None:
     """Register LAPACK with XLA.
 
-    JAX registers it when it lowers the first program that needs it. A loaded program is not lowered, and
-    without this call would crash the process by calling a missing function.
+    JAX registers LAPACK when it lowers the first program that needs it. A loaded program is not lowered, so
+    without this call it would call a missing function and crash the process.
     """
     jax.jit(jax.numpy.linalg.cholesky).lower(np.eye(1))
 
@@ -249,8 +249,8 @@ def _write(key: str, compiled: Any) -> None:
     """Store a program under a key, if possible."""
     try:
         content = serialize(compiled)
-        # Some trees of answers cannot be rebuilt after pickling. This raises now, not when the stored
-        # program is called.
+        # Some trees of answers cannot be rebuilt after pickling. Rebuilding them here raises now, and not
+        # when the stored program is called.
         answers = pickle.loads(pickle.dumps(content[2]))
         jax.tree.unflatten(answers, range(answers.num_leaves))
         store.write(key, pickle.dumps(content))
@@ -265,7 +265,7 @@ def finish_writing() -> None:
 
 
 def forget() -> None:
-    """Drop all programs of this process, including JAX's. Stored programs stay."""
+    """Drop all programs from memory, including JAX's. Programs on disk stay."""
     for program in _PROGRAMS:
         program.forget()
     jax.clear_caches()
@@ -277,8 +277,8 @@ _ANNOUNCED = threading.Event()
 
 @contextlib.contextmanager
 def compiling(name: str) -> Iterator[None]:
-    """Register the name of the program that is compiled inside, for progress bars. Once per process, a
-    message announces a compilation of more than 2 s."""
+    """Register the name of the program that the `with` block compiles, for progress bars. Once per process,
+    a message announces a compilation of more than 2 s."""
     _COMPILING.append(name)
     timer = threading.Timer(_ANNOUNCE_AFTER, _announce)
     timer.daemon = True
@@ -323,7 +323,7 @@ def _types(leaves: list[Any]) -> tuple[Hashable, ...] | None:
 
 
 def _runs_on_one_cpu() -> bool:
-    """Return whether programs run on a single CPU, without settings for debugging or several processes."""
+    """Return whether programs run on a single CPU in a single process, without JAX's debugging settings."""
     settings: Any = jax.config
     uses_cpu = settings.jax_default_device in (None, "cpu", _cpu()) and jax.default_backend() == "cpu"
     is_debugged = settings.jax_disable_jit or settings.jax_check_tracer_leaks
@@ -332,7 +332,7 @@ def _runs_on_one_cpu() -> bool:
 
 @contextlib.contextmanager
 def nans_allowed() -> Iterator[None]:
-    """Disable JAX's checks for NaN and inf inside. Answers use NaN and inf for "none" and "not requested"."""
+    """Disable JAX's checks for NaN and inf, which answers use for "none" and "not requested"."""
     settings: Any = jax.config
     if settings.jax_debug_nans or settings.jax_debug_infs:
         with jax.debug_nans(False), jax.debug_infs(False):

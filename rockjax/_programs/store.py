@@ -72,7 +72,7 @@ def limit() -> int:
 
 
 def _reason_unsafe(path: Path) -> str | None:
-    """Return the reason why a folder or file is not trusted, None if it is trusted. Raises `OSError` if its
+    """Return why a folder or file is not trusted; None if it is trusted. Raises `OSError` if its
     permissions cannot be read."""
     if not hasattr(os, "geteuid"):
         return None  # Windows, where access lists protect the user's folders
@@ -85,7 +85,7 @@ def _reason_unsafe(path: Path) -> str | None:
 
 
 def reason_unused() -> str | None:
-    """Return the reason why programs are not stored, None if they are stored."""
+    """Return why programs are not stored; None if they are stored."""
     if not enabled():
         return "ROCKJAX_CACHE is off"
     try:
@@ -107,7 +107,7 @@ def _digest(key: str, data: bytes) -> bytes:
 
 
 def read(key: str) -> bytes | None:
-    """Return the data stored under a key; None if there is none, or none that can be trusted."""
+    """Return the data stored under a key; None if its file is missing, damaged or not trusted."""
     file = _file(key)
     try:
         unsafe = _reason_unsafe(file.parent) or _reason_unsafe(file)
@@ -174,7 +174,7 @@ def entries() -> list[Entry]:
 
 
 def clear() -> int:
-    """Delete all files of the folder and return their number. Raises `OSError` if one cannot be deleted."""
+    """Delete all files of the folder; return how many. Raises `OSError` if a file cannot be deleted."""
     stored = entries()
     for entry in stored:
         entry.path.unlink(missing_ok=True)

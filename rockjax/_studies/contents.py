@@ -1,4 +1,4 @@
-"""Fragility of blocks on the floors of a podium: a lognormal curve for each damage state, from stripes."""
+"""Fragility of blocks on the floors of a podium: a lognormal curve for each damage state."""
 
 from __future__ import annotations
 
@@ -50,32 +50,32 @@ def contents_fragility(
 ) -> xarray.Dataset:
     """Fit fragility curves of blocks on the floors of a podium, one for each damage state (host).
 
-    Every record is scaled to all levels, and lognormal curves are fitted to the counts of the records that
-    reach a damage state at each level, by maximum likelihood (multiple stripes).
+    Every record is scaled to all levels. Each curve is fitted by maximum likelihood to the number of records
+    that reach the damage state at each level (multiple stripes).
 
     - `podium`: podium with scalar parameters
-    - `contents`: the blocks: names → [`rockjax.Contents`][], or one or several of them, then named
-      `contents-1` …
+    - `contents`: dict of name → [`rockjax.Contents`][]; or one or more `Contents`, which get the names
+      `contents-1`, …
     - `records`, `intensity`, `measure`, `names`, `progress`: as for
       [`rockjax.incremental_dynamic_analysis`][]
-    - `damage_states`: thresholds of max|φ|/α_c, ascending, from 0 to the `overturn_ratio` of the blocks [–].
-      A block is in the damage state 0 if it rocks at all, and in that of its `overturn_ratio` if it overturns
-    - `overturned`: scenes in which the podium overturns. `"drop"` leaves them out, because what stands on its
-      floors is then neither safe nor damaged: the curves are those of a podium that stands. With `"exceed"`
-      they exceed every damage state
+    - `damage_states`: thresholds of max|φ|/α_c, rotation divided by slenderness of a block, ascending, from 0
+      to the `overturn_ratio` of the blocks [–]. A block reaches state 0 if it rocks at all, and every state
+      if it overturns
+    - `overturned`: `"drop"` leaves out scenes in which the podium overturns, so that the curves hold for a
+      standing podium; `"exceed"` counts such scenes as reaching every damage state
     - `at`: intensities of the curves, shape (x,), > 0; by default 200 up to the highest level
     - `confidence`: confidence level of the intervals and bands, in (0, 1); None for the curves alone
     - `options`: options of the scenes
 
     Returns a Dataset. `median_capacity` and `dispersion` (dims `contents`, `damage_state`) have the
     confidence intervals `interval` (further dims `quantity`, `bound`), from the jackknife over records.
-    `probability` and the band from `lower` to `upper` have the further dim `at`; `observed`, the share of the
-    counted records, has `intensity`, and `counted` is their number (dims `contents`, `intensity`). Over
-    `record` and `intensity` there are the answers of the podium, such as `overturned`, and with the further
-    dim `contents` those of the blocks, such as `contents_peak_rotation`. Curves that the counts do not
-    determine are NaN, and a `RuntimeWarning` names them; another one says if there are fewer than five
-    records. Each curve is one of [`rockjax.annual_frequency`][]:
-    `data.sel(contents="cabinet", damage_state=1.0)`.
+    `probability` and the band from `lower` to `upper` have the further dim `at`. `counted` (dims `contents`,
+    `intensity`) is the number of records whose scene is not left out; `observed` (further dim `intensity`) is
+    the share of these that reach the damage state. The answers of the podium, such as `overturned`, have the
+    dims `record` and `intensity`, and those of the blocks, such as `contents_peak_rotation`, also `contents`.
+    Curves that the counts do not determine are NaN. A `RuntimeWarning` names them, and another one is issued
+    for fewer than five records. A single curve, `data.sel(contents="cabinet", damage_state=1.0)`, is valid
+    for [`rockjax.annual_frequency`][].
 
     Raises `ValueError` for invalid inputs.
     """
@@ -95,10 +95,10 @@ def contents_fragility(
     x = checked_intensities(owner, at, levels)
     require_memory(owner, len(records) * levels.size)
     import_in_background(*TABLES)
-    which = np.arange(len(records), dtype=np.int32)[:, None]
-    scaled = records.chosen(which, levels / np.asarray(measure.values, float)[which])
-    things = tuple(blocks.values())
-    peaks = peak_responses(podium, scaled, options=options, progress=progress, on_floors=things)
+    record_index = np.arange(len(records), dtype=np.int32)[:, None]
+    scaled = records.chosen(record_index, levels / np.asarray(measure.values, float)[record_index])
+    block_tuple = tuple(blocks.values())
+    peaks = peak_responses(podium, scaled, options=options, progress=progress, on_floors=block_tuple)
     import xarray
 
     dims = "record", "intensity"
@@ -111,7 +111,7 @@ def contents_fragility(
             "contents": ("contents", list(blocks), {"long_name": "block"}),
             "block": (
                 "contents",
-                [repr(block) for block in things],
+                [repr(block) for block in block_tuple],
                 {"long_name": "parameters of the block"},
             ),
             "damage_state": (
@@ -135,7 +135,7 @@ def contents_fragility(
 
 
 def _named(owner: str, contents: Any) -> dict[str, Contents]:
-    """Return blocks by name. Raises `ValueError` for anything else, and for blocks with array parameters."""
+    """Return the blocks by name. Raises `ValueError` for other types and for blocks with array parameters."""
     if isinstance(contents, Contents):
         contents = (contents,)
     if isinstance(contents, Mapping):
@@ -143,14 +143,14 @@ def _named(owner: str, contents: Any) -> dict[str, Contents]:
     else:
         is_sequence = isinstance(contents, Sequence)
         blocks = {f"contents-{k}": y for k, y in enumerate(contents, 1)} if is_sequence else {}
-    names = all(isinstance(name, str) for name in blocks)
-    if not blocks or not names or not all(isinstance(block, Contents) for block in blocks.values()):
+    are_named = all(isinstance(name, str) for name in blocks)
+    if not blocks or not are_named or not all(isinstance(block, Contents) for block in blocks.values()):
         raise ValueError(
             f"{owner}: contents must be one or more rockjax.Contents, or a dict of them by name, got "
             f"{format_value(contents)}"
         )
     if any(np.ndim(y) for y in jax.tree.leaves(list(blocks.values()))):
-        raise ValueError(f"{owner}: contents must hold single numbers; list a block for each of them")
+        raise ValueError(f"{owner}: contents must have scalar parameters; pass one block for each value")
     return blocks
 
 
@@ -168,7 +168,7 @@ def _damage_states(owner: str, damage_states: Any, blocks: Mapping[str, Contents
 def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) -> None:
     """Add the counts, and the curves with intervals and bands, to the answers of scenes and blocks.
 
-    - `exceed`: whether scenes in which the podium overturns exceed every damage state
+    - `exceed`: whether scenes in which the podium overturns count as reaching every damage state
     - `confidence`: confidence level, or None
     """
     levels, x = data["intensity"].values, data["at"].values
@@ -183,9 +183,9 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     order = ("contents", "damage_state", "record", "intensity")
     counted = counted.transpose("contents", "record", "intensity")
     reached = (reached & counted).transpose(*order)
-    number = counted.sum("record")
-    data["counted"] = number.assign_attrs(units="1", long_name="records that count")
-    share = (reached.sum("record") / number).assign_attrs(
+    count = counted.sum("record")
+    data["counted"] = count.assign_attrs(units="1", long_name="records that count")
+    share = (reached.sum("record") / count).assign_attrs(
         units="1", long_name="share of the counted records that reach the damage state"
     )
     data["observed"] = share
@@ -194,8 +194,8 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     intervals, bands = np.full((*shape, 2, 2), np.nan), np.full((*shape, 2, x.size), np.nan)
     curves = np.full((*shape, x.size), np.nan)
     for index in np.ndindex(shape):
-        failed, among = reached.values[index].astype(float), counted.values[index[0]].astype(float)
-        fit, reduced = _fits(levels, failed, among)
+        reached_here, counted_here = reached.values[index], counted.values[index[0]]
+        fit, reduced = _fits(levels, reached_here.astype(float), counted_here.astype(float))
         medians[index], dispersions[index] = fit
         curves[index] = fit.probability(x)
         if confidence is not None:
@@ -206,8 +206,8 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     data["dispersion"] = (
         dims, dispersions, {"units": "1", "long_name": "standard deviation of the logarithm"},
     )  # fmt: skip
-    about = {"units": "1", "long_name": "probability of the damage state"}
-    data["probability"] = (*dims, "at"), curves, about
+    attributes = {"units": "1", "long_name": "probability of the damage state"}
+    data["probability"] = (*dims, "at"), curves, attributes
     _warn(data, confidence, np.isnan(medians), np.isnan(intervals[..., 0, 0]))
     if confidence is None:
         return
@@ -218,16 +218,16 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     )
     data.coords["quantity"], data.coords["bound"] = QUANTITIES, BOUNDS
     for k, bound in enumerate(BOUNDS):
-        about = {"units": "1", "long_name": f"{bound} bound of the {confidence:.0%} band"}
-        data[bound] = (*dims, "at"), bands[..., k, :], about
+        attributes = {"units": "1", "long_name": f"{bound} bound of the {confidence:.0%} band"}
+        data[bound] = (*dims, "at"), bands[..., k, :], attributes
     data.attrs["confidence"] = confidence
 
 
 def _fits(levels: np.ndarray, reached: np.ndarray, counted: np.ndarray) -> tuple[Lognormal, Lognormal]:
-    """Return the curve of all records, and those that omit one record each.
+    """Return the curve fitted to all records, and the curves that omit one record each.
 
     - `levels`: intensities, shape (m,)
-    - `reached`, `counted`: 1 where a record reaches the damage state, and where it counts, shape (n, m)
+    - `reached`, `counted`: 1 where a record reaches the damage state, and where it is counted, shape (n, m)
     """
     omitted = lambda y: y.sum(axis=0) - np.concatenate([np.zeros((1, levels.size)), y])
     fits = jax.tree.map(np.asarray, fit_each_counts(levels, omitted(reached), omitted(counted)))
@@ -237,17 +237,17 @@ def _fits(levels: np.ndarray, reached: np.ndarray, counted: np.ndarray) -> tuple
 def _warn(data: xarray.Dataset, confidence: float | None, no_curve: np.ndarray, no_interval: np.ndarray):
     """Warn of curves and intervals that the counts do not determine, and of few records.
 
-    - `no_curve`, `no_interval`: flags over contents and damage states
+    - `no_curve`, `no_interval`: flags, shape (contents, damage states)
     """
     cure = "use more records, or levels at which some but not all records reach the damage state"
     incomplete = no_interval & ~no_curve if confidence is not None else np.zeros_like(no_curve)
-    for what, flags in (("curve", no_curve), ("interval", incomplete)):
+    for item, flags in (("curve", no_curve), ("interval", incomplete)):
         if np.any(flags):
             cases = ", ".join(
                 f"{data['contents'].values[i]} at {data['damage_state'].values[j]:g}"
                 for i, j in np.argwhere(flags)
             )
-            message = f"contents_fragility: the counts determine no {what} of {cases}; {cure}"
+            message = f"contents_fragility: the counts determine no {item} of {cases}; {cure}"
             warnings.warn(message, RuntimeWarning, stacklevel=4)
     count = data.sizes["record"]
     if confidence is not None and count < MIN_RECORDS:

@@ -1,4 +1,4 @@
-"""Fragility curves: lognormal distributions fitted to an ensemble, with confidence intervals."""
+"""Fragility curves: lognormal distributions fitted to the capacities or counts of records."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ def fragility(
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
     - `method`: `"capacities"` fits the least overturning intensities; records that do not overturn are
       censored at the highest level. `"stripes"` fits the counts of overturned records at the levels,
-      including survivals above the first overturning. The default is `"capacities"`. With a `limit` it is
-      `"stripes"`, the only valid method
+      including survivals above the first overturning. The default is `"capacities"` without `limit`; with
+      `limit` only `"stripes"` is valid, the default there
     - `at`: intensities of the curve, shape (x,), > 0; by default 200 up to the highest level
     - `confidence`: confidence level of the intervals and the band, in (0, 1); None for the curve alone
-    - `limit`: limit state instead of overturning: (name, value) of a peak of the analysis, such as
-      `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the peak exceeds the value,
-      if a `least_…` variable is below it, or if the podium overturns. One mode, story, floor or joint is
-      sufficient for failure. The `options` of the analysis must request this output
+    - `limit`: limit state in addition to overturning: (name, value) of a peak of the analysis, such as
+      `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium overturns, if the
+      peak exceeds the value, or if a `least_…` variable is below the value, in at least one mode, story,
+      floor or joint. The `options` of the analysis must request this output
 
     Returns a Dataset. The scalars `median_capacity` and `dispersion` have the confidence intervals `interval`
-    (dims `quantity`, `bound`; its attributes contain the number of records). Over `at` there are
-    `probability` and the band from `lower` to `upper`; over `intensity` there is `observed`, the share of
-    records that fail. Intervals and band are omitted if `confidence` is None. If the analysis has
-    sensitivities and `method` is `"capacities"`, `median_sensitivity` and `dispersion_sensitivity` over
-    `parameter` are d ln(median)/d ln y and d(dispersion)/d ln y.
+    (dims `quantity`, `bound`; its attributes contain the number of records). `probability` and the band from
+    `lower` to `upper` have the dim `at`; `observed`, the share of records that fail, has `intensity`.
+    Intervals and band are omitted if `confidence` is None. If the analysis has sensitivities and `method` is
+    `"capacities"`, `median_sensitivity` and `dispersion_sensitivity` (dim `parameter`) are
+    d ln(median)/d ln y and d(dispersion)/d ln y.
 
     Intervals of `"capacities"` use the profile likelihood of lognormal capacities. Without censored records
     they are exact for median and dispersion; with censored records their coverage differs from `confidence`
@@ -69,7 +69,7 @@ def fragility(
     else:
         method = "stripes"
         analysis = _with_limit(analysis, limit)
-    data = _Ensemble.of(analysis)
+    data = _Outcomes.of(analysis)
     fit = _fit(method, data)
     x = checked_intensities("fragility", at, data.levels)
     curve = _dataset(analysis, fit, x, method)
@@ -92,8 +92,8 @@ def fragility(
 
 
 def checked_intensities(owner: str, at, levels: np.ndarray) -> np.ndarray:
-    """Return the intensities of a curve, by default 200 up to the highest of the levels. Raises `ValueError`
-    unless they are > 0, in one dimension."""
+    """Return the intensities of a curve, by default 200 up to the highest level. Raises `ValueError` unless
+    they are a one-dimensional array of values > 0."""
     x = np.linspace(0, levels[-1], 201)[1:] if at is None else np.asarray(as_float(at, f"{owner}: at"))
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"{owner}: at must be a 1-D array of intensities, got shape {x.shape}")
@@ -101,13 +101,13 @@ def checked_intensities(owner: str, at, levels: np.ndarray) -> np.ndarray:
     return x
 
 
-class _Ensemble(NamedTuple):
+class _Outcomes(NamedTuple):
     """Capacities and outcomes of the records of an analysis.
 
     - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level
     - `censor_limit`: lower bound of censored capacities, the highest level for each record, shape (n,)
     - `levels`: levels of intensity, shape (m,)
-    - `overturned`: 1 where a record fails, else 0, shape (n, m)
+    - `overturned`: 1 where a record fails, otherwise 0, shape (n, m)
     """
 
     capacity: np.ndarray
@@ -116,7 +116,7 @@ class _Ensemble(NamedTuple):
     overturned: np.ndarray
 
     @classmethod
-    def of(cls, analysis: xarray.Dataset) -> _Ensemble:
+    def of(cls, analysis: xarray.Dataset) -> _Outcomes:
         capacity, levels = analysis["capacity"].values, analysis["intensity"].values
         capacity = np.where(np.isnan(capacity), np.inf, capacity)
         return cls(
@@ -129,7 +129,7 @@ class _Ensemble(NamedTuple):
 
 
 def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Dataset:
-    """Return the analysis with failure defined by a limit, in addition to overturning."""
+    """Return the analysis with its outcomes and capacities redefined by a limit besides overturning."""
     names = [name for name, y in analysis.data_vars.items() if {"record", "intensity"} <= set(y.dims)]
     peaks = [str(name) for name in names if str(name).startswith(("peak_", "least_"))]
     if not (isinstance(limit, tuple) and len(limit) == 2 and limit[0] in peaks):
@@ -177,7 +177,7 @@ def _describe_type(value) -> str:
     return f"a dataset of kind {kind!r}" if kind else f"a {type(value).__name__}"
 
 
-def _fit(method: str, data: _Ensemble) -> Lognormal:
+def _fit(method: str, data: _Outcomes) -> Lognormal:
     if method == "capacities":
         fit = _fit_capacities(data.capacity, data.censor_limit)
     else:
@@ -211,7 +211,7 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
 
 
 def _add_intervals(
-    curve: xarray.Dataset, method: str, data: _Ensemble, fit: Lognormal, confidence: float
+    curve: xarray.Dataset, method: str, data: _Outcomes, fit: Lognormal, confidence: float
 ) -> None:
     records, overturning_records = data.capacity.size, int(np.isfinite(data.capacity).sum())
     count = overturning_records if method == "capacities" else records
@@ -239,11 +239,11 @@ def _add_intervals(
 
 
 def _intervals_of_capacities(
-    data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
+    data: _Outcomes, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds of (median, dispersion), shape (2, 2), and of the probit of the curve, shape (2, x).
+    """Return profile-likelihood bounds of median and dispersion, and of the probit of the curve.
 
-    The first axis is (lower, upper). The bounds come from the profile likelihood.
+    The axes are (median or dispersion, lower or upper), and (lower or upper, x).
     """
     median, dispersion = float(fit.median), float(fit.dispersion)
     intervals = profile_intervals(
@@ -253,9 +253,9 @@ def _intervals_of_capacities(
 
 
 def _intervals_of_stripes(
-    data: _Ensemble, fit: Lognormal, x: np.ndarray, confidence: float
+    data: _Outcomes, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same bounds as `_intervals_of_capacities`, from the counts, by the jackknife."""
+    """Return the bounds that `_intervals_of_capacities` returns, from counts by the jackknife."""
     reduced_counts = data.overturned.sum(axis=0) - data.overturned  # each row omits one record
     reduced_trials = np.broadcast_to(data.trials - 1, reduced_counts.shape)
     reduced_fits = fit_each_counts(data.levels, reduced_counts, reduced_trials)
@@ -272,7 +272,7 @@ def _intervals_of_stripes(
 def stripe_bounds(
     fit: Lognormal, reduced_fits: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return jackknife bounds of a curve fitted to counts, as `_intervals_of_capacities` does.
+    """Return jackknife bounds of a curve fitted to counts, in the shapes of `_intervals_of_capacities`.
 
     - `fit`: curve of all records; `reduced_fits`: curves that omit one record each, arrays of shape (n,)
     - `x`: intensities, shape (x,), > 0; `confidence`: in (0, 1)
@@ -293,7 +293,7 @@ fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, 0)), name="counts
 
 @StoredProgram
 def _slopes(capacity, censor_limit):
-    """Return d ln(median)/d capacity and d dispersion/d capacity, shape (2, n); 0 if censored."""
+    """Return d ln(median) and d dispersion per d capacity of each record, shape (2, n); 0 if censored."""
     has_capacity = jnp.isfinite(capacity)
 
     def fit(values):
@@ -304,7 +304,7 @@ def _slopes(capacity, censor_limit):
     return jnp.where(has_capacity[None], jax.jacrev(fit)(finite), 0.0)
 
 
-def _explain_failure(method: str, data: _Ensemble) -> str:
+def _explain_failure(method: str, data: _Outcomes) -> str:
     """Return why no curve can be fitted, and the cure."""
     capacities, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
     if method == "capacities":

@@ -13,7 +13,7 @@ from rockjax._problem import models
 
 
 def distribution_of(entry: Any) -> Any:
-    """Return the distribution of an entry of a problem file: frozen, of `scipy.stats`; or its number."""
+    """Convert a spread in a problem file to a frozen distribution of `scipy.stats`; numbers stay numbers."""
     from scipy import stats
 
     if isinstance(entry, models.Uniform):
@@ -29,19 +29,19 @@ def distribution_of(entry: Any) -> Any:
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
-    """Return the random numbers of a parameter, which depend on the seed and its name only."""
+    """Return the random-number generator of a parameter, seeded by `seed` and the parameter's name."""
     return np.random.default_rng([seed, *name.encode()])
 
 
 def draw(owner: str, name: str, given: Any, n: int, seed: int, allowed: Range) -> np.ndarray:
-    """Return draws of a parameter, shape (n,).
+    """Draw n values of a parameter, shape (n,).
 
-    - `owner`, `name`: name of the calling function and of the parameter, for messages
+    - `owner`, `name`: names of the calling function and of the parameter, for messages
     - `given`: a frozen distribution of `scipy.stats`, a number, or the draws themselves, shape (n,)
     - `n`, `seed`: number of draws, and seed of the random numbers
     - `allowed`: range of valid values
 
-    Raises `ValueError` for another type or shape, and for draws out of range.
+    Raises `ValueError` if `given` has another type or shape, or if a draw is outside `allowed`.
     """
     what = f"{owner}: spread[{name!r}]"
     is_frozen = hasattr(given, "rvs") and hasattr(given, "dist")
@@ -59,9 +59,9 @@ def draw(owner: str, name: str, given: Any, n: int, seed: int, allowed: Range) -
     drawn = np.broadcast_to(drawn, (n,))
     outside = ~(np.isfinite(drawn) & allowed.holds(drawn))
     if outside.any():
-        accepted = f"{allowed.words}" if allowed.words.startswith("in") else f"finite and {allowed.words}"
+        accepted = allowed.words if allowed.words.startswith("in") else f"finite and {allowed.words}"
         raise ValueError(
-            f"{what} must be {accepted.removesuffix(' and ')}, but {outside.sum()} of {n} draws are not, "
-            f"the first is {drawn[outside][0]:.6g}; truncate the distribution, as scipy.stats.truncnorm does"
+            f"{what} must be {accepted.removesuffix(' and ')}, but {outside.sum()} of {n} draws are not "
+            f"(the first is {drawn[outside][0]:.6g}); use a truncated distribution (scipy.stats.truncnorm)"
         )
     return drawn

@@ -1,4 +1,4 @@
-"""Empirical distributions of samples, some of whose values may be unknown, with exact confidence bounds."""
+"""Empirical distributions of samples that may have unknown values, with exact confidence bounds."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 
 class Sample(NamedTuple):
-    """Independent values of a scalar, of which some may be unknown.
+    """Independent values of a scalar, some of which may be unknown.
 
     - `values`: values, shape (n,); ±inf is allowed
-    - `is_open`: True for values that are unknown, so that bounds hold whatever they are, shape (n,). Their
-      `values` enter the estimates only
+    - `is_open`: True where a value is unknown, shape (n,). Estimates use the entry in `values`; confidence
+      bounds hold for any value there
     """
 
     values: np.ndarray
@@ -36,7 +36,7 @@ class Sample(NamedTuple):
 
 
 class Estimates(NamedTuple):
-    """Estimates, and lower and upper confidence bounds, of one shape."""
+    """Estimates and their lower and upper confidence bounds, three arrays of the same shape."""
 
     value: np.ndarray
     lower: np.ndarray
@@ -44,10 +44,11 @@ class Estimates(NamedTuple):
 
 
 def band_half_width(n: int, confidence: float) -> float:
-    """Return the half width of the band around an empirical distribution that contains the true one [–].
+    """Return the half width of the confidence band of an empirical distribution function [–].
 
     ε = √(ln(2/a)/(2n)) with a = 1 − confidence, (E1): the inequality of Dvoretzky, Kiefer and Wolfowitz with
-    the constant of Massart (1990). It holds for every n ≥ 1 and every distribution, at all values at once.
+    the constant of Massart (1990). The band holds for every n ≥ 1 and every distribution, at all values at
+    once.
     """
     return math.sqrt(math.log(2 / (1 - confidence)) / (2 * n))
 
@@ -61,7 +62,7 @@ def distribution(sample: Sample, at: np.ndarray, confidence: float) -> Estimates
     """Return the empirical distribution function and its band, which holds for all `at` at once.
 
     - `sample`: the values
-    - `at`: values at which it is evaluated, any shape
+    - `at`: values at which the function is evaluated, any shape
     - `confidence`: confidence level of the band, in (0, 1)
     """
     half_width = band_half_width(sample.size, confidence)
@@ -76,8 +77,9 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
     """Return quantiles with confidence intervals between order statistics, one for each probability.
 
     The estimate is the least value x with F(x) ≥ probability. The number of values below a quantile is
-    binomial, for every distribution, (E2) (David and Nagaraja, Order Statistics, 2003, section 7.1); each
-    side of the interval is missed with a probability ≤ (1 − confidence)/2. With too few values a bound is ±∞.
+    binomial, for every distribution, (E2) (David and Nagaraja, Order Statistics, 2003, section 7.1). The
+    true quantile lies below the interval with a probability ≤ (1 − confidence)/2, and above it likewise.
+    With too few values a bound is ±∞.
 
     - `sample`: the values
     - `probability`: in (0, 1), shape (q,)
@@ -97,7 +99,7 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
 def share(least: int, most: int, n: int, confidence: float) -> tuple[float, float]:
     """Return the Clopper–Pearson interval of a probability.
 
-    - `least`, `most`: number of events in n trials, without and with those that are unknown
+    - `least`, `most`: number of events if none of the unknown trials is an event, and if all are
     - `n`, `confidence`: number of trials; confidence level, in (0, 1)
     """
     from scipy.stats import binomtest
@@ -109,13 +111,12 @@ def share(least: int, most: int, n: int, confidence: float) -> tuple[float, floa
 class Comparison(NamedTuple):
     """Kolmogorov–Smirnov comparison of two samples of n and m values.
 
-    - `statistic`: D, the largest distance of the empirical distributions [–]
+    - `statistic`: D, the largest distance between the empirical distribution functions [–]
     - `at`: value at which they are that far apart
-    - `p_value`: probability of at least the distance that is certain, if both samples came from one
-      distribution; that distance is D without unknown values [–]. It is the asymptotic one, too large for
-      distributions with steps, such as overturning
-    - `lower`, `upper`: interval of the distance of the true distributions, from the joint bands of both
-      samples, (E3) [–]; where `lower` > 0, the distributions differ
+    - `p_value`: approximate probability that two samples from one distribution are at least D apart [–]; with
+      unknown values, at least the smallest D that they allow. It is too large for distributions with steps
+    - `lower`, `upper`: confidence interval of the largest distance between the true distributions, from the
+      bands of both samples, (E3) [–]; if `lower` > 0, the distributions differ
     - `confidence`: confidence level of the interval [–]
     """
 
@@ -133,14 +134,13 @@ def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
     - `first`, `second`: the samples
     - `confidence`: confidence level of the interval, in (0, 1)
 
-    Values at +∞ are ties, at which both distribution functions are 1. Each band of the interval has half of
-    the error probability.
+    Values at +∞ count as equal. The band of each sample gets half of the error probability.
     """
     from scipy.stats import kstwo
 
     x = np.unique(np.concatenate([[-np.inf], first.values, second.values]))
     difference = np.abs(share_up_to(np.sort(first.values), x) - share_up_to(np.sort(second.values), x))
-    # Unknown values may be anywhere: the least distance that they leave, and the largest.
+    # The least and the largest distance that unknown values allow.
     bounds = [[share_up_to(y, x) for y in (sample.highest, sample.lowest)] for sample in (first, second)]
     (low_1, high_1), (low_2, high_2) = bounds
     least = max(float(np.max(np.maximum(low_1 - high_2, low_2 - high_1))), 0.0)

@@ -56,26 +56,26 @@ def ensemble(
 ) -> Ensemble:
     """Compute peak responses of random variants of a podium under random motions (host).
 
-    All scenes are one batch. They are independent of each other, so the bounds of [`rockjax.Ensemble`][] hold
-    for every n. The bounds are for the given motions: they do not cover the choice of a suite.
+    All scenes form one batch. They are independent, so the bounds of [`rockjax.Ensemble`][] hold for every n.
+    The bounds hold for the given motions; they do not include the uncertainty from choosing these motions.
 
     - `podium`: podium with scalar parameters; the scenes are variants of it
-    - `motions`: one motion; or several (`Motions`, `Records`, a list), from which each scene draws one with
+    - `motions`: one motion, or several (`Motions`, `Records`, a list); then each scene draws one of them with
       equal probability
-    - `spread`: name of a parameter → its distribution: frozen, of `scipy.stats`; or a number; or the draws
+    - `spread`: dict of parameter name → a frozen distribution of `scipy.stats`, a number, or the draws
       themselves, shape (n,). Names are those of [`rockjax.grid`][], and `initial.theta` [rad],
       `initial.theta_dot` [rad/s], `initial.u_t` [m] and `initial.u_t_dot` [m/s] of the initial state
     - `n`: number of scenes, ≥ 1
-    - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend only on the seed, `n` and its
-      name
+    - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend only on `seed`, `n` and the
+      parameter's name
     - `initial`: initial state; by default at rest
     - `t_end`: end of each scene [s]; by default as for [`rockjax.peak_responses`][]
     - `options`: options of the scenes; with the output `"errors"`, scenes are flagged as undecided
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
-    Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the ensemble in which unsolved scenes are
-    unanswered. Raises `ValueError` for invalid inputs, unknown names, and draws out of range, before anything
-    is solved.
+    Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is an ensemble with the unsolved scenes marked as
+    unanswered. Raises `ValueError` for invalid inputs, unknown names, and draws out of range, before solving
+    any scene.
     """
     owner = "ensemble"
     check_types(owner, podium, options)
@@ -90,11 +90,11 @@ def ensemble(
     state_names = [name for name, y in INITIAL.items() if podium.vibrates or not y.place.startswith("u_t")]
     valid = [*variable_parameters(podium, motion, labels is None), *state_names]
     check_names(owner, "names in spread", tuple(spread), valid)
-    parameters = {name: _find(podium, name) for name in spread}
+    parameters = {name: _find_parameter(podium, name) for name in spread}
     draws = {name: draw(owner, name, spread[name], n, seed, y.range) for name, y in parameters.items()}
-    which = None if labels is None else generator(seed, "motion").integers(len(labels), size=n)
-    variants = Variants(podium, motion, initial, which)
-    podiums, excitations, start = variants.of(draws)
+    motion_index = None if labels is None else generator(seed, "motion").integers(len(labels), size=n)
+    variants = Variants(podium, motion, initial, motion_index)
+    podiums, excitations, start = variants.scenes(draws)
     import_in_background(*TABLES)
     message = None
     try:
@@ -108,8 +108,8 @@ def ensemble(
     import xarray
 
     columns = {name: ("scene", y, parameters[name].variable_attributes) for name, y in draws.items()}
-    if labels is not None and which is not None:
-        columns["motion"] = "scene", labels[which], {"units": "1", "long_name": "ground motion"}
+    if labels is not None and motion_index is not None:
+        columns["motion"] = "scene", labels[motion_index], {"units": "1", "long_name": "ground motion"}
     data = xarray.Dataset(
         data_variables(peaks, options.outputs, ("scene",)) | columns,
         attrs={
@@ -129,7 +129,7 @@ def ensemble(
     return answer
 
 
-def _find(podium: Podium, name: str) -> Parameter:
+def _find_parameter(podium: Podium, name: str) -> Parameter:
     """Return a parameter of the podium, of the motion or of the initial state."""
     table = parameters_of(podium) | INITIAL
     return table[name] if name in table else motion_parameter(name.rpartition(".")[2])
@@ -142,18 +142,17 @@ class Ensemble:
     - `data`: dataset of [`rockjax.ensemble`][] with the dim `scene`: drawn parameters by name, `motion` (the
       label of the drawn motion, if there are several), and the answers. `Ensemble(xarray.load_dataset(path))`
       restores an ensemble from a file
-    - `peaks`: the answers as a [`rockjax.Peak`][] of shape (n,); None if restored
-    - `variants`: podium, motions and initial state, from which `scene` makes single scenes; None if restored
+    - `peaks`: the answers as a [`rockjax.Peak`][] of shape (n,); None if restored from a file
+    - `variants`: podium, motions and initial state, used by `scene`; None if restored from a file
 
-    All distributions count every scene:
+    Distributions include every scene:
 
-    - a scene that overturned has the worst value: +∞ for a peak, −∞ for a `least_…` answer. Only the margin,
-      which continues beyond overturning, keeps its value
-    - a scene that did not finish is unanswered, and a scene that `"errors"` flags may be undecided. Their
-      values are unknown: bounds hold whatever they are. Estimates take the worst value for an unanswered
-      scene, and the computed value for an undecided one
+    - a scene that overturned has the worst possible value: +∞ for a peak, −∞ for a `least_…` answer. Only the
+      margin, which is also defined beyond overturning, keeps its value
+    - the value of an unanswered or undecided scene counts as unknown. Confidence bounds hold for any such
+      value. Estimates use the worst value for an unanswered scene, the computed value for an undecided one
 
-    Raises `ValueError` for a dataset of another kind.
+    Raises `ValueError` if `data` is not such a dataset.
     """
 
     data: xarray.Dataset
@@ -198,38 +197,38 @@ class Ensemble:
 
     @functools.cached_property
     def undecided(self) -> np.ndarray:
-        """True for scenes that finished and may or may not overturn, according to the output `"errors"`,
-        shape (n,); False without this output."""
+        """True for scenes that finished but whose outcome the error estimates leave open, shape (n,); all
+        False without the output `"errors"`."""
         flags = self.data["undecided"].values.astype(bool) if "undecided" in self.data else False
         return flags & ~self.unanswered
 
     def scene(self, k: int) -> tuple[Podium, AbstractExcitation, State]:
-        """Return podium, motion and initial state of scene k, from 0, for [`rockjax.simulate`][].
+        """Return podium, motion and initial state of scene k, counted from 0, for [`rockjax.simulate`][].
 
-        Raises `ValueError` for another number, and for an ensemble that was restored from a file.
+        Raises `ValueError` if there is no scene k, and for an ensemble that was restored from a file.
         """
         if self.variants is None:
             raise ValueError(
-                "Ensemble: an ensemble from a file has no structure and motions; compute it anew"
+                "Ensemble: an ensemble from a file has no structure and motions; run rockjax.ensemble again"
             )
         k = require_whole("Ensemble", "k", k, 0)
         require("Ensemble", "k", k, lambda y: y < self.size, f"less than {self.size}")
-        return self.variants.of({name: values[k] for name, values in self.draws.items()}, k)
+        return self.variants.scenes({name: values[k] for name, values in self.draws.items()}, k)
 
     def sample(self, output: str = "peak_rotation", component: int | None = None) -> Sample:
         """Return the values of an answer, and which of them are unknown.
 
-        - `output`: name of a scalar answer, such as `"peak_rotation"` or `"peak_shear"`; or of one with an
+        - `output`: name of an answer: a scalar, such as `"peak_rotation"` or `"peak_shear"`, or one with an
           axis of modes, stories or joints
-        - `component`: number of the mode, story or joint, from 1; by default the worst of them
+        - `component`: number of the mode, story or joint, from 1; by default the worst one in each scene
 
-        Raises `ValueError` for answers that were not requested, and for another component.
+        Raises `ValueError` if the answer was not requested, or if there is no such component.
         """
         owner = "Ensemble"
         names = self.answers
         if output not in names:
             closest = difflib.get_close_matches(str(output), names, 1)
-            hint = f"; did you mean {closest[0]!r}?" if closest else "; request others by Options(outputs=…)"
+            hint = f"; did you mean {closest[0]!r}?" if closest else "; request others in Options(outputs=…)"
             raise ValueError(f"{owner}: output must be one of {', '.join(names)}, got {output!r}{hint}")
         answer, is_minimum = (
             self.data[output],
@@ -262,11 +261,11 @@ class Ensemble:
         at: Any = None,
         confidence: float = CONFIDENCE,
     ) -> xarray.Dataset:
-        """Return the empirical distribution function of an answer, with a band for the true one.
+        """Return the empirical distribution function of an answer, with a confidence band.
 
-        The band of Dvoretzky, Kiefer, Wolfowitz and Massart has the half width √(ln(2/a)/(2n)),
-        a = 1 − confidence, (E1), and holds at all values at once: 0.0136 for n = 10⁴ and 95 %. It widens by
-        the share of scenes whose values are unknown.
+        The band of Dvoretzky, Kiefer, Wolfowitz and Massart holds at all values at once. It has the half
+        width √(ln(2/a)/(2n)) with a = 1 − confidence, (E1): 0.0136 for n = 10⁴ and 95 %. Scenes with unknown
+        values widen it by their share.
 
         - `output`, `component`: the answer, as for `sample`
         - `at`: values at which the function is evaluated, shape (x,); by default all finite values
@@ -283,7 +282,7 @@ class Ensemble:
         x = np.asarray(as_float(at, "Ensemble: at"))
         if x.ndim != 1:
             raise ValueError(f"Ensemble: at must be one-dimensional, got shape {x.shape}")
-        confidence = _confidence(confidence)
+        confidence = _checked(confidence)
         estimates = empirical.distribution(sample, x, confidence)
         return xarray.Dataset(
             _variables("at", ("probability", "lower", "upper"), estimates, {"units": "1"}),
@@ -320,7 +319,7 @@ class Ensemble:
         sample = self.sample(output, component)
         q = np.atleast_1d(np.asarray(as_float(probability, "Ensemble: probability")))
         require("Ensemble", "probability", q, lambda y: (y > 0) & (y < 1), "in (0, 1)")
-        confidence = _confidence(confidence)
+        confidence = _checked(confidence)
         estimates = empirical.quantiles(sample, q, confidence)
         return xarray.Dataset(
             _variables("probability", ("quantile", "lower", "upper"), estimates, self._attributes(output)),
@@ -334,11 +333,11 @@ class Ensemble:
         )
 
     def overturning_probability(self, confidence: float = CONFIDENCE) -> tuple[float, float, float]:
-        """Return the share of scenes that overturned, and the Clopper–Pearson interval of its probability
-        [–]: estimate, lower and upper bound. Raises `ValueError` unless `confidence` is in (0, 1)."""
+        """Return the share of scenes that overturned, and the lower and upper Clopper–Pearson bounds of the
+        overturning probability [–]. Raises `ValueError` unless `confidence` is in (0, 1)."""
         is_open = self.unanswered | self.undecided
         least = int(np.sum(self.overturned & ~is_open))
-        low, high = empirical.share(least, least + int(is_open.sum()), self.size, _confidence(confidence))
+        low, high = empirical.share(least, least + int(is_open.sum()), self.size, _checked(confidence))
         return float(np.mean(self.overturned)), low, high
 
     def compare(
@@ -349,23 +348,23 @@ class Ensemble:
         component: int | None = None,
         confidence: float = CONFIDENCE,
     ) -> Comparison:
-        """Compare an answer with that of another ensemble by the test of Kolmogorov and Smirnov, (E3).
+        """Compare an answer in two ensembles by the Kolmogorov–Smirnov test, (E3).
 
         - `other`: ensemble with another seed, because the samples must be independent
         - `output`, `component`: the answer, as for `sample`
-        - `confidence`: confidence level of the interval of the distance, in (0, 1)
+        - `confidence`: confidence level of the bounds of the distance, in (0, 1)
 
-        Returns a [`rockjax.Comparison`][]. Raises `ValueError` for ensembles with one seed, and for other
-        invalid inputs.
+        Returns a [`rockjax.Comparison`][]. Raises `ValueError` if both ensembles have the same seed, and for
+        other invalid inputs.
         """
         require_instance("Ensemble", "other", other, Ensemble, "a rockjax.Ensemble")
         if self.data.attrs["seed"] == other.data.attrs["seed"]:
             raise ValueError(
-                f"Ensemble: both ensembles have the seed {self.data.attrs['seed']}, so that they are not "
+                f"Ensemble: both ensembles have the seed {self.data.attrs['seed']}, so they are not "
                 "independent; draw one of them with another seed"
             )
         first, second = (y.sample(output, component) for y in (self, other))
-        return empirical.compare(first, second, _confidence(confidence))
+        return empirical.compare(first, second, _checked(confidence))
 
     def dataset(self) -> xarray.Dataset:
         """Return a copy of `data`: draws and answers of all scenes, with units and parameters."""
@@ -373,7 +372,7 @@ class Ensemble:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of scenes, and of those that overturned, are undecided or unanswered."""
+        """Numbers of all scenes, and of overturned, undecided and unanswered scenes."""
         names = "overturned", "undecided", "unanswered"
         return {"scenes": self.size} | {name: int(np.sum(getattr(self, name))) for name in names}
 
@@ -392,7 +391,7 @@ class Ensemble:
         return f"<p>{escape(headline)}</p>" + "".join(tables.html(rows, heads="row") for rows in groups)
 
     def _tables(self) -> tuple[Any, ...]:
-        """Return a headline, and the tables of draws and of quantiles that have rows."""
+        """Return a headline, and the tables of draws and of quantiles; empty tables are left out."""
         share, low, high = self.overturning_probability()
         counts = self.counts
         is_checked = "undecided" in self.data
@@ -402,20 +401,20 @@ class Ensemble:
             f"{high:.3g}), {counts['unanswered']} unanswered, {undecided}"
         )
         draws = [
-            (f"{name} [{displayed(self.data[name].attrs['units'])}]", *map(_number, _moments(y)))
+            (f"{name} [{displayed(self.data[name].attrs['units'])}]", *map(_format, _moments(y)))
             for name, y in self.draws.items()
         ]
         answers = []
         for name in (name for name in self.answers if name not in ALWAYS):
             values = self.quantiles(name, _SHOWN)["quantile"].values
             unit = displayed(self.data[name].attrs["units"])
-            answers.append((f"{name} [{unit}]", *map(_number, values)))
+            answers.append((f"{name} [{unit}]", *map(_format, values)))
         headings = ("drawn", "mean", "std", "least", "largest"), ("answer", *(f"{q:.0%}" for q in _SHOWN))
         parts = zip(headings, (draws, answers), strict=True)
         return headline, *([heading, *rows] for heading, rows in parts if rows)
 
 
-_SHOWN = (0.05, 0.5, 0.95)  # probabilities of the quantiles in text
+_SHOWN = (0.05, 0.5, 0.95)  # probabilities of the printed quantiles
 
 
 def _moments(values: np.ndarray) -> tuple[float, ...]:
@@ -423,18 +422,18 @@ def _moments(values: np.ndarray) -> tuple[float, ...]:
     return float(values.mean()), spread, float(values.min()), float(values.max())
 
 
-def _number(value: float) -> str:
+def _format(value: float) -> str:
     return f"{value:.4g}"
 
 
-def _confidence(value: float) -> float:
+def _checked(value: float) -> float:
     return require_number("Ensemble", "confidence", value, lambda y: 0 < y < 1, "in (0, 1)")
 
 
 def _variables(
     dim: str, names: Sequence[str], estimates: empirical.Estimates, attrs: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the variables of estimates and their bounds."""
+    """Return the dataset variables of estimates and their bounds."""
     prefixes = "", "lower bound of the ", "upper bound of the "
     long_name = attrs.get("long_name") or names[0]
     return {

@@ -46,8 +46,8 @@ from rockjax._structures import Podium
 if TYPE_CHECKING:
     import xarray
 
-# Variables of a dataset: name → (unit, description). The first two dictionaries have dims of levels, dampings
-# and periods, the third of levels only, and the last has none of them.
+# Variables of the dataset: name → (unit, description). SPECTRA and OTHERS have the dims level, damping and
+# period; OF_LEVELS has only the dim level, and OF_SCENES has none of them.
 SPECTRA = {
     "pseudo_acceleration": ("m s-2", "pseudo-acceleration ω² max|x|"),
     "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),
@@ -113,15 +113,15 @@ def floor_spectrum(
     - `absolute_acceleration`: largest absolute acceleration of the oscillator [m/s²]
     - `relative_displacement`: max|x| [m]; `peak_time`: when it is first reached [s]
     - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by max|x|. The spectrum is
-      final where it is at most 1; inf without a bound
+      final where this ratio is at most 1; inf if there is no bound
     - `pseudo_acceleration_sensitivity` …: sensitivities, with the further dim `parameter`
 
     Other variables describe floors, with the dims (motion, level), and scenes, with the dim motion:
 
     - `peak_acceleration`: peak acceleration of the floor without velocity jumps [m/s²]
     - `peak_velocity_jump`: largest velocity jump of the floor [m/s]
-    - `overturned`, `overturn_time`: whether and when the podium overturned. Values of such a scene cover the
-      time until then
+    - `overturned`, `overturn_time`: whether and when the podium overturned. The values of a scene that
+      overturns cover only the time until overturning
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` for a scene that does not finish.
     """
@@ -136,9 +136,9 @@ def floor_spectrum(
     require(owner, "periods", T, lambda v: v > 0, "finite and > 0 s")
     require(owner, "damping", zeta, lambda v: (v >= 0) & (v < 1), "in [0, 1)")
     levels = list(level) if isinstance(level, list | tuple | np.ndarray) else [level]
-    rows = {str(y): np.asarray(floor_weights(owner, podium, y)) for y in levels}
+    weights_by_level = {str(y): np.asarray(floor_weights(owner, podium, y)) for y in levels}
     if weights is not None:
-        levels, rows = [], {"weights": np.asarray(floor_weights(owner, podium, DECK, weights))}
+        levels, weights_by_level = [], {"weights": np.asarray(floor_weights(owner, podium, DECK, weights))}
     check_direction(owner, direction)
     end = None if t_end is None else require_number(owner, "t_end", t_end, np.isfinite, "finite")
     start = as_start(owner, initial, podium)
@@ -146,7 +146,7 @@ def floor_spectrum(
         sensitivities = check_sensitivities(owner, podium, member, sensitivities)
     import_in_background(*TABLES)
     stories = {str(y): y for y in levels if y != DECK} if sensitivities else {}
-    request = _Request(rows, stories, T, zeta, direction, tuple(sensitivities))
+    request = _Request(weights_by_level, stories, T, zeta, direction, tuple(sensitivities))
     labels = None if not is_suite else list(range(1, len(members) + 1)) if names is None else names
 
     def solve(podium: Podium, options: Options, request: _Request) -> xarray.Dataset:
@@ -165,30 +165,31 @@ def floor_spectrum(
         if fixed_base:
             fixed_podium = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
             # The deck of this podium moves with the ground.
-            weights_with_deck = {DECK: 0 * next(iter(rows.values()))} | rows
+            weights_with_deck = {DECK: 0 * next(iter(weights_by_level.values()))} | weights_by_level
             fixed_request = request._replace(weights=weights_with_deck, stories={}, names=())
             fixed = solve(fixed_podium, options.replace(overturn_ratio=1.0), fixed_request)
             for name in SPECTRA:
                 data[f"ground_{name}"] = fixed[name].sel(level=DECK, drop=True)
-                data[f"fixed_base_{name}"] = fixed[name].sel(level=list(rows))
-    of_motion = {} if is_suite else describe_excitation(members[0]) | dict(describe_origin(excitation))
+                data[f"fixed_base_{name}"] = fixed[name].sel(level=list(weights_by_level))
+    origin = {} if is_suite else describe_excitation(members[0]) | dict(describe_origin(excitation))
     data.attrs = {
         "title": "Floor response spectra",
         "kind": "floor-spectrum",
         "direction": direction,
-        **of_motion,
+        **origin,
     }
     data.attrs |= describe_podium(podium) | describe_options(options)
     return data
 
 
 class _Request(NamedTuple):
-    """The requested spectra, which are the same for every scene.
+    """The requested spectra, the same for every scene.
 
     - `weights`: weights of the modes by level
-    - `stories`: numbers of the stories, by level, whose weights have derivatives
+    - `stories`: level → number of the story, for levels whose weights have derivatives
     - `periods`, `damping`: axes of the spectra
-    - `direction`: "horizontal" or "vertical"; `names`: parameters of the sensitivities
+    - `direction`: "horizontal" or "vertical"
+    - `names`: names of the parameters for which sensitivities are computed
     """
 
     weights: dict[str, np.ndarray]
@@ -200,7 +201,7 @@ class _Request(NamedTuple):
 
 
 class _Spectrum(NamedTuple):
-    """Variables of one scene by name.
+    """Variables of one scene: name → values.
 
     - `values`: arrays over levels, dampings, periods and, for sensitivities, parameters
     - `of_levels`: arrays over levels
@@ -213,7 +214,7 @@ class _Spectrum(NamedTuple):
 
 
 def _axis(owner: str, name: str, values: Any) -> np.ndarray:
-    """Return periods or dampings as an array of one dimension."""
+    """Return periods or dampings as a one-dimensional array; raise `ValueError` for other shapes."""
     array = np.atleast_1d(np.asarray(as_float(values, f"{owner}: {name}")))
     if array.ndim != 1 or array.size == 0:
         raise ValueError(
@@ -266,9 +267,9 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
         size = peaks.displacement
         later = np.minimum(peaks.later, size) if rests else peaks.envelope + remaining_impulse / omega
         ratio = np.where(size > 0, later / np.where(size > 0, size, 1.0), np.where(later > 0, np.inf, 0.0))
-        of_load = omega**2 * size, peaks.acceleration, size, peaks.time, ratio
+        load_values = omega**2 * size, peaks.acceleration, size, peaks.time, ratio
         slopes_of_load = omega**2 * peaks.slopes[0], peaks.slopes[1], peaks.slopes[0]
-        for name, value in zip(values, of_load, strict=True):
+        for name, value in zip(values, load_values, strict=True):
             values[name].append(value.reshape(shape))
         for name, value in zip(sensitivities, slopes_of_load, strict=True):
             sensitivities[name].append(np.moveaxis(value, 0, -1).reshape(*shape, -1))
@@ -288,8 +289,8 @@ def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -
     def joined(values: list) -> np.ndarray:
         return values[0] if labels is None else np.stack(values)
 
-    of_motions = () if labels is None else ("motion",)
-    dims = (*of_motions, "level", "damping", "period")
+    motion_dims = () if labels is None else ("motion",)
+    dims = (*motion_dims, "level", "damping", "period")
     slopes = {slope_name(name): (unit, f"y ∂/∂y of the {words}") for name, (unit, words) in SPECTRA.items()}
     data = {}
     for name, (unit, words) in (SPECTRA | OTHERS | slopes).items():
@@ -299,7 +300,7 @@ def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -
     for name, (unit, words) in OF_LEVELS.items():
         data[name] = dims[:-2], joined([y.of_levels[name] for y in spectra]), _attributes(unit, words)
     for name, (unit, words) in OF_SCENES.items():
-        data[name] = of_motions, joined([y.of_scene[name] for y in spectra]), _attributes(unit, words)
+        data[name] = motion_dims, joined([y.of_scene[name] for y in spectra]), _attributes(unit, words)
     coords: dict[str, Any] = {
         "level": list(request.weights),
         "damping": ("damping", request.damping, _attributes("1", "damping ratio of the oscillator ζ")),
@@ -315,13 +316,13 @@ def _attributes(unit: str, words: str) -> dict[str, str]:
 
 
 def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
-    """Return a floor spectrum with broader peaks: its largest values between T/(1+β) and T/(1−β), (L11).
+    """Broaden the peaks of a floor spectrum: take the largest value between T/(1+β) and T/(1−β), (L11).
 
-    - `spectrum`: result of [`rockjax.floor_spectrum`][] with ascending periods, or its envelope
+    - `spectrum`: result of [`rockjax.floor_spectrum`][] with ascending periods, or of `envelope`
     - `ratio`: β, in [0, 1) [–]; 0.15 is usual for nuclear facilities
 
-    Between its periods, the spectrum is interpolated linearly over log T; it is not extrapolated. The result
-    has only the variables `pseudo_acceleration`, `absolute_acceleration` and `relative_displacement`. Raises
+    The spectrum is interpolated linearly in log T between its periods, and not extrapolated. The result has
+    only the variables `pseudo_acceleration`, `absolute_acceleration` and `relative_displacement`. Raises
     `ValueError` for periods that do not ascend, and for a ratio out of range.
     """
     owner = "broadened"
@@ -334,14 +335,14 @@ def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
     low, high = (np.clip(log + y, log[0], log[-1]) for y in (-np.log1p(ratio), -np.log1p(-ratio)))
     inside = (log >= low[:, None]) & (log <= high[:, None])
 
-    def widest(values: np.ndarray) -> np.ndarray:
+    def broaden(values: np.ndarray) -> np.ndarray:
         at_ends = np.maximum(np.interp(low, log, values), np.interp(high, log, values))
         return np.maximum(at_ends, np.where(inside, values, -np.inf).max(axis=1))
 
     data = spectrum[names].copy(deep=True)
     for name in names:
         axis = data[name].dims.index("period")
-        data[name].values[...] = np.apply_along_axis(widest, axis, spectrum[name].values)
+        data[name].values[...] = np.apply_along_axis(broaden, axis, spectrum[name].values)
     data.attrs["broadened"] = ratio
     return data
 
@@ -353,10 +354,10 @@ def envelope(
     quantile: float | None = None,
     overturned: Literal["raise", "drop"] = "raise",
 ) -> xarray.Dataset:
-    """Return the envelope or a quantile of floor spectra over a dim, at each period.
+    """Return the envelope or a quantile of floor spectra over motions or levels, at each period.
 
     - `spectra`: result of [`rockjax.floor_spectrum`][]
-    - `over`: dim, `"motion"` or `"level"`
+    - `over`: dim that is reduced, `"motion"` or `"level"`
     - `quantile`: quantile in [0, 1], such as 0.84 [–]; None for the largest value
     - `overturned`: `"raise"`, or `"drop"` to leave out scenes that overturned, whose spectra are lower
       bounds; scenes can be dropped only over `"motion"`

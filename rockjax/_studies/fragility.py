@@ -1,4 +1,4 @@
-"""Ensembles of records: incremental dynamic analysis and the distribution of least overturning scales."""
+"""Incremental dynamic analysis of records, and the distribution of their least overturning scales."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from .spectra import boundary_axis
 if TYPE_CHECKING:
     import xarray
 
-ENSEMBLE = Options()  # the default options of single scenes, so that compiled programs are shared
+ENSEMBLE = Options()  # equal to the defaults of single scenes, so that they share compiled programs
 
 
 class Measure(NamedTuple):
@@ -54,15 +54,15 @@ class Measure(NamedTuple):
 
 
 def pga(records: Records | RecordPairs) -> Measure:
-    """Return the peak ground acceleration of each record [m/s²]."""
+    """Return the peak ground acceleration of records as an intensity measure [m/s²]."""
     return Measure("PGA", np.asarray(records.sizes()).max(axis=1), "m s-2")
 
 
-HIGHEST = 6.0  # default of the highest level: median PGA divided by g tan α
+HIGHEST = 6.0  # default highest level, as PGA/(g tan α)
 
 
 def measure_of(name: str, period: float | None, suite: Motions) -> Measure:
-    """Return the intensity measure of motions.
+    """Return an intensity measure, evaluated for each motion of a suite.
 
     - `name`: "PGA", "PGV", "Sa" with `period` [s], or "scale" for the factor on the motions
     """
@@ -76,10 +76,10 @@ def measure_of(name: str, period: float | None, suite: Motions) -> Measure:
 def levels_of(
     podium: Podium, suite: Motions, measure: Measure, ends: tuple[float, float] | None, count: int
 ) -> np.ndarray:
-    """Return levels of an analysis at equal distances.
+    """Return equally spaced intensity levels.
 
-    - `ends`: lowest and highest level. By default they go up to the level at which the median PGA is
-      6 g tan α
+    - `ends`: lowest and highest level. By default the highest is 6 g tan α, converted from PGA to `measure`
+      by the median ratio of the suite
     - `count`: number of levels
     """
     if ends is None:
@@ -94,7 +94,7 @@ def levels_of(
 
 
 def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:
-    """Return the labels of records: their names, or integers from 1 without names.
+    """Return the labels of records: their names, or integers from 1 if `names` is None.
 
     - `owner`: function that error messages name
     - `records`: the records
@@ -161,11 +161,11 @@ def incremental_dynamic_analysis(
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
     - `names`: names of the records; by default those of the motions, or integers from 1
     - `sensitivities`: parameters y of the podium for which d ln(capacity)/d ln y is computed
-    - `width`: every interval of overturning intensities below the capacity that is wider than this share of
-      the highest level is found, in (0, 0.1]
-    - `resolution`: number of intervals up to the highest level at whose ends each record is evaluated; it
-      determines which boundaries above the capacity are found
-    - `options`: options of the scenes. With `overturn_ratio` < 1 the limit state is a rotation of that ratio
+    - `width`: the search for the capacity misses no interval of overturning intensities that is wider than
+      this share of the highest level, in (0, 0.1]
+    - `resolution`: number of equal intervals up to the highest level whose ends are evaluated; it determines
+      which boundaries above the capacity are found
+    - `options`: options of the scenes. With `overturn_ratio` < 1 the limit state is |θ|/α at that ratio
       instead of overturning
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
@@ -175,9 +175,9 @@ def incremental_dynamic_analysis(
     - `capacity`: the least intensity that overturns; NaN if no intensity up to the highest level does
     - `boundaries` (additional dim `boundary`): intensities at which the outcome changes between survival and
       overturning, ascending. They are exact to about 1e-9. Above the capacity their number grows with
-      `resolution` without limit, because rocking through many impacts creates windows within windows
-    - `certain_width`: every interval of overturning intensities below the capacity that is wider than this
-      was found
+      `resolution` without limit, because rocking through many impacts creates ever narrower windows
+    - `certain_width`: largest width that a missed interval of overturning intensities below the capacity can
+      have
     - `sensitivity` (additional dim `parameter`): d ln(capacity)/d ln y
 
     Raises `ValueError` for invalid inputs.
@@ -197,15 +197,15 @@ def incremental_dynamic_analysis(
     require_memory(owner, count * (levels.size + resolution + 1), advice=FEWER_LINES)
 
     def plane(x, y):
-        which = np.asarray(x).astype(np.int32)
-        # In NumPy, because JAX would compile a program for every shape.
-        return podium, records.chosen(which, y / unscaled[which])
+        record_index = np.asarray(x).astype(np.int32)
+        # This must be NumPy, because JAX would compile a program for every shape.
+        return podium, records.chosen(record_index, y / unscaled[record_index])
 
     import_in_background(*TABLES)
     lines = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, *lines, options, width)
     peaks = peak_responses(*plane(lines[0][:, None], levels), options=options, progress=progress)
-    # Not "everywhere": above the first boundary, their number grows with the resolution without limit.
+    # refine="everywhere" would only add ever narrower windows above the capacity.
     search = scan(plane, *lines, resolution, options, progress, refine="below", width=width, dips=False)
     boundaries, impacts = search.crossings.table(count)
     import xarray
@@ -229,11 +229,11 @@ def incremental_dynamic_analysis(
         },
     )
     if sensitivities:
-        which, table = np.arange(count, dtype=np.int32), records.common_form()
+        record_index, table = np.arange(count, dtype=np.int32), records.common_form()
         slopes = log_sensitivities(
             podium,
             boundaries[:, 0] / unscaled,
-            {"which": which},
+            {"which": record_index},
             tuple(sensitivities),
             options,
             records=table,
@@ -248,7 +248,7 @@ def incremental_dynamic_analysis(
 
 
 def checked_measure(owner: str, measure: Measure | str, records: Records | RecordPairs) -> Measure:
-    """Return an intensity measure of records. Raises `ValueError` for a measure that is not one of them."""
+    """Return an intensity measure of records. Raises `ValueError` for any other measure."""
     if isinstance(measure, str):
         measures = {
             "PGA": lambda: pga(records),
@@ -279,7 +279,7 @@ def overturning_distribution(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Lognormal:
-    """Return median and dispersion of the least overturning scale of records; differentiable.
+    """Return the differentiable median and dispersion of the least overturning scales of records.
 
     The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A record
     that no scale up to `max_scale` overturns is censored there; its derivative is zero. The result is NaN
@@ -289,8 +289,8 @@ def overturning_distribution(
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records
     - `max_scale`: end of the search for each record, > 0 [–]
-    - `measure`: intensities of the unscaled records, shape (k,); the median is in their unit. By default it
-      is a scale [–]
+    - `measure`: intensities of the unscaled records, shape (k,); the median is in their unit. By default
+      the median is a scale factor [–]
     - `options`, `width`, `resolution`: as for [`rockjax.overturning_boundary`][]
 
     Raises `ValueError` for invalid inputs.
@@ -301,8 +301,8 @@ def overturning_distribution(
     records, _ = as_records(owner, records)
     unscaled = jnp.ones(len(records)) if measure is None else as_float(measure, f"{owner}: measure")
 
-    def least_scale(which):
-        motion = records.pick(which)
+    def least_scale(record_index):
+        motion = records.pick(record_index)
         return overturning_boundary(
             podium, motion, max_scale=max_scale, options=options, width=width, resolution=resolution
         ).scale

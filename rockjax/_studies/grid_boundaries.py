@@ -1,7 +1,7 @@
-"""Overturning boundaries of a rocking spectrum, by bisection between grid points of different outcome.
+"""Overturning boundaries of a rocking spectrum, by bisection between grid points with different outcomes.
 
-The scenes use the programs that are compiled for the grid. Boundaries between two neighbouring grid points
-with the same outcome are not found; [`rockjax.overturning_spectrum`][] finds them.
+The bisection runs the programs that are compiled for the grid. It misses boundaries between two neighbouring
+grid points with the same outcome; [`rockjax.overturning_spectrum`][] finds them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .spectra import boundary_axis, group_by_structure, stack_podiums
 if TYPE_CHECKING:
     import xarray
 
-HALVINGS = 14  # to 6e-5 of the grid's spacing
+HALVINGS = 14  # of a grid interval, down to 6e-5 of its length
 
 
 def with_boundaries(
@@ -39,27 +39,27 @@ def with_boundaries(
     options: Options,
     progress: Any = False,
 ) -> list[xarray.Dataset]:
-    """Return rocking spectra with the variables `minimum` and `boundaries` of overturning spectra (host).
+    """Add the variables `minimum` and `boundaries` of overturning spectra to rocking spectra (host).
 
     - `spectra`: result of [`rockjax.rocking_spectra`][]
-    - `podiums`, `pulse`, `options`: arguments with which the spectra were computed
+    - `podiums`, `pulse`, `options`: arguments of that call
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    If a frequency overturns at the lowest acceleration of the grid, this acceleration is its first boundary.
-    Ctrl-C raises [`rockjax.Interrupted`][] with the unchanged spectra.
+    Where the lowest acceleration of the grid overturns, it is the first boundary of that frequency. Ctrl-C
+    raises [`rockjax.Interrupted`][] with the unchanged spectra.
     """
     with_boundary: dict[int, xarray.Dataset] = {}
     for members in group_by_structure(podiums).values():
         group = [spectra[k] for k in members]
         overturned = np.stack([data["overturned"].values.T for data in group])  # podium, frequency, amplitude
         ratios = group[0]["acceleration_ratio"].values
-        which, column, row = np.nonzero(np.diff(overturned, axis=2))
+        podium_index, column, row = np.nonzero(np.diff(overturned, axis=2))
         boundaries = np.zeros(0)
-        if which.size:
+        if podium_index.size:
             overturns = _overturns(
-                [podiums[k] for k in members], group, pulse, which, column, options, progress
+                [podiums[k] for k in members], group, pulse, podium_index, column, options, progress
             )
-            low_outcome = overturned[which, column, row]
+            low_outcome = overturned[podium_index, column, row]
             has_low_outcome = lambda ratio, low_outcome=low_outcome, overturns=overturns: (
                 overturns(ratio) == low_outcome
             )
@@ -69,9 +69,9 @@ def with_boundaries(
                 raise Interrupted("stopped while boundaries were narrowed down", list(spectra)) from None
             boundaries = 0.5 * (low + high)
         for j, (k, data) in enumerate(zip(members, group, strict=True)):
-            is_member, overturned_from_start = which == j, np.flatnonzero(overturned[j, :, 0])
-            columns = np.concatenate([overturned_from_start, column[is_member]])
-            values = np.concatenate([np.full(overturned_from_start.size, ratios[0]), boundaries[is_member]])
+            is_own, overturned_from_start = podium_index == j, np.flatnonzero(overturned[j, :, 0])
+            columns = np.concatenate([overturned_from_start, column[is_own]])
+            values = np.concatenate([np.full(overturned_from_start.size, ratios[0]), boundaries[is_own]])
             order = np.argsort(columns, kind="stable")
             with_boundary[k] = _add_boundaries(data, columns[order], values[order])
     return [with_boundary[k] for k in range(len(podiums))]
@@ -81,22 +81,22 @@ def _overturns(
     podiums: Sequence[Podium],
     spectra: Sequence[xarray.Dataset],
     pulse,
-    which: np.ndarray,
+    podium_index: np.ndarray,
     column: np.ndarray,
     options: Options,
     progress: Any,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function from acceleration ratios, one per interval, to whether these scenes overturn.
+    """Return a function that maps an acceleration ratio per interval to whether each scene overturns.
 
     - `podiums`, `spectra`: podiums of one structure and their spectra
     - `pulse`, `options`, `progress`: as for `with_boundaries`
-    - `which`, `column`: indices of the podium and the frequency of each interval, shape (n,)
+    - `podium_index`, `column`: indices of the podium and the frequency for each interval, shape (n,)
     """
     derived = [derived_numbers(podium) for podium in podiums]
-    g_tan_alpha = np.array([constants["g_tan_alpha_m_s2"] for constants in derived])[which]
-    p = np.array([constants["p_rad_s"] for constants in derived])[which]
+    g_tan_alpha = np.array([constants["g_tan_alpha_m_s2"] for constants in derived])[podium_index]
+    p = np.array([constants["p_rad_s"] for constants in derived])[podium_index]
     T_p = pulse_period(p, spectra[0]["frequency_ratio"].values[column])
-    combined = stack_podiums(podiums, lambda values: values[which])
+    combined = stack_podiums(podiums, lambda values: values[podium_index])
 
     def overturns(ratio: np.ndarray) -> np.ndarray:
         motions = pulse(ratio * g_tan_alpha, T_p)

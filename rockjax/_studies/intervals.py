@@ -4,11 +4,10 @@ For capacities, the intervals follow from the profile likelihood. As a function 
 and σ the mean and standard deviation of ln(capacity), the log-likelihood is concave (Olsen 1978), so its
 profiles have one maximum. Without censored records, the profile of the median is a function of Student's t
 statistic, and the profile of the dispersion is a function of the χ² statistic. Bounds at the quantiles of
-these distributions, instead of the large-sample χ², are exact. With censored records the same quantiles are
-used.
+these distributions are therefore exact. With censored records the same quantiles are used.
 
-For counts, the jackknife over records is used: counts at different levels come from the same records and are
-not independent.
+For counts, the jackknife over records is used, because counts at different levels come from the same records
+and are not independent.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ _MAX_DOUBLINGS = 60  # largest number of doublings of the first step
 
 
 class Intervals(NamedTuple):
-    """Bounds (lower, upper along the first axis) of ln(median), ln(dispersion) and the probit of P(x)."""
+    """Bounds (first axis: lower, upper) of ln(median), ln(dispersion) and the probit of the curve."""
 
     log_median: np.ndarray
     log_dispersion: np.ndarray
@@ -71,7 +70,7 @@ class Capacities(NamedTuple):
         )
 
     def profile_at_probit(self, x, probit):
-        """Return the largest log-likelihood of the distributions with P(capacity ≤ exp(x)) = Φ(probit)."""
+        """Return the largest log-likelihood among distributions with P(capacity ≤ exp(x)) = Φ(probit)."""
         offset, limit = self.mean - x, x - self.log_limit
 
         def derivative(log_theta):
@@ -83,7 +82,7 @@ class Capacities(NamedTuple):
         return self.log_likelihood(theta, theta * x - probit)
 
     def profile_at_dispersion(self, log_dispersion):
-        """Return the largest log-likelihood of the distributions with this dispersion."""
+        """Return the largest log-likelihood among distributions with this dispersion."""
         theta = np.exp(-log_dispersion)
 
         def derivative(delta):
@@ -100,9 +99,9 @@ def _hazard(z):
 
 
 def _first_outside(condition: Callable, start: np.ndarray, sign: int) -> np.ndarray:
-    """Return the first point, at distances from `start` that double, where an elementwise condition is false.
+    """Step away from `start`, doubling the distance, until an elementwise condition is false.
 
-    `sign` is the direction, 1 or −1. After `_MAX_DOUBLINGS` steps the last point is returned.
+    `sign` is the direction, 1 or −1. The search ends after at most `_MAX_DOUBLINGS` steps.
     """
     point, step = start, 0.5
     for _ in range(_MAX_DOUBLINGS):
@@ -131,13 +130,13 @@ def profile_intervals(capacities: Capacities, median, dispersion, at, confidence
 
     - `capacities`: statistics of the capacities
     - `median`, `dispersion`: the fitted values
-    - `at`: intensities of the curve, in the unit of the median; they broadcast with the statistics
+    - `at`: intensities of the curve, in the unit of the median; broadcast with `capacities`
     - `confidence`: confidence level, in (0, 1)
     """
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
     maximum = capacities.log_likelihood(1 / dispersion, mu / dispersion)
-    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # of twice the log-likelihood
+    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # fall of twice the log-likelihood
 
     def bounds(excess: Callable, start) -> np.ndarray:
         ends = (_first_outside(lambda y: excess(y) > 0, start, sign) for sign in (-1, 1))
@@ -176,7 +175,7 @@ def _dispersion_bound(capacities: Capacities, log_dispersion, maximum, ratio) ->
 
 
 def jackknife_intervals(estimate: np.ndarray, reduced: np.ndarray, confidence: float) -> np.ndarray:
-    """Return jackknife intervals (lower, upper), shape (2, …); corrected for bias, with Student's t.
+    """Return bias-corrected jackknife intervals (lower, upper) with Student's t, shape (2, …).
 
     - `estimate`: estimates from all records, shape (…)
     - `reduced`: estimates without one record each, shape (n, …)

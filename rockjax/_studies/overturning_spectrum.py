@@ -56,22 +56,22 @@ def overturning_spectrum(
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α), > 0 [–]
     - `sensitivities`: parameters y for which d a_ov/d ln y is computed along the minimum: parameters of the
       podium, such as `"alpha"`, `"R"`, `"T_s"`, and `"T_p"`. The other parameters are held constant
-    - `resolution`: number of intervals at whose ends each frequency is evaluated first. Intervals in which
-      the margin may cross zero are divided further
-    - `width`: every interval of overturning amplitudes below the minimum that is wider than this share of
-      `max_acceleration_ratio` is found, in (0, 0.1]
+    - `resolution`: number of equal intervals of the acceleration whose ends are evaluated first. Intervals in
+      which the overturning margin may cross zero are divided further
+    - `width`: the search for the minimum misses no interval of overturning accelerations that is wider than
+      this share of `max_acceleration_ratio`, in (0, 0.1]
     - `options`: options of the scenes
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
     Returns a Dataset over `frequency_ratio`. Accelerations are divided by g tan α.
 
-    - `minimum`: the least overturning acceleration a_ov; NaN where nothing overturns
+    - `minimum`: the least overturning acceleration a_ov; NaN if there is none
     - `boundaries` (additional dim `boundary`): accelerations at which the outcome changes, ascending, padded
       with NaN; exact to about 1e-10
     - `impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no boundary
-    - `one_sided`: True where the minimum is about to jump to another branch
-    - `certain_width`: every interval of overturning amplitudes below the minimum that is wider than this was
-      found
+    - `one_sided`: True where a small change of the parameters may let the minimum jump to a lower branch
+    - `certain_width`: largest width that a missed interval of overturning accelerations below the minimum
+      can have
     - `sensitivity` (additional dim `parameter`): d a_ov/d ln y
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` if no scene of a frequency finishes.
@@ -120,7 +120,7 @@ def check_overturning_resumes(
     sensitivities,
     options: Options,
 ) -> None:
-    """Raise `ValueError` if a spectrum was computed with other arguments of `overturning_spectrum`.
+    """Raise `ValueError` unless a spectrum to resume was computed with these arguments.
 
     - `spectrum`: spectrum to resume
     - `podium`, `pulse`, `frequency_ratio`, `max_acceleration_ratio`, `sensitivities`, `options`: as for

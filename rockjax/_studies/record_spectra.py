@@ -1,4 +1,4 @@
-"""Spectra of records over the size of a structure: overturning demand and displacement of the column tops."""
+"""Record spectra: overturning demand and displacement of the column tops against the structure's size."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ def record_spectrum(
     options: Options = ENSEMBLE,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Compute the effect of records on structures that differ in the size of the columns only (host).
+    """Compute the effect of records on structures that differ only in the size of their columns (host).
 
     - `podium`: podium with scalar parameters; its `R` is replaced by the value that follows from `p`
     - `records`: `Motions`, `Records`, or a list of motions or records
     - `p`: frequency parameters √(3g/4R), shape (n,), > 0, ascending [rad/s]
     - `max_scale`: largest factor on the records in the search for overturning, > 0 [–]
     - `names`: names of the records; by default those of the motions, or integers from 1
-    - `width`: every interval of overturning factors below the least that is wider than this share of
-      `max_scale` is found, in (0, 0.1]
-    - `resolution`: number of intervals up to `max_scale` at whose ends each scene is evaluated first
+    - `width`: the search for the least overturning factor misses no interval of overturning factors that is
+      wider than this share of `max_scale`, in (0, 0.1]
+    - `resolution`: number of equal intervals up to `max_scale` whose ends are evaluated first
     - `options`: options of the scenes
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
@@ -64,7 +64,7 @@ def record_spectrum(
       tops relative to the ground under the unscaled records [m]; NaN where the structure overturns. Far from
       overturning it is almost independent of the size
 
-    Raises `ValueError` for invalid inputs, and `RuntimeError` if no scene of a line finishes.
+    Raises `ValueError` for invalid inputs, and `RuntimeError` if no scene of a record and size finishes.
     """
     owner = "record_spectrum"
     check_types(owner, podium, options)
@@ -100,15 +100,15 @@ def record_spectrum(
     displacement = np.where(overturned, np.nan, 2 * R * (np.sin(alpha) - np.sin(alpha * (1 - rotation))))
     import xarray
 
-    one, dims = {"units": "1"}, ("record", "p")
+    ratio, dims = {"units": "1"}, ("record", "p")
     return xarray.Dataset(
         {
             "demand": (
                 dims,
                 (1 / least_scale).reshape(shape),
-                one | {"long_name": "PGA divided by least overturning PGA"},
+                ratio | {"long_name": "PGA divided by least overturning PGA"},
             ),
-            "peak_rotation": (dims, rotation, one | {"long_name": "max|θ|/α"}),
+            "peak_rotation": (dims, rotation, ratio | {"long_name": "max|θ|/α"}),
             "overturned": (dims, overturned, {"long_name": "overturned"}),
             "top_displacement": (dims, displacement, {"units": "m", "long_name": "max|u_b|"}),
         },

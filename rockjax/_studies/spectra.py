@@ -52,11 +52,11 @@ def rocking_spectrum(
     - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
     - `options`: options of the scenes; `options.outputs` selects the variables
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
-    - `resume`: an incomplete spectrum, the `partial` of [`rockjax.Interrupted`][], which Ctrl-C raises; only
-      its missing scenes are solved
+    - `resume`: an incomplete spectrum to complete, the `partial` of the [`rockjax.Interrupted`][] that Ctrl-C
+      raised; only missing scenes are solved
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is computed, as in
       [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The other parameters are held
-      constant; the pulse does not change with the parameters of the podium
+      constant, so a_p and T_p do not change with the parameters of the podium
 
     Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`. Its variables are the scalars of
     [`rockjax.Peak`][] in `options.outputs` (`"errors"` gives `peak_rotation_error` … and `undecided`) and
@@ -178,7 +178,7 @@ def rocking_spectra(
 def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], stop: threading.Event) -> list:
     """Return the results of all submitted groups of podiums; Ctrl-C sets `stop` and submits no more.
 
-    Each group is a thread, so one group is compiled while another runs.
+    Each group has its own thread, so one group is compiled while another runs.
     """
     futures = []
     try:
@@ -191,7 +191,7 @@ def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], st
 
 
 def group_by_structure(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
-    """Return the indices of podiums that can share one batch, by the structure of their pytrees.
+    """Group the indices of podiums by the structure of their pytrees; each group can share one batch.
 
     Podiums with a vibrating superstructure come first, because their programs take longest to compile.
     """
@@ -202,10 +202,10 @@ def group_by_structure(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
 
 
 def stack_podiums(podiums: Sequence[Podium], per_podium: Callable[[np.ndarray], np.ndarray]) -> Podium:
-    """Return one podium that contains the parameters of podiums of the same structure.
+    """Combine podiums of the same structure into one podium with array parameters.
 
     - `podiums`: n podiums
-    - `per_podium`: gives arrays of shape (n,) the shape that broadcasts with the scenes
+    - `per_podium`: function that reshapes an array of shape (n,) to broadcast with the scenes
 
     Parameters that are equal in all podiums remain scalars; the others become arrays.
     """
@@ -239,7 +239,7 @@ def _check_resumed(
     options: Options,
     sensitivities: Sequence[str],
 ) -> list:
-    """Return the spectrum to resume, or None, for each podium; raise `ValueError` if one does not fit."""
+    """Return the spectrum to resume, or None, for each podium. Raises `ValueError` for a mismatch."""
     if isinstance(resume, str) or not isinstance(resume, Iterable | None):
         raise ValueError(f"{owner}: resume must be a list of spectra or None, got {format_value(resume)}")
     resumed = list(resume) if resume is not None else [None] * len(podiums)
@@ -256,7 +256,7 @@ def _check_resumed(
 
 
 def _find_unsolved(resumed: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:
-    """Return a mask of the scenes of a spectrum that are missing; all if there is no spectrum to resume."""
+    """Return a mask of the missing scenes; all are missing if there is no spectrum to resume."""
     return np.ones(shape, bool) if resumed is None else np.asarray(resumed["result"] == results.INTERRUPTED)
 
 
@@ -267,7 +267,7 @@ def _place_values(values: np.ndarray, where: np.ndarray) -> np.ndarray:
 
 
 def _merge_resumed(resumed: xarray.Dataset | None, new: xarray.Dataset) -> xarray.Dataset:
-    """Return a new spectrum, completed by the solved scenes of the resumed one."""
+    """Return the new spectrum with the solved scenes of the resumed spectrum filled in."""
     if resumed is None:
         return new
     solved = ~_find_unsolved(resumed, ())
@@ -284,8 +284,7 @@ def check_resumes(
 
     - `owner`: function that error messages name
     - `spectrum`: spectrum to resume
-    - `attributes`: required values of attributes, by name
-    - `axes`: required values of axes, by name
+    - `attributes`, `axes`: required values of attributes and axes, by name
     """
     if not hasattr(spectrum, "coords"):
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Random variants of a scene."""
+"""Random variants of a podium, its ground motion and its initial state."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ class Variants(NamedTuple):
 
     - `podium`, `initial`: the structure and the initial state
     - `motion`: a motion, or a batch of motions of shape (k,)
-    - `which`: index of the motion of each scene, shape (n,); None for a single motion
+    - `motion_index`: index of the motion of each scene, shape (n,); None for a single motion
     """
 
     podium: Podium
     motion: AbstractExcitation
     initial: State
-    which: np.ndarray | None
+    motion_index: np.ndarray | None
 
-    def of(
+    def scenes(
         self, draws: Mapping[str, np.ndarray], scene: Any = slice(None)
     ) -> tuple[Podium, AbstractExcitation, State]:
-        """Return podiums, motions and initial states of scenes.
+        """Return the podiums, motions and initial states of all scenes, or of one.
 
-        - `draws`: values of parameters by name, shape (n,), or numbers of one scene
-        - `scene`: number of the scene; by default all
+        - `draws`: values of parameters by name, shape (n,); for one scene, numbers
+        - `scene`: index of the scene; by default all scenes
 
-        Raises `ValueError` for an initial rotation that is not smaller than α.
+        Raises `ValueError` if an initial rotation is not smaller than α.
         """
         motion = self.motion
-        if self.which is not None:
-            motion = pick_motions(motion, np.asarray(self.which[scene]))
-        of_scene = {name: values for name, values in draws.items() if name not in INITIAL}
-        podium, motion = with_parameters("ensemble", self.podium, motion, of_scene)
+        if self.motion_index is not None:
+            motion = pick_motions(motion, np.asarray(self.motion_index[scene]))
+        others = {name: values for name, values in draws.items() if name not in INITIAL}
+        podium, motion = with_parameters("ensemble", self.podium, motion, others)
         top, changes = podium.superstructure, {}
         for name in draws.keys() & INITIAL.keys():
             field, values = INITIAL[name].place, draws[name]

@@ -163,7 +163,7 @@ def test_picture_and_file(tmp_path):
         ({"contents": rj.Oscillator(0.3)}, "contents must be"),
         ({"contents": {1: rj.Contents(0.2, 0.5)}}, "contents must be"),
         ({"contents": ()}, "contents must be"),
-        ({"contents": rj.Contents(0.2, np.array([0.5, 1.0]))}, "contents must hold single numbers"),
+        ({"contents": rj.Contents(0.2, np.array([0.5, 1.0]))}, "contents must have scalar parameters"),
         ({"contents": rj.Contents(0.2, 0.5, level=1)}, "level must be"),
         ({"damage_states": (0.5, 0.5)}, "damage_states must be"),
         ({"damage_states": (0.5, 1.5)}, "damage_states must be from 0 to the overturn_ratio 1"),
