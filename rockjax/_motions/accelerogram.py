@@ -18,8 +18,8 @@ from rockjax._unit_warnings import PlausibilityWarning, warn_about_units
 from rockjax._units import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # a larger PGA suggests samples in gal that were read as m/s²
-LOWEST_PGA = 1e-4 * STANDARD_GRAVITY
-# Lowest PGA if only the user states that a file is in m/s²; a smaller one suggests samples in g.
+LOWEST_PGA = 1e-4 * STANDARD_GRAVITY  # a smaller PGA also suggests a wrong unit
+# The same, if the unit m/s² comes from the user and not from the file; a smaller PGA suggests samples in g.
 LOWEST_USER_PGA = 0.05 * STANDARD_GRAVITY
 SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # range of sampling intervals without a warning [s]
 RAW = "raw"  # metadata["processing"] starts with this word for uncorrected data
@@ -32,8 +32,7 @@ class RecordWarning(PlausibilityWarning):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Accelerogram:
-    """Samples with a name, a source and the contents of the file header: the base class of
-    [`rockjax.Motion`][]."""
+    """Base class of [`rockjax.Motion`][]: samples with name, source and contents of the file header."""
 
     acceleration: np.ndarray
     dt: float
@@ -72,18 +71,14 @@ class Accelerogram:
 
     @functools.cached_property
     def velocity(self) -> np.ndarray:
-        """Ground velocity at the samples, from rest, shape (n,) [m/s]. The trapezoidal rule is exact for the
-        motion."""
+        """Ground velocity at the samples, starting from rest, shape (n,) [m/s]."""
         steps = 0.5 * self.dt * (self.acceleration[1:] + self.acceleration[:-1])
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     @functools.cached_property
     def displacement(self) -> np.ndarray:
-        """Ground displacement at the samples, from rest, shape (n,) [m].
-
-        It is the integral of the velocity by the trapezoidal rule with end correction (Euler–Maclaurin),
-        which is exact for the motion.
-        """
+        """Ground displacement at the samples, starting from rest, shape (n,) [m]."""
+        # The trapezoidal rule with end correction (Euler–Maclaurin) is exact for a parabolic velocity.
         steps = 0.5 * self.dt * (self.velocity[1:] + self.velocity[:-1])
         trapezoids = np.concatenate([[0.0], np.cumsum(steps)])
         return trapezoids - self.dt**2 / 12 * (self.acceleration - self.acceleration[0])

@@ -22,10 +22,10 @@ def _normalise(name: str) -> str:
 
 
 def is_vertical(name: str) -> bool:
-    """Return whether the name of a component means a vertical one, such as `Up`, `U-D`, `UD1`, `VERT.`,
-    `DWN`, `HNZ`."""
+    """Return whether a component's name, such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`, means the
+    vertical."""
     return any(
-        _is_vertical(_normalise(part)) for part in (name, (name.split() or [""])[0], name.split(".")[-1])
+        _is_vertical(_normalise(word)) for word in (name, (name.split() or [""])[0], name.split(".")[-1])
     )
 
 
@@ -34,12 +34,11 @@ def _is_vertical(normalised: str) -> bool:
 
 
 def points_down(name: str) -> bool:
-    """Return whether the name of a vertical component means positive downwards, such as `DWN`."""
-    return any(_DOWN_NAME.fullmatch(_normalise(part)) for part in (name, (name.split() or [""])[0]))
+    """Return whether a vertical component's name, such as `DWN`, means that downwards is positive."""
+    return any(_DOWN_NAME.fullmatch(_normalise(word)) for word in (name, (name.split() or [""])[0]))
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Split the name of a motion into the name without the suffix of a vertical component, and this suffix.
-    The suffix is empty if the name has none."""
+    """Split a motion's name into its stem and the suffix of a vertical component (empty if there is none)."""
     match = _VERTICAL_SUFFIX.search(name)
     return (name[: match.start()], match[1]) if match else (name, "")

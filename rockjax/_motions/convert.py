@@ -33,15 +33,15 @@ AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
 
 
 class SingleMotions(NamedTuple):
-    """Single motions, and their names, or None if one of them has no name."""
+    """Single motions, and their names; `names` is None if any motion has no name."""
 
     members: Sequence[AbstractExcitation]
     names: list[str] | None
 
 
 def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcitation:
-    """Return the excitation of an argument. An excitation, single or a batch, stays as it is; anything
-    else must contain exactly one motion."""
+    """Convert an argument to an excitation. An excitation, single or a batch, is returned unchanged; any
+    other value must contain exactly one motion."""
     if isinstance(value, AbstractExcitation):
         return value
     members = single_motions(owner, value, name).members
@@ -67,19 +67,19 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
 
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
-    """Return a table of all records, or of all pairs of records, and their names, or None if one has no
-    name."""
+    """Return all records, or all pairs of records, as one table, and their names (None if any record has
+    no name)."""
     if isinstance(value, RecordPairs):
         return value, None
     if isinstance(value, Records):
         which, scale = concrete(value.which), concrete(value.scale)
-        traced = which is None or scale is None
-        is_complete = traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
+        is_traced = which is None or scale is None
+        is_complete = is_traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
         return (value if is_complete else Records.of(_records_of_table(owner, value, name))), None
     members, names = single_motions(owner, value, name)
     pairs = [member for member in members if isinstance(member, GroundMotion)]
     components = [component for pair in pairs for component in (pair.horizontal, pair.vertical)]
-    if pairs and len(pairs) == len(members) and all(isinstance(y, Record) for y in components):
+    if pairs and len(pairs) == len(members) and all(isinstance(motion, Record) for motion in components):
         return RecordPairs.of(pairs), names
     for k, member in enumerate(members):
         if not isinstance(member, Record):
@@ -91,8 +91,8 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
 
 
 def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
-    """Return one or several motions as a list of `Motion` (host). Records become motions; of a
-    `GroundMotion` only the horizontal component is returned."""
+    """Return one or several motions as a list of `Motion` (host). Records become motions; a `GroundMotion`
+    contributes only its horizontal component."""
     if isinstance(value, Motion):
         return [value]
     if isinstance(value, Motions):
@@ -118,7 +118,7 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
 
 
 def single_motions(owner: str, value, name: str) -> SingleMotions:
-    """Return all single motions of an argument, which may be one motion, several, or a list of both."""
+    """Return all single motions in an argument: one motion, several, or a nested list."""
     if isinstance(value, Motion):
         return SingleMotions([value.record()], [value.name])
     if isinstance(value, Motions):
@@ -132,18 +132,17 @@ def single_motions(owner: str, value, name: str) -> SingleMotions:
     if isinstance(value, list | tuple) or (
         isinstance(value, Iterable) and not isinstance(value, _NO_MOTIONS)
     ):
-        parts = [single_motions(owner, entry, f"{name}[{k}]") for k, entry in enumerate(value)]
-        members = [member for part in parts for member in part.members]
+        entries = [single_motions(owner, entry, f"{name}[{k}]") for k, entry in enumerate(value)]
+        members = [member for entry in entries for member in entry.members]
         if not members:
             raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
-        named = [part.names for part in parts if part.names is not None]
-        return SingleMotions(
-            members, make_unique([y for names in named for y in names]) if len(named) == len(parts) else None
-        )
+        names = [label for entry in entries for label in entry.names or ()]
+        has_names = all(entry.names is not None for entry in entries)
+        return SingleMotions(members, make_unique(names) if has_names else None)
     raise ValueError(f"{owner}: {name} must be {ACCEPTED_MOTIONS}, got {format_value(value)}{_advice(value)}")
 
 
-_NO_MOTIONS = str | bytes | Path | np.ndarray | jax.Array | dict | type  # iterable or not, never motions
+_NO_MOTIONS = str | bytes | Path | np.ndarray | jax.Array | dict | type  # never motions, even if iterable
 ACCEPTED_MOTIONS = "a rockjax motion (Record, Motion, a pulse …), Motions, Records or a list of them"
 
 
@@ -178,7 +177,7 @@ def _require_single(owner: str, motion: AbstractExcitation, name: str) -> Abstra
 
 
 def _records_of_table(owner: str, records: Records, name: str) -> list[Record]:
-    """Return the selected records of a table as a list of single records."""
+    """Return the selected rows of a table as single records."""
     which, counts = concrete(records.which), concrete(records.counts)
     if which is None or counts is None:
         raise ValueError(f"{owner}: {name} must be concrete, but is traced; pass a list of records")
@@ -214,7 +213,8 @@ def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractEx
 
 
 def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], AbstractExcitation]:
-    """Return a class of pulses, or a function (a_p, T_p) ↦ excitation that checks what it returns."""
+    """Check an argument that makes pulses. A class of pulses is returned unchanged, and a function
+    (a_p, T_p) ↦ excitation as a function that also checks its results."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return value
     if isinstance(value, AbstractPulse):

@@ -1,4 +1,4 @@
-"""Reading of the ground motion in a file, and conversion of its unit."""
+"""Reading of the ground motion in a file, and conversion to m/s²."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def read(
 
     - `path`: file
     - `units`: unit of the samples, if the file does not state it
-    - `dt`: sampling interval [s], if the file states neither it nor times
+    - `dt`: sampling interval [s], if the file states neither the interval nor times
     - `component`: number or name of a channel, if the file has several
 
     Raises `ValueError` that names the file, the line and the cause.

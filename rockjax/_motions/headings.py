@@ -23,7 +23,8 @@ _QUANTITIES = [
     ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
     ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
 ]  # fmt: skip
-# Dimensions of the units that a kind may have. Other kinds have units of their own dimension.
+# Dimensions of the units that headings of a kind may have. For a kind that is not listed, the dimension has
+# the name of the kind.
 _DIMENSIONS = {
     "probability": {"ratio"},
     "rate": {"rate", "ratio"},
@@ -49,12 +50,12 @@ class Heading(NamedTuple):
     """The meaning of a heading.
 
     - `text`: the heading as written in the file
-    - `quantity`: the heading without unit and investigation time. `PGA`, `PGV`, `PGD` and `Sa(1 s)` are
-      written like this, whatever their spelling in the file
+    - `quantity`: the heading without unit and investigation time. `PGA`, `PGV`, `PGD` and `Sa(1 s)` always
+      have this spelling
     - `kind`: `time`, `index`, `acceleration`, `velocity`, `displacement`, `probability`, `rate`, `return
-      period`, `ratio`, `counts`; an empty string if neither words nor unit determine it
-    - `unit`: a key of `rockjax._units.UNITS`; None if the heading has none
-    - `years`: investigation time of a probability [years]; None if the heading has none
+      period`, `ratio`, `counts`; an empty string if neither words nor unit determine the kind
+    - `unit`: a key of `rockjax._units.UNITS`; None if the heading has no unit
+    - `years`: investigation time of a probability [years]; None if the heading has no such time
     """
 
     text: str
@@ -91,7 +92,7 @@ def parse_heading(where: str, text: str) -> Heading:
     elif unit and UNITS[unit].dimension not in _DIMENSIONS.get(kind, {kind}):
         suitable = [name for name, other in UNITS.items() if other.dimension in _DIMENSIONS.get(kind, {kind})]
         raise ValueError(
-            f"{where}: heading {text.strip()!r}: {unit} is not a unit of {kind}; its units are "
+            f"{where}: heading {text.strip()!r}: {unit} is not a unit of {kind}; use one of "
             f"{', '.join(suitable)}"
         )
     if not quantity and not unit:
@@ -107,7 +108,7 @@ def _match_quantity(words: str) -> str:
 
 
 def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
-    """Return the quantity and the unit, or None for the unit, in the words of a heading `text`."""
+    """Split words into quantity and unit (None if there is no unit); messages quote the heading `text`."""
     if (unit := unit_of(words)) and not _match_quantity(words):
         return "", unit
     if brackets := _BRACKETS.search(words):
@@ -122,8 +123,8 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
         ):
             return words, None
         raise ValueError(
-            f"{where}: the unit {in_brackets!r} in the heading {text.strip()!r} is not known; known are "
-            f"the units {', '.join(UNITS)}"
+            f"{where}: the unit {in_brackets!r} in the heading {text.strip()!r} is not known; use one of "
+            f"{', '.join(UNITS)}"
         )
     if _is_symbol(words):
         return words, None

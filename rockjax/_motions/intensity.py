@@ -40,9 +40,9 @@ def arias_intensity(motion: Accelerogram) -> float:
 def cumulative_absolute_velocity(motion: Accelerogram) -> float:
     """Return ∫|ü_g| dt [m/s]."""
     a, b = np.abs(motion.acceleration[:-1]), np.abs(motion.acceleration[1:])
-    both = np.where(a + b > 0, a + b, 1.0)
-    crosses = motion.acceleration[:-1] * motion.acceleration[1:] < 0
-    return float(0.5 * motion.dt * np.sum(np.where(crosses, (a * a + b * b) / both, a + b)))
+    divisor = np.where(a + b > 0, a + b, 1.0)
+    crosses_zero = motion.acceleration[:-1] * motion.acceleration[1:] < 0
+    return float(0.5 * motion.dt * np.sum(np.where(crosses_zero, (a * a + b * b) / divisor, a + b)))
 
 
 def significant_duration(motion: Accelerogram, start: float = 0.05, end: float = 0.95) -> float:
@@ -80,18 +80,18 @@ def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: f
         raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")
     if not 0 <= damping < 1:
         raise ValueError(f"spectral_acceleration: damping must be >= 0 and < 1, got damping = {damping!r}")
-    found, moves = np.full(periods.shape, motion.pga), periods > 0
-    if moves.any():
-        T = periods[moves]
+    accelerations, is_positive = np.full(periods.shape, motion.pga), periods > 0
+    if is_positive.any():
+        T = periods[is_positive]
         peaks = largest(ground_load(motion.acceleration, motion.dt), T, np.full(T.shape, damping), True)
-        found[moves] = (2 * math.pi / T) ** 2 * peaks.displacement
-    return found
+        accelerations[is_positive] = (2 * math.pi / T) ** 2 * peaks.displacement
+    return accelerations
 
 
 def measure_motion(
     motion: Accelerogram, measure: str, period: float | None, damping: float
 ) -> tuple[float, int]:
-    """Return an intensity measure of a motion by its name, and the power of the scale factor to which it is
+    """Return the intensity measure with a name, and the power of the motion's scale factor to which it is
     proportional.
 
     - `motion`: ground motion
@@ -99,7 +99,7 @@ def measure_motion(
     - `period`: period of Sa, ≥ 0 [s]; None for other measures
     - `damping`: damping ratio of Sa [–]
 
-    Raises `ValueError` for another measure, for Sa without a period, and for another measure with a period.
+    Raises `ValueError` for an unknown measure, for Sa without a period, and for other measures with a period.
     """
     scalar_measures = {
         "PGA": (lambda: motion.pga, 1),
@@ -126,7 +126,7 @@ LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
 
 
 def measure_by_label(motion: Accelerogram, label: str) -> float:
-    """Return an intensity measure by its label on curves, in SI units.
+    """Return the intensity measure that a label of hazard and fragility curves names, in SI units.
 
     - `label`: `"PGA"`, `"PGV"`, or a label such as `"Sa(0.5 s)"`; Sa has 5 % damping
 
@@ -147,7 +147,7 @@ def intensity_measures(
     damping: float = 0.05,
     podium: Podium | None = None,
 ) -> xarray.Dataset:
-    """Return [`rockjax.intensity_measures`][] of a motion or a sequence of motions.
+    """Implement [`rockjax.intensity_measures`][] for a motion or a sequence of motions.
 
     - `motion`, `periods`, `damping`, `podium`: as for [`rockjax.intensity_measures`][]
     """
@@ -175,7 +175,7 @@ def intensity_measures(
         ),
         "scale": (
             "1",
-            "factor on the motion as read",
+            "scale factor relative to the file",
             [float(m.metadata.get("scale", 1.0)) for m in motions],
         ),
     }
@@ -184,16 +184,16 @@ def intensity_measures(
         require_instance(owner, "podium", podium, Podium, "a rockjax.Podium, or None")
         if np.ndim(podium.alpha) or np.ndim(podium.R) or np.ndim(podium.g):
             raise ValueError("intensity_measures: podium must be a single podium, got arrays of parameters")
-        unit, p = float(g_tan_alpha(podium.alpha, podium.g)), float(podium.p)
+        uplift, p = float(g_tan_alpha(podium.alpha, podium.g)), float(podium.p)
         attrs |= {"alpha_rad": float(podium.alpha), "R_m": float(podium.R), "p_rad_s-1": p}
-        columns["acceleration_ratio"] = ("1", "PGA/(g tan α)", [m.pga / unit for m in motions])
-        columns["velocity_ratio"] = ("1", "p PGV/(g tan α)", [p * m.pgv / unit for m in motions])
+        columns["acceleration_ratio"] = ("1", "PGA/(g tan α)", [m.pga / uplift for m in motions])
+        columns["velocity_ratio"] = ("1", "p PGV/(g tan α)", [p * m.pgv / uplift for m in motions])
     dims = ("motion",) if is_sequence else ()
     as_column = lambda values: values if is_sequence else values[0]
     data = xarray.Dataset(
         {
-            name: (dims, as_column(values), {"units": unit, "long_name": words})
-            for name, (unit, words, values) in columns.items()
+            name: (dims, as_column(values), {"units": unit, "long_name": long_name})
+            for name, (unit, long_name, values) in columns.items()
         },
         coords={
             "motion": (dims, as_column([m.name for m in motions])),
@@ -203,6 +203,6 @@ def intensity_measures(
     )
     spectra = [spectral_accelerations(m, T, damping) for m in motions]
     shape = (len(motions), len(T)) if is_sequence else (len(T),)
-    words = {"units": "m s-2", "long_name": "pseudo-spectral acceleration"}
-    data["Sa"] = ((*dims, "period"), np.reshape(spectra, shape), words)
+    attributes = {"units": "m s-2", "long_name": "pseudo-spectral acceleration"}
+    data["Sa"] = ((*dims, "period"), np.reshape(spectra, shape), attributes)
     return data

@@ -29,14 +29,14 @@ def intensity_measures(
       give arrays with the dimension `motion`
     - `periods`: periods T of Sa(T), ≥ 0 [s]
     - `damping`: damping ratio of Sa, 0 ≤ ζ < 1 [–]
-    - `podium`: adds the dimensionless measures of rocking of Dimitrakopoulos & Paraskeva (2015):
+    - `podium`: adds the dimensionless rocking measures that Dimitrakopoulos & Paraskeva (2015) define:
       `acceleration_ratio` PGA/(g tan α), which must exceed 1 for the uplift of a rigid podium, and
       `velocity_ratio` p·PGV/(g tan α)
 
     Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s],
-    `arias_intensity` π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], `scale` (factor on the
-    motion as read), and the pseudo-acceleration `Sa` [m/s²] along `period`. `D5_95` is the time from 5 %
-    to 95 % of the Arias intensity, which is interpolated linearly between samples.
+    `arias_intensity` π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], `scale` (scale factor
+    relative to the file), and the pseudo-acceleration `Sa` [m/s²] along `period`. `D5_95` is the time from
+    5 % to 95 % of the Arias intensity, which is interpolated linearly between samples.
 
     Raises `ValueError` for periods and damping outside their ranges, and for a podium with arrays of
     parameters.

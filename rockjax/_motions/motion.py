@@ -41,15 +41,15 @@ class Motion(Accelerogram):
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; stored as a read-only copy
     - `dt`: sampling interval, > 0 [s]
     - `name`: name of the motion
-    - `source`: the file of the motion, or None
+    - `source`: the file from which the motion was read, or None
     - `metadata`: contents of the file header, such as station, component, event, date, unit in the file
       and filter corners
     - `vertical`: vertical component of the same ground motion, or None; [`rockjax.Motions.paired`][] sets
-      it. Methods that change a motion also change its vertical component. Measures are those of the
+      it. Methods that change a motion also change its vertical component. Intensity measures describe the
       horizontal motion
 
-    Raises `ValueError` for fewer than two or non-finite samples, for gaps (masked samples, or values such
-    as -999 or 999999 that stand for missing samples) and for dt ≤ 0.
+    Raises `ValueError` for fewer than two samples, for samples that are not finite, for gaps (masked
+    samples, or values such as -999 or 999999 that stand for missing samples) and for dt ≤ 0.
     """
 
     vertical: Motion | None = None
@@ -129,8 +129,8 @@ class Motion(Accelerogram):
         """Return the motion without its drift: a polynomial is subtracted from the velocity, and its
         derivative from ü_g.
 
-        - `order`: degree of the polynomial in the velocity, 1 to 8. The polynomial in the acceleration is
-          of one degree less: 1 removes a constant, 2 a straight line, 3 a parabola
+        - `order`: degree of the polynomial in the velocity, 1 to 8. From the acceleration, order 1 removes
+          a constant, 2 a straight line, 3 a parabola
 
         The polynomial is zero at the start and equals the velocity at the end, so that the corrected
         motion starts and ends at rest. Otherwise it is fitted to the velocity by least squares.
@@ -149,8 +149,7 @@ class Motion(Accelerogram):
         c = np.linalg.lstsq(shapes, self.velocity - end * s, rcond=None)[0]
         slope = end + (powers * s[:, None] ** (powers - 1) - 1) @ c
         corrected = self._with_samples(self.acceleration - slope / self.duration, baseline_order=order)
-        # The velocity of the samples, by the trapezoidal rule, differs slightly from the polynomial at
-        # the end.
+        # The velocity that the corrected samples reach at the end is not exactly zero; a constant removes it.
         corrected = corrected._with_samples(corrected.acceleration - corrected.velocity[-1] / self.duration)
         return corrected._with_vertical(lambda vertical: vertical.baseline_corrected(order))
 
@@ -175,8 +174,8 @@ class Motion(Accelerogram):
             )
         first = int(np.searchsorted(cumulative_energy, lower * cumulative_energy[-1], side="right")) - 1
         last = int(np.searchsorted(cumulative_energy, upper * cumulative_energy[-1]))
-        part = slice(max(first, 0), max(last, first + 1) + 1)
-        trimmed, vertical = self._with_samples(self.acceleration[part]), self.vertical
+        window = slice(max(first, 0), max(last, first + 1) + 1)
+        trimmed, vertical = self._with_samples(self.acceleration[window]), self.vertical
         if vertical is None:
             return trimmed
         if vertical.dt != self.dt:
@@ -184,15 +183,16 @@ class Motion(Accelerogram):
                 f"trimmed: the vertical motion of {self.name} is sampled every {vertical.dt:g} s, the "
                 f"horizontal one every {self.dt:g} s; resample one of them"
             )
-        if len(vertical.acceleration[part]) < 2:
+        if len(vertical.acceleration[window]) < 2:
             return dataclasses.replace(trimmed, vertical=None)
-        return dataclasses.replace(trimmed, vertical=vertical._with_samples(vertical.acceleration[part]))
+        return dataclasses.replace(trimmed, vertical=vertical._with_samples(vertical.acceleration[window]))
 
     def save(self, path: str | Path) -> Path:
         """Write the motion to a file, atomically, in the format of its suffix: `.AT2` or `.csv`.
 
-        PEER's `.AT2` contains g with 8 digits, and 0 for samples below 1e-99 g. `.csv` contains time [s]
-        and the exact acceleration [m/s²]. [`rockjax.read_motion`][] reads both without further arguments.
+        `.AT2` (PEER) contains the acceleration in g with 8 digits, and 0 for samples below 1e-99 g. `.csv`
+        contains the time [s] and the exact acceleration [m/s²]. [`rockjax.read_motion`][] reads both
+        without further arguments.
 
         Raises `ValueError` for another suffix and for a motion with a vertical component. Raises
         `OSError`, which names the file and the cause, if the file cannot be written.
@@ -218,7 +218,7 @@ class Motion(Accelerogram):
             header_text(key, default)
             for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
         )
-        # Exponents of three digits would leave no blank between the columns.
+        # Columns would touch if an exponent had three digits.
         samples = np.where(
             np.abs(self.acceleration) < _AT2_SMALLEST * STANDARD_GRAVITY, 0.0, self.acceleration
         )
@@ -324,7 +324,7 @@ class Motions(Sequence[Motion]):
         - `period`: period of Sa [s]; None for other measures
         - `damping`: damping ratio of Sa [–]
 
-        Raises `ValueError` for another measure, a value ≤ 0, and a motion that is zero throughout.
+        Raises `ValueError` for an unknown measure, a value ≤ 0, and a motion that is zero throughout.
         """
         require_number("scaled_to", "value", value, lambda v: v > 0, "finite and > 0")
         require_number("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")

@@ -1,4 +1,4 @@
-"""Pulses of near-fault records: tables of Mavroeidis–Papageorgiou pulses, and their fit to a record."""
+"""Pulses of near-fault records: tables of Mavroeidis–Papageorgiou pulses, and fits of a pulse to a record."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ QUANTITIES = ("velocity", "displacement")
 PERIODS = (0.3, 12.0)  # default range of initial periods [s]; the duration of the record limits it as well
 OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # initial values of γ
 FREQUENCIES = 40  # number of initial frequencies
-STARTS = 4  # number of starts of the least squares
+STARTS = 4  # number of starting points of the least squares
 
 
 class PulseTable(NamedTuple):
@@ -83,10 +83,10 @@ def _number(path: Path, k: int, column: str, row: dict) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class PulseFit:
-    """The pulse in a record.
+    """A pulse fitted to a record.
 
     - `pulse`: the pulse, centred on t = 0
-    - `time`: time of its centre in the record [s]
+    - `time`: time in the record of the pulse's centre [s]
     - `share`: fraction of ∫v² dt of the record that the pulse explains, or of ∫d² dt if the displacement
       is fitted [–]
     - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`
@@ -136,9 +136,9 @@ def fit_pulse(
     - `shortest`, `longest`: range of initial periods 1/f_p [s]
 
     For 40 periods and 5 numbers of oscillations, correlation finds the best time of the pulse in the
-    record. Least squares (Levenberg–Marquardt) start from the best four of them.
+    record. Least squares (Levenberg–Marquardt) start from the four best pulses of different periods.
     [`rockjax.refit_pulse`][] gives derivatives of the pulse with respect to the samples. Raises
-    `ValueError` for anything but one motion, for a motion that is zero throughout, and for invalid
+    `ValueError` for none or several motions, for a motion that is zero throughout, and for invalid
     periods.
     """
     owner = "fit_pulse"
@@ -175,16 +175,16 @@ _refit_stacked = StoredProgram(_refit_leaves)
 
 
 def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
-    """Return the starts of the least squares: at most four pulses, at local maxima over the frequency.
+    """Return the starting points of the least squares: at most four pulses, whose frequencies are local
+    maxima of the explained share.
 
     - `velocity`: velocity of the record, shape (n,) [m/s]
     - `dt`: sampling interval [s]
     - `frequencies`: frequencies of the pulses [Hz]; for each, the best γ, time, amplitude and phase are used
     """
     total = float(velocity @ velocity)
-    best = [max(_best_time(velocity, dt, f, gamma) for gamma in OSCILLATIONS) for f in frequencies]
+    best = [max(_best_pulse(velocity, dt, f, gamma) for gamma in OSCILLATIONS) for f in frequencies]
     shares = np.array([explained for explained, *_ in best]) / total
-    # Local maxima of the explained share over the frequency.
     maxima = [k for k in range(len(best)) if shares[k] == shares[max(k - 1, 0) : k + 2].max()]
     starts = []
     for k in sorted(maxima, key=lambda k: -shares[k])[:STARTS]:
@@ -194,9 +194,9 @@ def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[Pu
     return starts
 
 
-def _best_time(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
-    """Return the best pulse with the frequency f_p and the number of oscillations γ: the part of Σv² that
-    it explains, the time of its centre, A, γ and ν."""
+def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
+    """Return the best pulse with the frequency f_p and γ oscillations: the part of Σv² that the pulse
+    explains, the time of its centre, A, γ and ν."""
     from scipy.signal import fftconvolve
 
     half = math.floor(0.5 * gamma / f_p / dt)
@@ -258,18 +258,18 @@ def refit_pulse(
 
 
 def _integral(acceleration: Float[Array, " n"], dt) -> Float[Array, " n"]:
-    """Return the velocity at the samples, from rest [m/s]."""
+    """Return the velocity at the samples, starting from rest [m/s]."""
     increments = 0.5 * dt * (acceleration[1:] + acceleration[:-1])
     return jnp.concatenate([jnp.zeros(1), jnp.cumsum(increments)])
 
 
 def _pulse(y: Float[Array, " 5"]) -> MavroeidisPapageorgiou:
-    """Return the pulse of the unknowns (A, ln f_p, ln(γ − 1), ν, time)."""
+    """Return the pulse with the parameters (A, ln f_p, ln(γ − 1), ν, time) of the least squares."""
     return MavroeidisPapageorgiou(y[0], jnp.exp(y[1]), 1 + jnp.exp(y[2]), y[3])
 
 
 def _normalise(pulse: MavroeidisPapageorgiou) -> MavroeidisPapageorgiou:
-    """Return an equal pulse with A ≥ 0 and −π < ν ≤ π."""
+    """Return the same pulse with A ≥ 0 and −π < ν ≤ π."""
     phase = jnp.where(pulse.A < 0, pulse.nu + math.pi, pulse.nu)
     nu = phase - 2 * math.pi * jax.lax.stop_gradient(jnp.ceil(phase / (2 * math.pi) - 0.5))
     return dataclasses.replace(pulse, A=jnp.abs(pulse.A), nu=nu)

@@ -20,8 +20,8 @@ def sha256(samples: Any) -> str:
 
 
 def describe_record(record: Record) -> dict[str, Any]:
-    """Return attributes that identify a record: number of samples, dt, PGA with the scale of the record,
-    and checksum of the unscaled samples."""
+    """Return attributes that identify a record: number of samples, dt, PGA (including `scale`), and
+    checksum of the unscaled samples."""
     samples = np.asarray(record.acceleration, float)
     return {
         "record_samples": samples.size,
@@ -75,14 +75,14 @@ def _named_motions(argument: Any) -> list[Motion]:
     return []
 
 
-def record_coords(records: Records | RecordPairs, given: Any = None) -> dict[str, Any]:
-    """Return coordinates along `record` that identify records.
+def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[str, Any]:
+    """Return dataset coordinates along the dimension `record` that identify records.
 
     - `records`: table of the records
-    - `given`: argument from which the table was made, or None
+    - `argument`: argument from which the table was made, or None
 
-    The coordinates are dt, PGA and checksum of the samples, and source and seed if all motions in `given`
-    have them.
+    The coordinates are dt, PGA and checksum of the samples, and source and seed if all motions in
+    `argument` have them.
     """
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)
@@ -92,7 +92,7 @@ def record_coords(records: Records | RecordPairs, given: Any = None) -> dict[str
     ]
     pga = np.array([np.abs(row).max(initial=0.0) for row in rows])
     pga_attrs = {"units": "m s-2", "long_name": "largest ground acceleration of the record"}
-    origins = [dict(describe_origin(motion)) for motion in _named_motions(given)]
+    origins = [dict(describe_origin(motion)) for motion in _named_motions(argument)]
     optional = {}
     for name, long_name in (("source", "file of the record"), ("seed", "seed of the synthetic motion")):
         values = [origin[f"record_{name}"] for origin in origins if f"record_{name}" in origin]

@@ -32,9 +32,9 @@ def read_motion(
 
     - `path`: file to read
     - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state its unit
-    - `dt`: sampling interval, > 0 [s]; required if the file contains neither it nor times
+    - `dt`: sampling interval, > 0 [s]; required if the file contains neither the interval nor times
     - `component`: number or name of a channel, such as `1`, `"Up"` or `"HNE"`, if the file has several.
-      All usual names of the vertical component mean the same channel
+      Any usual name of the vertical component selects the vertical channel
 
     Raises `ValueError`, with the file, the line and the cause, for a file that cannot be read as a ground
     motion, for headings that are unknown or contradict `units` or `dt`, and for gaps. If a channel must
@@ -67,7 +67,7 @@ def read_suite(
     - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; cells of the table have
       priority
     - `scale`: factor on all motions [–]; it is multiplied by the factor in the table
-    - `pattern`: read only files of a folder with such names, for example `"*.AT2"`, and no `suite.csv`
+    - `pattern`: read only the files of a folder whose names match, such as `"*.AT2"`, and ignore `suite.csv`
 
     Raises `ValueError`, which lists all files that cannot be read, each with the cause.
     """
@@ -116,8 +116,7 @@ def is_table(path: Path) -> bool:
 
 
 def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
-    """Return the rows of a table of files: file and line of the row, for messages, and its cells that are not
-    empty."""
+    """Return the rows of a table of files: location `file:line`, for messages, and non-empty cells."""
     reader = csv.reader(io.StringIO(read_text(path), newline=""))
     try:
         rows = [
@@ -129,7 +128,7 @@ def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
         raise ValueError(f"{path}: the file is not a table of files: {error}") from None
     if not rows or "file" not in rows[0][1]:
         raise ValueError(
-            f"{path}:1: the table needs a row of headings with the column 'file'; known are "
+            f"{path}:1: the table needs a row of headings with the column 'file'; known columns are "
             f"{', '.join(_COLUMNS)}"
         )
     _, names = rows[0]
@@ -142,8 +141,7 @@ def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
         if len(cells) > len(names):
             raise ValueError(
                 f"{path}:{line}: the line has {len(cells)} cells, but there are {len(names)} headings; "
-                f"quote cells "
-                "that contain commas"
+                "quote cells that contain commas"
             )
         row = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
         if "file" not in row:

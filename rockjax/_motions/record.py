@@ -43,8 +43,8 @@ class Record(AbstractSampled):
     - `scale`: factor on the samples [–]
     - `t_start`: time of the first sample [s]
 
-    Raises `ValueError` for fewer than two or non-finite samples, and for gaps: masked samples, and values
-    such as -999 or 999999 that stand for missing samples.
+    Raises `ValueError` for fewer than two samples, for samples that are not finite, and for gaps: masked
+    samples, and values such as -999 or 999999 that stand for missing samples.
     """
 
     acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_number("Record: acceleration"))
@@ -78,7 +78,7 @@ class Record(AbstractSampled):
         - `path`: file to read
         - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state
           its unit
-        - `dt`: sampling interval [s]; required if the file contains neither it nor times
+        - `dt`: sampling interval [s]; required if the file contains neither the interval nor times
         - `scale`: factor on the samples [–]
         - `component`: number or name of a channel, if the file has several
 
@@ -121,8 +121,8 @@ class Record(AbstractSampled):
         return {"acceleration": 1}
 
     def common_form(self) -> PaddedRecord:
-        """Return the record padded to one of a few sizes. Batches have more sizes, because they take more
-        memory."""
+        """Return the record padded to one of a few sizes. The sizes for batches are closer together, to
+        save memory."""
         samples = self.acceleration
         count, sizes = samples.shape[-1], RECORD_SIZES if samples.ndim == 1 else TABLE_SIZES
         return PaddedRecord(
@@ -135,8 +135,8 @@ class Record(AbstractSampled):
 
 
 class PaddedRecord(Record):
-    """A record padded with zeros, so that records of different lengths share programs. The first `count`
-    elements are samples."""
+    """A record padded with zeros, so that records of different lengths share compiled programs. The first
+    `count` elements are samples."""
 
     count: Int[Array, ""] = eqx.field(converter=as_array, default=0)
 

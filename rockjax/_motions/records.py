@@ -35,10 +35,10 @@ MIN_ROWS = 8  # smallest number of rows of a padded table
 class Records(AbstractSampled):
     """A batch of records, of any lengths and sampling intervals, in one table.
 
-    `Records.of(records)` returns a batch of all given records, shape (k,). `pick(j)` selects record j, or
-    for an array of indices a batch of its shape; `scaled(factor)` broadcasts against the batch. In
-    [`rockjax.peak_responses`][] all scenes share the table, and one program serves records of different
-    lengths.
+    `Records.of(records)` returns a batch of all given records, shape (k,). `pick(j)` selects record j; with
+    an array of indices it returns a batch of the array's shape. `scaled(factor)` broadcasts against the
+    batch. In [`rockjax.peak_responses`][] all scenes share the table, and one compiled program serves
+    records of different lengths.
 
     - `acceleration`: samples, shape (k, n), rows padded with zeros [m/s²]
     - `counts`: numbers of samples, shape (k,)
@@ -69,7 +69,7 @@ class Records(AbstractSampled):
                 "Records: records must be a list of rockjax.Record, or rockjax.Motions, got "
                 f"{format_value(records)}"
             )
-        singles: list[Any] = [y.record() if isinstance(y, Motion) else y for y in records]
+        singles: list[Any] = [entry.record() if isinstance(entry, Motion) else entry for entry in records]
         if not singles:
             raise ValueError("Records: at least one record is needed, got none")
         for j, record in enumerate(singles):

@@ -59,8 +59,8 @@ def _station(motion: Accelerogram) -> tuple[str, ...]:
 
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
-    """Return the vertical motions with the longest stem (name without component) with which the name of
-    the motion starts; none for a motion with a station."""
+    """Return the vertical motions with the longest stem (name without component) with which the motion's
+    name starts. The list is empty if the motion's header states a station."""
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]
@@ -70,16 +70,16 @@ def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
 
 
 def _match_depth(motion: M, others: list[M]) -> list[M]:
-    """Return the vertical motions of a station whose component has the number of the motion's component,
-    such as UD1 for EW1; all of them if none has. The numbers stand for depths."""
+    """Return the station's vertical motions at the depth of a motion, such as UD1 for EW1; all of them if
+    no depth matches."""
     if len(others) < 2:
         return others
 
-    def number(motion: M) -> str:
+    def depth_number(motion: M) -> str:
         words = _component(motion).split()
         return re.search(r"\d*$", words[0] if words else "")[0]  # pyright: ignore[reportOptionalSubscript]
 
-    return [other for other in others if number(other) == number(motion)] or others
+    return [other for other in others if depth_number(other) == depth_number(motion)] or others
 
 
 def _orient_upwards(motion: M) -> M:

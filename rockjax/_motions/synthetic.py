@@ -67,16 +67,16 @@ def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndar
 
 
 def _normal(seed: int, k: int, count: int) -> np.ndarray:
-    """Return `count` standard normal numbers of motion k, by the method of Box & Muller from the bits of
-    PCG64. Unlike the distributions of a `Generator`, the bits are the same in every version of NumPy."""
+    """Return `count` standard normal numbers for motion k: the method of Box & Muller applied to bits of
+    PCG64. Unlike the distributions of a `Generator`, these bits are the same in every version of NumPy."""
     bits = np.random.PCG64(np.random.SeedSequence([seed, k])).random_raw(2 * count)
     u, v = ((bits >> np.uint64(11)).astype(float) + 0.5).reshape(2, count) * 2.0**-53
     return np.sqrt(-2 * np.log(u)) * np.cos(2 * math.pi * v)
 
 
 def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
-    """Return stationary noise with the spectral density. It is computed at twice the length, because an
-    FFT filter is periodic."""
+    """Return stationary noise with the soil's spectral density. The noise is computed at twice the length,
+    because an FFT filter is periodic."""
     white = np.fft.rfft(_normal(seed, k, 2 * count))
     omega = 2 * math.pi * np.fft.rfftfreq(2 * count, dt)
     return np.fft.irfft(white * np.sqrt(spectral_density(omega, soil)), 2 * count)[:count]
@@ -119,10 +119,10 @@ def synthetic_motions(
     - `dt`: sampling interval [s]
     - `duration`: duration [s], at least 50 dt
     - `pga`: peak of the noise, without the pulse, > 0 [m/s²]
-    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][], or one for each motion. Its centre is at the peak
-      of the envelope, or as near to it as the pulse fits into the motion. Mavroeidis & Papageorgiou
-      (2003) find A about 1 m/s close to the fault and log10(1/f_p) = 0.5 M_w − 2.9 for the moment
-      magnitude M_w
+    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][], or one for each motion. The pulse is centred on the
+      peak of the envelope if it fits there into the motion, otherwise as near to the peak as possible.
+      Mavroeidis & Papageorgiou (2003) find A about 1 m/s close to the fault and
+      log10(1/f_p) = 0.5 M_w − 2.9 for the moment magnitude M_w
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil (Kanai 1957, Tajimi 1960);
       15 and 0.6 for firm soil
     - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter (Clough &

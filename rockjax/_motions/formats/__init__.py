@@ -34,7 +34,7 @@ __all__ = ["FORMATS", "TIME_TOLERANCE", "Samples", "parse"]
 
 
 def parse(path: Path, content: bytes, component: Component) -> Samples:
-    """Return the samples in a file, whose format follows from its suffix or its lines.
+    """Read the samples in a file. The suffix or the first lines of the file determine its format.
 
     - `path`: path of the file, for its suffix and for messages
     - `content`: bytes of the file

@@ -61,7 +61,7 @@ def _afad(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
-    """Return gal if the peak of a column equals the one in the header, which is in gal; else None.
+    """Return "gal" if a column's peak equals the peak in the header, which is in gal; otherwise None.
 
     - `peaks`: text of the header with the peaks of all components
     - `name`: name of the component

@@ -40,7 +40,7 @@ class Samples:
     units: str | None  # key of the unit; None if the file states no known unit of acceleration
     metadata: dict[str, Any]
     stated_unit: str | None = None  # unit as written in the file
-    dt_statement: str = ""  # location and text of the interval in the file; without dt, why there is none
+    dt_statement: str = ""  # location and text of the interval in the file; if dt is None, why there is none
     unit_location: str = ""  # location of the unit in the file; empty for the header
     raw_location: str = ""  # location of the statement that the samples are raw, such as "line 3"
 

@@ -83,7 +83,7 @@ def _is_heading(cells: list[str]) -> bool:
 
 
 def _heading_cells(text: str, count: int) -> list[str] | None:
-    """Return the `count` cells of a line of headings; None if it cannot be divided into so few or many."""
+    """Split a line of headings into `count` cells; None if no separator gives this number of cells."""
     text = text.strip().lstrip("#%!").strip()
     if count == 1:
         return [text]
@@ -128,7 +128,7 @@ def _headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Head
 
 
 def _headings_of_comment(path: Path, text: str, line: int, count: int) -> list[Heading] | None:
-    """Return the headings in a comment above the numbers, as NumPy writes them; None if it has none."""
+    """Return the headings in a comment above the numbers, as NumPy writes them; None if there are none."""
     cells = _heading_cells(text, count)
     if cells is None or len(text.split()) > 4 * count:
         return None
@@ -292,7 +292,7 @@ def _rounding(times: list[str], values: np.ndarray) -> float:
 
 
 def _interval(path: Path, table: _Table, factor: float, column: int) -> float | None:
-    """Return the sampling interval of a column of times [s]; None if there is only one.
+    """Return the sampling interval of a column of times [s]; None if there is only one time.
 
     - `path`: path of the file, for messages
     - `table`: the table

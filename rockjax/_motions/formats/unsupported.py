@@ -65,7 +65,7 @@ ITACA = Format(
     "ITACA",
     lambda path, lines: path.name.lower().endswith((".cor.acc", ".unp.acc")),
     _refuse(
-        "by its name, the file has an old format of ITACA without headers KEY: value, which is not "
+        "according to its name, the file has an old format of ITACA without headers KEY: value, which is not "
         "supported; download the present format (ASCII) of ESM or ITACA, or remove the header and give units "
         "and dt"
     ),

@@ -68,7 +68,7 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
             f"ObsPy warns {len(data_warnings)} times: {first_line(data_warnings[0].message)}"
         )
     elif excess:
-        metadata["damaged"] = f"its last {excess} bytes are an incomplete record; it was cut short"
+        metadata["damaged"] = f"its last {excess} bytes are an incomplete record; the file was cut short"
     values = np.asarray(trace.data, float) * trace.stats.calib
     dt = float(trace.stats.delta)
     dt_statement = f"{path}: the sampling interval is {dt:g} s"
