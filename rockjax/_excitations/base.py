@@ -25,7 +25,7 @@ from rockjax._text.cards import card, format_call
 from rockjax._tree import Module
 from rockjax._types import Index, Number, Value
 
-SAMPLES = 4097  # number of samples on which the minimum of a motion is found by default
+SAMPLES = 4097  # number of samples in the default search for the minimum of a motion
 
 
 class Shaking(NamedTuple):
@@ -41,8 +41,8 @@ class AbstractLookahead(Module):
 
     @abc.abstractmethod
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], inf without one. `piece` is
-        the piece at t."""
+        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], or inf if there is none.
+        `piece` is the piece at t."""
 
     @abc.abstractmethod
     def impulse(self, t: Value, piece: Index) -> Value:
@@ -92,8 +92,7 @@ class AbstractExcitation(Module):
         raise NotImplementedError(f"{type(self).__name__} cannot be scaled; define its method `scaled`")
 
     def strength(self) -> np.ndarray | None:
-        """Return a NumPy array proportional to max|ü_g| of each motion of a batch; None if it takes much
-        computation."""
+        """Return a NumPy array proportional to max|ü_g| for each motion of a batch; None if expensive."""
         return None
 
     @property
@@ -103,7 +102,7 @@ class AbstractExcitation(Module):
 
     @property
     def most_pieces(self) -> int:
-        """Upper bound of the number of pieces; static."""
+        """Static upper bound of the number of pieces."""
         return self.breakpoints.shape[-1] + 1
 
     def common_form(self) -> AbstractExcitation:
@@ -118,11 +117,12 @@ class AbstractExcitation(Module):
         return {}
 
     def past(self, index: Index, passed: Array) -> Index:
-        """Return the next piece if `passed` (the end of this piece is reached), else this piece."""
+        """Return the index of the next piece if `passed` (the end of this piece is reached), otherwise
+        `index`."""
         return index + passed.astype(jnp.int32)
 
     def before(self, index: Index, by: Any = 1) -> Index:
-        """Return the previous piece if `by` is 1, the same piece if it is 0."""
+        """Return the index of the previous piece if `by` is 1, or `index` if `by` is 0."""
         return index - by
 
     def velocity_jump(self, index: Index) -> Value | Shaking | None:
@@ -154,7 +154,7 @@ class AbstractExcitation(Module):
     def lowest(self) -> tuple[Value, Value]:
         """Return the minimum of ü_g [m/s²], which may be positive, and its time [s], for a single motion.
 
-        By default it is the least of 4097 samples and the breakpoints, refined by a parabola.
+        By default it is the smallest value at 4097 samples and the breakpoints, refined by a parabola.
         """
         start, end = self.support
         times = jnp.concatenate(

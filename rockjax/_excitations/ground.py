@@ -25,14 +25,14 @@ from rockjax._types import Index, Number, Value
 from .base import AbstractExcitation, AbstractLookahead, Shaking
 
 PARTS = "horizontal", "vertical"
-MAX_PIECES = 2**31  # limit of pairs of pieces, whose index is a 32-bit integer
-# Excursions above a level are ignored if they are shorter than this multiple of the time scale of the motion.
+MAX_PIECES = 2**31  # limit of the number of pairs of pieces, because their index is a 32-bit integer
+# Excursions above a level are ignored if they are shorter than this multiple of the motion's time scale.
 TOUCH = 1e-9
 CAUTION = 1 - 1e-6  # safety factor on the horizontal acceleration below which no search is needed
 
 
 def _component(name: str) -> Callable[[Any], AbstractExcitation]:
-    """Return the converter of a component. It accepts motions, and objects with a method `record`."""
+    """Return the converter for the field `name`. It accepts motions, and objects with a method `record`."""
 
     def convert(value: Any) -> AbstractExcitation:
         motion = value.record() if callable(getattr(value, "record", None)) else value
@@ -57,8 +57,8 @@ class GroundMotion(AbstractExcitation):
     end of the later one. A call returns the horizontal acceleration.
 
     g + v̈_g must be positive at all times, because otherwise joints could open vertically, which the
-    model excludes. A single scene of concrete values raises `ValueError` if it is not; other scenes have
-    the result `weightless`. Raises `ValueError` for components that are not single motions.
+    model excludes. Where it is not, a single scene with concrete values raises `ValueError`; other scenes
+    end with the result `weightless`. Raises `ValueError` for components that are not motions.
     """
 
     horizontal: AbstractExcitation = eqx.field(converter=_component("horizontal"))
@@ -79,8 +79,8 @@ class GroundMotion(AbstractExcitation):
 
     @property
     def shorter(self) -> Number:
-        """Duration of the shorter component [s]. A component without a duration is ignored; 0 if both
-        have none."""
+        """Duration of the shorter component [s]. A component of zero duration is ignored unless both have
+        zero duration."""
         durations = [end - start for start, end in (self.horizontal.support, self.vertical.support)]
         durations = [jnp.where(duration > 0, duration, jnp.inf) for duration in durations]
         shorter = jnp.minimum(*durations)
@@ -159,31 +159,30 @@ class GroundMotion(AbstractExcitation):
 
     def before(self, index: Index, by: Any = 1) -> Index:
         i, j = self.parts(index)
-        none = -jnp.inf
-        first = jnp.where(i > 0, self.horizontal.breakpoint(i - 1), none)
-        other = jnp.where(j > 0, self.vertical.breakpoint(j - 1), none)
+        first = jnp.where(i > 0, self.horizontal.breakpoint(i - 1), -jnp.inf)
+        other = jnp.where(j > 0, self.vertical.breakpoint(j - 1), -jnp.inf)
         retreats = lambda flag, k: (flag & (k > 0) & (jnp.asarray(by) != 0)).astype(index.dtype)
         return self._combined_index(i - retreats(first >= other, i), j - retreats(other >= first, j))
 
     def velocity_jump(self, index: Index) -> Shaking | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         i, j = self.parts(index)
-        of_horizontal: Any = self.horizontal.velocity_jump(i)
-        of_vertical: Any = self.vertical.velocity_jump(j)
-        if of_horizontal is None and of_vertical is None:
+        horizontal: Any = self.horizontal.velocity_jump(i)
+        vertical: Any = self.vertical.velocity_jump(j)
+        if horizontal is None and vertical is None:
             return None
         first, other = self._ends(index)
         return Shaking(
-            jnp.where(first <= other, 0.0 if of_horizontal is None else of_horizontal, 0.0),
-            jnp.where(other <= first, 0.0 if of_vertical is None else of_vertical, 0.0),
+            jnp.where(first <= other, 0.0 if horizontal is None else horizontal, 0.0),
+            jnp.where(other <= first, 0.0 if vertical is None else vertical, 0.0),
         )
 
     def tie(self, index: Index) -> tuple[Value, Index]:
-        """Return the difference of breakpoints that coincide at the end of a piece, and the piece between
-        them.
+        """Return the time between the two components' breakpoints if they coincide at the end of a piece, and
+        the index of the piece between them.
 
-        The difference, horizontal minus vertical [s], is zero in value; its derivative is not, if the
-        breakpoints depend on the parameters differently. The piece between them is the next horizontal
-        piece with the present vertical piece.
+        The time, horizontal minus vertical breakpoint [s], is zero. Its derivative is not zero if the two
+        breakpoints depend differently on the parameters. The piece between them combines the next
+        horizontal piece with the present vertical piece.
         """
         i, j = self.parts(index)
         first, other = self._ends(index)
@@ -206,8 +205,8 @@ class GroundMotion(AbstractExcitation):
         return Proportional(pulse, ratio)
 
     def lookahead(self, threshold: Value | None, tilt: Value | None = None) -> PairLookahead:
-        """Return the lookahead for a threshold [m/s²]. With `tilt` K, exceedances are those of the
-        combined signals ±ü_g − K v̈_g; otherwise those of ±ü_g."""
+        """Return the lookahead for a threshold [m/s²] of ±ü_g, or with `tilt` K of the combined signals
+        ±ü_g − K v̈_g."""
         motion: GroundMotion = jax.lax.stop_gradient(self)
         vertical = motion.vertical.lookahead(None)
         if threshold is None or tilt is None:
@@ -240,8 +239,8 @@ class Proportional:
 
 
 class ScaledByAmplitude(AbstractExcitation):
-    """The motions of a function (a_p, T_p) ↦ excitation, where a_p is the scale. The unscaled motion has
-    a_p = 1."""
+    """Motions that a function (a_p, T_p) ↦ excitation returns for one T_p. `scaled(a_p)` is the motion with
+    amplitude a_p; unscaled, a_p = 1."""
 
     T_p: Number
     pulse: Callable[[Any, Any], AbstractExcitation] = eqx.field(static=True)
@@ -295,11 +294,12 @@ class PairLookahead(AbstractLookahead):
         return self.vertical.peak(t, vertical_piece, now)
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first time ≥ t at which a combined signal exceeds the threshold [s], inf without one.
+        """Return the first time ≥ t at which a combined signal exceeds the threshold [s], or inf if there is
+        none.
 
-        The search advances only through times at which the horizontal motion is large enough. Its steps
-        cannot pass a crossing: each ends where the parabola through value and slope of a signal, with the
-        bound of the curvature, would reach the level.
+        The search advances only through times at which the horizontal motion is large enough. A step of the
+        search cannot pass a crossing: it ends where a signal would reach the threshold if its curvature had
+        the value of the bound.
         """
         del piece
         level, tilt, curvature = self.threshold, self.tilt, self.curvature
@@ -307,19 +307,19 @@ class PairLookahead(AbstractLookahead):
         assert tilt is not None
         assert curvature is not None
         motion, search_start, resolution = self.motion, t, 8 * jnp.finfo(t.dtype).eps
-        curved = curvature > 0
-        scale = jnp.where(curved, jnp.sqrt(level / jnp.where(curved, curvature, 1.0)), 0.0)
+        is_curved = curvature > 0
+        scale = jnp.where(is_curved, jnp.sqrt(level / jnp.where(is_curved, curvature, 1.0)), 0.0)
         start, end = motion.support
 
         def safe_time(clearance: Value, slope: Value) -> Value:
             """Return the earliest time after which a signal `clearance` below the level can reach it."""
             root = jnp.sqrt(slope**2 + 2 * curvature * jnp.maximum(clearance, 0.0))
-            rising, safe_curvature = slope + root > 0, jnp.where(curved, curvature, 1.0)
-            time_up = 2 * clearance / jnp.where(rising, slope + root, 1.0)
+            rises, safe_curvature = slope + root > 0, jnp.where(is_curved, curvature, 1.0)
+            time_up = 2 * clearance / jnp.where(rises, slope + root, 1.0)
             return jnp.where(
                 slope > 0,
                 time_up,
-                jnp.where(curved, (root - slope) / safe_curvature, jnp.where(rising, time_up, jnp.inf)),
+                jnp.where(is_curved, (root - slope) / safe_curvature, jnp.where(rises, time_up, jnp.inf)),
             )
 
         def advance(carry):
@@ -329,28 +329,29 @@ class PairLookahead(AbstractLookahead):
             s = jnp.where(is_reached, candidate, t)
             current = motion.locate(s)
             shaking, rate = jax.jvp(motion.piece(current), (s,), (jnp.ones_like(s),))
-            sides = [(level - (side * shaking.horizontal - tilt * shaking.vertical)) for side in (1.0, -1.0)]
-            slopes = [side * rate.horizontal - tilt * rate.vertical for side in (1.0, -1.0)]
+            signs = 1.0, -1.0
+            clearances = [level - (sign * shaking.horizontal - tilt * shaking.vertical) for sign in signs]
+            slopes = [sign * rate.horizontal - tilt * rate.vertical for sign in signs]
             last_digit = resolution * jnp.maximum(jnp.abs(s), end - start)
-            least = jnp.maximum(TOUCH * scale, last_digit)
-            step = jnp.maximum(jnp.minimum(*map(safe_time, sides, slopes)), least)
-            clearance = jnp.minimum(*sides)
-            found = is_reached & (clearance < 0)
-            # Back to the crossing, unless the search began above the level or the ground jumped.
-            slope = jnp.where(sides[0] < sides[1], *slopes)
+            min_step = jnp.maximum(TOUCH * scale, last_digit)
+            step = jnp.maximum(jnp.minimum(*map(safe_time, clearances, slopes)), min_step)
+            clearance = jnp.minimum(*clearances)
+            is_found = is_reached & (clearance < 0)
+            # Go back to the crossing, unless the search began above the level or the ground jumped.
+            slope = jnp.where(clearances[0] < clearances[1], *slopes)
             crossing = s + jnp.where(slope > 0, clearance / jnp.where(slope > 0, slope, 1.0), 0.0)
-            last = motion.before(current)
-            jumped = jnp.where(last == current, -jnp.inf, motion.breakpoint(last))
-            floor = jnp.maximum(jnp.maximum(search_start, s - 2 * least), jnp.minimum(jumped, s))
+            previous = motion.before(current)
+            jump_time = jnp.where(previous == current, -jnp.inf, motion.breakpoint(previous))
+            earliest = jnp.maximum(jnp.maximum(search_start, s - 2 * min_step), jnp.minimum(jump_time, s))
             # Advance by at least the last digit, because breakpoints and comparisons may differ in the last
             # digit when they are evaluated again.
             next_time = jnp.maximum(jnp.minimum(s + step, motion.breakpoint(current)), s + last_digit)
-            return jnp.maximum(crossing, floor), jnp.where(is_reached, next_time, jnp.inf), found
+            return jnp.maximum(crossing, earliest), jnp.where(is_reached, next_time, jnp.inf), is_found
 
-        t, _, found = jax.lax.while_loop(
+        t, _, is_found = jax.lax.while_loop(
             lambda carry: ~carry[2] & jnp.isfinite(carry[1]), advance, (t, t, jnp.zeros((), bool))
         )
-        return jnp.where(found, t, jnp.inf)
+        return jnp.where(is_found, t, jnp.inf)
 
 
 def check_weight(owner: str, motion: AbstractExcitation, g: Number) -> None:
@@ -358,12 +359,12 @@ def check_weight(owner: str, motion: AbstractExcitation, g: Number) -> None:
     if not isinstance(motion, GroundMotion) or any(map(jnp.ndim, motion.vertical.support)) or jnp.ndim(g):
         return
     # In the common form, because JAX compiles these operations for every number of samples.
-    low, when = (concrete(y) for y in motion.vertical.common_form().lowest())
+    lowest, time = (concrete(y) for y in motion.vertical.common_form().lowest())
     gravity = concrete(g)
-    if low is None or when is None or gravity is None or low.ndim or gravity + low > 0:
+    if lowest is None or time is None or gravity is None or lowest.ndim or gravity + lowest > 0:
         return
     raise ValueError(
-        f"{owner}: g + v̈_g must be positive at all times, got {float(gravity):g} {float(low):+.6g} m/s² "
-        f"at t = {float(when):.6g} s: joints could open vertically, which the model "
+        f"{owner}: g + v̈_g must be positive at all times, got {float(gravity):g} {float(lowest):+.6g} m/s² "
+        f"at t = {float(time):.6g} s: joints could open vertically, which the model "
         "excludes; scale the vertical motion down"
     )

@@ -1,5 +1,4 @@
-"""Motions that are polynomials between breakpoints, at which the velocity may jump, such as those of
-floors."""
+"""Motions that are polynomials between breakpoints, where their velocity may jump, such as floor motions."""
 
 from __future__ import annotations
 
@@ -16,12 +15,12 @@ from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead
 
-DEGREE = 7  # degree of the polynomials; over a step of the solver their error is below the error of the step
+DEGREE = 7  # degree of the polynomials; within a solver step, their error is below the error of the solver
 # Chebyshev nodes z ∈ [−1, 1], including both ends, and the matrix that maps values at the nodes to
 # coefficients of powers of z.
 NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
 FROM_VALUES = np.linalg.inv(np.vander(NODES, increasing=True))
-FINE = 33  # number of points of a piece among which the least value is found
+FINE = 33  # number of points per piece in the search for the minimum
 
 
 class PiecewiseMotion(AbstractExcitation):
@@ -87,7 +86,7 @@ class PiecewiseMotion(AbstractExcitation):
 
 
 class NoLookahead(AbstractLookahead):
-    """Lookahead of a motion without bounds: scenes are followed to their end."""
+    """Lookahead without bounds: no scene ends early."""
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         raise NotImplementedError("a motion without a lookahead has no search for exceedances")

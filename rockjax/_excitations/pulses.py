@@ -31,16 +31,16 @@ MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
-_NEGLIGIBLE = 1e-15  # a value of a shape below this, at an end of the span, is rounding
-_HALVINGS, _NEWTON_STEPS = 10, 5  # numbers of bisections and Newton steps of the search for a root
+_NEGLIGIBLE = 1e-15  # smaller values of a shape at an end of its span are rounding errors
+_HALVINGS, _NEWTON_STEPS = 10, 5  # numbers of bisections and Newton steps in a root search
 
 
 def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
-    """Return the root of an increasing function in [lo, hi], exact to rounding, on the side with f > 0;
-    hi without a root.
+    """Return the root of an increasing function in [lo, hi], exact to rounding, on the side with f > 0; hi
+    if there is no root.
 
-    It bisects, makes Newton steps and bisects again. The last bisection needs more than a few rounds only
-    if f is flat at its root.
+    Bisections are followed by Newton steps and further bisections, of which there are many only if f is
+    flat at its root.
     """
     is_positive = lambda z: f(z) > 0
     lo = jnp.where((f(lo) <= 0) & is_positive(hi), lo, hi)
@@ -66,7 +66,7 @@ class _PulseLookahead(AbstractLookahead):
 
     - `a_p`, `T_p`: amplitude [m/s²] and period [s]
     - `lead`, `trail`: on the interval k between the knots b_k and b_{k+1}, |ü_g| exceeds the threshold in
-      [b_k, lead_k) and in (trail_k, b_{k+1}); in units of T_p, None without a threshold
+      [b_k, lead_k) and in (trail_k, b_{k+1}); in units of T_p, or None if there is no threshold
     - `pulse`: class of the pulse
     """
 
@@ -138,9 +138,9 @@ class AbstractPulse(AbstractExcitation):
     def __check_init__(self):
         require_finite(type(self).__name__, a_p=self.a_p)
         require_positive(type(self).__name__, T_p=self.T_p)
-        size = concrete(self.a_p)
-        if size is not None and size.ndim == 0 and abs(size) > MAX_AMPLITUDE:
-            in_g = f"a_p = {float(size):g} m/s² is {abs(float(size)) / STANDARD_GRAVITY:.3g} g"
+        amplitude = concrete(self.a_p)
+        if amplitude is not None and amplitude.ndim == 0 and abs(amplitude) > MAX_AMPLITUDE:
+            in_g = f"a_p = {float(amplitude):g} m/s² is {abs(float(amplitude)) / STANDARD_GRAVITY:.3g} g"
             warn_about_units(f"{type(self).__name__}: {in_g}; did you pass gal (cm/s²)?", stacklevel=4)
 
     @staticmethod
@@ -230,7 +230,7 @@ class AbstractPulse(AbstractExcitation):
         - `rises`: True if `tops` are the values at the right ends, to which |s| rises; False if they are
           the values at the left ends, from which |s| falls
 
-        The result is arbitrary if |top| is below the level.
+        The result is arbitrary for intervals on which |`tops`| is below the level.
         """
         knots = np.asarray(self.knots())
         high = np.flatnonzero(np.abs(tops) > _NEGLIGIBLE)
@@ -243,8 +243,8 @@ class AbstractPulse(AbstractExcitation):
 
 @functools.cache
 def _derivative_bound(pulse: type[AbstractPulse], order: int) -> float:
-    """Return the largest absolute value of the first or second derivative of a shape inside its span,
-    from differences on a fine grid and with 1 % in reserve."""
+    """Return the largest absolute value of the first or second derivative of a shape inside its span, from
+    differences on a fine grid, increased by 1 %."""
     h, (start, end) = 1e-4, pulse.span
     with jax.ensure_compile_time_eval():
         s = np.asarray(pulse.shape(np.arange(start + 0.5 * h, end, h)))

@@ -43,7 +43,7 @@ def pad_samples(samples, *sizes: int):
 
 
 class Sampling(NamedTuple):
-    """Sampling of a motion; scalars for one motion, arrays for a batch."""
+    """Sampling parameters: scalars for one motion, arrays for a batch."""
 
     start: Any  # time of the first sample [s]
     dt: Any  # sampling interval [s]
@@ -62,7 +62,7 @@ class AbstractSampled(AbstractExcitation):
     @property
     @abc.abstractmethod
     def table(self) -> Float[Array, "*table n"]:
-        """Array of the unscaled samples [m/s²], along the last axis. It may hold several motions."""
+        """Array with the unscaled samples [m/s²] along the last axis, of one or several motions."""
 
     @abc.abstractmethod
     def among(self, table: Float[Array, "*table n"], i: Index) -> Value:
@@ -170,9 +170,7 @@ class SampledLookahead(AbstractLookahead):
     # Bound of ∫|ü_g| dt from sample i on, divided by the sampling interval and unscaled; zero in the padding.
     remaining_integral: Float[Array, "*table n"]
     remaining_peak: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
-    tree: (
-        Float[Array, "*table m"] | None
-    )  # tree of maxima of |samples|, see `_tree`; None without a threshold
+    tree: Float[Array, "*table m"] | None  # tree of maxima of |samples|, see `_tree`; None without threshold
 
     def _from_piece(self, table: Float[Array, "*table n"], piece: Index) -> Value:
         """Return the scaled element of a table at the sample where a piece starts; zero after the motion."""
@@ -221,8 +219,8 @@ class SampledLookahead(AbstractLookahead):
         return (jax.lax.fori_loop(0, levels, down, best) - leaves).astype(first.dtype)
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], inf without one: t itself,
-        or the crossing before the next sample above the threshold."""
+        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s]: t itself, or the crossing
+        before the next sample above the threshold, or inf if there is none."""
         record, threshold = self.record, self.threshold
         assert threshold is not None
         count = record.sampling.count
@@ -237,14 +235,15 @@ class SampledLookahead(AbstractLookahead):
         slope = (a1 - a0) / jnp.where(end > start, end - start, 1.0)
         crossing = start + (threshold - jnp.sign(a1) * a0) / jnp.abs(jnp.where(slope == 0, 1.0, slope))
         crossing = jnp.clip(crossing, start, end)
-        # The next floating-point number, at which the threshold is exceeded. Older versions of JAX cannot
-        # differentiate `nextafter`.
+        # Move to the next floating-point number, at which the threshold is exceeded. Older versions of JAX
+        # cannot differentiate `nextafter`.
         fixed = jax.lax.stop_gradient(crossing)
         crossing += jnp.nextafter(fixed, jax.lax.stop_gradient(end)) - fixed
         return jnp.where(exceeds_now, t, jnp.where(sample < count, crossing, jnp.inf))
 
     def _next_sample(self, first: Index, threshold: Value) -> Index:
-        """Return the first sample ≥ `first` that exceeds the threshold; the number of samples without one.
+        """Return the index ≥ `first` of the next sample above the threshold, or the number of samples if
+        there is none.
 
         The search skips nodes of the tree of maxima that are below the threshold. Its cost is logarithmic
         in the length of the record.

@@ -1,7 +1,7 @@
 """Wavelets with a variable number of oscillations.
 
-Their extrema depend on parameters. Therefore lookaheads search for crossings by bounds of the
-derivatives, not on monotone intervals.
+Unlike the pulses, wavelets have no fixed intervals on which they are monotone. Therefore their lookaheads
+search for crossings with bounds of the derivatives.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class _BoundedLookahead(AbstractLookahead):
     curvature: Value
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], inf without one.
+        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], or inf if there is none.
 
-        A step cannot pass a crossing: it ends where the parabola through the present value and slope,
-        with the bound of the curvature, reaches the threshold. The search converges quadratically.
+        A step of the search cannot pass a crossing: it ends where the motion would reach the threshold if
+        its curvature had the value of the bound. The search converges quadratically.
         """
         del piece
         threshold = self.threshold
@@ -62,10 +62,10 @@ class _BoundedLookahead(AbstractLookahead):
 
         t = jnp.maximum(t, self.motion.support[0])
         is_below = self.amplitude <= threshold
-        t, _, found = jax.lax.while_loop(
+        t, _, is_found = jax.lax.while_loop(
             lambda carry: ~carry[2] & (carry[1] < end) & ~is_below, advance, (t, t, jnp.zeros((), bool))
         )
-        return jnp.where(found, t, jnp.inf)
+        return jnp.where(is_found, t, jnp.inf)
 
     def impulse(self, t: Value, piece: Index) -> Value:
         del piece

@@ -1,5 +1,5 @@
-"""Restrainers: devices between the ground and the beam, one module each. A new device needs a module, and
-its class in `KINDS`."""
+"""Restrainers: devices that resist rocking, one module each. To add a device, write its module and add its
+class to `KINDS`."""
 
 from .base import AbstractRestrainer
 from .damper import Damper

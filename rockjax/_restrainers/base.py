@@ -1,14 +1,15 @@
-"""Base class of restrainers: devices on the centre line of a column, between the ground and the beam.
+"""Base class of restrainers: devices along the centre line of a column that resist its rocking.
 
-At each joint, the centre line of a rocking column opens by a chord about the contact corner. A device
-that spans both joints therefore lengthens by
+A rocking column turns by θ about a corner in its bottom joint (on the ground) and in its top joint (under
+the beam). On the centre line, R sin α away from the corner, each joint opens by 2R sin α sin(|θ|/2). A
+device from the ground to the beam spans both joints and lengthens by
 
     ℓ = 4R sin α sin(|θ|/2),
     (C1)
 
-and a device that spans one joint by half of it. Lengths are divided by R, times by 1/p and forces by the
-weight of a column m_c g. The force of a device is then a function of the stretch s = ℓ/R and its rate r =
-ℓ̇/(Rp), apart from an inerter, whose force is proportional to the acceleration of the elongation.
+and a device that spans only one joint lengthens by ℓ/2. In dimensionless form, lengths are divided by R,
+times by 1/p, and forces by the weight m_c g of a column. Forces are functions of the stretch s = ℓ/R and
+the stretch rate r = ℓ̇/(Rp), except the force of an inerter, which is proportional to ℓ̈.
 """
 
 import abc
@@ -23,11 +24,11 @@ from rockjax._types import Number, Value
 
 
 class AbstractRestrainer(Module):
-    """A device of each column.
+    """A device on each column.
 
-    A subclass defines the response of a device to the elongation of the joints that it spans, by the
-    private methods. Responses that it does not define are zero. The public methods refer to the
-    elongation of both joints.
+    A subclass defines the device by private methods, whose arguments refer to the joints that the device
+    spans; a method that is not defined means no such effect. The arguments of the public methods refer to
+    both joints.
     """
 
     strengths: ClassVar[tuple[str, ...]] = ()  # names of fields; the device does nothing if all are zero
@@ -48,18 +49,21 @@ class AbstractRestrainer(Module):
         """Raise `ValueError` for invalid parameters; the message begins with `owner`."""
 
     def _force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
-        """Return the force that pulls beam and ground together, divided by m_c g. It may be rounded for
-        rates below `slip`, if its slope is infinite at zero rate."""
+        """Return the force in the device divided by m_c g, positive in tension.
+
+        - `stretch`, `rate`: dimensionless stretch and stretch rate
+        - `slip`: rate below which a force with an infinite slope at zero rate is smoothed
+        """
         del stretch, rate, slip
         return 0.0
 
     def _potential(self, stretch: Value) -> Value | float:
-        """Return the energy that the static force stores, divided by m_c g R; it is zero at zero stretch."""
+        """Return the stored energy divided by m_c g R; the energy is zero at zero stretch."""
         del stretch
         return 0.0
 
     def _power(self, rate: Value, slip: Value) -> Value | float:
-        """Return the dissipated power divided by m_c g R p; it is never negative."""
+        """Return the dissipated power divided by m_c g R p, ≥ 0."""
         del rate, slip
         return 0.0
 
@@ -76,11 +80,12 @@ class AbstractRestrainer(Module):
 
     @abc.abstractmethod
     def of_block(self, weight: Number, inertia: Number, speed: Number) -> Self:
-        """Return the device of the solitary block that is equivalent to a frame with this device.
+        """Return the device for the solitary block that is equivalent to a frame with this device, see
+        [`rockjax.Podium.equivalent_block`][].
 
-        - `weight`: 1+2γ, the restoring moment of the frame divided by the moment of the block
-        - `inertia`: 3γ+¾(1+λ), the inertia of the frame divided by the inertia of the block
-        - `speed`: p of the block divided by p of the frame
+        - `weight`: ratio 1+2γ of the frame's restoring moment to the block's
+        - `inertia`: ratio 3γ+¾(1+λ) of the frame's inertia to the block's
+        - `speed`: ratio of the block's frequency parameter p to the frame's
         """
 
     @property
@@ -89,27 +94,27 @@ class AbstractRestrainer(Module):
         return 0.5 if self.joints == 1 else 1.0
 
     def force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
-        """Return the force divided by m_c g that does the work of the device along the elongation of both
-        joints."""
+        """Return the force divided by m_c g that does the work of the device if it acts over the elongation
+        of both joints; `stretch`, `rate` and `slip` refer to both joints."""
         return self.elongation_ratio * self._force(
             self.elongation_ratio * stretch, self.elongation_ratio * rate, self.elongation_ratio * slip
         )
 
     def potential(self, stretch: Value) -> Value | float:
-        """Return the stored energy divided by m_c g R, at a stretch of both joints."""
+        """Return the stored energy divided by m_c g R; `stretch` refers to both joints."""
         return self._potential(self.elongation_ratio * stretch)
 
     def power(self, rate: Value, slip: Value) -> Value | float:
-        """Return the dissipated power divided by m_c g R p, at a rate of both joints."""
+        """Return the dissipated power divided by m_c g R p; `rate` and `slip` refer to both joints."""
         return self._power(self.elongation_ratio * rate, self.elongation_ratio * slip)
 
     def static_force(self, stretch: Value) -> Value | float:
-        """Return the force divided by m_c g of a device that is held at a stretch of both joints."""
+        """Return `force` at zero rate."""
         return self.force(stretch, jnp.zeros_like(stretch), jnp.ones_like(stretch))
 
     @property
     def stores(self) -> bool:
-        """True if the class defines a static force (`_potential`), even if its strength is zero."""
+        """True if the class defines a static force by `_potential`, even if all strengths are zero."""
         return type(self)._potential is not AbstractRestrainer._potential
 
     @property

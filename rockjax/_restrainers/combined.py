@@ -54,12 +54,12 @@ def prestress(restrainers: Sequence[AbstractRestrainer], like: Number) -> Number
 
 
 def apparent_mass(restrainers: Sequence[AbstractRestrainer]) -> Number | None:
-    """Return μ, the sum of all inertances divided by m_c; None without inerters."""
+    """Return μ, the sum of all inertances divided by m_c; None if there are no inerters."""
     return _sum([device.apparent_mass for device in restrainers])
 
 
 def stiffness(restrainers: Sequence[AbstractRestrainer]) -> Number | None:
-    """Return κ, the sum of all stiffnesses K R/(m_c g); None without tendons."""
+    """Return κ, the sum of all stiffnesses K R/(m_c g); None if there are no tendons."""
     return _sum([device.slope for device in restrainers])
 
 
@@ -70,14 +70,14 @@ def _sum(terms: Sequence[Number | None]) -> Number | None:
 
 def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[AbstractRestrainer]) -> Number:
     """Return θ_s of (C7) [rad], the smallest |θ| in (0, π/2] at which gravity and restrainers together no
-    longer restore; inf if there is none.
+    longer turn the column back; inf if they always do.
 
     - `alpha`: α [rad]
     - `weight`: w = γ+η+½ [–]
     - `restrainers`: devices of a column
 
-    Up to α both restore. Therefore the root lies between α and π/2, where V' of (C5) decreases through
-    zero at most once.
+    Up to α both turn the column back. Therefore the root lies between α and π/2, where V' of (C5)
+    decreases through zero at most once.
     """
     with_static_force = [device for device in restrainers if device.stores]
     if not with_static_force:

@@ -15,7 +15,7 @@ from .base import AbstractRestrainer
 
 
 class Linear(float):
-    """The exponent 1 as a static value. It is no input of the compiled program, so a linear damper needs no
+    """The exponent 1 as a static value, with which the program of a linear damper is compiled without
     powers."""
 
     def __new__(cls) -> Linear:
@@ -41,10 +41,11 @@ class Damper(AbstractRestrainer):
     - `coefficient`: δ = C (Rp)^ν/(m_c g), ≥ 0 [–]
     - `exponent`: ν, 0 < ν ≤ 1 [–]. The Python number 1 gives a linear damper, which compiles to a simpler
       program; an array with the value 1 gives the general program
-    - `joints`: number of joints that it spans: 2 (from the ground to the beam) or 1 (only the bottom joint)
+    - `joints`: number of joints that the damper spans: 2 (from ground to beam) or 1 (only the bottom joint)
 
-    The force is 0 at zero rate, so a damper never holds the column. For ν < 1 its slope is infinite
-    there; the force is rounded below a rate that is proportional to the tolerance, see docs/control.md.
+    The force is 0 at zero rate, so a damper never holds the column. For ν < 1 the slope of the force is
+    infinite there, so the force is smoothed below a rate that is proportional to the tolerance, see
+    docs/control.md.
     Raises `ValueError` for concrete values outside these ranges.
     """
 
@@ -68,18 +69,18 @@ class Damper(AbstractRestrainer):
     def steep(self) -> bool:
         return not self.linear
 
-    def _growth(self, rate: Value, slip: Value) -> Value | float:
-        """Return |rate|^(ν−1), rounded near its pole at zero rate."""
+    def _force_per_rate(self, rate: Value, slip: Value) -> Value | float:
+        """Return |r|^(ν−1), the force divided by coefficient and rate, smoothed near zero rate."""
         if self.linear:
             return 1.0
         return jnp.exp(0.5 * (self.exponent - 1) * jnp.log(rate * rate + slip * slip))
 
     def _force(self, stretch: Value, rate: Value, slip: Value) -> Value:
         del stretch
-        return self.coefficient * rate * self._growth(rate, slip)
+        return self.coefficient * rate * self._force_per_rate(rate, slip)
 
     def _power(self, rate: Value, slip: Value) -> Value:
-        return self.coefficient * rate * rate * self._growth(rate, slip)
+        return self.coefficient * rate * rate * self._force_per_rate(rate, slip)
 
     def of_block(self, weight: Number, inertia: Number, speed: Number) -> Damper:
         del inertia

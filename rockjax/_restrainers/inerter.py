@@ -14,10 +14,10 @@ class Inerter(AbstractRestrainer):
     """An inerter of every column, with the force b ℓ̈ against the acceleration ℓ̈ of the elongation ℓ.
 
     - `inertance`: μ = b/m_c, ≥ 0 [–]
-    - `joints`: number of joints that it spans: 2 (from the ground to the beam) or 1 (only the bottom joint)
+    - `joints`: number of joints that the inerter spans: 2 (from ground to beam) or 1 (only the bottom joint)
 
-    It acts in both directions, without play or clutch. It transmits an impulse at impacts, which lowers
-    the restitution factor of the laws `"paper"` and `"compatible"`,
+    An inerter acts in both directions, without play or clutch. It transmits an impulse at impacts, which
+    lowers the restitution factor of the laws `"paper"` and `"compatible"`,
     [`rockjax.Podium.restitution_factor`][]. Raises `ValueError` for concrete values outside this range.
     """
 

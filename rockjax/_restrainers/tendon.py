@@ -13,11 +13,11 @@ from .base import AbstractRestrainer
 class Tendon(AbstractRestrainer):
     """An unbonded elastic tendon along the centre line of every column, with the force P₀ + K ℓ.
 
-    - `prestress`: initial force τ = P₀/(m_c g), ≥ 0 [–]. At uplift it acts like a weight without mass on
-      each column
+    - `prestress`: initial force τ = P₀/(m_c g), ≥ 0 [–]. At uplift it acts like an additional weight,
+      without mass, on each column
     - `stiffness`: axial stiffness κ = K R/(m_c g), ≥ 0 [–]. Above [`rockjax.Podium.critical_stiffness`][]
       the rocking stiffness is positive
-    - `joints`: number of joints that it spans: 2 (from the ground to the beam) or 1 (only the bottom joint)
+    - `joints`: number of joints that the tendon spans: 2 (from ground to beam) or 1 (only the bottom joint)
 
     The tendon never becomes slack and does not yield. Raises `ValueError` for concrete values outside
     these ranges.

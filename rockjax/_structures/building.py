@@ -34,9 +34,10 @@ class ModalAnalysis(NamedTuple):
 def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
     """Return the modes of a chain of floors on a fixed beam, K φ_i = ω_i² M φ_i, (C11).
 
-    - `masses`, `stiffnesses`: of floors and of the stories below them, from the bottom along the last axis
+    - `masses`, `stiffnesses`: masses of the floors and stiffnesses of the stories below them, from the bottom
+      along the last axis
 
-    The periods of a chain are distinct, so that the modes have derivatives.
+    The periods of a chain are distinct, so the modes are differentiable.
     """
     xp: Any = array_module(masses, stiffnesses)
     masses, stiffnesses = xp.broadcast_arrays(masses, stiffnesses)
@@ -45,8 +46,8 @@ def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
     diagonal = ((stiffnesses + stiffness_above) / masses)[..., None] * np.eye(size)
     coupling = (-stiffness_above / (root * xp.roll(root, -1, axis=-1)))[..., None] * np.eye(size, k=1)
     _, vectors = eigh(diagonal + coupling + xp.swapaxes(coupling, -1, -2))
-    shapes = vectors / root[..., None]  # of modes with M_i = 1
-    # As a sum over stories, ω² has no cancellation: the lowest is as accurate as the highest.
+    shapes = vectors / root[..., None]  # normalised to modal masses M_i = 1
+    # A sum over stories has no cancellation, so the lowest ω² is as accurate as the highest.
     drifts = xp.concatenate([shapes[..., :1, :], shapes[..., 1:, :] - shapes[..., :-1, :]], axis=-2)
     squares = xp.sum(stiffnesses[..., None] * drifts**2, axis=-2)
     participation = xp.sum(masses[..., None] * shapes, axis=-2)  # Γ_i
@@ -64,9 +65,9 @@ class ShearBuilding(AbstractSuperstructure):
     - `heights`: heights of the stories, > 0 [m], for forces in the joints, drift ratios and pictures; None if
       unknown
 
-    Its modes are [`rockjax.ShearBuilding.modes`][]. Peaks and histories include drifts of the stories and
-    accelerations of the floors. Raises `ValueError` for unequal lengths and for concrete values outside
-    these ranges.
+    [`rockjax.ShearBuilding.modes`][] returns the retained modes. Peaks and histories include story drifts
+    and floor accelerations. Raises `ValueError` for unequal lengths and for concrete values outside these
+    ranges.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("masses", "stiffnesses", "damping", "heights")
@@ -211,12 +212,12 @@ class ShearBuilding(AbstractSuperstructure):
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
         del residual_height
-        of_floors = stack_row(self.masses) * heights
-        total = of_floors.sum(axis=-1)
+        floor_moments = stack_row(self.masses) * heights
+        total = floor_moments.sum(axis=-1)
         if not self.retained:
             return None, total
-        of_modes = (of_floors[..., None] * self.shapes).sum(axis=-2)
-        return of_modes, None if self.retained == self.stories else total - of_modes.sum(axis=-1)
+        modal_moments = (floor_moments[..., None] * self.shapes).sum(axis=-2)
+        return modal_moments, None if self.retained == self.stories else total - modal_moments.sum(axis=-1)
 
     def split(self) -> Self:
         values: dict[str, Any] = {name: split_row(getattr(self, name)) for name in ("masses", "stiffnesses")}

@@ -14,7 +14,7 @@ DENSITIES = 300.0, 8000.0  # [kg/m³], from light timber or a hollow section to 
 
 
 def check_column_units(width, height, mass) -> None:
-    """Warn about a size that suggests mm, or a mass that suggests tonnes, of a square column.
+    """Warn if a column's size suggests mm, or if its mass suggests tonnes, assuming a square section.
 
     - `width` [m], `height` [m], `mass` [kg]: full dimensions and mass of a column
     """
@@ -53,8 +53,8 @@ def slenderness_and_size(width: Number, height: Number) -> tuple[Number, Number]
 
 
 def enlargement(owner: str, radius: Number, height: Number) -> Number:
-    """Return H/(H − r_c), by which R of a podium with round ends is multiplied for the podium with flat ends
-    that rocks like it, (R5).
+    """Return H/(H − r_c), the ratio of R of the equivalent podium with flat ends to R of a podium with round
+    column ends, (R5).
 
     - `owner`: name for error messages
     - `radius`: radius r_c of the round ends of a column, in [0, H) [m]

@@ -1,4 +1,4 @@
-"""Light things on the floors of a structure, which do not affect its motion: blocks and oscillators."""
+"""Light blocks and oscillators on the floors of a structure, which do not affect the structure's motion."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Contents(Module):
     - `lam`: inertia factor λ_c = I/(m R_c²), ≥ 0 [–]; 1/3 for a uniform block
     - `restitution`: `"paper"`, e_c = 1 − 2 sin²α_c/(1+λ_c), or a velocity factor in [0, 1]
     - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
-    - `vertical`: whether the vertical motion of the floor acts; False is the usual practice
+    - `vertical`: whether the floor's vertical motion acts on the block; usual practice neglects it (False)
     - `overturn_ratio`: |φ|/α_c at which the block counts as overturned, in (0, π/(2α_c)] [–]
 
     Raises `ValueError` for concrete values outside these ranges.
@@ -61,14 +61,14 @@ class Contents(Module):
     overturn_ratio: Number = eqx.field(converter=as_number("Contents: overturn_ratio"), default=1.0)
 
     def __check_init__(self):
-        owner, half_turn = "Contents", np.pi / 2
-        require(owner, "alpha", self.alpha, lambda v: (v > 0) & (v < half_turn), "in (0, π/2) rad")
+        owner, right_angle = "Contents", np.pi / 2
+        require(owner, "alpha", self.alpha, lambda v: (v > 0) & (v < right_angle), "in (0, π/2) rad")
         require_positive(owner, R=self.R)
         require_not_negative(owner, lam=self.lam)
         if not isinstance(self.vertical, bool):
             raise ValueError(f"Contents: vertical must be True or False, got {self.vertical!r}")
         angle = self.overturn_ratio * self.alpha
-        in_range = lambda v: (v > 0) & (v <= half_turn * (1 + 1e-12))
+        in_range = lambda v: (v > 0) & (v <= right_angle * (1 + 1e-12))
         require(owner, "overturn_ratio times alpha", angle, in_range, "in (0, π/2] rad")
 
     @classmethod

@@ -24,7 +24,7 @@ from .modes import (
 )
 from .superstructures import AbstractSuperstructure
 
-SAME_LINE = 1e-9  # gap between positions of one line of columns, at most, as a fraction of the span of all
+SAME_LINE = 1e-9  # columns of one line are at most this fraction of the total span apart
 
 
 class Elevation(Module):
@@ -39,8 +39,8 @@ class Elevation(Module):
       a [`rockjax.ShearBuilding`][] without `heights` one for each floor
     - `residual_height`: height of the residual mass of [`rockjax.Modes`][] above the top of the beam [m]
 
-    It affects only forces in the joints, not the motion. Raises `ValueError` for concrete values outside
-    these ranges, for fewer than two columns, and if all columns have the same position.
+    An elevation affects only forces in the joints, not the motion. Raises `ValueError` for concrete values
+    outside these ranges, for fewer than two columns, and if all columns have the same position.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("columns", "top_height")
@@ -49,7 +49,7 @@ class Elevation(Module):
     beam_depth: Number
     top_height: Any  # a scalar, or a row over modes or floors
     residual_height: Number
-    _raised: Number | None = None  # with round ends: tops of the model's columns above the real tops [m]
+    _raised: Number | None = None  # round ends: height of the model's column tops above the real ones [m]
 
     def __init__(
         self,
@@ -106,18 +106,18 @@ class Elevation(Module):
         count = None if top is None else top.height_count
         if top is None or count is None:
             return
-        kind, height = type(top).__name__, self.top_height
+        class_name, height = type(top).__name__, self.top_height
         if top.own_heights is not None:
             if not is_plain_zero(height):
                 raise ValueError(
-                    f"Podium: the {kind} has its own heights; give either these or elevation.top_height"
+                    f"Podium: the {class_name} has its own heights; give either these or elevation.top_height"
                 )
             return
-        given = len(split_row(repeat_scalar(height, 1)))
-        if given != count:
+        height_count = len(split_row(repeat_scalar(height, 1)))
+        if height_count != count:
             raise ValueError(
                 f"Podium: elevation.top_height must hold {count} heights, one for each mode or floor of the "
-                f"{kind} (or give a building its own heights), got {given}"
+                f"{class_name} (or give a building its own heights), got {height_count}"
             )
         top.check_heights("Podium", height)
 
@@ -134,7 +134,7 @@ class Elevation(Module):
         return with_fields(self, {"columns": split_row(self.columns), "top_height": height})
 
     def resolved(self, gamma: Number, top: AbstractSuperstructure | None) -> Arms:
-        """Return the elevation in the form of the engine.
+        """Return the elevation in the form that the engine uses.
 
         - `gamma`: mass ratio of the beam
         - `top`: the superstructure
@@ -149,8 +149,8 @@ class Elevation(Module):
         height = self.top_height if top.own_heights is None else top.own_heights
         if top.height_count is not None:
             height, depth = stack_row(repeat_scalar(height, top.height_count)), depth[..., None]
-        of_modes, carried = top.first_moments(height + depth, carried_height)
-        return Arms(offsets, beam if carried is None else beam + carried, of_modes)
+        modal_moments, carried = top.first_moments(height + depth, carried_height)
+        return Arms(offsets, beam if carried is None else beam + carried, modal_moments)
 
     def __repr__(self):
         return format_call(self)
@@ -160,7 +160,7 @@ class Elevation(Module):
 
 
 class Arms(Module):
-    """An elevation in the form of the engine.
+    """An elevation in the form that the engine uses.
 
     - `offsets`: positions of the columns from their mean (N,) [m]
     - `beam`: γ_b h_b + η_r h_r, the first moment of the masses that move with the beam, per N m_c [m]

@@ -1,4 +1,4 @@
-"""Impulses in the joints at an impact, divided by its speed."""
+"""Impulses in the joints at an impact, divided by the impact speed."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def impulses(
 def impulse_eccentricity(
     sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number, e: Number
 ) -> Number:
-    """Return ξ_J: position of the resultants of the impulses, divided by half the width of a column, (F13).
+    """Return ξ_J, the position of the resultant impulses divided by half the width of a column, (F13).
 
     - `sin2`: sin²α
     - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
     - `lam`, `mu`: inertia factor λ of a column, and μ of all inerters [–]
     - `e`: velocity factor of the impact, ≥ 0 [–]
     """
-    stopped = (1 - e) * (lam + (1 + 4 * gamma) * (1 - sin2))
-    return stopped / ((1 + e) * sin2 * (1 + 4 * gamma + 4 * eta + 4 * mu))
+    numerator = (1 - e) * (lam + (1 + 4 * gamma) * (1 - sin2))
+    return numerator / ((1 + e) * sin2 * (1 + 4 * gamma + 4 * eta + 4 * mu))

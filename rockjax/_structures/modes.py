@@ -12,7 +12,7 @@ from rockjax._types import Array, Number
 
 from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
-ROUNDING = 1e-9  # fraction of the total mass by which the sum of modal masses may exceed it
+ROUNDING = 1e-9  # fraction by which the sum of modal masses may exceed the total mass
 
 # Values for modes, stories or columns along the last axis of an array; a tuple in split structures.
 Row = Array
@@ -80,8 +80,8 @@ class Modes(AbstractSuperstructure):
     - `residual`: mass ratio η_r of the remaining mass, which moves with the beam, ≥ 0 [–]; `peak_shear` omits
       its impulses at impacts
 
-    For one mode use [`rockjax.Elastic`][], for none `Rigid(residual)`. Displacements and deformations have a
-    last axis of modes, in [`rockjax.State`][] and in `peak_deformation`. Raises `ValueError` for unequal
+    For one mode use [`rockjax.Elastic`][], for none `Rigid(residual)`. The last axis of displacements in
+    [`rockjax.State`][] and of `peak_deformation` is the axis of modes. Raises `ValueError` for unequal
     lengths and for concrete values outside these ranges.
     """
 
@@ -111,8 +111,8 @@ class Modes(AbstractSuperstructure):
 
     @classmethod
     def of_total(cls, mass_ratio, eta, T, zeta=0.05) -> Self:
-        """Return modes of a superstructure with a given total mass ratio. The residual is the mass that is
-        not in the modes.
+        """Return modes of a superstructure with a given total mass ratio. The mass that is not in the modes
+        becomes the residual.
 
         - `mass_ratio`: mass ratio m_t/(N m_c) of the whole superstructure [–]
         - `eta`, `T`, `zeta`: as for [`rockjax.Modes`][]
@@ -168,11 +168,11 @@ class Modes(AbstractSuperstructure):
         return self.count
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
-        of_modes, carried = super().first_moments(heights, residual_height)
+        modal_moments, carried = super().first_moments(heights, residual_height)
         # A single mode without a residual is resolved to `Elastic`, which has no axis of modes.
-        if of_modes is not None and carried is None and self.count == 1:
-            return of_modes[..., 0], None
-        return of_modes, carried
+        if modal_moments is not None and carried is None and self.count == 1:
+            return modal_moments[..., 0], None
+        return modal_moments, carried
 
     def split(self) -> Self:
         values = {"eta": split_row(self.eta), "T": split_row(self.T), "zeta": split_unless_scalar(self.zeta)}
@@ -188,7 +188,7 @@ class Modes(AbstractSuperstructure):
 
 
 def with_fields(superstructure, values):
-    """Return a copy with other fields, which are neither converted nor checked."""
+    """Return a copy with some fields replaced. The new values are neither converted nor checked."""
     copy = object.__new__(type(superstructure))
     for name, value in (vars(superstructure) | values).items():
         object.__setattr__(copy, name, value)

@@ -69,8 +69,8 @@ class Podium(Module):
     - `superstructure`: `None`, [`rockjax.Rigid`][], [`rockjax.Elastic`][], [`rockjax.Modes`][] or
       [`rockjax.ShearBuilding`][]
     - `lam`: column inertia factor λ = I_c/(m_c R²), ≥ 0 [–], Eq. (3); 1/3 for a uniform block
-    - `restitution`: `"paper"`, Eq. (27); `"compatible"`, angular momentum with Eq. (26); or a velocity factor
-      in [0, 1]
+    - `restitution`: `"paper"`, Eq. (27); `"compatible"`, conservation of angular momentum with Eq. (26); or a
+      velocity factor in [0, 1]
     - `g`: acceleration of gravity, > 0 [m/s²]
     - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][], which act in
       parallel on every column
@@ -180,12 +180,12 @@ class Podium(Module):
 
         With round ends the result is an approximately equivalent podium with flat ends and the same α, (R5).
         Its `R`, `width` and `height` are multiplied by H/(H − r_c), its rotations by (H − r_c)/H. For
-        tan α = 0.15 and r_c = H/2 (0.8 H), peaks of u_b up to half of u_b at overturning are up to 0.65 %
-        (3.4 %) too small, and overturning amplitudes 1.3 % (15 %) too large. The page on forces in the
-        joints, section "Round column ends", explains the results.
+        tan α = 0.15 and r_c = H/2 (0.8 H), peaks of u_b that are at most half of u_b at overturning are up to
+        0.65 % (3.4 %) too small, and overturning amplitudes 1.3 % (15 %) too large. The page on forces in
+        the joints, section "Round column ends", explains the results.
 
-        Tendons, dampers and inerters act between the ground and the beam. A device with only plain zeros is
-        omitted.
+        Tendons, dampers and inerters act between the ground and the beam. A device is omitted if its
+        parameters are the Python number 0.
 
         Warns ([`rockjax.PlausibilityWarning`][]) if R exceeds 100 m, or if a square column of this width has
         less than 300 kg/m³ or more than 8000 kg/m³. Raises `ValueError` for invalid or inconsistent values.
@@ -315,8 +315,8 @@ class Podium(Module):
 
     @property
     def restitution_factor(self) -> Number:
-        """Velocity factor e = |θ̇⁺/θ̇⁻| of an impact [–], by the law `restitution`; rocking ends at an impact
-        if the law gives e ≤ 0.
+        """Velocity factor e = |θ̇⁺/θ̇⁻| of an impact [–], according to the law `restitution`. Rocking ends at
+        an impact if e ≤ 0.
 
         A rigid superstructure is part of the beam in every law.
         """
@@ -327,28 +327,28 @@ class Podium(Module):
 
     @property
     def inertances(self) -> tuple[Number, Number]:
-        """μ_b and μ_t of the inerters that act on the bottom and the top joint [–]. A device over one joint
-        is in the bottom joint and has twice the force of its equivalent over both joints, (F2)."""
-        over_both, over_one = map(apparent_mass, devices_by_joints(self.restrainers))
-        top = jnp.zeros_like(self.gamma) + (0.0 if over_both is None else over_both)
-        return (top if over_one is None else top + 2 * over_one), top
+        """μ_b and μ_t of the inerters that act on the bottom and the top joint [–]. A device that spans only
+        the bottom joint has twice the force of the equivalent device that spans both joints, (F2)."""
+        both_joints, bottom_joint = map(apparent_mass, devices_by_joints(self.restrainers))
+        top = jnp.zeros_like(self.gamma) + (0.0 if both_joints is None else both_joints)
+        return (top if bottom_joint is None else top + 2 * bottom_joint), top
 
     @property
     def dead_load(self) -> Number:
         """Axial force N/(m_c g) of the mean column at rest, at the bottom and the top joint along the last
         axis [–], (F3)."""
-        over_both, over_one = devices_by_joints(self.restrainers)
+        both_joints, bottom_joint = devices_by_joints(self.restrainers)
         carried = self.gamma + self.eta
-        top = carried + prestress(over_both, carried)
-        return jnp.stack([top + 1 + 2 * prestress(over_one, carried), top], axis=-1)
+        top = carried + prestress(both_joints, carried)
+        return jnp.stack([top + 1 + 2 * prestress(bottom_joint, carried), top], axis=-1)
 
     @property
     def impact_eccentricity(self) -> Number:
         """ξ_J, the position of the impulses of an impact divided by half the width of a column [–], (F13).
 
-        It is 1 if all impulses act at the new edges, as with `"compatible"`, and with `"paper"` without an
-        elastic superstructure. It is less if impulses also act at the old edges. Above 1 these would be
-        tensile: no impact between rigid faces leaves so little speed.
+        It is 1 if all impulses act at the new contact edges, as with `"compatible"`, and with `"paper"`
+        without an elastic superstructure. It is less than 1 if impulses also act at the old edges. Values
+        above 1 would need tensile impulses at the old edges, which rigid faces cannot transmit.
         """
         gamma, eta = self.mass_ratios
         sin2, (bottom, top) = jnp.sin(self.alpha) ** 2, self.inertances
@@ -359,11 +359,11 @@ class Podium(Module):
         """Friction demand |J_T|/J_N of an impact at the bottom and the top joint of the mean column, along
         the last axis [–], (F12). It is 0 at the top joint of a solitary block."""
         gamma, eta = self.mass_ratios
-        sizes = 2 * self.R, jnp.sin(self.alpha), jnp.cos(self.alpha)
-        of_mean = impulses(*sizes, gamma, eta, self.inertances, self._e)
+        geometry = 2 * self.R, jnp.sin(self.alpha), jnp.cos(self.alpha)
+        mean_column = impulses(*geometry, gamma, eta, self.inertances, self._e)
         ratios = (
             jnp.where(axial > 0, horizontal / jnp.where(axial > 0, axial, 1.0), 0.0)
-            for horizontal, axial in zip(of_mean.horizontal, of_mean.axial, strict=True)
+            for horizontal, axial in zip(mean_column.horizontal, mean_column.axial, strict=True)
         )
         return jnp.stack(jnp.broadcast_arrays(*ratios), axis=-1)
 
@@ -399,7 +399,7 @@ class Podium(Module):
     def uplifted_frequency(self) -> Number:
         """Circular frequency of the superstructure while the podium is uplifted [rad/s], Eq. (31).
 
-        With tendons and inerters it is the larger root of (C15), with several modes the largest. Raises
+        With tendons or inerters it is the larger root of (C15), with several modes the largest root. Raises
         `ValueError` without an elastic superstructure.
         """
         top = self._require_oscillators("uplifted_frequency")
@@ -413,8 +413,8 @@ class Podium(Module):
 
     @property
     def uplifted_frequencies(self) -> Number:
-        """All n+1 circular frequencies on lifted columns, ascending along the last axis [rad/s], (C15): of
-        rocking against the stiffness of tendons (0 without tendons), and of the n modes.
+        """All n+1 circular frequencies of the uplifted podium, ascending along the last axis [rad/s], (C15):
+        rocking against the stiffness of the tendons (0 without tendons), and the n modes.
 
         The equations are linearised without gravity and prestress. Raises `ValueError` without an elastic
         superstructure.
@@ -435,8 +435,8 @@ class Podium(Module):
         return inertia, stiffness_term, jnp.cos(self.alpha)
 
     def fastest_frequency(self) -> Number:
-        """Return `uplifted_frequency`, for step lengths; with several modes it is constant under
-        differentiation."""
+        """Return `uplifted_frequency` for the choice of step lengths. With several modes its derivatives are
+        zero."""
         top = self._require_oscillators("uplifted_frequency")
         if isinstance(top, Elastic):
             return self.uplifted_frequency
@@ -573,9 +573,8 @@ def _with_round_ends(
     devices: tuple[AbstractRestrainer, ...],
     elevation: Elevation | None,
 ) -> tuple[Number, Elevation | None]:
-    """Return R and the elevation of the podium with flat ends that rocks like one with round ends, (R5).
-
-    All masses keep their height above the middle of the columns, as forces by (R4) require.
+    """Return R and the elevation of the podium with flat ends that is equivalent to a podium with round ends,
+    (R5). All masses keep their height above the middle of the columns, as the forces of (R4) require.
 
     - `owner`: name for error messages
     - `radius`: radius of the round ends [m]

@@ -1,4 +1,4 @@
-"""Superstructures on the podium: the base class, `Rigid`, `Elastic`, and the form of the engine.
+"""Superstructures on the podium: the base class, `Rigid`, `Elastic`, and `Oscillators` for the engine.
 
 To the engine a superstructure is a set of oscillators in parallel on the beam, and a mass that moves with the
 beam.
@@ -35,7 +35,7 @@ class AbstractSuperstructure(Module):
     @property
     @abc.abstractmethod
     def carried(self) -> Number | None:
-        """Mass ratio of the part that moves with the beam [–]; None (static) without such a part."""
+        """Mass ratio of the part that moves with the beam [–]; None (static) if there is no such part."""
 
     @property
     @abc.abstractmethod
@@ -68,13 +68,13 @@ class AbstractSuperstructure(Module):
 
     @property
     def floors(self) -> Array | None:
-        """Γ_i φ_ji of the floors j and the modes i, (floors, modes) [–], (C11); None without floors."""
+        """Γ_i φ_ji of floors j and modes i, shape (floors, modes) [–], (C11); None if there are no floors."""
         return None
 
     @property
     def story_weights(self) -> Array | None:
-        """Weights W_i of the modes i in the motion of each story j, (L2), shape (stories, modes); None
-        without stories. The rest, 1 − ΣW_i, moves with the beam."""
+        """Weights W_i of the modes i in the motion of each story j, (L2), shape (stories, modes); None if
+        there are no stories. The remaining weight 1 − ΣW_i belongs to the motion of the beam."""
         return self.floors
 
     @property
@@ -92,11 +92,11 @@ class AbstractSuperstructure(Module):
         del owner, heights
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
-        """Return η_i h_i of the oscillators, None if nothing vibrates, and η_r h_r of the mass that moves
-        with the beam, None if there is none, (F7) [m].
+        """Return the first moments η_i h_i of the oscillators (None if nothing vibrates) and η_r h_r of the
+        mass that moves with the beam (None if there is no such mass), (F7) [m].
 
         - `heights`: heights above the tops of the columns [m], a scalar or `height_count` along the last axis
-        - `residual_height`: height of the mass that is in no mode above the tops of the columns [m]
+        - `residual_height`: height above the tops of the columns of the mass that is in no mode [m]
         """
         oscillators, carried = self.oscillators, self.carried
         if oscillators is None:
@@ -109,7 +109,7 @@ class AbstractSuperstructure(Module):
         return self
 
     def resolved(self) -> AbstractSuperstructure:
-        """Return the superstructure in the form of the engine, as oscillators."""
+        """Return the superstructure in the form that the engine uses: `Rigid`, `Elastic` or `Oscillators`."""
         return self
 
     def __repr__(self):
@@ -211,7 +211,7 @@ class Rigid(AbstractSuperstructure):
 
 
 class Oscillators(AbstractSuperstructure):
-    """Oscillators in the form of the engine: arrays with the modes along the last axis; see
+    """Oscillators in the form that the engine uses: arrays with the modes along the last axis; see
     [`rockjax.Modes`][]."""
 
     eta: Array
@@ -256,8 +256,8 @@ class Oscillators(AbstractSuperstructure):
 
 
 def eigh(matrix: Array) -> tuple[Array, Array]:
-    """Return eigenvalues, ascending along the last axis, and eigenvectors in columns of symmetric matrices.
-    Concrete matrices use NumPy."""
+    """Return the eigenvalues of symmetric matrices, ascending along the last axis, and the eigenvectors as
+    columns. Concrete matrices use NumPy."""
     constant = concrete(matrix)
     return jnp.linalg.eigh(matrix) if constant is None else np.linalg.eigh(constant)  # pyright: ignore[reportReturnType]
 
