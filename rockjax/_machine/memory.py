@@ -7,10 +7,10 @@ from pathlib import Path
 # Peak memory per scene [bytes], besides its parameters: 120 for a batch, 160 for spectra that are
 # assembled and written.
 BYTES = 160
-BYTES_OF_SLOPES = 32  # additional memory per scene and parameter of the sensitivities [bytes]
+BYTES_OF_SLOPES = 32  # additional memory per scene and sensitivity parameter [bytes]
 SYSTEM = Path("/")
 
-# Advice in the error message.
+# Advice in error messages.
 SWEEP = (
     "request fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them in chunks "
     "and stores them on disk"
@@ -27,7 +27,7 @@ def require_memory(
     - `number`: number of scenes
     - `bytes_each`: memory of each scene [bytes]
     - `noun`: plural noun in the message, if it is not "scenes"
-    - `advice`: advice in the message
+    - `advice`: last part of the message
     """
     needed, free = number * bytes_each, []
     if needed < 2**20:  # too little to look up the free memory

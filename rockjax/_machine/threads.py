@@ -14,16 +14,16 @@ import jax
 
 TABLES = "xarray", "dask.array"  # for its first Dataset, xarray imports dask.array if it is installed
 
-# The pool of threads, once it exists. Up to 1024 threads it starts a new one if none is idle, so waiting
-# threads do not block others. All threads finish their work before the process ends.
+# The thread pool, once it exists. It starts another thread if none is idle, up to 1024, so waiting threads do
+# not block others. All threads finish their work before the process ends.
 _POOLS: list[ThreadPoolExecutor] = []
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_POOLS.clear)  # threads do not exist in a forked process
 
 
 def submit(work: Callable, *arguments: Any) -> Future:
-    """Run `work(*arguments)` in another thread, with the floating-point precision of this thread. (JAX
-    has a setting for each thread.)"""
+    """Run `work(*arguments)` in another thread, with the floating-point precision of this thread, because
+    JAX has a separate setting for each thread."""
     x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
 
     def run() -> Any:
@@ -39,7 +39,7 @@ def run_in_threads(work: Callable[[], None], count: int, stop: threading.Event, 
     """Run `work()` in several threads, and wait until all have ended.
 
     - `work`: function that ends soon after `stop` is set
-    - `count`: number of threads; a single one is this thread
+    - `count`: number of threads; 1 runs `work` in this thread
     - `stop`: event that stops the work; Ctrl-C and any exception set it
     - `raises`: whether Ctrl-C raises `KeyboardInterrupt`; other exceptions are always raised
     """
@@ -59,7 +59,7 @@ def run_in_threads(work: Callable[[], None], count: int, stop: threading.Event, 
 
 
 def import_in_background(*modules: str) -> None:
-    """Import modules in another thread, such as modules for tables and plots while scenes are computed."""
+    """Import modules in another thread, such as those for tables and plots while scenes are computed."""
 
     def load() -> None:
         for name in modules:

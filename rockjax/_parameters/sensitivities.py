@@ -1,4 +1,4 @@
-"""Parameters by whose logarithms derivatives are taken: checks of their names, and scaling by factors."""
+"""Parameters of sensitivities y ∂/∂y: checks of their names, and scaling of their values."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Tables of parameters of structures and ground motions: name, symbol, unit, range, meaning and location.
 
 Grids, sweeps, sensitivities, design variables, sliders, problem files, options of the command line and the
-documentation are made from these tables. To add a parameter, add an entry here. This module does not import
-JAX.
+documentation use these tables. To add a parameter, add an entry here. This module does not import JAX.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from rockjax._units import displayed
 class Range(NamedTuple):
     """Interval of valid values of a parameter.
 
-    - `low`, `high`: its ends; `closed`: for each end, whether it is included
+    - `low`, `high`: ends of the interval; `closed`: whether each end belongs to it
     - `unit`: unit that `words` appends
     """
 
@@ -54,7 +53,7 @@ POWER = Range(0.0, 1.0, (False, True))
 class Parameter(NamedTuple):
     """A scalar parameter of a structure or ground motion.
 
-    - `name`: name in axes, options, keys of problem files and variables; `symbol`: its symbol
+    - `name`: name in axes, options, keys of problem files and variables; `symbol`: mathematical symbol
     - `unit`: unit as in datasets, "1" for a ratio; `range`: range of valid values; `meaning`: description
     - `place`: path of attributes in the structure, such as `superstructure.T_s`. Members of a tuple are named
       by their class, as in `restrainers.Tendon.stiffness`. Empty for derived parameters
@@ -104,7 +103,7 @@ _STORIES, _UNIFORM = "number of stories of a building whose stories are alike", 
 _HEIGHT = "height of the superstructure above the beam"
 _RESIDUAL_HEIGHT = "height of the residual mass above the beam"
 _LINEAR = "1 is a linear damper"
-_ROUND = "less than H, without devices"
+_ROUND = "less than H; not with restrainers"
 
 # Parameters of a podium. Those with a `place` are stored there; variants.py computes the others.
 STRUCTURE = _by_name(
@@ -143,9 +142,9 @@ ROWS = _by_name(
     Parameter("position", "x", "m", ANY, "position of the column", "elevation.columns"),
     Parameter("top_height", "h", "m", ANY, "height of the mode or floor", "elevation.top_height"),
 )
-# Parameters of the same superstructures that have one value for all modes.
+# Parameters of superstructures with several modes that have one value for all modes.
 OVERALL = _by_name(
-    _ratio("residual", "η_r", "mass ratio of what moves with the beam", "superstructure.residual"),
+    _ratio("residual", "η_r", "mass ratio of the residual mass", "superstructure.residual"),
     _ratio("story_damping", "ζ", "damping ratio of all modes", "superstructure.damping"),
 )
 
@@ -220,13 +219,13 @@ INITIAL = _by_name(
 
 
 def attribute_name(parameter: Parameter) -> str:
-    """Return the name of a parameter in the attributes of a file: its name and unit."""
+    """Return the name under which files store a parameter as an attribute: the name and the unit."""
     name = {"lam": "lambda"}.get(parameter.name, parameter.name)
     return name if parameter.unit == "1" else f"{name}_{parameter.unit.replace(' ', '_').replace('-', '')}"
 
 
 def motion_parameter(name: str) -> Parameter:
-    """Return the parameter of a ground motion; if the table has no entry, one with only a name."""
+    """Return the parameter of a ground motion; for unknown names, a parameter that has only a name."""
     return MOTION.get(name, Parameter(name, name, "", ANY, ""))
 
 
@@ -244,7 +243,7 @@ def variable_attributes(name: str) -> dict[str, str]:
 
 
 def find_clash(names: Iterable[str]) -> tuple[str, str] | None:
-    """Return two of the names that describe the same quantity, or None if there are no two."""
+    """Return two of the names that describe the same quantity, or None if there is no such pair."""
     names = tuple(names)
     for table in (STRUCTURE, MOTION):
         for name in names:

@@ -1,4 +1,4 @@
-"""Parameters of structures read and set by name, and dimensions of pulses from their ratios."""
+"""Read and set parameters of structures by name, and convert ratios of pulses to dimensions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .table import (
 
 
 def find_parameter(name: str) -> Parameter | None:
-    """Return the parameter of a structure with this name or `place`, None if there is none."""
+    """Return the parameter of a structure with this name or `place`; None if there is none."""
     for table in (STRUCTURE, OVERALL):
         if name in table:
             return table[name]
@@ -57,7 +57,7 @@ def parameters_of(podium: Podium) -> dict[str, Parameter]:
 
 
 def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
-    """Return the members of a row of parameters.
+    """Return the values of a parameter that has one for each mode, story or column.
 
     The result is empty if the podium has a single value instead, or no such parameter.
     """
@@ -71,9 +71,9 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
 
 
 def _has_rows(podium: Podium) -> bool:
-    """Return whether the superstructure has several modes or floors, so that heights of masses are a row.
+    """Return whether the superstructure has several modes or floors, each with a height.
 
-    With a single mass, several heights are a batch of structures.
+    With a single mass, several heights mean a batch of structures.
     """
     superstructure = podium.superstructure
     return superstructure is not None and superstructure.height_count is not None
@@ -115,8 +115,8 @@ def read(podium: Podium, name: str) -> Any:
 def with_values(podium: Podium, values: Mapping[str, Any]) -> Podium:
     """Return the podium with some of its parameters changed.
 
-    Raises `ValueError` for names that are not its parameters, for two names of the same quantity, and for
-    values out of range.
+    Raises `ValueError` for names that are not parameters of the podium, for two names of the same quantity,
+    and for values out of range.
     """
     parameters = {name: _require_parameter(podium, name) for name in values}
     values = {parameters[name].name: value for name, value in values.items()}
@@ -146,12 +146,12 @@ def check_values(owner: str, values: Mapping[str, Any]) -> None:
 
 
 def pulse_acceleration(podium: Podium, acceleration_ratio: Any) -> Any:
-    """Return a_p [m/s²] of a pulse of given a_p/(g tan α)."""
+    """Convert a_p/(g tan α) of a pulse to a_p [m/s²]."""
     return acceleration_ratio * g_tan_alpha(podium.alpha, podium.g)
 
 
 def pulse_period(p: Any, frequency_ratio: Any) -> Any:
-    """Return T_p [s] of a pulse of given ω_p/p, for a podium of frequency parameter p, Eq. (25)."""
+    """Convert ω_p/p of a pulse to T_p [s], for a podium with the frequency parameter p, Eq. (25)."""
     return 2 * math.pi / (frequency_ratio * p)
 
 
@@ -183,9 +183,9 @@ def _stored_value(holder: Any, place: str) -> Any:
 
 
 def _row_member(values: Any, number: int) -> Any:
-    """Return the member of a row with a number from 1. Raises `AttributeError` if it does not exist."""
+    """Return a value of a row by number, from 1. Raises `AttributeError` if there is no such value."""
     if split_unless_scalar(values) is values and not isinstance(values, tuple):
-        raise AttributeError("one number stands for all")
+        raise AttributeError("a single number applies to all")
     row = split_row(values)
     if not 1 <= number <= len(row):
         raise AttributeError(f"there are {len(row)}, not {number}")
@@ -193,7 +193,7 @@ def _row_member(values: Any, number: int) -> Any:
 
 
 def _index_of_class(members: tuple, class_name: str) -> int:
-    """Return the position of the only member of a tuple with this class."""
+    """Return the index of the only member with this class. Raises `AttributeError` for none or several."""
     indices = [k for k, member in enumerate(members) if type(member).__name__ == class_name]
     if len(indices) != 1:
         raise AttributeError(f"{len(indices)} members of class {class_name}")
@@ -201,9 +201,9 @@ def _index_of_class(members: tuple, class_name: str) -> int:
 
 
 def _for_all_modes(podium: Podium, place: str, value: Any) -> Any:
-    """Return values of several podiums as rows, if a single number stands for all modes at this `place`.
+    """Repeat the values of several podiums for each mode, if this `place` holds one value for all modes.
 
-    Without rows, the axis of podiums would count as that of modes.
+    Otherwise the axis of podiums would be taken for the axis of modes.
     """
     top, field = podium.superstructure, place.removeprefix("superstructure.")
     if field == place or top is None or field not in top.rows or isinstance(getattr(top, field), tuple):

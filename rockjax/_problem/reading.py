@@ -1,4 +1,4 @@
-"""Reading of problem files: check tables against the models, and build structures, motions and options."""
+"""Read problem files: check tables against the models, and build structures, motions and options."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Reader:
         raise LocatedError(f"{self.prefix}{key}: {reason}")
 
     def check(self, model: type[K], table: Any, where: str = "") -> K:
-        """Return the table at the key `where` as its model. Raises `ValueError` for the first invalid key."""
+        """Validate the table at the key `where` against a model. Raises `ValueError` for its first error."""
         try:
             return model.model_validate(table)
         except ValidationError as error:
@@ -95,7 +95,7 @@ class Reader:
         return self.fail(".".join(path), reason)
 
     def options(self, given: models.Options, **changes: Any) -> Options:
-        """Return the options of a file; `changes` are defaults for options that the file does not give."""
+        """Return the options of a file; `changes` replace the defaults of options that the file omits."""
         arguments: dict[str, Any] = {"throw": False} | changes | given.as_arguments()
         with self.at("options"):
             return Options(**arguments)
@@ -105,7 +105,7 @@ class Reader:
         given: models.ByRatios | models.ByDimensions,
         by_dimensions: Callable[..., Any] = Podium.from_dimensions,
     ) -> Any:
-        """Return the podium of a table by ratios, or the result of `by_dimensions` for one by dimensions."""
+        """Build the podium from a table of ratios, or call `by_dimensions` with a table of dimensions."""
         parameters = given.as_arguments("superstructure", "elevation")
         with self.at("structure"):
             if isinstance(given, models.ByDimensions):
@@ -132,7 +132,7 @@ class Reader:
             )
 
     def superstructure(self, given: Any) -> Any:
-        """Return the superstructure of a table, or None."""
+        """Build the superstructure of a table; None if there is no table."""
         if given is None:
             return None
         classes: dict[type, Callable[..., Any]] = {
@@ -151,15 +151,15 @@ class Reader:
         return self._named("oscillators", given, Oscillator)
 
     def _named(self, table: str, given: Iterable[Any], make: Callable[..., T]) -> dict[str, T]:
-        """Return things of a table by name, by default the table with their number."""
-        found: dict[str, T] = {}
+        """Build the objects of a table; the default name of an object is that of the table and a number."""
+        objects: dict[str, T] = {}
         for k, entry in enumerate(given):
             with self.at(f"{table}[{k}]"):
                 name = entry.name or f"{table}-{k + 1}"
-                if name in found:
-                    raise ValueError(f"name must differ from those before, got {name!r}")
-                found[name] = make(**entry.as_arguments("name"))
-        return found
+                if name in objects:
+                    raise ValueError(f"name must not repeat an earlier name, got {name!r}")
+                objects[name] = make(**entry.as_arguments("name"))
+        return objects
 
     def motions(
         self, sets: Mapping[str, models.MotionSet], podium: Podium
@@ -172,8 +172,9 @@ class Reader:
     ) -> list[Motion | AbstractExcitation]:
         """Return the motions of a set: pulses as excitations, records as `Motion` with name and source.
 
-        - `sets`: all sets by name; `name`: name of the set
-        - `podium`: the structure for pulses that are given by ratios, or None
+        - `sets`: all sets by name
+        - `name`: name of the set
+        - `podium`: structure to which ratios of pulses refer, or None
         """
         motions, is_list = [], isinstance(sets[name], list)
         for k, entry in enumerate(entries_of(sets[name])):
@@ -215,7 +216,7 @@ class Reader:
         return motions.paired() if getattr(entry, "paired", False) else motions
 
     def _record(self, path: Path, arguments: dict[str, Any]) -> Motion:
-        """Return the record of a file, with its vertical component if one is given."""
+        """Return the record of a file, with the vertical component if the entry gives one."""
         scale, file, component = (
             arguments.pop(name, None) for name in ("scale", "vertical", "vertical_component")
         )
@@ -227,7 +228,7 @@ class Reader:
 
 
 def _explain(error: ValidationError, table: Any) -> tuple[str, str, Any]:
-    """Return the key, the cause and the invalid value of the first error of a table."""
+    """Return the key, the cause and the invalid value for the first error in a table."""
     first_error = error.errors(include_url=False)[0]
     location, value, reason = "", table, first_error["msg"].removeprefix("Value error, ")
     for step in first_error["loc"]:  # steps that are not keys or indices name branches of unions
@@ -271,7 +272,7 @@ def to_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
 
 
 def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitation]:
-    """Return the pulses of an entry; `podium`: the structure for pulses that are given by ratios, or None."""
+    """Return the pulses of an entry; `podium`: structure to which ratios of pulses refer, or None."""
     pulse_class = PULSES[entry.kind]
     a_p = (
         entry.a_p

@@ -17,11 +17,13 @@ from . import models
 
 
 def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
-    """Return the curve of `[risk]`: a dataset of a file, a lognormal distribution, or None without one.
+    """Return the curve of `[risk]`: a dataset from a file, a lognormal distribution, or None.
 
-    - `settings`: the table; `find`: name of a file ↦ its path
+    - `settings`: the table
+    - `find`: function that returns the path of a named file
 
-    Raises `ValueError` for a file of another kind, and for a file and a distribution, or half of one.
+    Raises `ValueError` if the file is not a fragility, if both a file and values are given, and if only one
+    of median and dispersion is given.
     """
     parameters = [value for value in (settings.median, settings.dispersion) if value is not None]
     if settings.fragility is None:
@@ -46,7 +48,7 @@ def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
 
 
 def check_structure(curve: Any, podium: Podium, name: str) -> None:
-    """Raise `ValueError` if a fragility curve, from the file `name`, is of another structure.
+    """Raise `ValueError` if a fragility curve, from the file `name`, belongs to another structure.
 
     Curves without parameters of a structure, such as those of OpenQuake, are not compared.
     """
@@ -60,14 +62,14 @@ def check_structure(curve: Any, podium: Podium, name: str) -> None:
         )
         if key != "elevation" and not equal:
             raise ValueError(
-                f"{name} is of another structure: {key} is {other} there and {value} here; compute the curve "
-                "again with `rockjax fragility`"
+                f"{name} is for another structure: {key} is {other} there and {value} here; compute the "
+                "curve again with `rockjax fragility`"
             )
 
 
 def _curve_of_model(path: Path, model: dict[str, Any], structure: str | None) -> Any:
     if structure is None and len(model) > 1:
-        raise ValueError(f"{path} has several structures; choose one of {', '.join(model)} by --structure")
+        raise ValueError(f"{path} has several structures; choose one of {', '.join(model)} with --structure")
     name = next(iter(model)) if structure is None else structure
     if name not in model:
         raise ValueError(f"{path} has no structure {name!r}; choose one of {', '.join(model)}")

@@ -17,7 +17,7 @@ from . import tables
 
 
 def format_call(module: eqx.Module) -> str:
-    """Return a structure or motion as the call that constructs it; arrays are given by shape and range."""
+    """Return a structure or motion as the call that constructs it, with shape and range of arrays."""
     return (
         f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in _fields(module))})"
     )
@@ -26,8 +26,8 @@ def format_call(module: eqx.Module) -> str:
 def card(module: eqx.Module, headings: Mapping[str, str] | None = None) -> str:
     """Return a structure, motion or options as an HTML table of names, values and meanings with units.
 
-    `headings` maps names to meanings: of fields that are not in the tables of parameters, and of properties,
-    which are listed after the fields.
+    `headings` maps names to meanings, for fields that are not in the tables of parameters and for properties.
+    The properties are listed after the fields.
     """
     meanings, rows = dict(headings or {}), []
     for name, value, meaning in _rows(module):

@@ -571,7 +571,7 @@ def test_a_response_has_what_stands_on_the_floors(run, tmp_path):
         ("alpha = 0.3", "alpha = 3", "contents[1].alpha: must be less than 1.57"),
         ("vertical = false", "level = 0", "contents[1].level: must be 'deck' or the number of a story ≥ 1"),
         ("vertical = false", "overturn_ratio = 9.0", "contents[1]: Contents: overturn_ratio times alpha"),
-        ("vertical = false", 'name = "cabinet"', "contents[1]: name must differ from those before"),
+        ("vertical = false", 'name = "cabinet"', "contents[1]: name must not repeat an earlier name"),
         ("damping = 0.02", "damping = 1.0", "oscillators[0].damping: must be a number in [0, 1)"),
     ],
 )  # fmt: skip

@@ -176,7 +176,7 @@ def test_the_curve_of_another_structure_is_refused(tmp_path):
         attrs = describe_podium(problem.podium)
 
     check_structure(Curve(), problem.podium, "curve.nc")
-    with pytest.raises(ValueError, match=r"curve\.nc is of another structure: alpha_rad is"):
+    with pytest.raises(ValueError, match=r"curve\.nc is for another structure: alpha_rad is"):
         check_structure(Curve(), problem.varied({"width": 1.01}), "curve.nc")
 
 

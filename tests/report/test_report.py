@@ -279,5 +279,5 @@ def test_annual_frequency_is_that_of_the_package(tmp_path):
     (given,) = rj.evaluate(path).checks
     assert given.value == check.value
     path.write_text(text.replace("width = 0.6", "width = 0.61"))
-    with pytest.raises(ValueError, match=r"risk: curve\.nc is of another structure"):
+    with pytest.raises(ValueError, match=r"risk: curve\.nc is for another structure"):
         rj.read_problem(path)

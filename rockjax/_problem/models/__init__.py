@@ -45,7 +45,7 @@ from .studies import FRICTION, Floors, Fragility, Options, Overturning, Response
 
 
 class Problem(Keys):
-    """A problem file: tables for several commands, and one for each command."""
+    """A problem file: tables that several commands share, and a table for each command."""
 
     structure: Structure | None = key(None, "The structure, by ratios or by dimensions.")
     motions: dict[str, MotionSet] = key({}, "Sets of motions, by names that you choose.")

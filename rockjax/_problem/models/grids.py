@@ -37,7 +37,7 @@ class Sweep(OneMotion):
     outputs: list[str] = key(
         ["peak_rotation"], "Requested outputs: peak_rotation, peak_shear, margin …", GRID
     )
-    chunk: Count | None = key(None, "Scenes in a chunk; by default as many as take some seconds.", MACHINES)
+    chunk: Count | None = key(None, "Scenes in a chunk; by default some seconds of work.", MACHINES)
     axes: dict[str, Axis] = key({}, "Axes of the grid: name of a parameter → values, as in `rockjax.grid`.")
 
 

@@ -46,8 +46,8 @@ class Pulses(Keys):
         a_p, T_p = (len(y) if isinstance(y, list) else 1 for y in (given[name] for name in pair))
         if a_p > 1 and T_p > 1 and a_p != T_p:
             raise ValueError(
-                f"has {a_p} amplitudes and {T_p} periods; give lists of equal length, or a single value "
-                "of one"
+                f"has {a_p} amplitudes and {T_p} periods; give lists of equal length, or a single "
+                "amplitude or period"
             )
         return self
 

@@ -1,4 +1,4 @@
-"""Tables of the design report, and random motions of its checks."""
+"""Tables of the design report, and of random motions in its checks."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ class JointKeys(Keys):
 class ReportKeys(Keys):
     """Settings of `rockjax report`."""
 
-    units: list[str] | None = key(None, "Units of the page, one of a kind: kN, m, deg, g, mm.")
+    units: list[str] | None = key(None, "Units of the page, one for each quantity: kN, m, deg, g, mm.")
     spread: Annotated[float, Field(gt=0, lt=1), described_as("a number in (0, 1)")] = key(
         0.05, "Relative change of each parameter for the range of the utilisations [–]."
     )
     laws: list[Literal["paper", "compatible"]] = key(
-        ["paper", "compatible"], "Laws of impact, besides that of the structure."
+        ["paper", "compatible"], "Laws of impact that are compared with the law of the structure."
     )
     motions: dict[str, str] = key({}, "Labels of the sets of motions, such as '475 years'.")

@@ -1,4 +1,4 @@
-"""Tables of structures, and of what stands on their floors."""
+"""Tables of structures, and of blocks and oscillators on their floors."""
 
 from __future__ import annotations
 
@@ -61,14 +61,13 @@ def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
 
 
 def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
-    """Return a model with a key for each parameter, of which those in `needed` are required."""
+    """Return a model with a key for each parameter; the keys in `needed` are required."""
     fields: Any = {name: make_field(name, entry, name in needed) for name, entry in entries.items()}
     return create_model("Parameters", __base__=Keys, **fields)
 
 
 def _stored_in(*places: str) -> dict[str, table.Parameter]:
-    """Return the parameters of a structure that are stored in these attributes of a podium or of its parts,
-    except width and height."""
+    """Return the structural parameters, except width and height, whose place begins with one of `places`."""
     entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.WIDTH_AND_HEIGHT}
     return {name: entry for name, entry in entries.items() if entry.place.partition(".")[0] in places}
 
@@ -172,7 +171,7 @@ Structure = Annotated[
 
 Level = Annotated[Literal["deck"] | Count, described_as("'deck' or the number of a story ≥ 1")]
 _LEVEL = "Floor: deck, or the number of a story from the bottom."
-_NAME = "Name in tables and reports; by default its kind and its number."
+_NAME = "Name in tables and reports; by default the name of the table and a number."
 
 
 class Contents(Keys):
@@ -190,7 +189,7 @@ class Contents(Keys):
             described_as("'paper' or a factor in [0, 1]"),
         ]
         | None
-    ) = key(None, "Law of its impacts: paper, or a factor [–].")
+    ) = key(None, "Law of the block's impacts: paper, or a velocity factor [–].")
     level: Level = key("deck", _LEVEL)
     vertical: bool | None = key(None, "Whether the vertical motion of the floor acts; by default true.")
     overturn_ratio: Positive | None = key(None, "|φ|/α_c that counts as overturning [–]; by default 1.")

@@ -1,4 +1,4 @@
-"""Tables of options, and of the commands for responses, spectra, fragility and risk."""
+"""Tables of options, and tables of the commands for responses, spectra, fragility and risk."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Floors(OneMotion):
     points: Points = key(100, "Number of periods, at equal ratios.", GRID)
     oscillator_damping: NotNegatives = key([0.05], "Damping ratios of the oscillators [–].", GRID)
     direction: Literal["horizontal", "vertical"] = key("horizontal", "Direction of the motion.", GRID)
-    t_end: Number | None = key(None, "End [s]; by default also 5 T_e after the motion.", GRID)
+    t_end: Number | None = key(None, "End [s]; by default at least 5 T_e after the motion.", GRID)
     sensitivities: list[str] = key([], "Parameters y for y ∂/∂y of the spectra.", GRID)
 
 
@@ -131,7 +131,7 @@ class Fragility(Keys):
         [0.0, 0.5, 1.0], "Damage states of the contents: thresholds of max|φ|/α_c [–].", STATISTICS
     )
     overturned: Literal["drop", "exceed"] = key(
-        "drop", "Leave scenes out in which the podium overturns, or count them as damage of the contents."
+        "drop", "Leave out scenes in which the podium overturns, or count them as damage of the contents."
     )
     sensitivities: list[str] = key([], "Parameters y of d ln(median)/d ln y.", STATISTICS)
     friction: Positive | None = key(None, FRICTION, STRUCTURE)
@@ -145,5 +145,5 @@ class Risk(Keys):
     median: Positive | None = key(None, "Median of the curve, in SI units, instead of a file.", CURVE)
     dispersion: Positive | None = key(None, "Logarithmic standard deviation, with the median [–].", CURVE)
     hazard: str | None = key(None, "Hazard curve: a CSV file with two columns, or one of OpenQuake.", HAZARD)
-    site: Index | None = key(None, "Row of an OpenQuake file, from 0, if it has several.", HAZARD)
+    site: Index | None = key(None, "Row of an OpenQuake file, counted from 0.", HAZARD)
     years: NotNegative = key(50.0, "Period of the reported probability of failure [years].", OUTPUT)
