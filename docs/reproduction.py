@@ -329,9 +329,9 @@ def free_rocking() -> str:
 TEMPLATE = r"""# Reproduction
 
 This page compares published results with those of rockjax. `python docs/reproduction.py` computes the results of rockjax and writes
-the page. The tolerances are `rtol=1e-10` and `atol=1e-12` with the method `dopri8`; boundaries of `rockjax.overturning_spectrum` have its defaults. Symbols and equation numbers
-are those of the [model](model.md). Some results of the paper do not follow from its equations; this page names them. No parameter of
-rockjax is adjusted to reach them.
+the page. The tolerances are `rtol=1e-10` and `atol=1e-12` with the method `dopri8`; `rockjax.overturning_spectrum` has its default
+options. Symbols and equation numbers are those of the [model](model.md). Some results of the paper do not follow from its equations; this
+page names them. No parameter of rockjax is adjusted to reach them.
 
 ## The paper
 
@@ -358,13 +358,13 @@ other unless $\eta=0$. The [model](model.md#impact) derives the restitution that
 
 The test is a stiff superstructure. A podium ($\gamma=10$, $\eta=100$, $\tan\alpha=0.15$, $R=1.5$ m, $\zeta=0.05$) is
 released from $\theta_0=\alpha/2$ with an undeformed superstructure. After the first impact the superstructure
-oscillates against the beam and comes to rest. By then the energy has decreased by the square of an effective velocity
-factor, which is measured halfway to the second impact.
+oscillates against the beam until damping stops it. The energy before the impact has then been multiplied by the square of an
+effective velocity factor, which is measured halfway to the second impact.
 
 @ring_down@
 
 The column $T_s\to0$ is the exact limit $(Ae+B)/(A+B)$ with $A=1+\lambda+4\gamma+4\eta\sin^2\alpha$ and
-$B=4\eta\cos^2\alpha$: the oscillation is internal, so it does not change the total momentum. Eq. (27) by itself is
+$B=4\eta\cos^2\alpha$: the oscillation is internal, so it does not change the total momentum. Eq. (27) by itself gives
 0.956, the same as for a rigid superstructure. Together with (26) the effective factor is 0.995, so much less energy is lost.
 The compatible restitution is 0.613 at the impact and 0.956 after the oscillation. As $T_s\to0$, the compatible restitution
 tends to that of the rigid superstructure, and the restitution of the paper does not. Therefore "$T_s=0$" means `Rigid` in rockjax, not a
@@ -377,7 +377,7 @@ The paper takes $T_s=0$, $\gamma=110$, $R=1.5$ m, $\tan\alpha=0.15$ and a symmet
 @readings@
 
 The equations of the paper do not lead to its figures. With a pulse period of 0.80 s ($\omega_p/p=3.55$) they would, to the printed
-digits. The closest change of the model is to apply the factor of the equivalent block twice: $p^2$ is multiplied by
+digits. The change of the model that comes closest is to apply the factor of the equivalent block twice: $p^2$ is multiplied by
 $\left(\frac{1+2\gamma}{1+3\gamma}\right)^2$, so $R$ is divided by the factor once more. This agrees less with the two figures, but better
 with two other remarks of the section: that overturning needs about 0.9 g (6 times $g\tan\alpha$) or more for $3<\omega_p/p<4$, and that
 it is "essentially impossible" above $\omega_p/p=5$. The least overturning acceleration, searched up to 12 times $g\tan\alpha$, is:
@@ -396,7 +396,7 @@ acceleration. `rockjax spectrum` draws the pictures that correspond to Figs. 6 a
 
 ![Rocking spectra for three mass ratios and four periods of the superstructure](images/rocking-spectra.png)
 
-![Minimum overturning acceleration over pulse frequency, three mass ratios and four periods](images/overturning-curves.png)
+![Minimum overturning acceleration against pulse frequency, three mass ratios and four periods](images/overturning-curves.png)
 
 @claims@
 
@@ -407,14 +407,14 @@ The paper explains the trend for long pulses by "pre-uplift resonance of the sup
 
 The two pulses of Eq. (32), as in Fig. 4:
 
-![Symmetric and antisymmetric Ricker pulse over time, in units of their amplitude and period](images/pulses.png)
+![Symmetric and antisymmetric Ricker pulse against time, in units of their amplitude and period](images/pulses.png)
 
 ### Section 3: the specimen of Fig. 5
 
 According to the paper, the lengths of the specimen are a sixth of the lengths of a building with 3 m columns. Accelerations are equal,
 so times are divided by $\sqrt6$. The ground motion is an antisymmetric Ricker pulse of 0.20 g and 0.30 s. The paper does not
-state the slenderness, the masses, the period and damping of the superstructure, and the measured motion of the table, which was the input
-of its model. The curves of Fig. 5 therefore cannot be reproduced, and "matches quite well" cannot be checked. The table assumes the
+state the slenderness, the masses, the period and damping of the superstructure, or the measured motion of the shaking table, which was the
+input of its model. The curves of Fig. 5 therefore cannot be reproduced, and "matches quite well" cannot be checked. The table assumes the
 other parameters of Section 4 with $\eta/\gamma=5$. It compares the peak rotations of the model and of the building, whose pulse has a
 period of $\sqrt6\cdot0.30$ s. By similarity the two must agree.
 

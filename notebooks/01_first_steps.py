@@ -120,9 +120,8 @@ ax = plots.phase_portrait(data)
 # %%
 ax = plots.moment_rotation(data)
 
-# %% [markdown]
-# The energy balance: the energy input of the ground equals the energy of the structure, plus the energy that
-# impacts and damping have dissipated.
+# %% [markdown] The energy input of the ground equals the energy of the structure plus the energy that impacts
+# and damping have dissipated.
 
 # %%
 ax = plots.energy_balance(data)
@@ -130,9 +129,9 @@ ax = plots.energy_balance(data)
 # %% [markdown]
 # ## A spectrum
 #
-# A rocking spectrum covers a range of pulses, over the ratios $\omega_p/p$ and $a_p/(g\tan\alpha)$. The
-# scenes are solved in one batch on all cores. Only the rotation is requested here, so nothing else is
-# computed.
+# A rocking spectrum is the peak rotation as a function of the ratios $\omega_p/p$ and $a_p/(g\tan\alpha)$ of
+# a pulse. The scenes are solved in one batch on all cores. Only the rotation is requested here, so nothing
+# else is computed.
 
 # %%
 n = 12 if REDUCED else 80
@@ -186,7 +185,7 @@ except ValueError as error:
 # ## Options
 #
 # The default of `rtol` is 1e-8. Other tolerances use the same compiled program; other `outputs` need another
-# one.
+# program.
 
 # %%
 exact = rj.peak_response(podium, pulse, options=rj.Options(rtol=1e-12, atol=1e-14)).peak_rotation

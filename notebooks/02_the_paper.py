@@ -13,10 +13,10 @@
 # %% [markdown]
 # # The paper, reproduced
 #
-# rockjax solves the equations of one paper on rocking podium structures. [The model](../docs/model.md)
-# lists them with their numbers. This notebook reproduces two figures of the paper and shows three
-# contradictions in it. No parameter is adjusted to reach a printed value.
-# [Reproduction](../docs/reproduction.md) lists all results to more digits.
+# rockjax solves the equations of one paper on rocking podium structures. [The model](../docs/model.md) lists
+# them with their numbers. This notebook reproduces two figures of the paper and shows three contradictions in
+# it. No parameter is adjusted to reach a printed value. [Reproduction](../docs/reproduction.md) lists all
+# results with more digits.
 
 # %%
 import math
@@ -89,9 +89,8 @@ for row, (ax, ratio) in enumerate(zip(axes, ratios, strict=True)):
     ax.label_outer()
 legend = axes[0].legend()
 
-# %% [markdown]
-# The steps of the curves come from the grid. `rockjax overturning` and the next notebook find the exact
-# boundaries.
+# %% [markdown] The curves have steps because of the grid. `rockjax overturning` and the next notebook find
+# the exact boundaries.
 #
 # ## First contradiction: Eq. (6) counts the columns twice
 #
@@ -115,8 +114,9 @@ print(f"rockjax, Eq. (9)     {podium.uplift_demand / unit:8.4f} g tan α")
 # with the beam. With (26), the angular momentum about the new edges leads to another factor. rockjax provides
 # both: `"paper"`, the default, and `"compatible"`.
 #
-# Which of them is correct for a very stiff building? The podium is released from $\alpha/2$, and the building
-# comes to rest after the first impact. By then the energy has decreased by the square of an effective factor.
+# Which of them is correct for a very stiff building? The podium is released from $\alpha/2$. After the first
+# impact the building vibrates until damping stops it. The energy has then been multiplied by the square of an
+# effective velocity factor.
 
 # %%
 theta = column.alpha / 2

@@ -34,8 +34,8 @@ unit = podium.g * math.tan(podium.alpha)  # g tan α
 # %% [markdown]
 # ## A rocking spectrum
 #
-# Peak rotation over the frequency and the amplitude of a pulse. Each point is a separate simulation with all
-# impacts. The overturning margin and estimated errors are also requested; they are explained below.
+# The spectrum is the peak rotation against the frequency and the amplitude of a pulse. Each point is a
+# separate simulation with all impacts. The overturning margin and estimated errors are explained below.
 
 # %%
 n = 16 if REDUCED else 120
@@ -47,8 +47,7 @@ ax = plots.rocking_spectrum(spectrum)
 plots.dimensional_axes(spectrum, ax)
 bar = plots.rotation_bar(ax, pad=0.15)
 
-# %% [markdown]
-# The grid shows the least overturning amplitude with the accuracy of one step.
+# %% [markdown] The grid gives the least overturning amplitude with the accuracy of one grid step.
 
 # %%
 least = rj.minimum_overturning(spectrum)
@@ -57,10 +56,10 @@ print(least.sel(frequency_ratio=3, method="nearest").item(), "± a step of", rou
 # %% [markdown]
 # ## The margin
 #
-# Near the boundary the peak rotation rises to 1 ever more steeply, and it is 1 beyond. The overturning margin
-# passes through zero with a finite slope. It is the energy that is missing for overturning at the most
-# critical turning point, divided by the depth of the potential well. If it is negative, the podium overturns.
-# [Overturning](../docs/overturning.md) has the definition.
+# Towards the boundary the peak rotation rises to 1 ever more steeply, and beyond the boundary it is 1. The
+# overturning margin passes through zero with a finite slope. The margin is the energy that is missing for
+# overturning at the most critical turning point, divided by the depth of the potential well. If it is
+# negative, the podium overturns. [Overturning](../docs/overturning.md) has the definition.
 
 # %%
 ratio = np.linspace(0.8, 5, 40 if REDUCED else 400)
@@ -77,8 +76,8 @@ legend = ax.legend()
 # %% [markdown]
 # ## The boundary
 #
-# `overturning_acceleration` returns the least overturning amplitude, by a scan and a refinement of the lowest
-# change. It can be differentiated by `jax.grad`; see [`07_gradients_explained`](07_gradients_explained.py).
+# `overturning_acceleration` scans the amplitudes and refines the least one that overturns. It can be
+# differentiated by `jax.grad`; see [`07_gradients_explained`](07_gradients_explained.py).
 
 # %%
 T_p = 2 * math.pi / (3 * podium.p)  # ω_p/p = 3
@@ -86,7 +85,7 @@ least = rj.overturning_acceleration(podium, rj.Ricker, T_p)
 print(f"overturns from {least:.6f} m/s² = {least / unit:.6f} g tan α")
 
 # %% [markdown]
-# ## All boundaries over frequency
+# ## All boundaries against frequency
 #
 # Survival is not monotone: above the least overturning amplitude there are windows in which the podium
 # survives again, after another sequence of impacts. `overturning_spectrum` finds the boundaries. Windows of
@@ -122,9 +121,9 @@ ax.grid(alpha=0.3)
 # %% [markdown]
 # ## How accurate is a result?
 #
-# With `"errors"` each scene is solved a second time in another way, and the difference is an estimate of its
-# error. If the scene is so close to a boundary that the estimate leaves the outcome open, it is `undecided`.
-# The following example has a very loose tolerance, among the bands at $\omega_p/p=2$:
+# With `"errors"` each scene is solved a second time with a smaller tolerance, and the difference is an
+# estimate of the error. A scene is `undecided` if it is so close to a boundary that the error could change
+# the outcome. The following example has a very large tolerance, among the bands at $\omega_p/p=2$:
 
 # %%
 n = 20 if REDUCED else 100
@@ -137,8 +136,8 @@ row, column = np.nonzero(checked.undecided.values)
 ax.plot(x[column], y[row], ".", ms=4, color=plots.COLOURS[1], label="undecided at rtol = 1e-3")
 legend = ax.legend(loc="lower right")
 
-# %% [markdown]
-# With tighter tolerances fewer scenes are undecided. Other tolerances use the same compiled program.
+# %% [markdown] With smaller tolerances fewer scenes are undecided. Other tolerances use the same compiled
+# program.
 
 # %%
 for rtol in (1e-3, 1e-5, 1e-8):

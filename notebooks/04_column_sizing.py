@@ -13,9 +13,9 @@
 # %% [markdown]
 # # Sizing columns
 #
-# How wide must the columns of a podium be? This notebook answers by hand with sliders, by targets and exact
-# gradients, by a chart over pulse periods, and by a problem file. The pulses are examples. Choose pulses and
-# margins for your site and for the effects that [the model leaves
+# How wide must the columns of a podium be? This notebook finds the width in four ways: by hand with sliders,
+# by targets and exact gradients, by a chart against the pulse period, and by a problem file. The pulses are
+# examples. Choose pulses and margins for your site and for the effects that [the model leaves
 # out](../docs/sharp-bits.md#what-the-model-leaves-out).
 
 # %%
@@ -87,15 +87,13 @@ answer = optimise.design(
 )
 print(answer)
 
-# %% [markdown]
-# A target with a margin of 0 is active. Its shadow price is the decrease of the objective per relaxation of
-# the limit. Filled dots are designs that satisfy the targets; each line is a start.
+# %% [markdown] A target with a margin of 0 is active. Its shadow price is the decrease of the objective per
+# relative increase of the limit. Filled dots are designs that satisfy the targets; each line is a start.
 
 # %%
 ax = optimise.convergence(answer)
 
-# %% [markdown]
-# The response before and after, under the longest pulse.
+# %% [markdown] The response before and after the design, under the longest pulse.
 
 # %%
 figure = optimise.before_after(column.podium(), answer, pulses[2])
@@ -111,8 +109,8 @@ print(f"width {wide:.4f} m; α = {answer.podium.alpha:.4f} rad")
 # %% [markdown]
 # ## A chart
 #
-# The least safe width for a Ricker pulse of given amplitude, over its period. Columns with widths above the
-# line survive. Dots are further boundaries below it.
+# The chart shows the least safe width for a Ricker pulse of given amplitude against the period of the pulse.
+# Columns with widths above the line survive. Dots are further boundaries below the line.
 
 # %%
 periods = np.linspace(0.6, 1.4, 3 if REDUCED else 25)
@@ -169,8 +167,8 @@ print(problem.vary, problem.targets, sep="\n")
 # %% [markdown]
 # ## Other pulses
 #
-# The design satisfies the targets for three pulses. A spectrum shows others. The columns overturn where it is
-# blank.
+# The design satisfies the targets for three pulses. A spectrum shows the response to others. Where the
+# spectrum is blank, the columns overturn.
 
 # %%
 n = 12 if REDUCED else 60

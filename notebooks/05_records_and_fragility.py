@@ -13,7 +13,7 @@
 # %% [markdown]
 # # Records and fragility
 #
-# This notebook reads a suite of earthquake records, computes their intensity measures, and scales them until
+# This notebook reads a suite of earthquake records, computes intensity measures, and scales the records until
 # the podium overturns. The results are a fragility curve and the sensitivities of its median.
 
 # %%
@@ -51,8 +51,8 @@ for motion in rj.synthetic_motions(
 suite = rj.read_suite("suite")
 suite
 
-# %% [markdown]
-# Acceleration and velocity of one motion. The pulse is visible in the velocity.
+# %% [markdown] The picture shows acceleration and velocity of one motion. The pulse is visible in the
+# velocity.
 
 # %%
 motion = suite[0]
@@ -131,16 +131,16 @@ ax = plots.fragility(fragility)
 # %% [markdown]
 # ## Sensitivities of the median
 #
-# The derivatives of the capacities lead to the derivative of the median, by the implicit function theorem
-# at the maximum of the likelihood. The change of the median in per cent, if the slenderness or the size
-# increases by one per cent:
+# The derivative of the median follows from the derivatives of the capacities, by the implicit function
+# theorem at the maximum of the likelihood. The cell prints the change of the median in per cent if the
+# slenderness or the size increases by one per cent:
 
 # %%
 for name in fragility.parameter.values:
     print(f"{name:6s} {fragility.median_sensitivity.sel(parameter=name).item():+.3f} % per %")
 
-# %% [markdown]
-# As a check, the median for columns of the same size whose $\alpha$ is larger by five per cent:
+# %% [markdown] As a check, the next cell computes the median for columns of the same size with an $\alpha$
+# larger by five per cent:
 
 # %%
 wider = rj.incremental_dynamic_analysis(

@@ -68,8 +68,8 @@ print(
 # %% [markdown]
 # ## Run time against error
 #
-# The same spectrum with decreasing tolerances, compared with `rtol=1e-13`. The errors are those of
-# $\max|\theta|/\alpha$ in the scenes that survive at both tolerances.
+# The same spectrum is solved with decreasing tolerances and compared with `rtol=1e-13`. The errors are errors
+# of $\max|\theta|/\alpha$ in the scenes that survive at both tolerances.
 
 # %%
 reference = spectrum(1e-13, "peak_rotation")
@@ -103,7 +103,7 @@ legend = ax.legend()
 # ## Outputs
 #
 # A scene ends as soon as no requested output can change. The peak rotation is final early. If impacts are
-# counted, all of the rocking has to be computed.
+# counted, the scene must be solved until the columns rest.
 
 # %%
 selections = [("peak_rotation",), ("peak_rotation", "impacts")]

@@ -40,8 +40,8 @@ tight = rj.Options(rtol=1e-12, atol=1e-14, outputs=("peak_rotation",), history=1
 # %% [markdown]
 # ## The jump at an impact
 #
-# The podium is released from $\theta_0$ on still ground. How does its state at a later time depend on
-# $\theta_0$? From a slightly larger $\theta_0$ the impact comes slightly later. A derivative of the velocity
+# The podium is released from $\theta_0$ on ground at rest. How does the state at a later time depend on
+# $\theta_0$? With a slightly larger $\theta_0$ the impact comes slightly later. A derivative of the velocity
 # jump alone does not include this shift of the impact time.
 #
 # `simulate` can be differentiated. `jax.jvp` returns the state and its derivative.
@@ -88,8 +88,7 @@ print(f"by the rule      {rule[0]:10.6f}   {rule[1]:10.6f}")
 print(f"velocity alone   {e * Y[0, 1]:10.6f}   {e * Y[1, 1]:10.6f}")
 assert np.allclose(Y[:, 2], rule, rtol=1e-4)
 
-# %% [markdown]
-# The last line only multiplies the derivatives by $e$, and its error is large.
+# %% [markdown] The last printed line only multiplies the derivatives by $e$, and its error is large.
 #
 # The next picture shows the state over time, and its sensitivity, which jumps at every impact. Finite
 # differences agree with it.

@@ -40,8 +40,8 @@ for name, podium in (("bare", unrestrained), ("with devices", restrained)):
 # %% [markdown]
 # ## Loops and energy
 #
-# The moment of bare columns decreases with the rotation. Tendons increase it, and the damper adds a loop. The
-# energy balance contains the energy that the damper dissipates.
+# The restoring moment of bare columns decreases with the rotation. Tendons increase the moment, and the
+# damper adds a loop. The energy balance contains the energy that the damper dissipates.
 
 # %%
 history = rj.simulate(restrained, pulse, t_end=6.0)
@@ -71,8 +71,8 @@ ax.legend()
 # %% [markdown]
 # ## Spectra
 #
-# Peak rotation over $\omega_p/p$ and $a_p/(g\tan\alpha)$, without and with devices. Scenes that overturn are
-# white.
+# The spectra show the peak rotation against $\omega_p/p$ and $a_p/(g\tan\alpha)$, without and with devices.
+# Scenes that overturn are white.
 
 # %%
 points = 9 if REDUCED else 50

@@ -94,8 +94,8 @@ narrowest
 # %% [markdown]
 # ## Columns sized for rotation, with and without the joints
 #
-# Wider columns rotate less, but they transmit a larger shear, which tends to overturn the beam. A larger
-# width does not keep the joints closed.
+# Wider columns rotate less, but they transmit a larger shear, which tends to lift the beam off some columns.
+# So a larger width does not keep the joints closed.
 
 # %%
 rotation = optimise.PeakRotation(0.4, motions)

@@ -11,10 +11,11 @@
 # ---
 
 # %% [markdown]
-# # What the floors feel
+# # Motion of the floors
 #
-# Eight stories, once on a podium whose columns rock, once fixed at the base: floor response spectra, and a
-# cabinet and a bookshelf on several floors. [Floors](../docs/floors.md) has the equations.
+# This notebook compares eight stories on a podium whose columns rock with the same stories fixed at the base:
+# floor response spectra, and the rocking of a cabinet and a bookshelf on several floors.
+# [Floors](../docs/floors.md) has the equations.
 
 # %%
 import os
@@ -61,7 +62,7 @@ spectra = rj.floor_spectrum(podium, motion, periods, level=levels, fixed_base=Tr
 rj.plots.floor_spectrum(spectra)
 
 # %% [markdown]
-# ## The vertical kick
+# ## Vertical impulses
 #
 # The vertical jump of the deck's velocity at an impact is several times the horizontal one. Under a rigid
 # building the vertical spectrum nevertheless exceeds the horizontal one only at periods below 0.07 s. The
