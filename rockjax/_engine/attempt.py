@@ -12,7 +12,7 @@ from rockjax._excitations.sampled import AbstractSampled
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value, Vector
 
-from .coefficients import Coefficients, over_inertia, summed
+from .coefficients import Coefficients, divided_by_inertia, summed
 from .hermite import Quintic, crossing, is_long, quintic, third_at_end
 from .model import acceleration, steady_for
 from .ratio import safe_ratio
@@ -20,12 +20,13 @@ from .runge_kutta import Acceleration, Step
 from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene
 
-# An event or breakpoint counts as simultaneous with the end of the scene if it is closer to it than this
-# multiple of the resolution of time.
+# An event or breakpoint closer to the end of the scene than this multiple of the time resolution counts as
+# simultaneous with the end.
 SIMULTANEOUS = 100
 # Step-size control: safety factor, and the limits of the factor from one step length to the next.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
-# Limit of y = 8 θ̇ d³θ/dt³ / (3 θ̈²) over a hop; for y > 1 the columns would not return.
+# Limit of |y| in the predicted duration of a hop (`_length`); for y > 1 the columns would not return to θ =
+# 0.
 MAX_SERIES_ARGUMENT = 0.8
 GroundMotion = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece of the excitation
 
@@ -37,7 +38,7 @@ class Attempt(NamedTuple):
     reaches_stop: Flag  # the step ends at `stop`
     stop: Value  # time of the next breakpoint or of the end of the scene [s]; varies with the parameters
     ends: Flag  # the step ends at the end of the scene
-    starts_on_guard: Flag  # the step starts on θ = 0, after an impact or an uplift
+    starts_at_zero: Flag  # the step starts on θ = 0, after an impact or an uplift
     a0: Vector  # accelerations at the start
     end: Step  # state, accelerations and error estimates at the end
     error: Value  # estimated error divided by the tolerance
@@ -51,11 +52,11 @@ class StepOutcome(NamedTuple):
     """Outcome of a trial: accepted, shortened or rejected, and the events at its end."""
 
     accepted: Flag
-    cut: Value  # fraction of the step to try instead; inf if no shorter step is needed
-    lands: Flag  # the step ends on an event, up to the time `after`
-    after: Value  # time from the end of the step to its event or breakpoint [s], with its derivative
+    retry_fraction: Value  # fraction of this step that is tried next; inf if no shorter step is needed
+    lands: Flag  # the step ends on an event, apart from the short time `after`
+    after: Value  # time from the end of the step to the event or breakpoint there [s]; has its derivative
     false_uplift: Flag  # the columns return to full contact, as this step does not confirm their uplift
-    largest: tuple[Any, ...]  # largest value of each output over the step; None for outputs without one
+    largest: tuple[Any, ...]  # largest value of each output in the step; None if the output has no maximum
 
 
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
@@ -69,13 +70,14 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     Returns the `Attempt`. Its error is held constant under differentiation.
     """
     constant = jax.lax.stop_gradient
-    c, t = over_inertia(scene.c), state.t
+    c, t = divided_by_inertia(scene.c), state.t
 
     @jax.jit  # traced once for all stages
     def field(t, x, v):
         return acceleration(c, state.sigma, ground_at(t), x, v)
 
-    # A step ends at the next breakpoint at the latest. It covers a whole hop if it is accurate enough.
+    # A step ends at the next breakpoint at the latest. It covers a whole hop (the motion from one impact to
+    # the next) if it is accurate enough.
     time_resolution = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     edge = scene.excitation.breakpoint(state.piece)
     # A breakpoint just before the end of the scene is ignored. The step then ends with the scene, and its end
@@ -83,13 +85,13 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     is_last = constant(scene.end) <= constant(edge) + SIMULTANEOUS * time_resolution
     stop = jnp.where(is_last, scene.end, edge)
     a0 = field(t, state.x, state.v)
-    starts_on_guard = (state.sigma != 0) & (state.x[0] == 0)
+    starts_at_zero = (state.sigma != 0) & (state.x[0] == 0)
     jerk = (
         _jerk(state, field, a0)
         if plan.follows_impacts or isinstance(scene.excitation, AbstractSampled)
         else None
     )
-    h, reaches_stop = _length(scene, state, constant(a0[0]), jerk, starts_on_guard, constant(stop))
+    h, reaches_stop = _length(scene, state, constant(a0[0]), jerk, starts_at_zero, constant(stop))
     if replayed is not None:
         h, reaches_stop = replayed.h, replayed.reaches_stop
     h, reaches_stop, a0, stop, is_last = barrier((h, reaches_stop, a0, stop, is_last))
@@ -103,7 +105,7 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
         reaches_stop,
         stop,
         reaches_stop & is_last,
-        starts_on_guard,
+        starts_at_zero,
         a0,
         end,
         error,
@@ -115,27 +117,29 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
 
 
 def _length(
-    scene: Scene, state: LoopState, theta_ddot: Value, jerk: Value | None, starts_on_guard: Flag, stop: Value
+    scene: Scene, state: LoopState, theta_ddot: Value, jerk: Value | None, starts_at_zero: Flag, stop: Value
 ) -> tuple[Value, Flag]:
-    """Return the length of the trial [s], and whether it ends at the stop."""
+    """Return the length of the trial [s], and whether the trial ends at the time `stop`."""
     remaining = stop - state.t
-    takes_all = (state.h > 0.999 * remaining) & (
+    covers_remaining = (state.h > 0.999 * remaining) & (
         (state.h < 1.001 * remaining) | (state.h > scene.unsplit_limit * remaining)
     )
     split = jnp.where(state.h > 0.5 * remaining, scene.split_fraction * remaining, state.h)
-    h = jnp.where(takes_all, remaining, split)
+    h = jnp.where(covers_remaining, remaining, split)
     # After an impact θ̈ is nearly constant over a short hop, which then lasts 2|θ̇/θ̈|.
     theta_dot = jax.lax.stop_gradient(state.v[0])
-    returns = starts_on_guard & (theta_dot * theta_ddot < 0)
+    returns = starts_at_zero & (theta_dot * theta_ddot < 0)
     safe_theta_ddot = jnp.where(returns, theta_ddot, 1.0)
     hop = jnp.where(returns, -2 * theta_dot / safe_theta_ddot, jnp.inf)
-    if jerk is not None:  # With a linear θ̈ it lasts 2/(1 + √(1 − y)) times as long, here as a series in y.
+    # If θ̈ is linear in time, the hop lasts 2/(1 + √(1 − y)) times as long, here as a series in
+    # y = 8 θ̇ d³θ/dt³ / (3 θ̈²).
+    if jerk is not None:
         y = 8 / 3 * jerk * theta_dot / safe_theta_ddot**2
         y = jnp.where(returns, jnp.clip(y, -MAX_SERIES_ARGUMENT, MAX_SERIES_ARGUMENT), 0.0)
         hop = hop * (1 + y * (1 / 4 + y * (1 / 8 + y * 5 / 64)))
-    h = jnp.minimum(h, jnp.minimum(state.cut, hop))
+    h = jnp.minimum(h, jnp.minimum(state.trial_limit, hop))
     if jerk is not None:
-        h = jnp.where(jnp.isinf(state.cut), _to_impact(state, theta_ddot, jerk, h), h)
+        h = jnp.where(jnp.isinf(state.trial_limit), _to_impact(state, theta_ddot, jerk, h), h)
     restraint = scene.c.restraint
     if restraint is not None and restraint.steep:
         steady = jax.lax.stop_gradient(steady_for(scene.c, restraint, theta_dot, theta_ddot))
@@ -162,7 +166,7 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
     """Return d³θ/dt³ at the start of the step [rad/s³].
 
-    It predicts the next impact under records, and under pulses if an output counts every impact.
+    It is used to predict the next impact: always under records, under pulses if an output needs every impact.
     """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)
@@ -170,14 +174,14 @@ def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
 
 
 def scaled_error(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
-    """Return the estimated error of a step divided by its tolerance: the root mean square over positions and
+    """Return the estimated error of a step divided by the tolerance, as a root mean square of positions and
     velocities.
 
     - `scene`: the prepared scene, which holds the tolerances
     - `x`, `v`: positions and velocities at the start of the step
     - `trial`: the step with its error estimates
 
-    A step is accurate if the result is at most 1.
+    The step is accurate enough if the result is at most 1.
     """
     x_units, v_units = natural_units(scene.c)
     total = jnp.zeros_like(x[0])
@@ -188,40 +192,40 @@ def scaled_error(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
         for y0, y1, error, unit in zip(old, new, errors, units, strict=True):
             tolerance = scene.atol * unit + scene.rtol * jnp.maximum(jnp.abs(y0), jnp.abs(y1))
             total = total + summed((error / tolerance) ** 2)
-    # The sum is divided by the number of positions and velocities in the tuples, where all modes count as
-    # one: many modes at rest would hide one that moves.
+    # All vibration modes together count as one position and one velocity. In a mean over the modes, many
+    # modes at rest would hide the error of a moving one.
     return jnp.sqrt(total / (2 * len(x)))
 
 
 def natural_units(c: Coefficients) -> tuple[Vector, Vector]:
     """Return the natural units of positions and velocities, in which tolerances are measured.
 
-    They are α and pα for the rotation. For a mode of the superstructure they are u = g tan α/ω², a
-    deformation typical of uplift, but at most 2R sin α, the displacement of the beam at |θ| = α; and
-    u·max(p, ω).
+    The units of the rotation are α and pα. The unit of a mode's displacement is u = g tan α/ω², a typical
+    deformation at uplift, but at most 2R sin α, the displacement of the beam at |θ| = α. The unit of its
+    velocity is u·max(p, ω).
     """
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
     if c.vibration is not None:
         omega2 = c.vibration.omega2
-        sway = jnp.minimum(c.two_R * c.sin_alpha, c.g * c.sin_alpha / (c.cos_alpha * omega2))
-        x_unit, v_unit = (*x_unit, sway), (*v_unit, sway * jnp.maximum(c.p, jnp.sqrt(omega2)))
+        u = jnp.minimum(c.two_R * c.sin_alpha, c.g * c.sin_alpha / (c.cos_alpha * omega2))
+        x_unit, v_unit = (*x_unit, u), (*v_unit, u * jnp.maximum(c.p, jnp.sqrt(omega2)))
     return x_unit, v_unit
 
 
 def step_factor(plan: Plan, error: Value) -> Value:
-    """Return the factor on the step length that an error, divided by the tolerance, allows."""
+    """Return the factor from a step length to the next, given the error divided by the tolerance."""
     root = jnp.exp(-jnp.log(jnp.clip(error, 1e-30, 1e30)) / plan.tableau.order)  # cheaper than a power
     return jnp.clip(SAFETY * root, SHRINK, GROW)
 
 
 def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Value:
-    """Return the controller's next step length [s].
+    """Return the length that the step-size control proposes for the next step [s].
 
     - `scene`: the prepared scene
     - `state`, `trial`: the state before the accepted step, and the step
     - `t`: time at the end of the step [s]
 
-    A step that an event or a breakpoint has shortened does not reduce the controller's length.
+    The proposal does not decrease after an accurate step that only an event or a breakpoint has shortened.
     """
     proposed = trial.h * trial.growth
     shortened = (trial.h < 0.99 * state.h) & (trial.error < 0.5)
@@ -236,8 +240,8 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
     - `state`, `trial`: the state before the step, and the step
     - `after`: time past the end of the step [s]
 
-    The quintic through both ends gives the third to fifth derivatives; over a very short step the third is a
-    mean and the others are zero.
+    The quintic through both ends of the step gives the third to fifth derivatives. Over a very short step,
+    the third derivative is a mean value, and the fourth and fifth are set to zero.
     """
     h = trial.h
     z = safe_ratio(after, h, h > 0)
@@ -246,8 +250,8 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
         state.x, state.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True
     ):
         path, long = quintic(x0, v0, a0, x1, v1, a1, h), is_long(h, scene.max_step)
-        # Third to fifth derivatives at the end, divided by 3!, 4! and 5!; lower ones come from the step
-        # itself.
+        # Derivatives at the end with respect to z: the third divided by 3!, the fourth by 4!, the fifth by
+        # 5!.
         d3 = third_at_end(path, a0, a1, h, scene.max_step)
         d4, d5 = jnp.where(long, path.c4 + 5 * path.c5, 0.0), jnp.where(long, path.c5, 0.0)
         x.append(x1 + after * (v1 + 0.5 * after * a1) + z**3 * (d3 + z * (d4 + z * d5)))

@@ -1,4 +1,4 @@
-"""Bounds of everything that can still happen in a scene, from energy."""
+"""Bounds on the remaining motion of a scene, from its energy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rockjax._types import Flag, Flags, Index, Value, Values
 
 from .coefficients import Coefficients, Vibration, present, summed, weighted
 from .energy import energy, energy_after, potential, vertical_impulse
-from .model import horizontal, restraint_at_most
+from .model import horizontal, restraint_bound
 from .state import LoopState, Scene
 
 T = TypeVar("T")
@@ -27,19 +27,19 @@ def every(flags: Flags) -> Flag:
 
 
 class Bounds:
-    """Bounds from a state on, whatever the rest of the excitation does, without derivatives.
+    """Bounds on the motion after a given state. They are held constant under differentiation.
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
     - `well`: |θ| at the top of the potential well, at most the overturning angle with restrainers [rad]
-    - `ground`, `vertical`: bounds of the remaining |ü_g| and |v̈_g| [m/s²]; `vertical` is 0.0 without vertical
-      motion
-    - `energy`: bound of the energy per N m_c, (C19) [m²/s²]
-    - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
+    - `ground`, `vertical`: bounds on the remaining |ü_g| and |v̈_g| [m/s²]; `vertical` is the float 0.0 if
+      the ground does not move vertically
+    - `energy`: bound on the energy per mass N m_c of all columns, (C19) [m²/s²]
+    - `min_impact_speed`: impacts at most this fast lead to rest, |θ̇| before the impact [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
     - `rests`: whether the columns rest for good
-    - `demand`: bound of the demand |q| of Eq. (9) for columns that rest for good [m/s²]
-    - `swing`: for each mode, bound of √(u̇_i² + ω_i²u_i²) in full contact; None without modes
+    - `demand`: bound on the uplift demand |q| of Eq. (9) in full contact [m/s²]
+    - `swing`: for each mode, bound on √(u̇_i² + ω_i²u_i²) in full contact [m/s]; None if there are no modes
     """
 
     c: Coefficients
@@ -53,7 +53,7 @@ class Bounds:
     rests: Flag | bool
     demand: Value
     swing: Values | None
-    _made: dict[Callable[..., Any], Any]
+    _shared_results: dict[Callable[..., Any], Any]
 
     @classmethod
     def of(
@@ -64,17 +64,16 @@ class Bounds:
         - `scene`: the prepared scene
         - `state`: state after a step
         - `piece`: piece of the excitation that follows
-        - `ground`: ground acceleration on it now, ü_g, or ü_g and v̈_g [m/s²]
-        - `follows_contact`: full contact is followed step by step. A rigid podium goes directly to its next
-          uplift otherwise, and ends there if none follows
+        - `ground`: present ground acceleration on that piece, ü_g, or ü_g and v̈_g [m/s²]
+        - `follows_contact`: whether full contact is integrated step by step. Otherwise the podium is rigid
+          and goes directly to its next uplift, or the scene ends
 
-        The energy can never exceed `energy_after` again. If in full contact the bounds of the oscillators and
-        of the remaining ground acceleration together stay below Eq. (9), the columns never lift again, and
-        the modes vibrate independently. Vertical motion adds its full impulse while the columns rock, and
-        reduces weights, (C19), (C20).
+        The energy can never exceed `energy_after` again. If the bound on |q| in full contact is below the
+        uplift threshold, the columns never lift again, and the modes vibrate independently. Vertical motion
+        adds its full impulse while the columns rock, and reduces weights, (C19), (C20).
         """
         self = cls()
-        self._made = {}
+        self._shared_results = {}
         scene, state = jax.lax.stop_gradient((scene, state))
         c = self.c = scene.c
         self.overturn_angle, self.min_impact_speed = scene.overturn_angle, scene.min_impact_speed
@@ -82,26 +81,25 @@ class Bounds:
         impulse = scene.lookahead.impulse(t, piece)
         self.ground = scene.lookahead.peak(t, piece, horizontal(ground))
         now = energy(c, sigma, x, v)
-        most = energy_after(c, now, impulse)
+        max_energy = energy_after(c, now, impulse)
         one = jnp.ones_like(t)
-        # Restrainers move the top of the well; the overturning angle may be smaller.
         self.well = c.alpha if c.restraint is None else jnp.minimum(c.restraint.well, scene.overturn_angle)
         self.vertical = 0.0
         if isinstance(scene.lookahead, PairLookahead):
             self.vertical = scene.lookahead.vertical_peak(t, piece)
-            counts = vertical_impulse(c, self.steepest)
-            most = energy_after(c, now, impulse + counts * scene.lookahead.vertical_impulse(t, piece))
-        self.energy = most
-        self.stays_inside = (jnp.abs(x[0]) <= self.well) & (most < potential(c, one, self.well))
+            weight = vertical_impulse(c, self.max_sin_psi)
+            max_energy = energy_after(c, now, impulse + weight * scene.lookahead.vertical_impulse(t, piece))
+        self.energy = max_energy
+        self.stays_inside = (jnp.abs(x[0]) <= self.well) & (max_energy < potential(c, one, self.well))
         self.rests, self.swing = False, None
         if not follows_contact:
             return self
-        demand = self.ground  # of |q| in full contact
+        demand = self.ground
         if c.vibration is not None:
             # √(u̇² + ω²u²) grows by ∫|ü_g| dt at most.
-            each = c.vibration
-            self.swing = jnp.sqrt(v[1] ** 2 + each.omega2 * x[1] ** 2) + impulse
-            demand = demand + weighted(each.demand, jnp.sqrt(each.omega2 + each.damping**2) * self.swing)
+            modes = c.vibration
+            self.swing = jnp.sqrt(v[1] ** 2 + modes.omega2 * x[1] ** 2) + impulse
+            demand = demand + weighted(modes.demand, jnp.sqrt(modes.omega2 + modes.damping**2) * self.swing)
         if not isinstance(self.vertical, float):
             demand = demand + present(c.tilt) * self.vertical
         self.demand, self.rests = demand, (sigma == 0) & (demand < c.uplift)
@@ -109,17 +107,17 @@ class Bounds:
 
     def shared(self, make: Callable[[Self], T]) -> T:
         """Return the result of a function of the bounds, computed once for all outputs."""
-        if make not in self._made:
-            self._made[make] = make(self)
-        return self._made[make]
+        if make not in self._shared_results:
+            self._shared_results[make] = make(self)
+        return self._shared_results[make]
 
     def either(self, at_rest: Values, rocking: Values) -> Values:
-        """Return the bound `at_rest` if the columns rest for good, else the bound `rocking`."""
+        """Return `at_rest` if the columns rest for good, else `rocking`."""
         return rocking if isinstance(self.rests, bool) else jnp.where(self.rests, at_rest, rocking)
 
-    def of_sum(self, weights: Values, beam: Value | float = 0.0) -> Value:
-        """Bound Σ w_i y_i for |y_i| ≤ √(u̇_i² + ω_i²d_i²); `beam` adds to Σ w_i²/η_i while the columns
-        rock."""
+    def modal_sum(self, weights: Values, beam: Value | float = 0.0) -> Value:
+        """Bound Σ w_i y_i over the modes i, where |y_i| ≤ √(u̇_i² + ω_i²d_i²) and d_i is the deformation.
+        While the columns rock, `beam` is added to Σ w_i²/η_i."""
         rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _nonzero(self.c.etas)) + beam))
         return self.either(weighted(jnp.abs(weights), present(self.swing)), rocking)
 
@@ -130,16 +128,17 @@ class Bounds:
         return self.either(present(self.swing) / jnp.sqrt(omega2), rocking)
 
     def springs(self, weights: Values) -> Value:
-        """Bound Σ w_i F_i [m/s²], by Cauchy–Schwarz; at rest u̇_b = 0."""
-        each: Vibration = present(self.c.vibration)
-        beam = weighted(weights, each.damping) ** 2 * self.c.two_R**2 / self.c.spin
-        return self.of_sum(weights * jnp.sqrt(each.omega2 + each.damping**2), beam)
+        """Bound Σ w_i F_i over the modes i by the Cauchy–Schwarz inequality; F_i = V_i/m_i, Eq. (7)
+        [m/s²]."""
+        modes: Vibration = present(self.c.vibration)
+        beam = weighted(weights, modes.damping) ** 2 * self.c.two_R**2 / self.c.spin
+        return self.modal_sum(weights * jnp.sqrt(modes.omega2 + modes.damping**2), beam)
 
     @functools.cached_property
     def beam(self) -> Value:
-        """Bound of the beam's absolute acceleration |a_b| [m/s²]."""
+        """Bound on the beam's absolute acceleration |a_b| [m/s²]."""
         springs = None if self.c.vibration is None else self.springs(self.c.etas)
-        rocking = self.c.two_R * self.angular_at_most(springs)
+        rocking = self.c.two_R * self.angular_acceleration_bound(springs)
         return self.ground + self.either(jnp.zeros_like(rocking), rocking)
 
     def force(self) -> Value:
@@ -147,33 +146,34 @@ class Bounds:
         return self.beam if self.c.vibration is None else self.springs(jnp.ones_like(self.c.eta))
 
     def carried(self, weights: Values) -> Value:
-        """Bound forces of springs and of the mass that moves with the beam, Σ w_i F_i + (Σ w_i − 1) a_b
-        [m/s²]."""
-        found = self.springs(weights)
+        """Bound Σ w_i F_i + (Σ w_i − 1) a_b: the springs' forces, and that of the residual mass, which moves
+        with the beam [m/s²]."""
+        springs = self.springs(weights)
         if present(self.c.modal).residual is None:
-            return found
-        return found + jnp.abs(1 - summed(weights)) * self.beam
+            return springs
+        return springs + jnp.abs(1 - summed(weights)) * self.beam
 
     @property
-    def steepest(self) -> Value:
-        """Largest |sin ψ| up to the top of the well."""
+    def max_sin_psi(self) -> Value:
+        """Largest |sin ψ| inside the well."""
         c = self.c
         return c.sin_alpha if c.restraint is None else jnp.maximum(c.sin_alpha, jnp.sin(self.well - c.alpha))
 
-    def angular_at_most(self, springs: Value | None) -> Value:
+    def angular_acceleration_bound(self, springs: Value | None) -> Value:
         """Bound |θ̈| + θ̇²|sin ψ| inside the well, (C20) [rad/s²].
 
-        `springs`: bound of Σ η_iF_i [m/s²]; None without springs. By Eq. (14) the result times 2R also bounds
-        |ü_b|. (C20) omits the factor |sin ψ|.
+        `springs` is the bound on Σ η_iF_i [m/s²], or None if nothing vibrates. By Eq. (14) the result times
+        2R also bounds |ü_b|. (C20) omits the factor |sin ψ|.
         """
-        c, most, steepest = self.c, self.energy, self.steepest
+        c, max_energy, max_sin_psi = self.c, self.energy, self.max_sin_psi
         weight = c.gravity if isinstance(self.vertical, float) else c.gravity * (1 + self.vertical / c.g)
-        angular = (weight * steepest + c.ground * self.ground) / c.inertia + steepest * 2 * most / c.spin
+        angular = (weight * max_sin_psi + c.ground * self.ground) / c.inertia
+        angular = angular + max_sin_psi * 2 * max_energy / c.spin
         if c.restraint is not None:
-            speed = jnp.sqrt(2 * most / c.spin)
-            angular += restraint_at_most(c, c.restraint, self.well, speed) / c.inertia
+            speed = jnp.sqrt(2 * max_energy / c.spin)
+            angular += restraint_bound(c, c.restraint, self.well, speed) / c.inertia
         if springs is not None:
-            angular += (0.5 * c.centrifugal * 2 * most / c.spin + 3 * springs / c.two_R) / c.inertia
+            angular += (0.5 * c.centrifugal * 2 * max_energy / c.spin + 3 * springs / c.two_R) / c.inertia
         return angular
 
 

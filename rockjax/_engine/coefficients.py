@@ -23,10 +23,10 @@ T = TypeVar("T")
 class ModalConstants(NamedTuple):
     """Constants of a superstructure with several modes, a residual mass or floors."""
 
-    eta: Values  # η_i
+    eta: Values  # mass ratios η_i of the modes
     shares: Values  # η_i divided by the mass ratio of the whole superstructure
-    residual: Value | None  # η_r, a part of γ; None if the modes contain all the mass
-    floors: Values | None  # Γ_iφ_ji of the floors j and the modes i; None without floors
+    residual: Value | None  # η_r of the residual mass, a part of γ; None if the modes have all the mass
+    floors: Values | None  # Γ_iφ_ji of the floors j and the modes i; None if there are no floors
 
 
 class Vibration(NamedTuple):
@@ -34,9 +34,9 @@ class Vibration(NamedTuple):
 
     coupling: Values  # 3η_i/(2R)
     demand: Values  # 2η_i/(1+2γ), Eq. (9), (C10)
-    omega2: Values  # ω_i²
-    damping: Values  # 2ζ_iω_i
-    uplifted_frequency: Value  # frequency after uplift, Eq. (31); for several modes the largest, (C15)
+    omega2: Values  # ω_i² [rad²/s²]
+    damping: Values  # 2ζ_iω_i [rad/s]
+    uplifted_frequency: Value  # frequency after uplift, Eq. (31), or the largest of several, (C15) [rad/s]
     modal: ModalConstants | None  # None for a single mode that is the whole superstructure
 
 
@@ -44,10 +44,10 @@ class Restraint(NamedTuple):
     """Constants of the restrainers."""
 
     restrainers: tuple[AbstractRestrainer, ...]
-    slip: Value  # elongation rate divided by Rp, below which infinite slopes of forces are rounded
-    well: Value  # θ_w: |θ| at the top of the potential well
-    apparent_mass: Value | None  # μ; None without inerters
-    restrained_frequency: Value | None  # frequency of rocking against the tendons alone; None without tendons
+    slip: Value  # infinite slopes of forces are rounded where |elongation rate|/(Rp) is smaller
+    well: Value  # θ_w: |θ| at the top of the potential well [rad]
+    apparent_mass: Value | None  # μ; None if there are no inerters
+    restrained_frequency: Value | None  # of rocking against the tendons alone [rad/s]; None if there are none
 
     @property
     def steep(self) -> bool:
@@ -56,13 +56,13 @@ class Restraint(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """Constants of forces in the joints.
+    """Constants of the joint forces.
 
     - `gamma`: ratio γ of the mass that moves with the beam; `lam`: inertia factor λ of a column
-    - `dead_load`: N of the mean column at rest at the bottom and the top joint [m_c g]
-    - `impulses`: impulses of an impact divided by its speed |θ̇⁻|, (F12)
+    - `dead_load`: axial force of the mean column at rest, at the bottom and the top joint [m_c g]
+    - `impulses`: impulses of an impact divided by the impact speed |θ̇⁻|, (F12)
     - `impulse_eccentricity`: eccentricity ξ_J of the impulses, (F13)
-    - `arms`: positions of the columns and first moments of the masses; None without an elevation
+    - `arms`: positions of the columns and first moments of the masses; None if no elevation is given
     """
 
     gamma: Value
@@ -74,14 +74,14 @@ class Joints(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Constants of the equations of a podium, divided by N m_c, the mass of all columns, or None."""
+    """Constants of a podium's equations, per mass N m_c of all columns; None for parts that are absent."""
 
     alpha: Value
     sin_alpha: Value
     cos_alpha: Value
     p: Value
     restitution: Value  # e of Eq. (27) or its alternatives
-    uplift: Value  # q_up, Eq. (9)
+    uplift: Value  # uplift threshold q_up, Eq. (9)
     two_R: Value
     inertia: Value  # 3γ + ¾(1+λ), Eq. (24)
     centrifugal: Value  # 3η
@@ -95,7 +95,7 @@ class Coefficients(NamedTuple):
     vibration: Vibration | None
     restraint: Restraint | None
     tilt: Value | None  # K = tan α (1+2γ+2η)/(1+2γ), (C10); None without vertical ground motion
-    joints: Joints | None  # None unless forces in the joints are requested
+    joints: Joints | None  # None unless joint forces are requested
 
     @property
     def modal(self) -> ModalConstants | None:
@@ -107,9 +107,9 @@ class Coefficients(NamedTuple):
         return self.eta if self.modal is None else self.modal.eta
 
 
-def over_inertia(c: Coefficients) -> Coefficients:
-    """Return the constants for the equations of motion only. For a rigid podium without restrainers, whose
-    inertia is constant, they are divided by it; this saves a division in each stage of a step."""
+def divided_by_inertia(c: Coefficients) -> Coefficients:
+    """Return constants for `acceleration` only. If the inertia is constant (a rigid podium without
+    restrainers), they are divided by it, which saves a division in each stage of a step."""
     if c.vibration is not None or c.restraint is not None:
         return c
     gravity, ground = barrier((c.gravity / c.inertia, c.ground / c.inertia))
@@ -123,7 +123,7 @@ def present(value: T | None) -> T:
 
 
 def summed(values: Values) -> Value:
-    """Return the sum over the modes; return the value of a single oscillator unchanged."""
+    """Return the sum over the modes. The value of a single oscillator stays as it is."""
     return jnp.sum(values, axis=-1) if jnp.ndim(values) else values
 
 
@@ -132,20 +132,19 @@ def weighted(weights: Values, values: Values) -> Value:
     return summed(weights * values)
 
 
-SLIP = 1e-8  # default of the tolerance `slip`, below which forces with an infinite slope are rounded
-ROUNDED_BELOW = 10.0  # these forces are rounded where |θ̇|/(pα) is below this multiple of `slip`
+SLIP = 1e-8  # default of the tolerance `slip`
+ROUNDED_BELOW = 10.0  # steep forces (`Restraint.steep`) are rounded where |θ̇|/(pα) is below this times `slip`
 
 
 def coefficients(
     podium: Podium, slip: Value | float = SLIP, vertical: bool = False, joints: bool = False
 ) -> Coefficients:
-    """Return the constants of Eqs. (9), (19), (22), (24), (27) for one podium (scalars; use `vmap` for
-    batches).
+    """Return the constants of Eqs. (9), (19), (22), (24), (27) for one podium; use `vmap` for batches.
 
     - `podium`: the podium, with scalar parameters
     - `slip`: relative tolerance; dampers with ν < 1 are rounded below |θ̇|/(pα) = 10 `slip`
     - `vertical`: whether the ground moves vertically as well
-    - `joints`: whether forces in the joints are requested
+    - `joints`: whether joint forces are requested
     """
     podium = podium.resolved()
     gamma, vibrating = podium.mass_ratios
@@ -184,7 +183,8 @@ def _joints(podium: Podium) -> Joints:
     sin, cos = jnp.sin(podium.alpha), jnp.cos(podium.alpha)
     e = jnp.maximum(podium.restitution_factor, 0.0)
     impulses_per_speed = impulses(2 * podium.R, sin, cos, gamma, eta, (bottom, top), e)
-    # μ = μ_2 + μ_1 of inerters across both joints and across one, with μ_b = μ_2 + 2μ_1 and μ_t = μ_2.
+    # With μ_2 of inerters across both joints and μ_1 of inerters across one, the inertances at the bottom and
+    # the top joint are μ_2 + 2μ_1 and μ_2. The impulses need μ = μ_2 + μ_1, their mean.
     eccentricity = impulse_eccentricity(sin**2, gamma, eta, podium.lam, 0.5 * (bottom + top), e)
     return Joints(gamma, podium.lam, podium.dead_load, impulses_per_speed, eccentricity, arms)
 
@@ -206,7 +206,7 @@ def _vibration(podium: Podium) -> Vibration | None:
 
 def _modal(modes: Oscillators) -> ModalConstants:
     mass = modes.mass_ratio
-    # Modes without any mass count equally.
+    # If the superstructure has no mass, all modes have the same share.
     has_mass = mass > 0
     shares = jnp.where(has_mass, modes.eta, 1 / modes.count) / jnp.where(has_mass, mass, 1.0)
     return ModalConstants(modes.eta, shares, modes.residual, modes.shapes)

@@ -13,8 +13,7 @@ from .model import elongation
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the inertia of Eq. (24) with the superstructure moving with the beam, including
-    inerters, (C21)."""
+    """Return the inertia of Eq. (24) for a superstructure that moves with the beam, with inerters, (C21)."""
     total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
     if mass is None:
         return total
@@ -37,24 +36,24 @@ def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
     """Return the potential energy per N m_c, zero in full contact [m²/s²]: gravity, Eq. (19), and
     restrainers, (C3)."""
     s, cos = sincos(0.5 * theta)
-    # cos ψ − cos α = 2 sin(A/2) sin(α − A/2), A = |θ|, has no cancellation at small rotations.
+    # cos ψ − cos α is computed as 2 sin(|θ|/2) sin(α − |θ|/2), which has no cancellation at small rotations.
     stored = c.weight * 2 * sigma * s * (c.sin_alpha * cos - c.cos_alpha * sigma * s)
     if c.restraint is None:
         return stored
     stretch = elongation(c, sigma, theta).stretch
-    of_devices = sum((each.potential(stretch) for each in c.restraint.restrainers if each.stores), 0.0 * s)
-    return stored + 0.5 * c.two_R * c.g * of_devices
+    in_devices = sum((each.potential(stretch) for each in c.restraint.restrainers if each.stores), 0.0 * s)
+    return stored + 0.5 * c.two_R * c.g * in_devices
 
 
 def potential_slope(c: Coefficients, theta: Value) -> Value:
-    """Return V' of (C5) at |θ| = `theta`, per N m_c [m²/s²]."""
+    """Return the slope V' of the potential energy, (C5), at |θ| = `theta`, per N m_c [m²/s²]."""
     one = jnp.ones_like(theta)
     return jax.jvp(lambda angle: potential(c, one, angle), (theta,), (one,))[1]
 
 
 def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
-    """Return the mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19) without the
-    ground's terms, (C17).
+    """Return the mechanical energy of the motion relative to the ground, per N m_c [m²/s²]: Eqs. (16) to (19)
+    without the terms of the ground motion, (C17).
 
     - `c`: constants of the podium
     - `sigma`: mode σ ∈ {−1, 0, 1}
@@ -69,19 +68,18 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     return total + summed(0.5 * c.etas * (top + c.vibration.omega2 * deformation**2))
 
 
-def vertical_impulse(c: Coefficients, steepest: Value) -> Value:
-    """Return C_v/C of (C19), the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt; `steepest` is the largest |sin
-    ψ|."""
+def vertical_impulse(c: Coefficients, max_sin_psi: Value) -> Value:
+    """Return C_v/C of (C19), the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt, for |sin ψ| ≤ `max_sin_psi`."""
     spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
-    return weight * steepest / jnp.sqrt(2 * (spin + 4 * c.eta * steepest**2)) / c.impulse
+    return weight * max_sin_psi / jnp.sqrt(2 * (spin + 4 * c.eta * max_sin_psi**2)) / c.impulse
 
 
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
-    """Bound the energy at all later times, with ∫|ü_g| dt = `impulse` still to come.
+    """Bound the energy per N m_c at all later times, if it is `now` and `impulse` is the remaining ∫|ü_g| dt.
 
     The ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t] per N m_c. By Cauchy–Schwarz this is at most
     2C|ü_g|√T with C² = (1+2γ)²/(2(1+λ+4γ)) + η/2, so √E grows at most at the rate C|ü_g|. Damping and impacts
-    only dissipate. The bound holds while the potential cannot be negative: within |θ| ≤ 2α without
-    restrainers.
+    only dissipate. The bound holds where the potential is not negative; without restrainers, this is
+    |θ| ≤ 2α.
     """
     return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse * impulse) ** 2

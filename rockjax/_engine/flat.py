@@ -1,4 +1,4 @@
-"""The flat engine: a single loop, in which every iteration is one trial step of the scene."""
+"""The flat engine: a single loop over the trial steps of a scene."""
 
 from __future__ import annotations
 
@@ -17,16 +17,18 @@ from rockjax._types import Index, Value
 from .state import Decision, LoopState, Plan, Scene, StepInfo, ready_for_tangents
 from .step import step
 
-# A scene that has used up its steps gets a result with a cause only after this many trials.
+# A scene that has used up its steps can be CHATTERING or TOO_STIFF only after at least this many trials.
 MANY_STEPS = 50_000
 # The result is CHATTERING if more than this fraction of the accepted steps end with an impact.
 BOUNCING = 0.2
-# The result is TOO_STIFF if the superstructure on lifted columns vibrates by more than this angle [rad].
-MANY_RADIANS = 50_000
+# The result is TOO_STIFF if the frequency after uplift times the duration of the scene exceeds this angle
+# [rad].
+MAX_RADIANS = 50_000
 
 
 class Nodes(NamedTuple):
-    """Accepted steps of a scene: node k holds the state from which the next step starts, after any impact."""
+    """Accepted steps of a scene. Node k is the state after k steps, and after the impact if step k ends on
+    one."""
 
     t: Float[Array, " n"]  # times [s]; inf for unused nodes
     x: tuple[Float[Array, " n ..."], ...]  # positions
@@ -34,7 +36,7 @@ class Nodes(NamedTuple):
     sigma: Float[Array, " n"]  # modes
     piece: Array  # pieces of the excitation
     impact_time: Float[Array, " n"]  # time of the impact [s]; NaN unless the node is an impact
-    event_time: Float[Array, " n"]  # the time with the derivative of the event or breakpoint there [s]
+    event_time: Float[Array, " n"]  # the times `t`, with the derivatives of events and breakpoints there [s]
     used: Index  # number of nodes; may exceed the capacity n
 
 
@@ -78,15 +80,13 @@ def is_running(state: LoopState, max_steps: int) -> Array:
 
 
 def closed(scene: Scene, state: LoopState) -> LoopState:
-    """Set the result of a scene that has used up its steps.
-
-    It is CHATTERING or TOO_STIFF if one of these causes applies, else OUT_OF_STEPS. Other results stay.
-    """
+    """Set the result of a scene that has used up its steps: CHATTERING, TOO_STIFF or OUT_OF_STEPS. A scene
+    that already has a result keeps it."""
     code = jnp.full_like(state.code, results.OUT_OF_STEPS)
     has_many_steps = state.steps + state.rejected >= MANY_STEPS
     if scene.c.vibration is not None:
         radians = jax.lax.stop_gradient(scene.c.vibration.uplifted_frequency * (scene.end - scene.start))
-        code = jnp.where(has_many_steps & (radians > MANY_RADIANS), results.TOO_STIFF, code)
+        code = jnp.where(has_many_steps & (radians > MAX_RADIANS), results.TOO_STIFF, code)
     impacts, steps = (count.astype(state.t.dtype) for count in (state.impacts, state.steps))
     code = jnp.where(has_many_steps & (impacts > BOUNCING * steps), results.CHATTERING, code)
     return state._replace(code=jnp.where(state.code == results.RUNNING, code, state.code))
@@ -117,12 +117,12 @@ def run_with_history(
     - `capacity`: number of nodes that can be stored; a scene that needs more ends with HISTORY_FULL
     """
 
-    def keep(state: LoopState, nodes: Nodes, info: StepInfo) -> tuple[LoopState, Nodes]:
+    def store(state: LoopState, nodes: Nodes, info: StepInfo) -> tuple[LoopState, Nodes]:
         nodes = _append(nodes, state, info.impact_time, info.accepted)
         full = (nodes.used >= capacity) & (state.code == results.RUNNING)
         return state._replace(code=jnp.where(full, results.HISTORY_FULL, state.code)), nodes
 
-    return _keeping(scene, plan, state, max_steps, keep, _first_node(state, capacity))
+    return _run_and_store(scene, plan, state, max_steps, store, _first_node(state, capacity))
 
 
 def record_decisions(
@@ -137,15 +137,15 @@ def record_decisions(
     shapes = jax.eval_shape(lambda: step(scene, plan, state)[1].decision)
     decisions = jax.tree.map(lambda y: jnp.zeros((max_steps,), y.dtype), shapes)
 
-    def keep(
+    def store(
         state: LoopState, stored: tuple[Decision, Index], info: StepInfo
     ) -> tuple[LoopState, tuple[Decision, Index]]:
         decisions, count = stored
         decisions = _put(decisions, jnp.where(info.accepted, count, max_steps), info.decision)
         return state, (decisions, count + info.accepted.astype(jnp.int32))
 
-    state, (decisions, count) = _keeping(
-        scene, plan, state, max_steps, keep, (decisions, jnp.zeros((), jnp.int32))
+    state, (decisions, count) = _run_and_store(
+        scene, plan, state, max_steps, store, (decisions, jnp.zeros((), jnp.int32))
     )
     return state, decisions, count
 
@@ -153,14 +153,14 @@ def record_decisions(
 def solve_scene(
     scene: Scene, plan: Plan, state: LoopState, max_steps: int, capacity: int | None, reversible: bool
 ) -> tuple[LoopState, LoopState, Nodes | None]:
-    """Integrate a scene, in one of two forms.
+    """Integrate a scene, with or without derivatives in reverse mode.
 
     - `scene`, `plan`, `state`, `max_steps`: as in `run`
     - `capacity`: number of nodes to store; a scene that needs more ends with HISTORY_FULL; None stores none
     - `reversible`: whether to integrate twice: first to record the decisions, then to replay them in a loop
       that has derivatives in reverse mode, too
 
-    Returns the final state, the final state for integers and flags, and the nodes or None.
+    Returns the final state, the final state from which to take integers and flags, and the nodes or None.
     """
     if not reversible:
         if capacity is None:
@@ -177,24 +177,23 @@ def solve_scene(
     return state, final, nodes
 
 
-def _keeping(scene: Scene, plan: Plan, state: LoopState, max_steps: int, keep, stored):
+def _run_and_store(scene: Scene, plan: Plan, state: LoopState, max_steps: int, store, stored):
     """Integrate a scene and store data of every accepted step.
 
     - `scene`, `plan`, `state`, `max_steps`: as in `run`
-    - `keep`: (state, stored, info) ↦ (state, stored), called after every trial
+    - `store`: (state, stored, info) ↦ (state, stored), called after every trial
     - `stored`: storage at the start
 
     Returns the final state and the storage. Under `vmap` a scene is called a lane, and all lanes leave
-    the loop together; a lane that has ended stores nothing more. If every lane left the loop on its own,
-    JAX would select between whole old and new buffers in every iteration, although only one row is
-    written.
+    the loop together; a lane that has ended stores nothing more. If each lane had its own loop condition,
+    JAX would copy the whole storage in every iteration, although only one row is written.
     """
 
     def body(carry):
         state, stored = carry
         goes_on = is_running(state, max_steps)
         after, info = step(scene, plan, state)
-        after, stored = keep(after, stored, info._replace(accepted=info.accepted & goes_on))
+        after, stored = store(after, stored, info._replace(accepted=info.accepted & goes_on))
         return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, state), stored
 
     state, stored = jax.lax.while_loop(
@@ -215,9 +214,8 @@ def replay(
     - `capacity`: number of nodes to store; None stores none
 
     Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints.
-    Rounding differs between compilations of a step. If a step were rejected in the second computation
-    only, states and cotangents would belong to different times. Therefore the decisions are recorded
-    beforehand.
+    Rounding differs between compilations, so a step might be accepted in one computation and rejected in
+    the other; states and cotangents would then belong to different times. Recorded decisions prevent this.
 
     There are two levels of checkpoints, √`max_steps` steps apart, which store only the state before a
     step: more levels or more data per step would double the compilation time.
@@ -227,9 +225,9 @@ def replay(
     @functools.partial(jax.checkpoint, prevent_cse=False)
     def body(carry):
         state, nodes, k = carry
-        # Under `vmap` finished lanes continue until the last has ended. Their results are dropped, but a
-        # derivative that is infinite would give NaN even if it is multiplied by zero. Therefore they repeat
-        # their first step. In a lane without any step the recorded length is zero and is replaced.
+        # Under `vmap` finished lanes continue until the last lane has ended. Their results are dropped, but
+        # an infinite derivative would become NaN even when multiplied by zero. Therefore they repeat their
+        # first step. A lane without any step has no recorded length and uses `max_step`.
         goes_on = k < count
         state = jax.tree.map(lambda now, at_start: jnp.where(goes_on, now, at_start), state, initial)
         replayed = jax.tree.map(lambda y: y[jnp.where(goes_on, k, 0)], decisions)

@@ -1,7 +1,7 @@
-"""The guard of a mode over a step, and when it breaks.
+"""The guard of a mode over a step, and the time at which it breaks.
 
-A mode of the automaton (full contact, or rocking on one side) lasts as long as its guard stays within its
-limits. The guard breaks when it leaves them; this is an event: an impact, overturning or an uplift.
+A mode of the automaton (full contact, or rocking on one side) lasts as long as its guard stays within
+limits. The guard breaks when it leaves these limits, which is an event: an impact, overturning or an uplift.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class Guard(NamedTuple):
     rising: Flag  # the guard increases at the start
     rising_at_end: Flag  # the guard increases at the end
     turned: Flag  # the guard has a turning point: its slopes at start and end have opposite signs
-    turn: Value  # z of the turning point; 1 without one
-    top: Value  # value at the turning point; at the end of the step without one
+    turn: Value  # z of the turning point; 1 if there is none
+    top: Value  # value at the turning point; at the end of the step if there is none
     end_value: Value  # value at the end
     breaks_before_turn: Flag  # the guard is broken at the turning point
     breaks_after_turn: Flag  # the guard is broken at the end, but not at the turning point
@@ -65,7 +65,7 @@ def watch(
     h: Value,
     a0: Vector,
     end: Step,
-    starts_on_guard: Flag,
+    starts_at_zero: Flag,
 ) -> Guard:
     """Evaluate the guard over a trial step.
 
@@ -75,14 +75,14 @@ def watch(
     - `h`: length of the step [s]
     - `a0`: accelerations at the start of the step
     - `end`: state and accelerations at the end of the step
-    - `starts_on_guard`: True if the step starts on θ = 0, after an impact or an uplift
+    - `starts_at_zero`: True if the step starts on θ = 0, after an impact or an uplift
     """
     constant = jax.lax.stop_gradient
     rocking = state.sigma != 0
     path, at_end = barrier(_paths(scene, plan, state, ground_at, h, a0, end))
     fixed: Quintic = constant(path)
     one = jnp.ones_like(h)
-    rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | starts_on_guard
+    rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | starts_at_zero
     rising_at_end = constant(at_end.c1) > 0
     turned = rising != rising_at_end
     # Without the barrier every kernel would compute these flags again.
@@ -138,7 +138,7 @@ def watch(
 def _paths(
     scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step
 ) -> tuple[Quintic, Quintic]:
-    """Return the guard over the step as a quintic in z, and past the end of the step as a cubic in time.
+    """Return the guard over the step as a quintic in z, and near the end of the step as a cubic in time.
 
     While rocking the guard is σθ. In full contact it is the demand q; its derivatives in time come from
     `demand_jet`. Over a very short step the slopes of the quintic are differences of nearly equal numbers.
@@ -165,8 +165,8 @@ def _paths(
 
 
 def _through(ends: Iterable[Value], h: Value, max_step: Value) -> tuple[Quintic, Quintic]:
-    """Return the quintic through value, slope and curvature at both ends of a step, and the cubic in time at
-    the end of the step. `ends` are the six numbers, those at the start first."""
+    """Return the quintic over a step, and the cubic in time near its end. `ends` are value, slope and
+    curvature at the start, then at the end."""
     x0, v0, a0, x1, v1, a1 = ends
     zero = jnp.zeros_like(x1)
     path = quintic(x0, v0, a0, x1, v1, a1, h)
@@ -179,8 +179,8 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, value: Value, falling: 
 
     - `scene`, `rocking`: the prepared scene, and whether the columns rock
     - `guard`: the guard as a polynomial
-    - `value`: a value of the guard; in full contact its sign selects the threshold +q_up or −q_up
-    - `falling`: while rocking, True for the limit 0 (impact), False for the overturning angle
+    - `value`: in full contact, a value of the guard, whose sign selects the threshold +q_up or −q_up
+    - `falling`: while rocking, True selects the limit 0 (impact), False the overturning angle
     """
     sign = jnp.where(rocking, jnp.where(falling, 1.0, -1.0), -jnp.sign(value))
     sign = barrier(sign)

@@ -17,13 +17,13 @@ import jax.numpy as jnp
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flags, Value, Values
 
-# Iterations of the safeguarded Newton searches. Derivatives of peaks need a turning point to about 1e-6; a
-# crossing is only the end of the next trial.
+# Iterations of the safeguarded Newton searches. Derivatives of peaks need turning points accurate to about
+# 1e-6. Crossings may be less accurate, since they only propose the end of the next trial.
 _TO_TURN, _TO_CROSS = 5, 4
 
 
 class Quintic(NamedTuple):
-    """A polynomial c0 + c1 z + … + c5 z⁵ of one quantity, or of several in a row."""
+    """Coefficients of a polynomial c0 + c1 z + … + c5 z⁵, or of an array of such polynomials."""
 
     c0: Values
     c1: Values
@@ -42,7 +42,7 @@ class Quintic(NamedTuple):
         return 2 * self.c2 + z * (6 * self.c3 + z * (12 * self.c4 + z * (20 * self.c5)))
 
     def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-        """Return the result of the function `turning_point_or_dip` for this polynomial."""
+        """Apply the function `turning_point_or_dip` to this polynomial."""
         return turning_point_or_dip(self, turned, rising)
 
 
@@ -76,15 +76,15 @@ def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, max_step: Valu
     - `h`: length of the step [s]
     - `max_step`: longest step of the scene [s]
 
-    Over a very short step the quintic is a difference of nearly equal numbers, and the mean of the third
-    derivative is used.
+    Over a very short step, rounding dominates the higher coefficients of the quintic. The mean of the third
+    derivative is used instead.
     """
     return jnp.where(is_long(h, max_step), path.c3 + 4 * path.c4 + 10 * path.c5, (a1 - a0) * h**2 / 6)
 
 
 def is_long(h: Value, max_step: Value) -> Flags:
-    """Return whether a step is long enough for the higher coefficients of its quintic to be more than
-    rounding."""
+    """Return whether a step is so long that rounding does not dominate the higher coefficients of its
+    quintic."""
     return h > 0.01 * max_step
 
 
@@ -102,8 +102,8 @@ def derivative(coefficients: Sequence[Values]) -> list[Values]:
 
 @functools.partial(jax.jit, static_argnames="iterations")
 def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, iterations: int) -> Values:
-    """Return the root between `lo`, where the polynomial is positive, and `hi`, where it is negative: Newton
-    from z, safeguarded by bisection."""
+    """Return the root of a polynomial that is positive at `lo` and negative at `hi`, by Newton's method from
+    z, safeguarded by bisection."""
     f, df, z = barrier((list(f), derivative(f), z))
     for _ in range(iterations):
         value, slope = barrier(_horner(f, z)), _horner(df, z)
@@ -118,9 +118,10 @@ def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, 
 def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
     """Return the turning point of a quantity over a step, or its dip, and whether it turns twice.
 
-    If the slopes at both ends have opposite signs (`turned`), z is the turning point. Otherwise the quantity
-    may dip: z is the zero of the curvature, where the slope is least relative to its sign at the ends
-    (`rising`). If the slope changes sign there, the quantity turns both before and after it.
+    If the slopes at both ends have opposite signs (`turned`), the first result z is the turning point.
+    Otherwise the slope has the same sign at both ends (positive if `rising`) but may change sign in between.
+    z is then the zero of the curvature, where this would happen; if the slope has the other sign there, the
+    quantity turns twice, once before and once after this z.
     """
     return turning_point_of_slope(derivative(polynomial), jnp.abs(polynomial.c0), turned, rising)
 
@@ -128,10 +129,11 @@ def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> t
 def turning_point_of_slope(
     coefficients: Sequence[Values], size: Values, turned: Flags, rising: Flags
 ) -> tuple[Values, Flags]:
-    """Return the result of `turning_point_or_dip` for a quantity whose slope has the sign of a polynomial.
+    """Apply `turning_point_or_dip` to a quantity whose slope is given as a polynomial, up to a positive
+    factor.
 
-    - `coefficients`: coefficients of this polynomial, lowest power first
-    - `size`: order of magnitude of the polynomial, to which rounding is relative
+    - `coefficients`: coefficients of the slope, lowest power first
+    - `size`: order of magnitude of the quantity; slopes below its rounding are ignored
     - `turned`, `rising`: as for `turning_point_or_dip`
     """
     sign = barrier(jnp.where(rising, 1.0, -1.0))
@@ -145,10 +147,11 @@ def turning_point_of_slope(
 
 
 def _first_zero(f: Sequence[Values]) -> Values:
-    """Return the root of a polynomial that is positive just after z = 0 and negative at z = 1.
+    """Return the root in (0, 1) of a slope that is positive just after z = 0 and negative at z = 1.
 
-    A motion that begins at rest, such as an uplift, has no slope at z = 0. After an uplift without a jump it
-    has no curvature either, up to rounding. Then z = 0 is no turning point, and this root is divided out.
+    A motion that begins at rest, such as an uplift, has the slope zero at z = 0. After an uplift without a
+    jump of the ground acceleration, the curvature there is zero too, up to rounding. As z = 0 is no turning
+    point, this root is divided out.
     """
     f = list(f)
     for _ in range(2):
@@ -163,7 +166,7 @@ def _parabola_root(first: Values, slope: Values, last: Values) -> Values:
     """Return the root in [0, 1] of the parabola with the value `first` > 0 and the slope `slope` at 0, and
     with the value `last` < 0 at 1.
 
-    Between samples of a record a rotation and its slope are very nearly such parabolas.
+    Between two samples of a record, the rotation and its rate are very nearly parabolas.
     """
     bend = last - first - slope
     root = jnp.sqrt(jnp.maximum(slope * slope - 4 * first * bend, 0.0))
@@ -171,8 +174,7 @@ def _parabola_root(first: Values, slope: Values, last: Values) -> Values:
 
 
 def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
-    """Return the z in [lo, hi] at which the polynomial falls through zero, positive at lo and
-    negative at hi."""
+    """Return the root in [lo, hi] of a polynomial that is positive at lo and negative at hi."""
     length = hi - lo
     above, below = polynomial.value(lo), polynomial.value(hi)
     guess = lo + length * _parabola_root(above, polynomial.slope(lo) * length, below)
@@ -184,9 +186,9 @@ def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_after: Flags
 
     - `polynomial`: the quantity over the step
     - `rising`, `rising_after`: whether it rises at the start and at the end
-    - `dips`: whether it turns twice around a dip, as `turning_point_or_dip` returns
+    - `dips`: second result of `turning_point_or_dip`
 
-    Besides dips, the slope is checked at three points inside the step.
+    The sign of the slope is also checked at three points inside the step.
     """
     turns = jnp.zeros((), jnp.int32)
     before = rising

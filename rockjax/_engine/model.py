@@ -5,7 +5,7 @@ modes: for σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ, u_b and u̇_b va
 
 A state consists of positions x and velocities v. Both are tuples: (θ,) for rigid podiums, (θ, u) with an
 elastic superstructure, where u is a scalar for one vibration mode and an array (u_1, …, u_n) for several. The
-number of vibration modes is static. The equations are the same for one and several; `summed` sums over them.
+number of vibration modes is static. The equations are the same for any number; `summed` sums over the modes.
 
 Restrainers add forces that depend on an elongation and its rate; their equations are numbered (C1) … in
 docs/control.md. A podium without restrainers skips them.
@@ -25,20 +25,19 @@ from rockjax._types import Value, Values, Vector
 
 from .coefficients import Coefficients, ModalConstants, Restraint, present, summed, weighted
 
-# Longest step near an instant at which θ̇ = 0, divided by |θ̇/θ̈|: before it, and after it.
+# Longest step divided by |θ̇/θ̈|, while the columns slow down and while they speed up.
 SLOWING, GATHERING = 0.75, 3.0
 
 
 def steady_for(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_ddot: Value) -> Value:
-    """Return the longest step [s] over which θ̇ keeps its order of magnitude. It is needed for forces with an
-    infinite slope at θ̇ = 0.
+    """Return the longest step over which θ̇ keeps its order of magnitude [s].
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
 
-    The step is proportional to |θ̇/θ̈|, the time until the columns stop or since they were at rest. Step
-    lengths then decrease geometrically towards an instant with θ̇ = 0, and the method keeps its order
-    although the slope of the force is infinite there. Derivatives stay accurate too, although the
+    Forces with an infinite slope at θ̇ = 0 need such steps. The step is proportional to |θ̇/θ̈|, the time
+    until the columns stop or since they were at rest. Step lengths then decrease geometrically towards an
+    instant with θ̇ = 0, and the method keeps its order there. Derivatives stay accurate too, although the
     step-size control does not see their error.
     """
     speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
@@ -51,14 +50,14 @@ def steady_for(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_dd
 
 
 class Elongation(NamedTuple):
-    """Elongation of a device, and its derivative; both are zero in full contact."""
+    """Elongation of a restrainer, and its derivative with respect to θ; both are zero in full contact."""
 
     stretch: Value  # ℓ/R, (C1)
     lever: Value  # dℓ/dθ divided by R
 
 
 def elongation(c: Coefficients, sigma: Value, theta: Value) -> Elongation:
-    """Return the elongation of a device between the ground and the beam, (C1)."""
+    """Return the elongation of a restrainer between the ground and the beam, (C1)."""
     return _elongation(c, sigma, *sincos(0.5 * theta))
 
 
@@ -68,8 +67,7 @@ def _elongation(c: Coefficients, sigma: Value, s: Value, cos: Value) -> Elongati
 
 
 def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, Elongation]:
-    """Return sin ψ, cos ψ and the elongation, all from the sine and cosine of θ/2. cos ψ is not valid in full
-    contact."""
+    """Return sin ψ, cos ψ (not valid in full contact) and the elongation, all from sin(θ/2) and cos(θ/2)."""
     s, cos = barrier(sincos(0.5 * theta))
     sin_theta, cos_theta = 2 * s * cos, 1 - 2 * s * s
     sin_side = sigma * c.sin_alpha
@@ -78,23 +76,23 @@ def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, 
 
 
 def _restraint(
-    c: Coefficients, restraint: Restraint, open_by: Elongation, theta_dot: Value
+    c: Coefficients, restraint: Restraint, device: Elongation, theta_dot: Value
 ) -> tuple[Value, Value | float]:
-    """Return the moment of the restrainers, which is subtracted on the right side of Eq. (24), and their
-    addition to the inertia, (C8)."""
-    stretch, lever = open_by
+    """Return the moment that the restrainers subtract from the right side of Eq. (24), and the inertia that
+    they add, (C8)."""
+    stretch, lever = device
     rate = lever * theta_dot / c.p
-    against = (
+    resisting = (
         c.p**2 * lever * sum(each.force(stretch, rate, restraint.slip) for each in restraint.restrainers)
     )
     if restraint.apparent_mass is None:
-        return against, 0.0
+        return resisting, 0.0
     push = 0.75 * restraint.apparent_mass * lever
-    return against - 0.25 * push * stretch * theta_dot**2, push * lever
+    return resisting - 0.25 * push * stretch * theta_dot**2, push * lever
 
 
-def restraint_at_most(c: Coefficients, restraint: Restraint, theta: Value, theta_dot: Value) -> Value:
-    """Bound the moment of restrainers in Eq. (24), (C20).
+def restraint_bound(c: Coefficients, restraint: Restraint, theta: Value, theta_dot: Value) -> Value:
+    """Bound the moment of the restrainers in Eq. (24), (C20).
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta`, `theta_dot`: largest |θ| [rad], inside the well, and largest |θ̇| [rad/s]
@@ -104,10 +102,10 @@ def restraint_at_most(c: Coefficients, restraint: Restraint, theta: Value, theta
     forces = sum(
         each.force(2 * lever * s, lever * theta_dot / c.p, restraint.slip) for each in restraint.restrainers
     )
-    most = c.p**2 * lever * forces
+    moment = c.p**2 * lever * forces
     if restraint.apparent_mass is not None:
-        most = most + 0.75 * restraint.apparent_mass * (c.sin_alpha * theta_dot) ** 2
-    return most
+        moment = moment + 0.75 * restraint.apparent_mass * (c.sin_alpha * theta_dot) ** 2
+    return moment
 
 
 def horizontal(ground: Value | Shaking) -> Value:
@@ -116,7 +114,7 @@ def horizontal(ground: Value | Shaking) -> Value:
 
 
 def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
-    """Return the coefficient of gravity in Eq. (24), in which vertical motion replaces g by g + v̈_g."""
+    """Return the coefficient of gravity in Eq. (24); vertical motion replaces g by g + v̈_g."""
     return c.gravity * (1 + ground.vertical / c.g) if isinstance(ground, Shaking) else c.gravity
 
 
@@ -126,7 +124,7 @@ def _relief(c: Coefficients, ground: Shaking) -> Value:
 
 
 def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value]:
-    """Return the horizontal displacement [m] and velocity [m/s] of the beam (u_b, u̇_b), Eqs. (13), (14).
+    """Return the horizontal displacement u_b [m] and velocity u̇_b [m/s] of the beam, Eqs. (13), (14).
 
     - `c`: constants of the podium
     - `sigma`: mode σ ∈ {−1, 0, 1}
@@ -193,30 +191,30 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
 
     In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
     """
-    against, added, gravity, ground = 0.0, 0.0, _weight(c, ground), horizontal(ground)
+    resisting, added, gravity, ground = 0.0, 0.0, _weight(c, ground), horizontal(ground)
     if c.restraint is not None:
-        s, cos, open_by = _angles(c, sigma, x[0])
-        against, added = _restraint(c, c.restraint, open_by, v[0])
-        against = barrier(against)
+        s, cos, device = _angles(c, sigma, x[0])
+        resisting, added = _restraint(c, c.restraint, device, v[0])
+        resisting = barrier(resisting)
     else:
         s, cos = sincos(sigma * c.alpha - x[0])
     modes = c.vibration
     if modes is None:
         rocks = -jnp.abs(sigma)
-        return (rocks * plus(gravity * s + c.ground * ground * cos, against) / plus(c.inertia, added),)
+        return (rocks * plus(gravity * s + c.ground * ground * cos, resisting) / plus(c.inertia, added),)
     s, cos = barrier((s, cos))
-    sway, sway_rate = c.two_R * (sigma * c.sin_alpha - s), c.two_R * v[0] * cos
-    springs = modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - sway_rate)  # V_i/m_i, Eq. (7)
+    u_b, u_b_dot = c.two_R * (sigma * c.sin_alpha - s), c.two_R * v[0] * cos
+    springs = modes.omega2 * (x[1] - u_b) + modes.damping * (v[1] - u_b_dot)  # V_i/m_i, Eq. (7)
     springs = barrier(springs)
     pull = weighted(modes.coupling, springs)
     moment = s * (c.centrifugal * v[0] ** 2 * cos - gravity) + cos * (pull - c.ground * ground)
-    theta_ddot = jnp.abs(sigma) * plus(moment, -against) / plus(c.inertia + c.centrifugal * s**2, added)
+    theta_ddot = jnp.abs(sigma) * plus(moment, -resisting) / plus(c.inertia + c.centrifugal * s**2, added)
     return theta_ddot, -ground - springs
 
 
 def plus(value: Any, addend: Value | float) -> Any:
-    """Return the sum of an array and an addend. The addend 0.0, a Python float, stands for nothing to
-    add: the value itself is returned, and nothing is compiled."""
+    """Return the sum of an array and an addend. If the addend is a Python float, it is 0.0, and nothing is
+    added."""
     return value if isinstance(addend, float) else value + addend
 
 
@@ -227,8 +225,8 @@ def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities
 
-    The columns uplift if |q| exceeds `c.uplift`, to the side −sign q. Under vertical motion q is divided by
-    the ratio of q_up(t) to its static value, (C10), so that the threshold is constant.
+    The columns lift to the side −sign q if |q| exceeds `c.uplift`. Under vertical motion q is divided by the
+    ratio of q_up(t) to its static value, (C10), so that the threshold is constant.
     """
     q = horizontal_demand(c, ground, x, v)
     return q / _relief(c, ground) if isinstance(ground, Shaking) else q
@@ -283,8 +281,8 @@ def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: 
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
 
-    It is the absolute horizontal acceleration of the superstructure divided by −g. With several vibration
-    modes this is the weighted mean over the modal masses and the residual mass.
+    The shear is the absolute horizontal acceleration of the superstructure divided by −g. With several
+    vibration modes, this is the mean weighted by the modal masses and the residual mass.
     """
     ground = horizontal(ground)
     if c.vibration is None:
@@ -305,8 +303,8 @@ def _carried(
     v: Vector,
     a: Vector,
 ) -> Value:
-    """Return Σ w_i(ü_i + ü_g) + (1 − Σ w_i) a_b: the retained modes i, and the absolute acceleration a_b
-    of the beam for the residual mass if there is one."""
+    """Return Σ w_i(ü_i + ü_g) + (1 − Σ w_i) a_b over the retained modes i, with the absolute acceleration a_b
+    of the beam. The second term is left out if there is no residual mass."""
     of_modes = weighted(weights, a[1] + ground)
     if modal.residual is None:
         return of_modes
@@ -323,8 +321,8 @@ def floor_accelerations(
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
 
-    For floor j it is −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b, summed over the retained modes i, with the absolute
-    acceleration a_b of the beam and F_i = −(ü_i + ü_g).
+    The acceleration of floor j is −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b, summed over the retained modes i, with
+    the absolute acceleration a_b of the beam and F_i = −(ü_i + ü_g).
     """
     modal, ground = present(c.modal), horizontal(ground)
     of_floor = lambda weights: _carried(c, modal, weights, sigma, ground, x, v, a)

@@ -1,4 +1,4 @@
-"""One explicit Runge–Kutta step for second-order systems, from the tableau of any explicit method.
+"""One explicit Runge–Kutta step for second-order systems.
 
 For x' = v, v' = a(t, x, v), stages need only their accelerations k_j:
 
@@ -36,10 +36,10 @@ class Step(NamedTuple):
 
 
 def _weighted_sum(weights: np.ndarray, k: list[Vector], component: int) -> Values | float:
-    """Return Σ_j w_j k_j of one component over the stages computed so far."""
+    """Return component `component` of Σ_j w_j k_j, summed over the stages computed so far."""
     total = 0.0
     for weight, stage in zip(weights, k, strict=False):
-        # In products of a tableau with itself, exact zeros appear as rounding.
+        # In the product AA, entries that are exactly zero are computed with a rounding error.
         if abs(weight) > 1e-14:
             total = total + float(weight) * stage[component]
     return total
@@ -61,7 +61,7 @@ def step(
     def stage_state(c, weights_x, weights_v):
         xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _weighted_sum(weights_x, k, d) for d in components)
         vi = tuple(v[d] + h * _weighted_sum(weights_v, k, d) for d in components)
-        # Every acceleration uses all components; without the barrier each would compute them again.
+        # Without the barrier, the acceleration of each component would compute all components again.
         return barrier((xi, vi)) if len(x) > 1 else (xi, vi)
 
     k = [a]

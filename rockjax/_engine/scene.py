@@ -43,7 +43,7 @@ def plan_for(
 
     - `podium`, `options`: structure and solver options of the scenes
     - `history`: True if the accepted steps are stored
-    - `extra_outputs`: outputs that are followed in addition to the requested ones
+    - `extra_outputs`: outputs that are computed in addition to the requested ones
     """
     elastic = podium.vibrates
     velocities = elastic or bool(podium.restrainers) or options.engine != "flat"
@@ -52,8 +52,8 @@ def plan_for(
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
     outputs = (rotation, *others, *extra_outputs)
-    # A history stores every step, so neither bounces nor samples are passed. Samples are passed with a
-    # method of high order, and are followed with a method of lower order, which the user has requested.
+    # A history stores every step, so neither bounces nor samples are skipped. Skipping samples takes Nyström
+    # steps of order 8, so samples are not skipped either if the user has chosen a method of order 6 or less.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
     names = allowed(outputs, eligible)
     return Plan(
@@ -66,16 +66,16 @@ def plan_for(
     )
 
 
-# The rest velocity is lower in the closer solution, by the factor e³ (three impacts later), limited to
-# [MIN_REST, MAX_REST]. For rigid podiums that lose little speed in an impact, 1 − e < LITTLE_LOSS · rtol, the
-# factor is MIN_REST.
+# In the closer solution the columns rest IMPACTS_LATER impacts later: the rest velocity is multiplied by
+# e^IMPACTS_LATER, limited to [MIN_REST, MAX_REST]. The factor is MIN_REST for rigid podiums that lose little
+# speed in an impact, 1 − e < LITTLE_LOSS · rtol.
 IMPACTS_LATER, MAX_REST, MIN_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
-# A step ends on an event if the event is closer to its end than LANDING · √rtol times its length, limited to
-# MAX_LANDING. The Taylor expansion at the end of the step then carries the state to the event.
+# A step ends on an event if their distance, divided by the length of the step, is less than LANDING · √rtol
+# and MAX_LANDING. A Taylor expansion at the end of the step then carries the state to the event.
 LANDING, MAX_LANDING = 10.0, 0.02
 # If a breakpoint is less than two steps away, the usual solution takes one step or two equal steps to it. The
-# closer solution covers a third of the distance first, so that its errors differ. It does so also for a step
-# that could end at the breakpoint, unless the controller's step is more than twice the distance.
+# first step of the closer solution covers a third of the distance, so that its errors differ. This also holds
+# if one step would do, unless the proposed step is more than UNSPLIT_CLOSER times as long as the distance.
 SPLIT, SPLIT_CLOSER, UNSPLIT_CLOSER = 0.5, 1 / 3, 2.0
 LANDING_CLOSER = 0.1  # factor on the landing fraction in the closer solution, so that landing errors differ
 
@@ -92,22 +92,23 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
 
 
 def _closer(options: Options, closer: Value | float, usual: Value | float) -> Value:
-    """Return the value `closer` for the closer solution, else the value `usual`."""
+    """Return `closer` if this is the closer solution, else `usual`."""
     return jnp.where(options._stride < 1, closer, usual)
 
 
 def _estimate_factor(plan: Plan, options: Options) -> Value | None:
     """Return the factor on error estimates of unusually low order.
 
-    An estimate is usually one order lower than the method; then the result is None. A missing order n
-    makes the estimate too large by about rtol^(−n/order) at the step length that the tolerance allows.
+    The order of an estimate is usually one lower than that of the method; then the result is None. If it is n
+    orders lower still, the estimate is too large by the factor rtol^(−n/order) at steps of the longest
+    length that the tolerance allows.
     """
     missing_order = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (missing_order / plan.tableau.order) if missing_order else None
 
 
 def _max_step(c: Coefficients) -> Value:
-    """Return the longest step that resolves rocking, and the vibration during it [s]."""
+    """Return the longest step that resolves rocking and the vibration while rocking [s]."""
     max_step = 1 / c.p
     fastest = None if c.restraint is None else c.restraint.restrained_frequency
     if c.vibration is not None:
@@ -125,7 +126,7 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
     is_pair = isinstance(excitation, GroundMotion)
     components = (excitation.horizontal, excitation.vertical) if is_pair else (excitation,)
     intervals = [component.sampling.dt for component in components if isinstance(component, AbstractSampled)]
-    if len(intervals) == len(components):  # steps end on every sample, so none is longer than the interval
+    if len(intervals) == len(components):  # steps end on every sample, so they are at most one interval long
         shortest = functools.reduce(jnp.minimum, intervals)
         max_excited_step = _closer(
             options, jnp.minimum(max_excited_step, (1 - SPLIT_CLOSER) * shortest), max_excited_step
@@ -141,8 +142,8 @@ def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> A
 
 
 def _landing_fraction(options: Options) -> Value:
-    """Return the largest distance of an event from the end of a step that still lands on it, divided by the
-    length of the step."""
+    """Return the largest distance at which a step still ends on an event, divided by the length of the
+    step."""
     fraction = jnp.minimum(LANDING * jnp.sqrt(options.rtol), MAX_LANDING)
     return fraction * _closer(options, LANDING_CLOSER, 1.0)
 
@@ -174,7 +175,7 @@ def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
 
 
 def _total(values: Values) -> Value:
-    """Return the sum of an array, which is finite only if all elements are finite; a scalar stays as it
+    """Return the sum of an array, to test at once whether all elements are finite; a scalar stays as it
     is."""
     return jnp.sum(values) if values.ndim else values
 
@@ -222,7 +223,7 @@ def _scene(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest_speed=rest_speed,
         estimate_factor=_estimate_factor(plan, options),
-        pass_below=_closer(options, 0.0, 1.0),  # the closer solution passes none, which reveals their error
+        pass_below=_closer(options, 0.0, 1.0),  # the closer solution skips no sample, which shows their error
         log_restitution=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         min_impact_speed=constant(rest_speed / jnp.maximum(c.restitution, jnp.finfo(rest_speed.dtype).tiny)),
         landing_fraction=_landing_fraction(options),
@@ -244,7 +245,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
     is_rocking = (initial.theta != 0) | (initial.theta_dot != 0)
     x, v = _start(c.vibration, initial)
     q = uplift_demand(c, excitation.piece(piece)(t), x, v)
-    # The sign of an initial rotation gives the mode; at θ = 0, the sign of an initial velocity.
+    # The mode has the sign of the initial rotation, or at θ = 0 the sign of the initial velocity.
     side = jnp.where(initial.theta != 0, jnp.sign(initial.theta), jnp.sign(initial.theta_dot))
     sigma = constant(jnp.where(is_rocking, side, contact_mode(c, q)))
     toppled = jnp.abs(initial.theta) >= scene.overturn_angle
@@ -269,7 +270,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         sigma=sigma,
         piece=piece,
         h=0.05 * scene.max_excited_step,
-        cut=inf,
+        trial_limit=inf,
         code=jnp.where(is_valid, code, results.NOT_FINITE).astype(jnp.int32),
         records=tuple(record for record, _ in records_and_notes),
         notes=tuple(note for _, note in records_and_notes),

@@ -5,12 +5,13 @@ between segments. The engine cross-checks the flat engine and accepts any Diffra
 share the equations, the transitions, the certificate and the direct search for the next uplift of rigid
 scenes. Diffrax's events alone are not accurate enough, so four corrections are made:
 
-- The event on the interpolant is a first guess. The segment is solved again up to the guess, and Newton's
-  method finds the event from there.
-- The interpolant is sampled densely. If the guard breaks and recovers between the ends of a step, the
-  segment is solved again up to there.
-- After an impact or an uplift the guard is exactly zero, and the first step is shorter than the hop.
-- The segment is solved up to a peak; the peak is not interpolated.
+- The time of the event according to the interpolant is a first guess. The segment is solved again up to this
+  time, and Newton's method finds the event from there.
+- The interpolant is sampled densely. If the guard breaks and recovers inside a step, the segment is solved
+  again up to the first sample at which it is broken.
+- After an impact or an uplift the guard is exactly zero. The first step is then shorter than the hop, so that
+  it cannot miss the next impact.
+- Peaks are not interpolated: the segment is solved again up to the time of the peak.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from .state import LoopState, Plan, Scene
 from .transitions import transition
 
 STEPS = 4096  # limit of steps of one solve; a longer segment is continued by another solve
-SAMPLES = 513  # number of samples of the interpolant, on which peaks and missed events are found
+SAMPLES = 513  # number of samples of the interpolant, among which peaks and missed events are found
 State2 = tuple[Vector, Vector]  # positions and velocities
 Rows = tuple[Float[Array, " n ..."], ...]  # for each degree of freedom, values at n nodes
 
@@ -130,14 +131,15 @@ class _Mode(NamedTuple):
         return self.scaled((v, self.rates(t, x, v)))
 
     def guard(self, t, x, v):
-        """Return the distance of the guard to its nearest limit, positive inside the mode."""
+        """Return the distance of the guard to the nearest limit, positive as long as the mode lasts."""
         angle = self.sigma * x[0]
         lift = self.scene.c.uplift - jnp.abs(uplift_demand(self.scene.c, self.ground_at(t), x, v))
         return jnp.where(self.rocking, jnp.minimum(angle, self.scene.overturn_angle - angle), lift)
 
 
 def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:
-    """Return the function (t1, saveat, event) ↦ solution by Diffrax from the state to t1, or to the event."""
+    """Return the function (t1, saveat, event) ↦ Diffrax solution from the state to the time t1 or the
+    event."""
     scene, t0 = mode.scene, state.t
     start = mode.scaled((state.x, state.v))
     a0 = mode.rates(t0, state.x, state.v)
@@ -172,13 +174,13 @@ def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Cal
 
 
 class _Path(NamedTuple):
-    """A segment, solved until its guard breaks or to its stop."""
+    """A segment, solved until the guard breaks or the time `stop` is reached."""
 
     mode: _Mode
     solve: Callable[..., Any]  # as returned by `_solver`
     solution: Any  # Diffrax's solution
     start: Value  # time of the start [s]
-    stop: Value  # time of the next breakpoint, of the end of the scene or of the cut [s]
+    stop: Value  # time of the next breakpoint, the end of the scene or `trial_limit`, whichever is first [s]
     reached: Value  # time that the solution has reached [s]
     fired: Flag  # the guard broke
     times: Value  # times of the samples [s]
@@ -204,8 +206,8 @@ class _Path(NamedTuple):
     def end(self) -> tuple[Value, Vector, Vector]:
         """Return time and state at the end of the segment.
 
-        The segment is solved again up to the reported time of the event, and two Newton steps lead from
-        there to the event.
+        The segment is solved again up to the reported time of the event. Two Newton steps then find the
+        event.
         """
         mode, fired, t0 = self.mode, self.fired, self.start
         x, v = self.solve_to(self.reached)
@@ -223,12 +225,12 @@ class _Path(NamedTuple):
         return jax.lax.fori_loop(0, 2, newton, (self.reached, x, v))
 
     def largest(self, quantity, record) -> tuple[Value, Value]:
-        """Return the largest |quantity| of the segment and its time [s].
+        """Return the largest |quantity| in the segment, and the time of this maximum [s].
 
         - `quantity`: (t, x, v) ↦ the quantity
         - `record`: largest value so far
 
-        The segment is solved again up to a maximum inside it, if that may exceed the record.
+        If a maximum inside the segment may exceed the record, the segment is solved again up to it.
         """
         values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)
@@ -254,7 +256,7 @@ class _Path(NamedTuple):
 
 def _path(mode: _Mode, options: Options, state: LoopState) -> _Path:
     scene, t0 = mode.scene, state.t
-    stop = jnp.minimum(jnp.minimum(scene.excitation.breakpoint(state.piece), scene.end), state.cut)
+    stop = jnp.minimum(jnp.minimum(scene.excitation.breakpoint(state.piece), scene.end), state.trial_limit)
     solve = _solver(mode, options, state, stop)
     event = diffrax.Event(
         lambda t, y, args, **_: mode.guard(t, *mode.natural(y)),
@@ -302,7 +304,7 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
 
 
 def _raised(path: _Path, output: Any, record: Values) -> Values:
-    """Return the updated record of an output; elements of an array are updated one after another."""
+    """Return the record of an output after the segment. The elements of an array are updated one by one."""
     mode = path.mode
 
     def quantity(t, x, v):
@@ -342,7 +344,7 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
         v=end.v,
         sigma=end.sigma,
         piece=end.piece.astype(state.piece.dtype),
-        cut=jnp.full_like(end.t, jnp.inf),
+        trial_limit=jnp.full_like(end.t, jnp.inf),
         records=tuple(records),
         notes=tuple(notes),
         uplifted=state.uplifted | uplifts,
@@ -361,12 +363,12 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
     """Advance by one segment, and append its steps to the nodes.
 
-    If the guard broke and no event was reported, the state stays, and its `cut` is the time up to which the
-    segment is solved next.
+    If the guard broke but no event was reported, the state stays, and `trial_limit` becomes the time up to
+    which the segment is solved next.
     """
     ground_at = scene.excitation.piece(state.piece)
     path = _path(_Mode(scene, state.sigma, ground_at, natural_units(scene.c)), options, state)
-    missed, cut = path.missed()
+    missed, retry_until = path.missed()
     end = _arrival(path, state)
     advanced = _advanced(path, plan, state, end)
     code = jnp.where(end.t >= scene.end, results.END_OF_TIME, results.RUNNING)
@@ -377,10 +379,10 @@ def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes
         code=jnp.where(end.finite, code, results.NOT_FINITE).astype(state.code.dtype)
     )
     count = path.solution.stats["num_accepted_steps"]
-    again = state._replace(cut=cut, rejected=state.rejected + jnp.maximum(count, 1).astype(state.steps.dtype))
+    rejected = state.rejected + jnp.maximum(count, 1).astype(state.steps.dtype)
+    again = state._replace(trial_limit=retry_until, rejected=rejected)
     after = jax.tree.map(lambda yes, no: jnp.where(missed, yes, no), again, advanced)
     if nodes is not None:
-        # First the solver's steps before the end, then the end itself.
         ts = path.solution.ts
         inner = jnp.where((ts < end.t) & (ts > state.t) & ~missed, ts, jnp.inf)
         xs, vs = jax.vmap(path.mode.natural)(path.solution.ys)

@@ -1,9 +1,8 @@
 """Solution of one scene from a structure and an excitation, with derivatives.
 
-Derivatives with respect to scalar parameters are a Jacobian, computed in forward mode in one pass
-together with the value. Forward and reverse mode both use it, so `jax.grad` costs as much as
-`jax.jacfwd`. For arrays (the samples of a record) the loop itself is differentiated, in a form that
-reverse mode can differentiate with bounded memory.
+The Jacobian with respect to scalar parameters is computed together with the value, in forward mode. Forward
+and reverse mode both use this Jacobian, so `jax.grad` costs as much as `jax.jacfwd`. For arrays (the samples
+of a record) the loop itself is differentiated; its form bounds the memory that reverse mode needs.
 """
 
 from __future__ import annotations
@@ -44,8 +43,8 @@ def solve(
     - `options`: options of the solver
     - `history`: number of steps to store; None stores none
 
-    Returns ((floats, nodes), (integers and flags, rest of the nodes)). Stored programs are used if all
-    values are concrete; `jax.grad` and `jax.jvp` of concrete values count as concrete.
+    Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). Stored
+    programs are used if all values are concrete, also inside `jax.grad` and `jax.jvp` of concrete values.
     """
     podium = podium.split().without_idle_restrainers()
     podium = podium if options.of_joints else podium.without_elevation()
@@ -70,8 +69,8 @@ def _answers(
     history: int | None,
     reversible: bool,
 ):
-    """Return the answers as `solve` does; arguments as there. `reversible` selects the form for derivatives
-    with respect to arrays."""
+    """Do the work of `solve`, with the same arguments and results. `reversible` selects the form of the loop
+    for derivatives with respect to arrays."""
     plan = plan_for(podium, options, history is not None)
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)
     if options.engine == "segments":
@@ -91,11 +90,10 @@ SLOPES = StoredProgram(with_slopes(_answers))
 def answers(
     scene: Scene, plan: Plan, state: LoopState, final: LoopState | None = None
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the outputs of a finished scene by name: floats, which have derivatives, and integers and
-    flags.
+    """Return the outputs of a finished scene by name, in two dicts: floats, and integers and flags.
 
     - `scene`, `plan`, `state`: the prepared scene, its static choices, and its final state
-    - `final`: final state for integers and flags; None for the same one
+    - `final`: final state from which to take integers and flags; None for `state`
     """
     floats = {
         "overturn_time": state.overturn_time,

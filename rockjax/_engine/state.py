@@ -1,7 +1,7 @@
-"""Data types of the integration loop: the plan, the scene, the carried state, and the record of a step.
+"""Data types of the integration loop: the plan, the scene, the loop state, and the record of a step.
 
-A time of an event or breakpoint varies with the parameters. The loop works with its fixed value, called the
-stamp, and carries its derivative separately.
+The time of an event or breakpoint depends on the parameters. The loop works with the value of this time,
+held constant under differentiation and called the stamp, and carries the derivative separately.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ class Plan:
     """Choices that are made before tracing; static under `jax.jit`.
 
     - `elastic`: True if the superstructure vibrates
-    - `outputs`: the outputs that are followed, the rotation first; each is an `AbstractOutput` of
-      `rockjax._outputs`, of which this folder uses only the methods
+    - `outputs`: the outputs that are computed, the rotation first; each is a `rockjax._outputs`
+      AbstractOutput
     - `absent`: outputs that are not requested
     - `tableau`: tableau of the Runge–Kutta method
-    - `to_the_end`: True if the scene is followed until t_end or final rest, for a history
+    - `to_the_end`: True if the scene is integrated until t_end or final rest, for a history
     - `fast_forwards`: names of the fast-forwards that may be used (see `fast_forward/`)
     """
 
@@ -39,13 +39,13 @@ class Plan:
 
     @property
     def refines(self) -> bool:
-        """True if the method is of higher order than 5, the degree of the polynomial over a step. Steps then
-        end on peaks."""
+        """True if steps end on peaks, because the order of the method exceeds 5, the degree of the polynomial
+        that describes a step."""
         return self.tableau.order > 5
 
     @property
     def follows_contact(self) -> bool:
-        """True if full contact is followed step by step. Otherwise the podium goes directly to its next
+        """True if full contact is integrated step by step. Otherwise the podium goes directly to its next
         uplift."""
         return "rest" not in self.fast_forwards
 
@@ -56,7 +56,7 @@ class Plan:
 
     @property
     def of_joints(self) -> bool:
-        """True if forces in the joints are requested."""
+        """True if joint forces are requested."""
         return any(output.of_joints for output in self.outputs)
 
 
@@ -65,15 +65,15 @@ class Scene(NamedTuple):
 
     c: Coefficients
     excitation: AbstractExcitation
-    lookahead: AbstractLookahead  # answers questions about the remaining excitation
+    lookahead: AbstractLookahead  # bounds on the remaining excitation, and its next uplift
     start: Value  # start of the scene [s]
     end: Value  # end of the scene [s]
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest_speed: Value  # rest velocity [rad/s]
     log_restitution: Value  # −ln e
     min_impact_speed: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
-    estimate_factor: Value | None  # factor on error estimates of unusually low order; None leaves them
-    pass_below: Value  # largest error divided by the tolerance at which a sample is passed without a trial
+    estimate_factor: Value | None  # factor on error estimates of unusually low order; None for no factor
+    pass_below: Value  # a sample is skipped up to this error, divided by the tolerance
     landing_fraction: Value  # a step ends on an event closer to its end than this fraction of its length
     split_fraction: Value  # length of the first of two steps to a breakpoint, divided by the distance to it
     unsplit_limit: Value  # a step longer than this multiple of the distance to a breakpoint is not split
@@ -89,25 +89,27 @@ class LoopState(NamedTuple):
     velocities and records at these times carry the tangents."""
 
     t: Value  # time stamp [s]
-    event_time: Value  # t with the derivative of the event or breakpoint at t [s]
+    event_time: Value  # equal to t, with the derivative of the event's or breakpoint's time [s]
     x: Vector  # positions
     v: Vector  # velocities
     sigma: Value  # mode: 0 full contact, ±1 rocking
     piece: Index  # piece of the excitation
-    h: Value  # step length of the controller [s]
-    cut: Value  # shorter length to land on an event [s]; inf if none is needed
+    h: Value  # step length that the step-size control proposes [s]
+    # Limit of the next trial: in the flat engine its length, in the segments engine its end [s]; inf for
+    # none.
+    trial_limit: Value
     code: Index  # result code, or results.RUNNING
     records: tuple[Any, ...]  # records of the plan's outputs, with tangents; the first is max|θ|
-    notes: tuple[Any, ...]  # further data of the outputs, without tangents in batches
+    notes: tuple[Any, ...]  # further data of the outputs, such as times; no tangents in batches
     uplifted: Flag  # the columns have lifted
     uplift_time: Value  # time of the first uplift [s], else NaN
     overturn_time: Value  # time of overturning [s], else NaN
     impacts: Index  # number of impacts
     min_impact_speed: Value  # least |θ̇| before an impact so far [rad/s]
-    min_impact_speed_before_peak: Value  # the same up to the largest rotation [rad/s]
+    min_impact_speed_before_peak: Value  # least |θ̇| before the impacts up to the largest rotation [rad/s]
     steps: Index  # number of accepted steps
     rejected: Index  # number of rejected steps
-    passing: Flag | None = None  # samples may be passed from here; None if the scene never passes samples
+    passing: Flag | None = None  # the next sample may be skipped; None if this scene never skips samples
 
     @property
     def peak(self) -> Value:
@@ -115,30 +117,27 @@ class LoopState(NamedTuple):
         return self.records[0]
 
 
-# Fields with tangents that later steps use. Modes, times and step lengths have none; no later step uses the
-# tangents of notes, event times and impact speeds.
+# Fields whose tangents later steps use.
 DIFFERENTIATED = ("event_time", "x", "v", "records")
 
-# Other fields that have a tangent after the first step.
+# Other fields that have tangents. Modes, times and step lengths have none.
 _REPORTED = ("notes", "uplift_time", "overturn_time", "min_impact_speed", "min_impact_speed_before_peak")
 
 
 def ready_for_tangents(state: LoopState) -> LoopState:
-    """Return the state with a tangent, possibly zero, for every field that may get one in the loop. A state
-    without any tangent stays as it is.
-    """
+    """Return the state with a tangent, possibly zero, for every field that may get a tangent in the loop. A
+    state without any tangent stays as it is."""
     fields = {name: getattr(state, name) for name in (*DIFFERENTIATED, *_REPORTED)}
     return state._replace(**with_tangents(fields))
 
 
 def differentiated_fields(state: LoopState) -> dict[str, Any]:
-    """Return the fields of a state with tangents that later steps use."""
+    """Return the fields of a state whose tangents later steps use."""
     return {name: getattr(state, name) for name in DIFFERENTIATED}
 
 
 class Decision(NamedTuple):
-    """All discrete choices of an accepted step. With them the step can be repeated, however rounding
-    differs."""
+    """All discrete choices of an accepted step, with which it can be repeated even if rounding differs."""
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at the next breakpoint or at the end of the scene
@@ -148,7 +147,7 @@ class Decision(NamedTuple):
 
 
 class StepInfo(NamedTuple):
-    """Record of a trial."""
+    """Result of a trial."""
 
     accepted: Flag
     impact_time: Value  # time of the impact on which the step ended [s], else NaN

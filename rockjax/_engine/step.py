@@ -1,14 +1,13 @@
-"""The step: one trial of one scene. An accepted trial advances the automaton; a rejected one shortens the
-next.
+"""One trial step of one scene. An accepted trial advances the automaton; a rejected trial shortens the next.
 
-A trial takes a Runge–Kutta step. A quintic through both of its ends describes the guard: σθ while
+A trial takes a Runge–Kutta step. A quintic through both ends of the step describes the guard: σθ while
 rocking, the demand q in full contact. If the guard breaks inside the step, the next trial is shortened to
-end there. Once a trial ends on the event (up to a small fraction of its length, which a Taylor expansion
-covers), the event is applied. Events are therefore as accurate as the solver. From one trial to the next
-the state carries only the shortened length, `cut`.
+end there. Once a trial ends on the event (a Taylor expansion covers the remaining small fraction of the
+step), the event is applied. Events are therefore as accurate as the solver. A rejected trial changes only
+the limit and the step length of the next one.
 
-Times, step lengths and roots are held constant under differentiation (`stop_gradient`). Every time has a
-fixed value, its stamp; the derivative of an event's time is carried separately. An event is
+Times, step lengths and roots are held constant under differentiation (`stop_gradient`). The constant value of
+a time is called its stamp; the derivative of an event's time is carried separately. An event is
 differentiated by moving the state from the stamp to the event and back (`restart`), which is exact in
 forward and reverse mode.
 """
@@ -44,7 +43,8 @@ from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .transitions import after_impact, jolt, past_breakpoint, restart, transition
 
-# A maximum of the demand in full contact above this fraction of the uplift threshold is landed on.
+# A step ends on a maximum of |q| in full contact if the maximum exceeds this fraction of the uplift
+# threshold.
 NEAR_UPLIFT = 0.95
 
 
@@ -58,7 +58,7 @@ def step(
     - `replayed`: recorded decision of an accepted step, which is repeated; None for a free choice
 
     A rigid podium in full contact goes directly to its next uplift. Samples of a record that need no
-    trial are passed before the trial (`past_all`), unless decisions are replayed.
+    trial are skipped before the trial (`past_all`), unless decisions are replayed.
 
     Returns the new state and the record of the step.
     """
@@ -83,8 +83,7 @@ def step(
 def trial(
     scene: Scene, plan: Plan, state: LoopState, replayed: Decision | None = None
 ) -> tuple[LoopState, StepInfo]:
-    """Try a step and evaluate the guard over it. Return the state after it if it is accepted, else the state
-    for a shorter trial.
+    """Try a step, and return the state after it, or the state for a shorter trial if the step is rejected.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state at the start of the step
@@ -94,8 +93,8 @@ def trial(
     """
     ground_at = scene.excitation.piece(state.piece)
     attempted = attempt(scene, plan, state, ground_at, replayed)
-    h, a0, end, starts_on_guard = attempted.h, attempted.a0, attempted.end, attempted.starts_on_guard
-    guard = watch(scene, plan, state, ground_at, h, a0, end, starts_on_guard)
+    h, a0, end, starts_at_zero = attempted.h, attempted.a0, attempted.end, attempted.starts_at_zero
+    guard = watch(scene, plan, state, ground_at, h, a0, end, starts_at_zero)
     view, outcome = _classify(scene, plan, state, ground_at, attempted, guard, replayed)
     advanced, info = _advance(scene, plan, state, view, outcome, replayed)
     repeated = _repeat(plan, state, attempted, outcome)
@@ -111,7 +110,7 @@ def _classify(
     guard: Guard,
     replayed: Decision | None,
 ) -> tuple[Step, StepOutcome]:
-    """Return the step as outputs see it, and its outcome, which follows from its error, its guard and the
+    """Return the step as outputs see it, and the outcome that follows from the error, the guard and the
     maxima of the outputs."""
     constant = jax.lax.stop_gradient
     c, h, time_resolution, rocking = scene.c, trial.h, trial.time_resolution, state.sigma != 0
@@ -127,8 +126,8 @@ def _classify(
         & ~guard.breaks_before_turn
         & in_time
     )
-    # Events at the end of the scene or just before it are ignored, except overturning: the outputs there have
-    # the derivative of the end, not of the event.
+    # Events at the end of the scene or just before it are ignored, except overturning, so that the outputs at
+    # the end have the derivative of the scene's end, not of the event.
     is_ignored = (
         trial.ends
         & guard.converges
@@ -149,33 +148,34 @@ def _classify(
         jnp.where(trial.reaches_stop, trial.stop - constant(trial.stop), 0.0),
     )
     breaks = (guard.breaks_before_turn | guard.breaks_after_turn) & ~lands & ~is_ignored
-    false_uplift = trial.starts_on_guard & (constant(state.v[0]) == 0) & breaks & (h < 1e-9 / constant(c.p))
-    event_cut = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
+    false_uplift = trial.starts_at_zero & (constant(state.v[0]) == 0) & breaks & (h < 1e-9 / constant(c.p))
+    event_fraction = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
 
-    # Maxima inside the step are landed on if the polynomial is not accurate enough for them.
+    # A step is shortened to end on a maximum if the polynomial is not accurate enough to give the maximum.
     view = Step(scene, plan.refines, state, ground_at, trial, guard, before, after)
     maxima = tuple(
         output.over_step(view, record) for output, record in zip(plan.outputs, state.records, strict=True)
     )
     # If the demand turns just below the threshold, the step is shortened to end at that turning point.
     turns_in_contact = ~rocking & guard.turned & ~guard.breaks_before_turn
-    max_cut = view.cut_at_turn(turns_in_contact & (jnp.abs(guard.top) > NEAR_UPLIFT * c.uplift))
+    maximum_fraction = view.cut_at_turn(turns_in_contact & (jnp.abs(guard.top) > NEAR_UPLIFT * c.uplift))
     for maximum in maxima:
         if maximum is not None:
-            cut = jnp.min(maximum.cut, axis=-1) if maximum.cut.ndim else maximum.cut
-            max_cut = jnp.minimum(max_cut, cut)
-    max_cut = jnp.where(h > time_resolution, max_cut, jnp.inf)
+            fractions = maximum.retry_fraction
+            least = jnp.min(fractions, axis=-1) if fractions.ndim else fractions
+            maximum_fraction = jnp.minimum(maximum_fraction, least)
+    maximum_fraction = jnp.where(h > time_resolution, maximum_fraction, jnp.inf)
     largest = tuple(None if maximum is None else maximum.value for maximum in maxima)
     # A method of second order or lower is too inaccurate for this check just after an uplift, where θ ~ t³.
     checks_turns = plan.tableau.order > 2
-    half_cut = jnp.where(guard.turns_twice & (h > time_resolution) & checks_turns, 0.5, jnp.inf)
+    halving = jnp.where(guard.turns_twice & (h > time_resolution) & checks_turns, 0.5, jnp.inf)
 
-    cut = jnp.minimum(jnp.minimum(max_cut, event_cut), half_cut)
-    accepted = trial.accurate & ~(cut < 1)
+    retry_fraction = jnp.minimum(jnp.minimum(maximum_fraction, event_fraction), halving)
+    accepted = trial.accurate & ~(retry_fraction < 1)
     lands, false_uplift = lands & accepted, false_uplift & accepted
     if replayed is not None:
         accepted, lands, false_uplift = jnp.ones_like(accepted), replayed.lands, replayed.false_uplift
-    return view, barrier(StepOutcome(accepted, cut, lands, after, false_uplift, largest))
+    return view, barrier(StepOutcome(accepted, retry_fraction, lands, after, false_uplift, largest))
 
 
 def _advance(
@@ -186,8 +186,8 @@ def _advance(
     outcome: StepOutcome,
     replayed: Decision | None,
 ) -> tuple[LoopState, StepInfo]:
-    """Return the state and the record of the step if it is accepted: with the transition of the automaton and
-    the updated records of the outputs."""
+    """Return the state after an accepted step, with the automaton's transition and updated records of the
+    outputs, and the record of the step."""
     constant = jax.lax.stop_gradient
     trial, guard = view.trial, view.guard
     h, sigma, rocking = trial.h, state.sigma, state.sigma != 0
@@ -232,7 +232,7 @@ def _advance(
         sigma=mode,
         piece=piece,
         h=next_length(scene, state, trial, stamp),
-        cut=jnp.full_like(h, jnp.inf),
+        trial_limit=jnp.full_like(h, jnp.inf),
         records=records,
         notes=notes,
         uplifted=state.uplifted | uplifts,
@@ -248,9 +248,9 @@ def _advance(
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
     if not plan.to_the_end:
         code = jnp.where(certificate(scene, plan, advanced, piece, ground), results.SETTLED, code)
-    # The state returns to the stamp by the field after the event. An event on a breakpoint comes first.
-    # If the two times have different derivatives, the field of the old piece applies from the event to
-    # the breakpoint.
+    # The state returns from the event to the stamp with the field after the event. If the event coincides
+    # with a breakpoint, but the two times have different derivatives, the field of the old piece applies
+    # between.
     breakpoint_shift = jnp.where(piece > state.piece, trial.stop - constant(trial.stop), shift)
     x, v = restart(scene, stamp, shift - breakpoint_shift, x, v, mode, state.piece)
     x, v = past_breakpoint(scene, stamp, breakpoint_shift, x, v, mode, (state.piece, piece))
@@ -264,8 +264,8 @@ def _advance(
 def _times(
     scene: Scene, state: LoopState, trial: Attempt, outcome: StepOutcome
 ) -> tuple[Index, Value, Value, Value]:
-    """Return the piece after the step, and the time of its end: fixed stamp, time with its derivative, and
-    their difference, which is zero in value."""
+    """Return the piece after the step, the stamp of the step's end, the same time with its derivative, and
+    the difference of the two times, which is zero in value."""
     constant, t, h, lands = jax.lax.stop_gradient, state.t, trial.h, outcome.lands
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches_stop, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
@@ -275,8 +275,8 @@ def _times(
 
 
 def _shaken(scene: Scene, state: LoopState, passed: Flag, mode: Value, x: Vector, v: Vector, ground):
-    """Return the effect of a velocity jump of the ground at the end of the piece, if that is `passed`; None
-    for motions without jumps."""
+    """Return the effect of a velocity jump of the ground at the end of the piece, or of no jump unless
+    `passed`; None if the motion has no jumps at all."""
     jump = scene.excitation.velocity_jump(state.piece)
     if jump is None:
         return None
@@ -285,15 +285,14 @@ def _shaken(scene: Scene, state: LoopState, passed: Flag, mode: Value, x: Vector
 
 
 def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) -> LoopState:
-    """Return the state after a rejected step. Time and motion stay; the next trial is shorter, and counts,
-    records and result code are updated."""
+    """Return the state after a rejected step. Time and motion stay, and the next trial is shorter."""
     shrunk = trial.h * jnp.where(trial.finite, trial.growth, SHRINK)
     return state._replace(
         h=jnp.where(trial.accurate, state.h, shrunk),
         records=tuple(
             output.after_rejection(record) for output, record in zip(plan.outputs, state.records, strict=True)
         ),
-        cut=jnp.where(trial.accurate, trial.h * outcome.cut, jnp.inf),
+        trial_limit=jnp.where(trial.accurate, trial.h * outcome.retry_fraction, jnp.inf),
         passing=None if state.passing is None else jnp.zeros_like(trial.finite),
         code=jnp.where(~trial.finite & ~(trial.h > trial.time_resolution), results.NOT_FINITE, state.code),
         rejected=state.rejected + 1,

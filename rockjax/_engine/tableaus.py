@@ -58,13 +58,11 @@ def tableau(method: str | diffrax.AbstractERK) -> Tableau:
 
 
 def tableau_for(method: str | diffrax.AbstractERK, velocities: bool) -> Tableau:
-    """Return the tableau that is used for a method.
+    """Return the tableau that replaces a method: the Nyström method for `"dopri8"`, else the method's own.
 
     - `method`: name of an explicit method, or an explicit Diffrax solver
-    - `velocities`: whether accelerations depend on velocities
-
-    For `"dopri8"` and accelerations that do not depend on velocities it is the Nyström method of order 8,
-    which needs fewer stages.
+    - `velocities`: whether accelerations depend on velocities; the Nyström method, which needs fewer stages,
+      is used only if they do not
     """
     return nystrom() if method == ORDER_8 and not velocities else tableau(method)
 
@@ -73,8 +71,8 @@ def tableau_for(method: str | diffrax.AbstractERK, velocities: bool) -> Tableau:
 def nystrom() -> Tableau:
     """Return RKN8(6)9FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987, 423–430).
 
-    It has order 8, needs eight new accelerations a step, and applies if accelerations do not depend on the
-    velocity. The weights for positions are independent of the weights for velocities, and A is zero.
+    It has order 8, computes eight accelerations in each step, and applies if accelerations do not depend on
+    the velocity. The weights for positions are independent of those for velocities, and A is zero.
     """
     rows = [
         (1 / 800,),

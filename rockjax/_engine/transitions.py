@@ -1,7 +1,7 @@
-"""Events: their effect on mode and state, and the effect of their time on derivatives.
+"""Effects of events on the mode and the state, and effects of event times on derivatives.
 
-The time of an event or breakpoint depends on the parameters. Its value, held constant under differentiation,
-is called its stamp.
+The time of an event or breakpoint depends on the parameters. The value of this time, held constant under
+differentiation, is called the stamp.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def transition(
     - `halted`: True for a false uplift, after which the columns are in full contact
     - `to_rest`: True for an impact that leads to rest
 
-    Without an event the mode stays, with one exception: columns in full contact lift if the ground
-    acceleration has jumped above the threshold.
+    Without an event the mode stays, except that columns in full contact lift if a jump of the ground
+    acceleration has brought the demand above the threshold.
     """
     c, rocking = scene.c, sigma != 0
     rests = halted | ~rocking
@@ -68,8 +68,8 @@ def transition(
 
 
 def contact_mode(c: Coefficients, q: Value) -> Value:
-    """Return the mode of columns in full contact under the demand q [m/s²]. They lift if |q| exceeds the
-    threshold of Eq. (9); equality is not uplift."""
+    """Return the mode that follows full contact under the demand q [m/s²]: the columns lift if |q| exceeds
+    the threshold of Eq. (9), and stay in contact if it is equal."""
     return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
 
 
@@ -83,8 +83,8 @@ def after_impact(
     - `q`: demand in full contact after the impact [m/s²]
     - `to_rest`: True if the columns come to rest whatever their speed
 
-    The columns rock on to the other side. If |θ̇⁺| is at most the rest velocity, or with `to_rest`, rocking
-    stops: full contact follows, or a new uplift if q exceeds the threshold.
+    The columns rock on to the other side. Rocking stops if |θ̇⁺| is at most the rest velocity, or `to_rest`
+    is True; then full contact follows, or a new uplift if |q| exceeds the threshold.
     """
     theta_dot_after = impact(scene.c, theta_dot)
     rocks_on = (jnp.abs(theta_dot_after) > scene.rest_speed) & ~jnp.asarray(to_rest)
@@ -95,10 +95,10 @@ class Jolt(NamedTuple):
     """A jump of the ground's velocity, and the state after it."""
 
     jump: Value | Shaking  # velocity jump of the ground [m/s]; zero without a jump
-    side: Value  # mode in which the velocities change: the current one, or that of the uplift
-    change: Vector  # changes of the velocities, without those of an impact that follows
+    side: Value  # mode in which the velocities change: the present mode, or the mode after the uplift
+    change: Vector  # changes of the velocities due to the jump, before the impact that may follow
     lifts: Flag  # whether columns at rest lift
-    strikes: Flag  # whether columns at θ = 0 are driven into the ground, which is another impact
+    strikes: Flag  # whether rocking columns at θ = 0 are driven into the ground, which is another impact
     v: Vector  # velocities after the jump
     sigma: Value  # mode after the jump
 
@@ -114,8 +114,8 @@ def jolt(
     - `jump`: velocity jump of the ground, horizontal, or horizontal and vertical [m/s]
 
     The equation of motion is linear in the accelerations of the structure and of the ground, so it also
-    relates their velocity jumps. Columns at rest lift to the side −sign Δv if their speed after the jump
-    exceeds the rest velocity.
+    relates their velocity jumps. Columns at rest lift to the side opposite to the horizontal velocity jump if
+    their speed after it exceeds the rest velocity.
     """
     c, at_rest = scene.c, (x[0] == 0) & (v[0] == 0)
     side = jnp.where(at_rest, -jnp.sign(horizontal(jump)), sigma)
@@ -133,7 +133,7 @@ def jolt(
 def past_breakpoint(
     scene: Scene, stamp: Value, delta: Value, x: Vector, v: Vector, sigma: Value, pieces: tuple[Index, Index]
 ) -> tuple[Vector, Vector]:
-    """Return the state after a breakpoint between two pieces, moved from the breakpoint's time to its stamp.
+    """Return the state after a breakpoint, moved from the time of the breakpoint to the stamp.
 
     - `scene`: the prepared scene
     - `stamp`: fixed time stamp of the breakpoint [s]
@@ -141,8 +141,8 @@ def past_breakpoint(
     - `x`, `v`, `sigma`: positions, velocities and mode
     - `pieces`: pieces before and after the breakpoint
 
-    A breakpoint of the horizontal motion and one of the vertical motion may coincide in value but have
-    different derivatives. The derivative then also contains the motion between the two breakpoints.
+    Breakpoints of the horizontal and of the vertical motion may coincide although their times have different
+    derivatives. The derivative of the state then also contains the motion between the two breakpoints.
     """
     before, after = pieces
     if isinstance(scene.excitation, GroundMotion):
@@ -165,10 +165,10 @@ def restart(
     - `x`, `v`, `sigma`: positions, velocities and mode after the event
     - `piece`: piece of the excitation after the event
 
-    The time of the event depends on the parameters; its stamp does not. The state is moved to the event with
-    the equation of motion before it, changed by the transition, and moved back to the stamp with the equation
-    of motion after it. The derivative of this sequence is the saltation matrix. This function is the move
-    back: it changes derivatives, but not values.
+    The time of the event depends on the parameters; the stamp does not. The state is moved from the stamp to
+    the event with the equation of motion before the event, changed by the transition, and moved back with the
+    equation of motion after the event. The derivative of this sequence is the saltation matrix. This function
+    is the move back: it changes derivatives, but not values.
     """
     del scene, t, delta, sigma, piece
     return x, v

@@ -21,7 +21,7 @@ from .views import Ended, Start, Step
 @dataclasses.dataclass(frozen=True)
 class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint of the worst column,
-    (F8). Below 0 a joint would open, and the model no longer holds.
+    (F8). If it is negative, a joint would open, and the model no longer holds.
 
     The record contains the largest −N/(m_c g), then the largest N/(m_c g).
     """
@@ -55,8 +55,8 @@ class AxialForce(AbstractJointOutput):
 @dataclasses.dataclass(frozen=True)
 class Unloading(AxialForce):
     """The largest loss of axial force 1 − N/N_0 at the bottom and the top joint of the worst column [–], for
-    targets and limit states. N_0 is the dead load of the mean column. Above 1 a joint would open. The answer
-    is 0 where there is no dead load.
+    targets and limit states. N_0 is the dead load of the mean column. If the loss exceeds 1, a joint would
+    open. The answer is 0 at a joint without dead load.
     """
 
     name = "unloading"

@@ -23,11 +23,11 @@ JOINT_NAMES = ("bottom", "top")
 class Variable(NamedTuple):
     """One answer of an output, for datasets, pictures and tables.
 
-    - `name`, `unit`, `description`, `symbol`: strings for datasets and axes
+    - `name`, `unit`, `description`, `symbol`: texts for datasets and for the axes of pictures
     - `axis`: None for a scalar, or `MODES`, `STORIES`, `JOINTS`
     - `sensitive`: whether batches can compute its sensitivities
     - `estimated`: whether `"errors"` estimates its error
-    - `until_overturning`: whether the answer of a scene that overturned covers only the time until then
+    - `until_overturning`: whether the answer covers only the time before overturning, if the scene overturns
     """
 
     name: str
@@ -41,8 +41,8 @@ class Variable(NamedTuple):
 
 
 def larger(new: Values, record: Values) -> Values:
-    """Return the larger of two values with its derivative. For equal values the derivative is that of
-    `record`, while `jnp.maximum` would average both."""
+    """Return the larger of two values. If they are equal, the result has the derivative of `record`, while
+    `jnp.maximum` would average both derivatives."""
     return jnp.where(new > record, new, record)
 
 
@@ -58,18 +58,18 @@ class AbstractOutput:
                 return moment.c.two_R * moment.v[0] * jnp.cos(psi)
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
-    value of the quantity over the scene, with its derivatives. Override `over_step`, `at_impact`, `update` or
+    value of the quantity in the scene, with derivatives. Override `over_step`, `at_impact`, `update` or
     `answer` for an output of another form. The other methods save time: rests, samples of a record and
     bounces are skipped only if every requested output overrides `over_rest`, `over_sample` or `over_bounces`
-    respectively. A scene continues to overturning or `t_end` unless `is_final` of every output returns True.
+    respectively. A scene continues to overturning or `t_end` unless `is_final` returns True for every output.
 
-    - `name`: name in `Options.outputs`, and of the answer
+    - `name`: name in `Options.outputs` and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of
       the answer, as in [`rockjax.Variable`][]; an output with several answers lists them in `variables`
-    - `by_default`: whether it is requested by default
-    - `needs_flat`: whether only the flat engine supports it
-    - `follows_impacts`: whether it needs every impact until rest, however slow
-    - `of_joints`: whether it needs the constants of the joints, `moment.c.joints`
+    - `by_default`: whether the output is requested by default
+    - `needs_flat`: whether only the flat engine supports the output
+    - `follows_impacts`: whether the output needs every impact until rest, however slow
+    - `of_joints`: whether the output needs the constants of the joints, `moment.c.joints`
     """
 
     name: ClassVar[str]
@@ -92,18 +92,18 @@ class AbstractOutput:
         return (Variable(self.name, *(getattr(self, name) for name in fields)),)
 
     def applies(self, podium: Podium) -> bool:
-        """Return whether a podium has this output."""
+        """Return whether this output exists for a podium."""
         del podium
         return True
 
     def of(self, podium: Podium) -> AbstractOutput:
-        """Return the output with its static attributes set for a podium."""
+        """Return this output for a podium, with the attributes that depend on the structure."""
         del podium
         return self
 
     def for_limit(self, limit: float) -> tuple[AbstractOutput, float]:
-        """Return the output that a target with this limit uses, and the limit of that output. Override it for
-        answers that can be infinite."""
+        """Return the output that a target with this limit uses instead of this one, and the limit of that
+        output. Override this method for answers that can be infinite."""
         return self, limit
 
     # ------------------------------------------------------------------------------------- following a scene
@@ -118,8 +118,8 @@ class AbstractOutput:
         return jnp.zeros(shape.shape, shape.dtype), None
 
     def over_step(self, step: Step, record: Any) -> Maximum | None:
-        """Return the largest value over a step, and where to shorten the step to land on it; None if the
-        record does not depend on the inside of steps."""
+        """Return the largest value in a step, and the fraction of the step to try next to end on this
+        maximum; None if the record depends only on the ends of steps."""
         return step.largest(step.course(self.quantity), record)
 
     def at_impact(self, impact: Impact) -> Values | None:
@@ -128,7 +128,8 @@ class AbstractOutput:
         return None
 
     def update(self, end: StepEnd, record: Any, note: Any, largest: Values | None) -> tuple[Any, Any]:
-        """Return the record and the note after an accepted step; `largest` is the value of `over_step`."""
+        """Return the record and the note after an accepted step. `largest` is `over_step(…).value` or
+        None."""
         if largest is not None:
             record = larger(largest, record)
         value = self.at_impact(end.impact)
@@ -146,7 +147,7 @@ class AbstractOutput:
         return {self.name: record}
 
     def absent(self, ended: Ended) -> dict[str, Any]:
-        """Return the answers, NaN, of a scene for which the output was not requested."""
+        """Return the answers of a scene for which this output was not requested: NaN."""
         return {self.name: jnp.full_like(ended.t, jnp.nan)}
 
     # ---------------------------------------------------------------------------- skipping parts of a scene
@@ -155,15 +156,15 @@ class AbstractOutput:
         raise NotImplementedError
 
     def over_sample(self, sample: Sample, record: Any) -> Flag | bool:
-        """Return whether the record is unchanged over a sample that is passed without a trial."""
+        """Return whether the record stays the same in a sampling interval that is skipped without a trial."""
         raise NotImplementedError
 
     def over_bounces(self, bounces: Bounces, record: Any) -> Flag | bool:
-        """Return whether the record is unchanged over bounces that are skipped."""
+        """Return whether the record stays the same in bounces that are skipped."""
         raise NotImplementedError
 
     def is_final(self, bounds: Bounds, record: Any) -> Flag | bool:
-        """Return whether the record is final: no motion within the bounds can change it."""
+        """Return whether no motion within the bounds can change the record."""
         del bounds, record
         return False
 
@@ -173,8 +174,8 @@ class AbstractOutput:
 
 
 class AbstractEventOutput(AbstractOutput):
-    """An output whose record changes only at turning points of the rotation and at events. It is unchanged in
-    full contact of a rigid podium, and over a sample where the rotation is monotone."""
+    """An output whose record changes only at turning points of the rotation and at events. The record stays
+    the same in full contact of a rigid podium, and in a sampling interval with monotone rotation."""
 
     def over_rest(self, rest: Rest, record: Any) -> Any:
         del rest
@@ -186,7 +187,7 @@ class AbstractEventOutput(AbstractOutput):
 
 
 class AbstractInternalOutput(AbstractEventOutput):
-    """An output for internal use without public answers, which does not depend on the inside of steps."""
+    """An output for internal use, without public answers, whose record depends only on the ends of steps."""
 
     @property
     def variables(self) -> tuple[Variable, ...]:

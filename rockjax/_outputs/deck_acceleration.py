@@ -18,11 +18,12 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step, deck_accel
 
 @dataclasses.dataclass(frozen=True)
 class PeakDeckAcceleration(AbstractOutput):
-    """The peak absolute horizontal acceleration of the deck sup|a_b|, (L1) [m/s²], with the limits from both
-    sides of events, and without the impulses of impacts. A rigid superstructure moves with the deck.
+    """The peak absolute horizontal acceleration of the deck sup|a_b|, (L1) [m/s²]. It includes the values
+    just before and just after events, but not the impulses of impacts. A rigid superstructure moves with the
+    deck.
 
-    `is_final` uses the bound |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|). The remaining energy E limits θ̇² to 2E divided by
-    the inertia. It also limits the spring forces in Eq. (24), and thus θ̈, by the Cauchy–Schwarz inequality.
+    `is_final` uses the bound |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|), in which the remaining energy limits θ̇² and,
+    through the spring forces in Eq. (24), also θ̈ (`Bounds.beam`).
     """
 
     name = "peak_deck_acceleration"

@@ -43,7 +43,7 @@ class PeakDrift(AbstractStoryOutput):
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         frequencies = jnp.sqrt(present(bounds.c.vibration).omega2)
-        bound = jax.vmap(lambda weights: bounds.of_sum(weights / frequencies))(_weights(bounds.c))
+        bound = jax.vmap(lambda weights: bounds.modal_sum(weights / frequencies))(_weights(bounds.c))
         return every(bound < record)
 
     def absent(self, ended: Ended) -> dict[str, Any]:
@@ -51,8 +51,8 @@ class PeakDrift(AbstractStoryOutput):
 
 
 def drift_weights(floors: Values) -> Values:
-    """Return Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, from Γ_iφ_ji of each floor j. The drift of a
-    story is the sum of these weights times the deformations of the modes."""
+    """Return the weights Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, from Γ_iφ_ji of each floor j. The
+    drift of story j is the sum over the modes of weight times deformation."""
     return jnp.concatenate([floors[:1], floors[1:] - floors[:-1]])
 
 

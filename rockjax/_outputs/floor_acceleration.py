@@ -22,10 +22,10 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 @dataclasses.dataclass(frozen=True)
 class PeakFloorAcceleration(AbstractStoryOutput):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
-    building have the acceleration of the beam, which `PeakShear` follows.
+    building have the acceleration of the beam, which is g times the output `PeakShear`.
 
-    If modes are omitted, floors also receive the fraction 1 − ΣΓ_iφ_ji of the impulses of impacts on the
-    deck, (L2), (L3). This output ignores it.
+    If modes are omitted, floor j also receives the fraction 1 − ΣΓ_iφ_ji of the impulses that impacts exert
+    on the deck, (L2), (L3). This output ignores these impulses.
     """
 
     name = "peak_floor_acceleration"
@@ -66,4 +66,4 @@ class PeakFloorAcceleration(AbstractStoryOutput):
         return {self.name: record} if self.elastic else self.in_all_stories(record * ended.scene.c.g)
 
 
-_BEAM = PeakShear()  # for a rigid building, its value is the acceleration of the beam divided by g
+_BEAM = PeakShear()  # for a rigid building, the acceleration of the beam divided by g

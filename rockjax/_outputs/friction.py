@@ -20,10 +20,10 @@ from .views import Course, Ended, Start, Step
 
 
 class AnglePath(NamedTuple):
-    """The angle φ of a force over a step, as tan(φ/4), from cubics of T and N.
+    """The angle φ of a force from the vertical over a step, as tan(φ/4), from cubics of T and N.
 
-    A cubic of the angle itself would not be accurate: where N is close to zero, the angle changes within a
-    fraction of a step.
+    A cubic of the angle itself would not be accurate, because the angle changes within a fraction of a step
+    where N is close to zero.
     """
 
     tangential: Cubic
@@ -89,8 +89,8 @@ class PeakFriction(AbstractJointOutput):
 @dataclasses.dataclass(frozen=True)
 class FrictionUse(AbstractJointOutput):
     """The largest use of friction 1 − (μN − |T|)/(μN_0) at a joint [–], with the dead load N_0 of the mean
-    column. Above 1 the joint would slide. The answer is 0 where there is no dead load. Targets use it because
-    it is smooth where a joint would open, unlike |T|/N.
+    column. If it exceeds 1, the joint would slide. The answer is 0 at a joint without dead load. Targets use
+    this output because it is smooth where a joint would open, unlike |T|/N.
 
     The record contains the largest T − μN, then the largest −T − μN [m/s²].
 

@@ -19,8 +19,8 @@ from .views import Bounces, Ended, Impact, Start, Step
 
 
 def _angles_and_ratios(c: Coefficients, sigma: Value, sway: Value | float, offsets: Values | None) -> Values:
-    """Return |tan(φ/4)| of the angles φ of impulses from the vertical, then −J_N divided by the mean of all
-    columns. Both are rows over the columns of the bottom joint, then of the top joint."""
+    """Return |tan(φ/4)| for the angles φ of the impulses from the vertical, then −J_N divided by the mean J_N
+    of all columns. Each part has the columns at the bottom joint, then the columns at the top joint."""
     tangential, axial = impulses_of_columns(c, sigma, jnp.ones_like(sigma), sway, offsets)
     mean = jnp.stack(jnp.broadcast_arrays(*present(c.joints).impulses.axial))[:, None]
     ratio = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)
@@ -29,11 +29,11 @@ def _angles_and_ratios(c: Coefficients, sigma: Value, sway: Value | float, offse
 
 @dataclasses.dataclass(frozen=True)
 class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
-    """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean of all
+    """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean J_N of all
     columns, at the bottom and the top joint of the worst column, (F12), (F14).
 
-    The record contains the angles of the impulses, then the negative ratios, as `_angles_and_ratios` returns
-    them. Without a vibrating superstructure all impacts have the same angles and ratios.
+    The record contains the largest elements of `_angles_and_ratios`. All impacts have the same angles and
+    ratios if the superstructure does not vibrate.
     """
 
     name = "impact_friction"
@@ -69,7 +69,7 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
         return _angles_and_ratios(c, impact.sigma, sway_of_modes(c, impact.sigma, impact.x), end_offsets(c))
 
     def over_bounces(self, bounces: Bounces, record: Values) -> bool:
-        del bounces, record  # only rigid podiums skip bounces, and all their impacts have the same ratios
+        del bounces, record  # bounces are skipped only for rigid podiums, whose impacts have equal ratios
         return True
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
@@ -78,9 +78,9 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
         c, arms = bounds.c, present(bounds.c.joints).arms
         offsets, sway = None, 0.0
         if arms is not None:
-            # The worst impact has the largest deformation, and acts on a column at an end.
+            # The worst case is the largest modal displacement, in either direction, at a column at an end.
             end_offset = arms.mean_square / arms.core_distance
-            largest_sway = bounds.of_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
+            largest_sway = bounds.modal_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
             offsets, sway = (
                 jnp.stack([-end_offset, end_offset, -end_offset, end_offset]),
                 jnp.stack([largest_sway, largest_sway, -largest_sway, -largest_sway]),

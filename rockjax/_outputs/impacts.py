@@ -18,8 +18,8 @@ from .views import Ended, Start, StepEnd
 
 @dataclasses.dataclass(frozen=True)
 class Impacts(AbstractInternalOutput):
-    """All impacts until rest. A scene counts only the impacts that it follows; this output makes it follow
-    all of them."""
+    """The output that makes a scene count all impacts until rest. Without it, a scene may end earlier, as soon
+    as all other outputs are final."""
 
     name = "impacts"
     follows_impacts = True
@@ -30,8 +30,8 @@ class Impacts(AbstractInternalOutput):
 
 
 class Energetic(NamedTuple):
-    """Contributions of impacts. With y = |θ̇⁻|/(pα), an impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for
-    y > 1. Impacts after which the columns cannot overturn therefore contribute very little."""
+    """Weighted sum over impacts. With y = |θ̇⁻|/(pα), an impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for
+    y > 1, so that slow impacts, after which the columns cannot overturn, contribute very little."""
 
     total: Value  # sum over all impacts so far
     last: Value  # contribution of the last impact
@@ -39,8 +39,8 @@ class Energetic(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EnergeticImpacts(AbstractInternalOutput):
-    """The weighted sum over impacts, which differs between two solutions of a chaotic scene. Its name in
-    `Options.outputs` is "errors"."""
+    """The output "errors": a weighted sum over impacts, from which the estimate of errors recognises chaotic
+    scenes, since it differs between two solutions of a chaotic scene."""
 
     name = "errors"
     needs_flat = True
@@ -63,7 +63,7 @@ class EnergeticImpacts(AbstractInternalOutput):
         return True
 
     def answer(self, ended: Ended, record: None, note: Energetic) -> dict[str, Any]:
-        # `fall`, θ̇² at the overturning angle, is proportional to the excess energy there.
+        # `fall` is θ̇² at the overturning angle, which is proportional to the excess energy there.
         overturned = ended.code == results.OVERTURNED
         return {
             "energetic": note.total,

@@ -1,8 +1,8 @@
-"""Forces in the joints of the columns, and impulses at impacts; equations (F1) … of docs/forces.md.
+"""Forces in the joints of the columns, and impulses at impacts; equations (F1) to (F14) of docs/forces.md.
 
-A force (T, N) acts at a joint on the body above it: T horizontally in the direction of motion, N upwards, so
-that N > 0 is compression. Forces are per column and divided by m_c [m/s²]. They follow from the motion and do
-not affect it.
+A force (T, N) acts at a joint on the body above the joint: T horizontally in the direction of motion, N
+upwards, so that N > 0 is compression. Forces are per column and divided by m_c [m/s²]. They follow from the
+motion and do not affect it.
 """
 
 from __future__ import annotations
@@ -83,9 +83,9 @@ def total_weight(c: Coefficients) -> Value:
 def mean_forces(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> MeanForces:
-    """Return the forces of the mean column, (F1) to (F5), (F10).
+    """Return the forces of the mean column, (F1) to (F5), (F9) to (F11).
 
-    - `c`: constants of the podium, with those of the joints; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `c`: constants of the podium, including the joints; `sigma`: mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     """
@@ -134,10 +134,10 @@ def overturning_moment(
 
 
 def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, offsets: Values) -> Values:
-    """Return the difference of the axial forces of columns from the mean column, (F8) [m/s²], (columns,).
+    """Return the axial forces of columns minus the axial force of the mean column, (F8) [m/s²], (columns,).
 
-    - `moment`: M divided by N m_c [m²/s²]
-    - `eccentricity`: χ, relative to half the width of a column
+    - `moment`: overturning moment M divided by N m_c [m²/s²]
+    - `eccentricity`: χ, divided by half the width of a column [–]
     - `axial`: N_t of the mean column [m/s²]
     - `offsets`: positions of the columns from their mean [m], (columns,)
     """
@@ -158,7 +158,7 @@ def column_forces(
     """Return (T, N) at the joints of columns, each of shape (2, columns), the bottom joint first, (F8) to
     (F11) [m/s²].
 
-    - `c`: constants of the podium, with those of the joints; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `c`: constants of the podium, including the joints; `sigma`: mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
@@ -175,12 +175,12 @@ def column_forces(
 def impulses_of_columns(
     c: Coefficients, sigma: Value, speed: Value, sway: Value | float, offsets: Values | None
 ) -> tuple[Values, Values]:
-    """Return the impulses (J_T, J_N) at the joints of columns at an impact, divided by m_c, each of shape (2,
+    """Return the impulses (J_T, J_N) of an impact at the joints of columns, divided by m_c, each of shape (2,
     columns), the bottom joint first, (F12) to (F14) [m/s].
 
-    - `c`: constants of the podium, with those of the joints; `sigma`: mode before the impact
+    - `c`: constants of the podium, including the joints; `sigma`: mode before the impact
     - `speed`: |θ̇| before the impact [rad/s]
-    - `sway`: Σ η_id_i of the modes, 0.0 without any [m]
+    - `sway`: result of `sway_of_modes` [m]
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
     """
     joints = present(c.joints)
@@ -196,7 +196,7 @@ def impulses_of_columns(
 
 
 def sway_of_modes(c: Coefficients, sigma: Value, x: Vector) -> Value | float:
-    """Return Σ η_id_i of the modes [m], 0.0 without any.
+    """Return Σ η_id_i over the modes i with the deformations d_i [m], or 0.0 if there are no modes.
 
     - `c`: constants of the podium; `sigma`: mode σ ∈ {−1, 0, 1}; `x`: positions
     """

@@ -1,4 +1,4 @@
-"""Base classes of outputs of the joints, forces of the end columns, and bounds of forces, (F17)."""
+"""Base classes of outputs at the joints, forces of the end columns, and bounds on forces, (F17)."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from .views import Bounces, Ended, Moment, Start
 
 @jax.custom_jvp
 def quarter_tangent(tangential: Values, axial: Values) -> Values:
-    """Return tan(φ/4) ∈ [−1, 1] of the angle φ = atan2(T, N) of a force from the vertical; 0 for no force.
+    """Return tan(φ/4) ∈ [−1, 1] for the angle φ = atan2(T, N) of a force from the vertical; 0 for no force.
 
-    Like φ it is smooth at N = 0. It is computed with square roots, because an arc tangent is much slower in
+    Like φ, the result is smooth at N = 0. Square roots are used because an arc tangent is much slower in
     batches.
     """
     squares, is_zero = _squares(tangential, axial)
@@ -54,16 +54,17 @@ def _squares(tangential: Values, axial: Values) -> tuple[Values, Flags]:
 
 
 def friction_of(quarter: Values) -> Values:
-    """Return the friction demand |T|/N = tan φ from tan(φ/4) ≥ 0; inf for φ ≥ π/2, where a joint would open;
-    NaN for NaN."""
+    """Return the friction demand |T|/N = tan φ for `quarter` = tan(φ/4) ≥ 0. The result is inf for φ ≥ π/2,
+    where a joint would open, and NaN for NaN."""
     half = 2 * quarter / (1 - jnp.where(quarter < 1, quarter, 0.0) ** 2)
     is_closed = ~((quarter >= 1) | (half >= 1))
     return jnp.where(is_closed, 2 * half / (1 - jnp.where(is_closed, half, 0.0) ** 2), jnp.inf)
 
 
 def end_offsets(c: Coefficients) -> Values | None:
-    """Return the positions of the first and the last column from their mean [m]; None without an elevation.
-    Forces and friction are monotone from column to column, so one of these two is the worst."""
+    """Return the positions of the first and the last column relative to the mean of all columns [m]; None if
+    no elevation is given. Forces and friction are monotone from column to column, so one of these two is the
+    worst."""
     arms = present(c.joints).arms
     return None if arms is None else jnp.stack([jnp.min(arms.offsets), jnp.max(arms.offsets)])
 
@@ -84,13 +85,13 @@ def halves(row: Values) -> tuple[Values, Values]:
 
 @dataclasses.dataclass(frozen=True)
 class AbstractForceOutput(AbstractOutput):
-    """An output that needs forces in the joints. It has an answer only if it is requested."""
+    """An output that needs joint forces. It has an answer only if it is requested."""
 
     needs_flat = True
     of_joints = True
 
     def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
-        """Return whether the record is unchanged for all forces within the bounds."""
+        """Return whether no forces within the bounds change the record."""
         raise NotImplementedError
 
     def over_bounces(self, bounces: Bounces, record: Values) -> Flag | bool:
@@ -100,7 +101,7 @@ class AbstractForceOutput(AbstractOutput):
         return self.is_unchanged(JointBounds.of(bounds), record)
 
     def nan_if_weightless(self, ended: Ended, values: Values) -> Values:
-        """Return the values; NaN for a scene that ended because vertical motion would open all joints."""
+        """Return the values, or NaN if the scene ended because vertical motion would open all joints."""
         return jnp.where(ended.code == results.WEIGHTLESS, jnp.nan, values)
 
     def absent(self, ended: Ended) -> dict[str, Any]:
@@ -110,8 +111,8 @@ class AbstractForceOutput(AbstractOutput):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractJointOutput(AbstractForceOutput):
-    """An output with an answer for each joint, (2,). Its record is a row: the end columns at the bottom
-    joint, then at the top joint."""
+    """An output with an answer for each joint, (2,). The record is a row with the end columns at the bottom
+    joint, then the end columns at the top joint."""
 
     axis = JOINTS
     joints: ClassVar[int] = 2
@@ -131,7 +132,7 @@ class AbstractJointOutput(AbstractForceOutput):
 
 
 class Devices(NamedTuple):
-    """Bounds of the sum of the forces of some restrainers [m/s²]."""
+    """Bounds on the sum of some restrainers' forces [m/s²]."""
 
     least: Value
     least_vertical: Value  # lower bound of the vertical component, force times cos(θ/2)
@@ -139,7 +140,7 @@ class Devices(NamedTuple):
 
 
 class Deceleration(NamedTuple):
-    """Bounds of the deceleration s = −σθ̈ of rocking columns: slope·sin ψ − offset ≤ s ≤ largest [1/s²]."""
+    """Bounds on the deceleration s = −σθ̈ of rocking columns: slope·sin ψ − offset ≤ s ≤ largest [1/s²]."""
 
     largest: Value
     slope: Value
@@ -147,7 +148,7 @@ class Deceleration(NamedTuple):
 
 
 class ModalBounds(NamedTuple):
-    """Bounds of sums over the modes of the superstructure."""
+    """Bounds on sums over the modes of the superstructure."""
 
     springs: Value  # |Σ η_iF_i| [m/s²]
     moment: Value  # |Σ η_ih_iF_i| [m²/s²]
@@ -155,15 +156,15 @@ class ModalBounds(NamedTuple):
 
 
 class JointBounds:
-    """Bounds of forces in the joints, (F17), from bounds of the motion.
+    """Bounds on joint forces, (F17), from bounds on the motion.
 
     - `c`: constants of the podium
-    - `ground`, `vertical`: bounds of |ü_g| and |v̈_g| [m/s²]
-    - `eccentricity`: bound of the eccentricity of the resultants |χ|, 1 while the columns rock [–]
-    - `angle`, `speed_squared`: bounds of |θ| [rad] and of θ̇² [1/s²]
-    - `least_sin`: lower bound of sin ψ, not used with restrainers
-    - `deceleration`: bounds of the deceleration of the columns
-    - `modes`: bounds of the vibrating superstructure; None without one
+    - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| [m/s²]
+    - `eccentricity`: bound on the eccentricity |χ| of the resultants, 1 while the columns rock [–]
+    - `angle`, `speed_squared`: bounds on |θ| [rad] and on θ̇² [1/s²]
+    - `least_sin`: lower bound on sin ψ, not used if there are restrainers
+    - `deceleration`: bounds on the deceleration of the columns
+    - `modes`: bounds for the vibrating superstructure; None if nothing vibrates
     """
 
     def __init__(
@@ -182,12 +183,12 @@ class JointBounds:
         self.ground, self.vertical, self.eccentricity = ground, vertical, eccentricity
         self.angle, self.speed_squared = angle, speed_squared
         self.deceleration, self.modes = deceleration, modes
-        # Sine and cosine of the largest |ψ|, which exceeds α only with restrainers.
+        # Sine and cosine of the largest |ψ|, which exceeds α only if there are restrainers.
         is_free = c.restraint is None
         steepest = jnp.maximum(c.alpha, angle - c.alpha)
         at_steepest = (c.sin_alpha, c.cos_alpha) if is_free else (jnp.sin(steepest), jnp.cos(steepest))
         self.sin, self.cos = at_steepest
-        # Upper bound of −s, then lower and upper bounds of the beam's accelerations σü_b and v̈_b, Eqs. (14),
+        # Upper bound on −s, then lower and upper bounds on the beam's accelerations σü_b and v̈_b, Eqs. (14),
         # (15).
         self._acceleration = jnp.maximum(deceleration.offset - deceleration.slope * least_sin, 0.0)
         steep, slowing, speeding = self.sin, deceleration.largest, self._acceleration
@@ -197,7 +198,7 @@ class JointBounds:
 
     @classmethod
     def of(cls, bounds: Bounds) -> Self:
-        """Return the bounds of forces after a state, computed once for all outputs."""
+        """Return the bounds on forces after a state, computed once for all outputs."""
         return bounds.shared(cls._of)
 
     @classmethod
@@ -207,7 +208,7 @@ class JointBounds:
         if c.vibration is not None:
             arms = present(c.joints).arms
             of_modes = zero if arms is None else bounds.springs(jnp.abs(present(arms.modes)))
-            sway = zero if arms is None else bounds.of_sum(c.etas / jnp.sqrt(c.vibration.omega2))
+            sway = zero if arms is None else bounds.modal_sum(c.etas / jnp.sqrt(c.vibration.omega2))
             modes = ModalBounds(bounds.springs(c.etas), of_modes, sway)
         speed_squared, springs = 2 * bounds.energy / c.spin, None if modes is None else modes.springs
         deceleration = (
@@ -228,7 +229,7 @@ class JointBounds:
 
     @classmethod
     def over(cls, bounces: Bounces) -> Self:
-        """Return the bounds of forces over bounces of a rigid podium."""
+        """Return the bounds on forces during bounces of a rigid podium."""
         c, speed_squared = bounces.c, bounces.speed**2
         deceleration = _deceleration(c, bounces.ground, 0.0, speed_squared, None)
         least_sin = jnp.maximum(c.sin_alpha - bounces.height, 0.0)
@@ -236,7 +237,7 @@ class JointBounds:
         return cls(c, bounces.ground, 0.0, one, bounces.height, speed_squared, least_sin, deceleration, None)
 
     def _devices(self, number: int) -> Devices:
-        """Return bounds of the sum of forces of restrainers over `number` joints, f_1 or f_2 of (F2)."""
+        """Bound the sum of forces of the restrainers that span `number` joints, f_1 or f_2 of (F2)."""
         c, zero = self.c, jnp.zeros_like(self.c.alpha)
         if c.restraint is None:
             return Devices(zero, zero, zero)
@@ -264,20 +265,20 @@ class JointBounds:
         return self._devices(1)
 
     def _weight(self, share: float) -> tuple[Value, Value]:
-        """Return lower and upper bounds of g + v̈_g + `share`·v̈_b."""
+        """Return lower and upper bounds on g + v̈_g + `share`·v̈_b."""
         least, most = (self.c.g + share * y for y in self._rise)
         return least - self.vertical, most + self.vertical
 
     @functools.cached_property
     def _mean_top(self) -> tuple[Value, Value]:
-        """Lower and upper bounds N⁻ and N⁺ of N_t of the mean column."""
+        """Lower and upper bounds on N_t of the mean column."""
         mass, (least, largest) = self.joints.gamma + self.c.eta, self._weight(1.0)
         devices = self._over_both
         return mass * least + devices.least_vertical, mass * largest + jnp.maximum(devices.largest, 0.0)
 
     @functools.cached_property
     def _top(self) -> tuple[Value, Value]:
-        """Lower and upper bounds of N_t of all columns: N_t (1 ± χB/ℓ_p) ± M/ℓ_p at the ends, (F8)."""
+        """Lower and upper bounds on N_t of all columns: N_t (1 ± χB/ℓ_p) ± M/ℓ_p at the end columns, (F8)."""
         arms, c, mean = self.joints.arms, self.c, self._mean_top
         if arms is None:
             return mean
@@ -296,19 +297,19 @@ class JointBounds:
 
     @functools.cached_property
     def least_axial(self) -> Values:
-        """Lower bounds of N over all columns at the bottom and the top joint [m/s²], (2,)."""
+        """Lower bounds on N of all columns at the bottom and the top joint [m/s²], (2,)."""
         top = self._top[0]
         return jnp.stack([top + self._weight(0.5)[0] + 2 * self._over_one.least_vertical, top])
 
     @functools.cached_property
     def most_axial(self) -> Values:
-        """Upper bounds of N over all columns at the bottom and the top joint [m/s²], (2,)."""
+        """Upper bounds on N of all columns at the bottom and the top joint [m/s²], (2,)."""
         top = self._top[1]
         return jnp.stack([top + self._weight(0.5)[1] + 2 * jnp.maximum(self._over_one.largest, 0.0), top])
 
     @functools.cached_property
     def foundation_shear(self) -> Value:
-        """Bound of |V| [m/s²]: the smaller of the bounds that follow from (F5) and from (F9)."""
+        """Bound on |V| [m/s²]: the smaller of the bounds that follow from (F5) and from (F9)."""
         c = self.c
         gamma, sway = self.joints.gamma, jnp.maximum(*map(jnp.abs, self._sway))
         springs = 0.0 if self.modes is None else self.modes.springs
@@ -323,10 +324,11 @@ class JointBounds:
 
     @functools.cached_property
     def friction(self) -> Values:
-        """Bounds of |T|/N over all columns at the bottom and the top joint, (2,); inf where N may vanish.
+        """Bounds on |T|/N of all columns at the bottom and the top joint, (2,); inf where N may vanish.
 
-        With s = −σθ̈, (F9) is |T|/N = |tan ψ − ½[σü_g + g_v tan ψ − (1 − λ)Rs/cos ψ]/N| at the bottom and
-        |tan ψ + ½[σü_g + g_v tan ψ − (1 + λ)Rs/cos ψ]/N| at the top, without devices.
+        With s = −σθ̈ and g_v = g + v̈_g, (F9) without restrainers is
+        |T|/N = |tan ψ − ½[σü_g + g_v tan ψ − (1 − λ)Rs/cos ψ]/N| at the bottom joint and
+        |T|/N = |tan ψ + ½[σü_g + g_v tan ψ − (1 + λ)Rs/cos ψ]/N| at the top joint.
         """
         c, least, most = self.c, self.least_axial, self.most_axial
         cos, R, lam = self.cos, 0.5 * c.two_R, self.joints.lam
@@ -340,7 +342,8 @@ class JointBounds:
         of_devices = 2 * (couple + forces[1]) / cos
         weight = (c.g + self.vertical) * steepest
         others = self.ground + of_devices
-        # Bounds of the brackets above where they increase tan ψ (`along`), and where T changes its sign.
+        # Bounds on these brackets where they increase |T|/N beyond tan ψ (`along`), and where they reverse T
+        # (`opposite`).
         opposite = others + weight + inertia * fastest
         if c.restraint is not None:
             along = opposite
@@ -364,7 +367,7 @@ class JointBounds:
 def _deceleration(
     c: Coefficients, ground: Value, vertical: Value | float, speed_squared: Value, springs: Value | None
 ) -> Deceleration:
-    """Return bounds of the deceleration of a podium without restrainers, Eq. (24)."""
+    """Bound the deceleration of a podium without restrainers, Eq. (24)."""
     least, most = (c.gravity * (1 + sign * vertical / c.g) for sign in (-1, 1))
     forcing = c.ground * ground
     if springs is None:
@@ -378,6 +381,6 @@ def _deceleration(
 
 
 def _deceleration_with_restrainers(bounds: Bounds, springs: Value | None) -> Deceleration:
-    """Return bounds of the deceleration of a podium with restrainers: |s| ≤ largest."""
-    most = bounds.angular_at_most(springs)
+    """Bound the deceleration of a podium with restrainers: |s| ≤ largest."""
+    most = bounds.angular_acceleration_bound(springs)
     return Deceleration(most, jnp.zeros_like(most), most)

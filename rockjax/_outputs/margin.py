@@ -19,7 +19,7 @@ from .views import Bounces, Start, Step, StepEnd, Turn
 
 @dataclasses.dataclass(frozen=True)
 class Margin(AbstractEventOutput):
-    """The overturning margin: the least margin of all turning points; negative for a scene that
+    """The overturning margin: the least margin of all turning points, or a negative value if the scene
     overturned."""
 
     name = "margin"
@@ -44,14 +44,15 @@ class Margin(AbstractEventOutput):
         step, (x, v) = end.step, (end.x, end.v)
         scene, turn = step.scene, step.turn
         least = jnp.where(step.has_peak & (turn.margin < record), turn.margin, record)
-        # At the end of a scene, columns that still move away from contact have the margin of their rotation.
+        # Columns that still move away from θ = 0 at the end of a scene have not reached a turning point.
+        # Their rotation at the end counts as one.
         rises = (end.stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
         at_end = margin_at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
         least = jnp.where(rises & (at_end < least), at_end, least)
         return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        # A lower bound of the margins of the bounces, in which only gravity stops the columns.
+        # The right side is a lower bound on the margins of the bounces, since gravity stops the columns.
         return record <= margin_at_rest(bounces.c, bounces.overturn_angle, bounces.height)
 
     def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
@@ -61,8 +62,8 @@ class Margin(AbstractEventOutput):
 
 @dataclasses.dataclass(frozen=True)
 class TurningPoints(AbstractInternalOutput):
-    """The turning point of the last trial; batches estimate the distance to the overturning boundary from
-    it."""
+    """The turning point in the last trial, from which batches estimate the distance to the overturning
+    boundary."""
 
     name = "turning_points"
 

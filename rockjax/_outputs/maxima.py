@@ -1,4 +1,4 @@
-"""Maxima of smooth quantities over one step, from polynomials through both ends."""
+"""Maxima of smooth quantities in one step, from polynomials through both ends of the step."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from rockjax._types import Flag, Flags, Value, Values
 
 # A step is shortened to end on an extremum that may raise the record and lies well inside the step. Near the
 # ends of a step the polynomial is as accurate as the step itself.
-NEAR_RECORD = 1e-2  # relative distance below the record from which an extremum may raise it
-END_ZONE = 0.02  # fraction of the step at both ends where a turning point of θ needs no shorter step
-# The same fraction for quantities given by quintics and cubics. It is smaller for a vibrating superstructure,
-# because derivatives of its motion grow with every oscillation.
+NEAR_RECORD = 1e-2  # an extremum may raise the record if it exceeds 1 − NEAR_RECORD of the record
+END_ZONE = 0.02  # a turning point of θ in this fraction of the step at either end needs no shorter step
+# The same fraction for other quantities, given by quintics and by cubics. These fractions are smaller because
+# the derivatives of a vibrating superstructure's motion grow with every oscillation.
 END_ZONE_QUINTIC = 2e-3
 END_ZONE_CUBIC = 1e-4
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
 
 
 class Cubic(NamedTuple):
-    """A polynomial c0 + c1 z + c2 z² + c3 z³ of a scalar, or of a row of quantities."""
+    """Coefficients of a polynomial c0 + c1 z + c2 z² + c3 z³, or of an array of such polynomials."""
 
     c0: Values
     c1: Values
@@ -43,11 +43,11 @@ class Cubic(NamedTuple):
         return 2 * self.c2 + z * (6 * self.c3)
 
     def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-        """Return the result of `hermite.turning_point_or_dip` from the roots of the slope a + b z + c z² in
-        closed form."""
+        """Do the same as `hermite.turning_point_or_dip`, with the roots of the slope a + b z + c z² in closed
+        form."""
         sign = jnp.where(rising, 1.0, -1.0)
         a, b, c = (sign * y for y in derivative(self))
-        is_increasing = b > 0  # the slope increases at z = 0 and decreases to its zero later
+        is_increasing = b > 0  # the slope increases at z = 0, and decreases to zero later
         q = -0.5 * (b + jnp.where(is_increasing, 1.0, -1.0) * jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0.0)))
         may_dip = ~turned & (b < 0) & (b + 2 * c > 0)
         numerator = jnp.where(turned, jnp.where(is_increasing, q, a), -b)
@@ -78,15 +78,15 @@ class Maximum(NamedTuple):
     """The largest value of a quantity, or of a row of quantities, over a step."""
 
     value: Values
-    cut: Values  # fraction of the step at which to end it on the maximum; inf where that is not needed
+    retry_fraction: Values  # fraction of the step at which to end on the maximum; inf if that is not needed
 
 
 class End(NamedTuple):
-    """A quantity at an end of a step, with its rate in time."""
+    """A quantity at one end of a step, with the rate in time."""
 
     value: Values
     rate: Values
-    past: Value  # time from there to an event or breakpoint, with its derivative [s]
+    past: Value  # time from this end to the event or breakpoint there, with its derivative [s]
 
 
 @functools.partial(jax.jit, static_argnames=("end_zone", "lands", "sizes"))
@@ -100,11 +100,11 @@ def largest(
     lands: bool = True,
     sizes: Sizes = "absolute",
 ) -> Maximum:
-    """Return max|f| over a step, and where to shorten the step to end on it.
+    """Return max|f| in a step, and the fraction of the step to try next to end on this maximum.
 
     - `path`: f(z) on z ∈ [0, 1]
     - `h`: length of the step [s]
-    - `long`: whether curvatures of the path are more than rounding (`hermite.is_long`)
+    - `long`: whether the step is long enough for accurate curvatures of the path (`hermite.is_long`)
     - `record`: largest |f| so far
     - `ends`: f at both ends
     - `end_zone`: fraction of the step at both ends where an extremum needs no shorter step
@@ -112,7 +112,8 @@ def largest(
     - `sizes`: "absolute" for max|f|; "signed" for max f; "both" for a row of max(−f) and max f, for which
       `record` is such a row as well
 
-    If f turns twice in the step, and either extremum may raise the record, the step ends between them.
+    If f turns twice in the step, and one of these extrema may raise the record, the step to try next ends
+    between them.
     """
     size_of = _SIZES[sizes]
     repeat = (lambda y: jnp.concatenate([y, y])) if sizes == "both" else (lambda y: y)
@@ -128,8 +129,7 @@ def largest(
         size = size_of(end.value + end.past * (end.rate + 0.5 * end.past * curvature))
         value = jnp.where(size > value, size, value)
     value = barrier(value)
-    # Over a short step the quantity is nearly constant: a maximum that equals an end value up to rounding
-    # needs no shorter step.
+    # A maximum that equals the value at an end up to rounding, as in short steps, needs no shorter step.
     largest_end = jnp.maximum(*end_sizes)
     rounding = ROUNDING * jnp.finfo(h.dtype).eps
     if sizes != "absolute":
@@ -147,7 +147,7 @@ def largest(
 
 
 def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Quintic:
-    """Return the force of spring and damper per mass, ω² d + 2ζω ḋ, Eq. (7), as a polynomial over a step.
+    """Return the force of spring and damper divided by the mass, ω² d + 2ζω ḋ, Eq. (7), over a step [m/s²].
 
     - `deformation`: polynomial of the deformation d [m]
     - `omega2`, `damping`: ω² [1/s²] and 2ζω [1/s]

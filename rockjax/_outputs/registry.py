@@ -37,21 +37,21 @@ REGISTRY: dict[str, AbstractOutput] = {
     )
 }
 
-# All answers by name, each with the name of its output.
+# All answers by name: the properties of the answer, and the name of the output that computes it.
 VARIABLES: dict[str, tuple[Variable, str]] = {
     variable.name: (variable, name) for name, output in REGISTRY.items() for variable in output.variables
 }
 
 
 def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
-    """Return the answers of outputs by name, each with the name of its output.
+    """Return the answers of outputs by name, in the form of `VARIABLES`.
 
-    - `outputs`: names of the registry, and instances of other outputs
+    - `outputs`: names in the registry, and instances of other outputs
     """
     instances = [REGISTRY[y] if isinstance(y, str) else y for y in outputs]
     return {variable.name: (variable, output.name) for output in instances for variable in output.variables}
 
 
 def name_if_registered(output: AbstractOutput) -> str | AbstractOutput:
-    """Return the name of an output of the registry; return other outputs unchanged."""
+    """Return the name of an output if it is in the registry, else the output itself."""
     return output.name if REGISTRY.get(output.name) == output else output

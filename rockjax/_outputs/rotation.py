@@ -1,4 +1,4 @@
-"""The largest rotation. Every scene follows it, because other outputs and fast-forwards use it."""
+"""The largest rotation. Every scene computes it, because other outputs and fast-forwards use it."""
 
 from __future__ import annotations
 
@@ -81,13 +81,14 @@ class PeakRotation(AbstractEventOutput):
 
 
 def _highest(end: StepEnd) -> tuple[Value, Value]:
-    """Return the largest |θ| of a step [rad] and its time [s], with their derivatives."""
+    """Return the largest |θ| in a step [rad] and the time of this maximum [s], with derivatives."""
     step, guard = end.step, end.step.guard
     at_stop = guard.at_end.value(end.after)
     end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))
     peak, end_angle = barrier((guard.path.value(guard.turn), end_angle))
     at_turn = step.has_peak & (peak >= end_angle)
-    # A maximum at an end that is not an event is a turning point up to rounding.
+    # If the largest |θ| is at the end of the step and no event is there, it is a turning point up to
+    # rounding.
     at_event = (end.lands | step.trial.ends) & ~at_turn
     turn = jnp.where(at_turn, guard.turn, 1.0)
     time = jnp.where(at_event, end.now, step.state.t + step.time_to_turn(turn))

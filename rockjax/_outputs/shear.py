@@ -23,7 +23,8 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 class PeakShear(AbstractOutput):
     """The peak shear of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7).
 
-    Mass that is in no mode moves with the deck; the impulses of impacts on it are left out.
+    Mass that belongs to no mode moves with the deck. The impulses that impacts exert on this mass are
+    ignored.
     """
 
     name = "peak_shear"
@@ -49,7 +50,8 @@ class PeakShear(AbstractOutput):
     def over_step(self, step: Step, record: Value) -> Maximum:
         if step.c.vibration is None:
             return step.largest(step.course(self.quantity), record, END_ZONE_CUBIC)
-        # Forces use a derivative of the polynomial, so steps of any method end on their maxima.
+        # The polynomial of a force contains a derivative, which is less accurate. So steps end on maxima of
+        # forces with methods of any order.
         modal: ModalConstants | None = step.c.modal
         if modal is None:
             course, end_zone = step.spring_forces, END_ZONE_QUINTIC
@@ -79,10 +81,10 @@ class PeakShear(AbstractOutput):
 
 
 def stays_below(sample: Sample, record: Value) -> Flag:
-    """Return whether the shear stays below its record over a sample.
+    """Return whether the shear stays below the record in a sampling interval of length h.
 
-    With a second derivative of at most C, the shear lies at most C z(1 − z) h²/2 above the straight line
-    between its values at both ends, z ∈ [0, 1].
+    If the second derivative is at most C, the shear at the fraction z ∈ [0, 1] of the interval exceeds the
+    linear interpolation between both ends by at most C z(1 − z) h²/2.
     """
     c, sigma = sample.c, sample.sigma
     start, end = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in (sample.start, sample.end)])
@@ -94,8 +96,8 @@ def stays_below(sample: Sample, record: Value) -> Flag:
 
 
 def _curvature_bound(sample: Sample) -> Value:
-    """Bound h² times the second derivative of the absolute acceleration of the beam over a sample, Eq. (14)
-    [m/s²]. The ground acceleration is linear in time and does not contribute directly."""
+    """Bound h² d²a_b/dt² in a sampling interval of length h, for the absolute acceleration a_b of the beam,
+    Eq. (14) [m/s²]. The ground acceleration is linear in time and does not contribute directly."""
     c: Coefficients = sample.c
     h = sample.h
     grounds = sample.start[0], sample.end[0]
@@ -105,7 +107,7 @@ def _curvature_bound(sample: Sample) -> Value:
     w, wh = h * h * acceleration, h * (speed + h * acceleration)  # bounds of |θ̈|h² and |θ̇|h
     jerk = h * h * jnp.abs(accelerations[1] - accelerations[0])  # |θ⃛|h³
     ground = jnp.maximum(*map(jnp.abs, grounds))
-    # |θ⁗|h⁴, Eq. (24): from the rotation, and from the change of ü_g during the rotation.
+    # Bound on |θ⁗|h⁴, Eq. (24): one part from the rotation, the other from ü_g changing during the rotation.
     by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (w + wh * wh)
     by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * wh
     by_rotation = c.sin_alpha * (4 * wh * jerk + 3 * w * w + wh**4) + 6 * wh * wh * w
@@ -113,14 +115,14 @@ def _curvature_bound(sample: Sample) -> Value:
 
 
 def beam_bound(bounces: Bounces) -> Value:
-    """Bound the absolute acceleration of the beam over bounces [m/s²].
+    """Bound the absolute acceleration of the beam during bounces [m/s²].
 
-    The bound is the acceleration at uplift, Eqs. (14), (24), plus the contributions of θ and θ̇.
+    The bound is the acceleration at θ = θ̇ = 0, Eqs. (14), (24), plus contributions of θ and θ̇.
     """
     c, ground = bounces.c, bounces.ground
     per_moment = c.two_R / c.inertia
     lifting = per_moment * c.cos_alpha
     at_uplift = lifting * c.gravity * c.sin_alpha + jnp.abs(1 - lifting * c.ground * c.cos_alpha) * ground
-    # The rotation changes ψ, and thus 2Rθ̈ cos ψ by less than 2R(p² + |θ̈|) θ.
+    # As θ changes ψ, it changes 2Rθ̈ cos ψ by less than 2R(p² + |θ̈|)|θ|.
     by_angle = 2 * per_moment * (c.gravity + c.ground * ground) * bounces.height
     return at_uplift + by_angle + c.two_R * bounces.speed**2

@@ -1,4 +1,4 @@
-"""The base class of outputs of the stories and floors of a building."""
+"""The base class of outputs for stories and floors of buildings."""
 
 from __future__ import annotations
 
@@ -33,5 +33,5 @@ class AbstractStoryOutput(AbstractOutput):
         return self.in_all_stories(jnp.full_like(ended.t, jnp.nan))
 
     def in_all_stories(self, value: Any) -> dict[str, Any]:
-        """Return a scalar as the answer of all stories; no answer for a podium without stories."""
+        """Return a scalar as the answer for all stories, or no answer if the podium has no stories."""
         return {self.name: jnp.broadcast_to(value, (self.stories,))} if self.stories else {}

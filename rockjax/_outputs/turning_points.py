@@ -1,16 +1,17 @@
 """The overturning margin M: positive if the scene survives, zero on the boundary, negative if it overturns.
 
-It is an energy divided by the depth of the potential well, from full contact to the overturning angle α_o =
-overturn_ratio·α. The margin of a turning point |θ| = θ_m < α_o is the work against gravity, G, and against
-other decelerating moments, W, over the remaining angle up to α_o:
+The margin is an energy divided by the depth of the potential well, which is the difference of the potential
+between full contact and the overturning angle α_o = overturn_ratio·α. At a turning point |θ| = θ_m < α_o, the
+margin is the work that a rotation from θ_m to α_o would do against gravity, G, and against other decelerating
+moments, W:
 
     M = G + W/(1 + W/w),   G = [cos(α−α_o) − cos(α−θ_m)] / d,   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / d,
     d = cos(α−α_o) − cos α,
 
-where f is the decelerating moment besides gravity at the turning point, divided by the coefficient of gravity
-in Eq. (24), f⁺ is its positive part, and w = 0.02. A column that reaches α_o with the speed θ̇ has the excess
-energy I θ̇²/2, and its margin is −I θ̇²/2 divided by the depth. I is the inertia of columns, beam and
-superstructure moving together, as they do near the unstable equilibrium.
+where f is the decelerating moment at the turning point without gravity, divided by the coefficient of gravity
+in Eq. (24), f⁺ is the positive part of f, and w = 0.02. A column that reaches α_o with the speed θ̇ has the
+excess energy I θ̇²/2 there, and the margin −I θ̇²/2 divided by the depth. I is the inertia of columns, beam
+and superstructure moving together, as they do near the unstable equilibrium.
 
 M passes through zero with a finite slope, both during the shaking and after it. The slopes on both sides are
 equal if only gravity acts, and nearly equal if the ground still moves or the superstructure vibrates. With
@@ -18,10 +19,10 @@ restrainers the potential V of (C3) replaces the potential of gravity, (C21):
 
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
-The margin of a scene is the least margin of its turning points. It is 1 if the columns never lift. For a
-scene that overturns, it is the margin of the fall. Turning points appear and vanish as the parameters change,
-and f differs between them. The term with W is therefore limited to w. Away from the boundary, M then depends
-mainly on the largest rotation, which is continuous.
+The margin of a scene is the least margin of all turning points, 1 if the columns never lift, and the margin
+of the fall if the scene overturns. Turning points appear and vanish as the parameters change, and f differs
+between them. The term with W is therefore limited to w. Away from the boundary, M then depends mainly on the
+largest rotation, which is continuous.
 """
 
 from __future__ import annotations
@@ -59,13 +60,13 @@ def margin_at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> 
 
 
 def margin_at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Value:
-    """Return the margin M of a column at rest at |θ| = `theta` ≥ 0 under gravity and restrainers alone;
-    beyond the overturning angle, 1 − θ/α_o."""
+    """Return the margin M of a column at rest at |θ| = `theta`, under gravity and restrainers alone. Beyond
+    the overturning angle the margin is 1 − |θ|/α_o."""
     one = jnp.ones_like(theta)
     margin = 1 - potential(c, one, theta) / potential(c, one, overturn_angle)
     return jnp.where(theta < overturn_angle, margin, 1 - theta / overturn_angle)
 
 
 def _moment(c: Coefficients, theta: Value, rate: Value) -> Value:
-    """Return I times `rate` per N m_c: an angular acceleration [rad/s²], or a squared speed [rad²/s²]."""
+    """Return I times `rate`, per N m_c. `rate` is an angular acceleration or a squared speed [rad²/s²]."""
     return c.two_R**2 / 3 * rotational_inertia(c, jnp.ones_like(theta), theta) * rate

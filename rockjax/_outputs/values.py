@@ -1,4 +1,4 @@
-"""Answers as attributes of peaks, errors and sensitivities."""
+"""Access to answers as attributes of `Peak`, `Errors` and `Sensitivities`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from .registry import VARIABLES
 
 
 def by_name(holder: Any, name: str) -> Any:
-    """Return `holder.values[name]`, or None for the name of an answer that the holder lacks.
-
-    Raises `AttributeError` for other names.
-    """
+    """Return `holder.values[name]`, or None if the holder lacks this answer. Raises `AttributeError` if no
+    output has an answer of this name."""
     values = holder.__dict__.get("values", {})
     if name in values or name in VARIABLES:
         return values.get(name)

@@ -19,9 +19,9 @@ from .views import Bounces, Ended, Impact, Start, Step
 class PeakVelocityJump(AbstractEventOutput):
     """The largest jump of the horizontal velocity of the deck at an impact, max|Δv_b|, (L3) [m/s].
 
-    `is_final` uses a bound of the jump at the fastest impact that can follow. At θ = 0 the potential energy
-    is zero. Columns, beam and superstructure have at least the kinetic energy ½(spin + η(2R sin α)²)θ̇², which
-    cannot exceed the remaining energy.
+    `is_final` bounds the jump at the fastest impact that can follow. At an impact, θ = 0, the potential
+    energy is zero, and columns, beam and superstructure have at least the kinetic energy ½(spin + η(2R sin
+    α)²)θ̇², which cannot exceed the remaining energy.
     """
 
     name = "peak_velocity_jump"
@@ -55,7 +55,7 @@ class PeakVelocityJump(AbstractEventOutput):
 
 
 def _jump_bound(c: Coefficients, speed: Value, min_impact_speed: Value) -> Value:
-    """Return a bound of the jumps at impacts with |θ̇⁻| ≤ `speed` [m/s]. An impact with |θ̇⁻| ≤
-    `min_impact_speed` leads to rest, and its jump is the whole velocity."""
+    """Bound the velocity jumps at impacts with |θ̇⁻| ≤ `speed` [m/s]. After an impact with |θ̇⁻| ≤
+    `min_impact_speed` the deck is at rest, so that the jump is its whole velocity."""
     change = jnp.maximum(jnp.minimum(1 - c.restitution, 1.0) * speed, jnp.minimum(speed, min_impact_speed))
     return c.two_R * c.cos_alpha * change

@@ -1,7 +1,7 @@
-"""Views of a scene for its outputs: of moments, steps, impacts, and parts that are skipped.
+"""Views of a scene for the outputs: moments, steps, impacts, and parts that are skipped.
 
-An output reads these views instead of the state of the loop, and computes its new record from a view and the
-current record.
+An output reads these views instead of the loop state, and computes a new record from a view and the current
+record.
 
 A *stamp* is the value of a time, held constant under differentiation. The time of an event or a breakpoint
 depends on the parameters and has a derivative.
@@ -84,8 +84,8 @@ class Turn(NamedTuple):
 
 
 class Start(NamedTuple):
-    """The start of a scene: the prepared scene, the initial state, its time [s], and a function that returns
-    the moment."""
+    """The start of a scene: the prepared scene, the initial state, the start time [s], and a function that
+    returns the `Moment` at that time."""
 
     scene: Scene
     initial: State
@@ -97,9 +97,9 @@ class Span(NamedTuple):
     """Times of a step [s].
 
     - `h`: length of the step
-    - `long`: whether the step is long enough for the curvatures of its polynomials (`hermite.is_long`)
-    - `before`, `after`: times from the start and from the end to the event or breakpoint there, with
-      derivatives
+    - `long`: whether the step is long enough for accurate curvatures of polynomials (`hermite.is_long`)
+    - `before`, `after`: time from the start to the event or breakpoint there, and the same at the end; zero
+      or short, with derivatives
     """
 
     h: Value
@@ -109,7 +109,7 @@ class Span(NamedTuple):
 
 
 class Course(NamedTuple):
-    """A quantity over a step: its polynomial, and its value and rate in time at the start and the end."""
+    """A quantity over a step: a polynomial, and the values and rates in time at both ends."""
 
     path: Any  # a `Path`
     start: tuple[Values, Values]
@@ -127,12 +127,11 @@ class Step:
     """A trial step as outputs see it: both ends, the mode, and polynomials of quantities in between.
 
     - `scene`: the prepared scene
-    - `refines`: whether the method is of higher order than the polynomials, so that steps end on maxima
+    - `refines`: whether steps end on maxima, as the order of the method exceeds that of the polynomials
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the current piece of the excitation [m/s²]
     - `trial`, `guard`: the step and its guard
-    - `before`, `after`: times from the start and from the end of the step to the event or breakpoint there
-      [s]
+    - `before`, `after`: as in `Span`
     """
 
     def __init__(
@@ -163,11 +162,11 @@ class Step:
 
     @property
     def has_peak(self) -> Flag:
-        """True if |θ| has a maximum inside the step, at the guard's turning point."""
+        """True if |θ| has a maximum inside the step; it is at `guard.turn`."""
         return (self.sigma != 0) & self.guard.rising & self.guard.turned
 
     def course(self, quantity: Quantity) -> Course:
-        """Return a quantity over the step as a cubic. Automatic differentiation gives its rates in time."""
+        """Return a quantity over the step as a cubic. Automatic differentiation gives the rates in time."""
         if quantity in self._courses:  # several outputs may use the same quantity
             return self._courses[quantity]
         state, trial, c, sigma = self.state, self.trial, self.c, self.sigma
@@ -211,7 +210,7 @@ class Step:
 
     @functools.cached_property
     def spring_forces(self) -> Course:
-        """Force of spring and damper of each mode divided by its mass, Eq. (7) [m/s²]."""
+        """Force of each mode's spring and damper divided by the modal mass, Eq. (7) [m/s²]."""
         modes: Vibration = present(self.c.vibration)
         start, end = barrier(
             [
@@ -224,7 +223,7 @@ class Step:
 
     @functools.cached_property
     def _base(self) -> Course | None:
-        """Absolute acceleration of the mass that moves with the beam; None without such mass."""
+        """Absolute acceleration of the residual mass, which moves with the beam; None if there is none."""
         modal = self.c.modal
         if modal is None or modal.residual is None:
             return None
@@ -235,12 +234,12 @@ class Step:
 
     @property
     def end_zone_of_forces(self) -> float:
-        """Fraction of the step at both ends where a maximum of carried forces needs no shorter step."""
+        """`end_zone` of `largest` for the results of `carrier()`."""
         return END_ZONE_QUINTIC if self._base is None else END_ZONE_CUBIC
 
     def carrier(self) -> Callable[[Values], Course]:
-        """Return a function that maps weights w_i of the modes to Σ w_i F_i + (Σ w_i − 1) a_b over the step
-        [m/s²]: spring forces, and the inertia of the mass that moves with the beam."""
+        """Return the function that maps weights w_i of the modes to Σ w_i F_i + (Σ w_i − 1) a_b over the step
+        [m/s²]: the spring forces, and the inertia force of the residual mass, which moves with the beam."""
         springs, base = self.spring_forces, self._base
 
         def carried(weights: Values) -> Course:
@@ -255,9 +254,10 @@ class Step:
         return carried
 
     def cut_at_turn(self, lands: Flag) -> Value:
-        """Return the fraction of the step up to the guard's turning point if `lands`; else inf.
+        """Return the fraction of the step up to the guard's turning point, or inf unless `lands`.
 
-        It is also inf if the turning point is so close to an end that the polynomial is accurate enough.
+        The result is also inf if the turning point is so close to an end of the step that the polynomial is
+        accurate enough.
         """
         turn = self.guard.turn
         return jnp.where(lands & (turn > END_ZONE) & (turn < 1 - END_ZONE), turn, jnp.inf)
@@ -270,8 +270,8 @@ class Step:
         lands: bool = True,
         sizes: Sizes = "absolute",
     ) -> Maximum:
-        """Return the largest absolute value of a quantity over the step, and where to shorten the step to end
-        on it.
+        """Return the largest absolute value of a quantity in the step, and the fraction of the step to try
+        next to end on this maximum.
 
         - `course`: the quantity over the step
         - `record`: largest absolute value so far
@@ -283,11 +283,11 @@ class Step:
         return largest(course.path, self.span.h, self.span.long, record, ends, end_zone, lands, sizes)
 
     def time_to_turn(self, z: Value) -> Value:
-        """Return the time from the start of the step to its turning point of θ near `z` [s], with its
+        """Return the time from the start of the step to the turning point of θ near `z` [s], with its
         derivative.
 
-        Over a short step the slopes of the quintic are differences of nearly equal numbers. There the
-        derivative follows from the speeds and accelerations at both ends.
+        Over a short step, the slopes of the quintic are differences of nearly equal numbers. The derivative
+        then follows from the speeds and accelerations at both ends.
         """
         trial, path, end = self.trial, self.guard.path, self.trial.end
         speed = cubic(self.state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h)
@@ -346,16 +346,16 @@ class Impact(NamedTuple):
 
 
 class StepEnd(NamedTuple):
-    """The end of a step, after the transition of modes there.
+    """The end of a step, after the transition to the next mode.
 
     - `step`: the step
     - `accepted`: whether the step is accepted; otherwise the loop discards the updated records
     - `lands`, `hit`, `toppled`: whether the step ends on an event, on an impact, on overturning
     - `after`: time from the end of the step to the event [s]
-    - `now`: time of the end, with its derivative [s]; `stamp`: its stamp [s]
+    - `now`: time of the end, with its derivative [s]; `stamp`: the stamp of this time [s]
     - `x`, `v`: positions and velocities after the transition
     - `impact`: the impact, valid where `hit`
-    - `jolt`: the jump of the ground's velocity at its end; None for motions without jumps
+    - `jolt`: the jump of the ground's velocity at the end of the step; None if the motion has no jumps
     """
 
     step: Step
@@ -387,9 +387,8 @@ class Rest:
     def largest_ground_acceleration(self) -> Value:
         """Largest |ü_g| during the rest [m/s²].
 
-        It is 0 after the end of the motion. A maximum at an end of the rest, at a jump or at a kink depends
-        on that time, whose derivative is included. At a smooth maximum the time has no influence to first
-        order.
+        The result is 0 after the end of the excitation. At an end of the rest, a jump or a kink, the result
+        has the derivative with respect to this time. At a smooth maximum this derivative is zero.
         """
         constant, excitation = jax.lax.stop_gradient, self.scene.excitation
         start, end = constant(self.start), constant(self.end) - self.short
@@ -422,10 +421,10 @@ class Bounces(NamedTuple):
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
-    - `ground`: bound of |ü_g| [m/s²]
-    - `height`: bound of |θ| [rad]
-    - `speed`: bound of |θ̇| [rad/s]
-    - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
+    - `ground`: bound on |ü_g| [m/s²]
+    - `height`: bound on |θ| [rad]
+    - `speed`: bound on |θ̇| [rad/s]
+    - `min_impact_speed`: impacts at most this fast lead to rest, |θ̇| before the impact [rad/s]
     """
 
     c: Coefficients
@@ -442,7 +441,7 @@ class Ended(NamedTuple):
     - `scene`: the prepared scene
     - `x`, `v`, `t`: positions, velocities and time at the end
     - `code`: result code, `rockjax._results`
-    - `overturn_time`: time of overturning [s], NaN without overturning
+    - `overturn_time`: time of overturning [s]; NaN if the columns do not overturn
     """
 
     scene: Scene

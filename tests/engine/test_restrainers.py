@@ -281,7 +281,7 @@ def test_a_podium_without_restrainers_does_not_look_at_them(monkeypatch):
 
     for name in ("elongation", "_restraint"):
         monkeypatch.setattr(model, name, never)
-    monkeypatch.setattr(bounds, "restraint_at_most", never)
+    monkeypatch.setattr(bounds, "restraint_bound", never)
     monkeypatch.setattr(energy, "elongation", never)
     from rockjax._engine.solve import _solve
 

@@ -1,20 +1,19 @@
-"""Fast-forwards: parts of a scene that are passed without trial steps.
+"""Fast-forwards: parts of a scene that are skipped without trial steps.
 
 Each module has one fast-forward. It calls the method `over_rest`, `over_sample` or `over_bounces` of every
-output of the plan, which returns the record of the output after the passed part, or whether the record stays
-the same. A fast-forward may be used only if every followed output implements its method. No fast-forward
-depends on a particular output.
+output in the plan. The method returns the record of the output after the skipped part, or whether the record
+stays the same. A fast-forward may be used only if every output in the plan implements its method.
 
-| name | module | passed part |
+| name | module | skipped part |
 |---|---|---|
 | `rest` | `rest.py` | full contact of a rigid podium, until its next uplift |
-| `samples` | `samples.py` | samples of a record over which rigid columns rock on |
+| `samples` | `samples.py` | samples of a record between which rigid columns rock on |
 | `bounces` | `bounces.py` | bounces of rigid columns that end at rest |
 """
 
 from __future__ import annotations
 
-# Name of a fast-forward, and the method that an output must implement for it.
+# Name of each fast-forward, and the method that outputs must implement for it.
 FAST_FORWARDS = {"rest": "over_rest", "samples": "over_sample", "bounces": "over_bounces"}
 
 

@@ -1,8 +1,8 @@
-"""Detection of bounces that certainly end at rest, which need not be followed.
+"""Detection of bounces that certainly end at rest, and can be skipped.
 
-A rigid column that hits the ground slowly bounces on in ever shorter hops. Each impact reduces the speed
-by the factor e, which bounds the time until rest. If the ground cannot lift the column before then, and
-no hop exceeds the recorded peak, the bounces are skipped: the column is put to rest at the first impact.
+A rigid column that hits the ground slowly bounces on in ever shorter hops. Each impact multiplies the speed
+by e, which bounds the time until rest. If the ground motion cannot lift the column before that time, and no
+hop exceeds the recorded peak, the bounces are skipped: the column is put to rest at the first impact.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ AHEAD = 2.0
 
 
 class Skipped(NamedTuple):
-    """Bounces after an impact that are not followed."""
+    """Skipped bounces after an impact."""
 
     to_rest: Flag  # the bounces are skipped, and the columns rest
     impacts: Index  # number of skipped impacts
@@ -40,7 +40,7 @@ def skipped_bounces(
     speed: Value,
     replayed: Decision | None,
 ) -> Skipped:
-    """Return the bounces after an impact that can be skipped.
+    """Return which bounces after an impact can be skipped.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state before the step that ends with the impact
@@ -71,14 +71,15 @@ def _bounces_to_rest(
     now: tuple[Value, Index, Value | Shaking],
     speed: Value,
 ) -> Flag | None:
-    """Return whether the columns come to rest before the ground can lift them, with all hops below the
-    recorded peak. Return None if the excitation has no bound over a time interval.
+    """Return whether the columns certainly come to rest, with all hops below the recorded peak. Return None
+    if the excitation has no bound over a time interval.
 
     - `scene`, `plan`, `state`, `now`: as in `skipped_bounces`
     - `speed`: |θ̇| after the impact [rad/s]
 
-    Hop k starts with the speed w eᵏ, where w is `speed`. If the deceleration is at least a, its height is
-    at most w² e²ᵏ/(2a) and its duration at most 2w eᵏ/a. All hops together last at most 2w/(a(1 − e)).
+    Hop k starts with the speed w eᵏ, where w is `speed`. If the deceleration is at least a, the largest |θ|
+    of hop k is at most w² e²ᵏ/(2a), and hop k lasts at most 2w eᵏ/a. All hops together last at most
+    2w/(a(1 − e)).
     """
     scene, state, now, speed = jax.lax.stop_gradient((scene, state, now, speed))
     c, (t, piece, shaking) = scene.c, now
@@ -98,7 +99,7 @@ def _bounces_to_rest(
     if max_ground is None:
         return None
     moment = restoring_moment(max_ground)
-    # Bound of |θ| if at least half of the moment is left at the top of a hop, which `rests` requires.
+    # Bound on |θ|, valid if at least half of the moment is left at the top of a hop, as `rests` requires.
     height = speed**2 * c.inertia / jnp.where(moment > 0, moment, 1.0)
     # From θ = 0 to the top, sin ψ decreases by at most |θ|, and cos ψ increases by at most |θ| sin α.
     moment_at_top = moment - height * (c.gravity + c.ground * max_ground * c.sin_alpha)
@@ -110,7 +111,7 @@ def _bounces_to_rest(
 
 
 def _bounces_from(scene: Scene, speed: Value) -> Index:
-    """Return the number of impacts after which restitution has reduced |θ̇| to the rest velocity."""
+    """Return the number of impacts that reduce |θ̇| from `speed` to the rest velocity."""
     speed = jax.lax.stop_gradient(speed)
     count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest_speed, 1.0)) / scene.log_restitution)
     return jnp.where(jnp.isfinite(count), count, 0.0).astype(jnp.int32)

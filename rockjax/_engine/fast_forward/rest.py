@@ -1,5 +1,5 @@
-"""Fast-forward over full contact of a rigid podium: nothing moves before the next uplift, which is the
-next time at which the uplift demand of the excitation exceeds its threshold."""
+"""Fast-forward through full contact of a rigid podium. Nothing moves before the next uplift, which is the
+next time at which the uplift demand exceeds the threshold."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         return lambda t: uplift_demand(c, ground_at(t), state.x, state.v)
 
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
-    # The time of the uplift has the derivative of the crossing, or of the breakpoint at which the ground
-    # acceleration jumps above the threshold. A crossing at a breakpoint, up to rounding, belongs to the piece
-    # before it.
+    # The time of the uplift has the derivative of the time at which the demand crosses the threshold, or of
+    # the breakpoint at which it jumps above the threshold. A crossing at a breakpoint belongs to the piece
+    # before.
     edge = excitation.breakpoint(excitation.before(piece))
     on_edge = constant(edge) == stamp
     jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)
@@ -54,7 +54,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME)
     )
     until = jnp.where(lifts, now, scene.end)
-    # If the ground acceleration jumps, the columns lift before its new value counts for the rest.
+    # If the ground acceleration jumps, the outputs during rest must not include the value after the jump.
     rounding = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
     rest = Rest(scene, state.event_time, until, jnp.where(lifts & jumps, rounding, 0.0))
     records = tuple(

@@ -1,9 +1,9 @@
-"""Fast-forward over samples of a record without a trial.
+"""Fast-forward from one sample of a record to the next without a trial.
 
-Under a record, steps end on every sample and are far shorter than the tolerance requires. No event occurs
-between most samples: rigid columns rock on from one sample to the next. Such samples are passed by a
-Nyström step without the search for events, if its error is small enough and the rotation is monotone and
-stays inside the well; then no guard breaks. All other samples get a trial.
+Under a record, steps end on every sample and are far shorter than the tolerance requires. Between most
+samples rigid columns rock on, and no event occurs. A Nyström step without a search for events then skips the
+trial. The error of the step must be small enough, and the rotation must be monotone and stay inside the well,
+so that the guard cannot break. All other samples get a trial.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.attempt import scaled_error
-from rockjax._engine.coefficients import over_inertia, present
+from rockjax._engine.coefficients import divided_by_inertia, present
 from rockjax._engine.model import acceleration
 from rockjax._engine.runge_kutta import Step
 from rockjax._engine.runge_kutta import step as runge_kutta
@@ -27,20 +27,20 @@ from rockjax._types import Flag, Value, Vector
 
 
 def passes_samples(scene: Scene, plan: Plan) -> bool:
-    """Return whether samples may be passed: the plan allows it, the excitation is sampled, and accelerations
+    """Return whether samples may be skipped: the plan allows it, the excitation is sampled, and accelerations
     depend only on time and rotation."""
     sampled = isinstance(scene.excitation, AbstractSampled)
     return "samples" in plan.fast_forwards and sampled and scene.c.restraint is None
 
 
 def may_pass(scene: Scene, mode: Value, t: Value) -> Flag:
-    """Return whether samples may be passed after an accepted step, into the mode `mode` at the time t [s]."""
+    """Return whether samples may be skipped after an accepted step that ends in a mode at the time t [s]."""
     return (mode != 0) & (t >= jax.lax.stop_gradient(scene.start)) & (t < scene.excitation_end)
 
 
 def past_all(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """Pass all samples until one needs a trial, and return the state there. It is used for single scenes;
-    batches call `past_sample`."""
+    """Skip samples until one needs a trial, and return the state there. Batches call `past_sample`
+    instead."""
     if state.passing is None:
         return state
     pass_sample = functools.partial(past_sample, scene, plan)
@@ -52,7 +52,7 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     `passing`."""
     constant = jax.lax.stop_gradient
     record: AbstractSampled = scene.excitation  # pyright: ignore[reportAssignmentType]
-    c, sigma, piece = over_inertia(scene.c), state.sigma, state.piece
+    c, sigma, piece = divided_by_inertia(scene.c), state.sigma, state.piece
     _, dt, count, scale = record.sampling
 
     @jax.jit  # traced once for all stages
@@ -84,10 +84,10 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 
 
 def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
-    """Return whether the rotation is monotone over the sample and stays inside the well.
+    """Return whether the rotation is monotone up to the next sample and stays inside the well.
 
-    θ̇ has the same sign at both ends. As θ̈ is nearly linear from one sample to the next, θ̇ has this
-    sign all the time if θ̈ keeps its sign, or is too small to stop the columns.
+    θ̇ must have the same sign at both ends. As θ̈ is nearly linear between two samples, θ̇ has this sign all
+    the time if θ̈ does not change its sign, or is too small to stop the columns.
     """
     angle, theta_dots, theta_ddots = jax.lax.stop_gradient(
         (state.sigma * end.x[0], (state.v[0], end.v[0]), (a[0], end.a[0]))
