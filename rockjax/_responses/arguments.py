@@ -1,4 +1,4 @@
-"""Checks and conversion of the arguments of scenes."""
+"""Checks and conversion of the arguments with which scenes are computed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def check_precision(options: Options) -> None:
 
 @functools.cache
 def _least_tolerance(dtype: np.dtype) -> tuple[float, str]:
-    """Return the least tolerance of a floating-point type, and the condition for the error message."""
+    """Return the least `rtol` of a floating-point type, and the words for this limit in an error message."""
     least = 20 * float(np.finfo(dtype).eps)
     return least, f">= {least:.1e} in {dtype} (loosen it, or enable float64 with jax_enable_x64)"
 
@@ -54,18 +54,19 @@ def check_single(owner: str, podium: Podium) -> None:
 
 
 def as_start(owner: str, initial, podium: Podium) -> State:
-    """Return the initial state as arrays over scenes.
+    """Convert the initial state of the scenes to arrays.
 
     - `owner`: name of the calling function, for messages
     - `initial`, `podium`: initial state and structure of the scenes
 
-    With an axis of modes, `u_t` and `u_t_dot` become tuples of arrays, one for each mode. A scalar applies to
-    all modes, as if all floors moved by it. Raises `ValueError` for another number of modes.
+    If the superstructure has an axis of modes, `u_t` and `u_t_dot` become tuples with one array for each
+    mode. A scalar applies to all modes, as if all floors moved by this amount. Raises `ValueError` if the
+    number of values is not the number of modes.
     """
     require_instance(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
     if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.has_mode_axis):
-        return initial  # unchanged, because transfers to the device dominate in small batches
+        return initial  # not converted again, because in small batches copies to the device take most time
     initial = jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
     if top is None or not top.has_mode_axis:
         return initial
@@ -86,14 +87,14 @@ def as_end(owner: str, t_end) -> Array | None:
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """Check concrete values against each other.
+    """Check that concrete arguments agree with each other.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `excitation`, `options`: structure, ground motion and options of the scenes
     - `t_end`: end of the scenes [s], or None
 
-    Raises `ValueError` for an `overturn_ratio` above π/(2α), or above θ_s/α if the margin is requested, and
-    for a `t_end` before the excitation.
+    Raises `ValueError` if `overturn_ratio` exceeds π/(2α), or if the margin is requested and `overturn_ratio`
+    exceeds θ_s/α with the stability angle θ_s, or if `t_end` is not after the start of the excitation.
     """
     check_dtype(owner, "excitation", excitation)
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
@@ -116,7 +117,7 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
 
 
 def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
-    """Raise `ValueError` for an overturn ratio above θ_s/α: from beyond the stability angle θ_s a column may
+    """Raise `ValueError` if the overturn ratio exceeds θ_s/α. Beyond the stability angle θ_s a column may
     still return, so that the margin is undefined."""
     limit = concrete(podium.stability_angle / podium.alpha)
     if limit is not None:
@@ -127,11 +128,11 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
-IN_G = 0.05, 1.0  # amplitudes of strong motion in g; in m/s² they lift almost no structure
+IN_G = 0.05, 1.0  # range of strong motions in g; such numbers in m/s² would lift almost no structure
 
 
 def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
-    """Warn about a pulse that cannot lift the columns, but would if its amplitude were in g.
+    """Warn if a pulse cannot lift the columns, but could do so if the given amplitude were in g.
 
     Only amplitudes of at most two significant digits are checked, because computed ones have more.
     """

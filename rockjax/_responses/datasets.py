@@ -48,7 +48,7 @@ def _derive(podium: Podium) -> dict[str, Any]:
 
 
 def derived_numbers(podium: Podium) -> dict[str, float]:
-    """Return quantities derived from the parameters of a podium, for the attributes of a file."""
+    """Compute quantities that follow from the parameters of a podium, for the attributes of a file."""
     return {name: float(value) for name, value in _derive(podium).items()}
 
 
@@ -89,7 +89,7 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
 
 
 def _describe_superstructure(top: AbstractSuperstructure | None) -> dict[str, Any]:
-    """Return the attributes of a superstructure: its class, and its arrays as JSON."""
+    """Return the class of a superstructure, and the arrays as JSON, for the attributes of a file."""
     attributes: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
     if top is None or not top.rows:
         return attributes
@@ -110,7 +110,7 @@ def _fields_as_json(structure: AbstractSuperstructure | Elevation) -> str:
 
 
 def _restrainers_as_json(restrainers: Sequence[AbstractRestrainer]) -> str:
-    """Return restrainers as JSON: the class as `kind`, and the fields of each."""
+    """Return a JSON list with the class of each restrainer as `kind`, and the fields."""
     rows = []
     for restrainer in restrainers:
         values = {field.name: getattr(restrainer, field.name) for field in dataclasses.fields(restrainer)}
@@ -125,7 +125,7 @@ def _restrainers_from_json(text: str) -> tuple[AbstractRestrainer, ...]:
 
 
 def podium_of(attributes: Mapping[str, Any]) -> Podium:
-    """Return the podium with attributes from `describe_podium`."""
+    """Return the podium that `describe_podium` has described by these attributes."""
     makers = {
         "none": lambda: None,
         "rigid": lambda: Rigid(attributes["eta"]),
@@ -151,7 +151,7 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
 
 
 def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
-    """Return class and scalar parameters of a ground motion, for the attributes of a file."""
+    """Return the class and the scalar parameters of a ground motion, for the attributes of a file."""
     if isinstance(excitation, GroundMotion):
         vertical = {f"vertical_{name}": y for name, y in describe_excitation(excitation.vertical).items()}
         return describe_excitation(excitation.horizontal) | vertical
@@ -166,7 +166,7 @@ def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
 
 def _motion_attribute(name: str) -> str:
     attribute = attribute_name(motion_parameter(name))
-    return f"pulse_{name}" if attribute == name else attribute  # without a unit, it may be a podium's name
+    return f"pulse_{name}" if attribute == name else attribute  # a name without a unit may be a podium's, too
 
 
 def describe_options(options: Options) -> dict[str, Any]:
@@ -183,7 +183,7 @@ def describe_options(options: Options) -> dict[str, Any]:
 
 def describe_versions() -> dict[str, str]:
     """Return the versions of rockjax, JAX and Diffrax, for the attributes of a file."""
-    # From the metadata of the package, because importing Diffrax is slow.
+    # The version of Diffrax comes from the metadata of the package, because importing Diffrax is slow.
     return {
         "rockjax_version": _version.__version__,
         "jax_version": jax.__version__,

@@ -1,8 +1,8 @@
-"""Estimated errors: differences from a second solution of the same scene at another tolerance.
+"""Estimated errors: differences between two solutions of the same scene with different tolerances.
 
-The second solution has a tenth of the tolerance, so that the difference is the error of the first within
-about 10 %. If that tolerance is close to rounding, the second solution has ten times the tolerance instead,
-and the difference is an upper estimate.
+The tolerance of the second solution is a tenth of the first, so that the difference is the error of the first
+solution within about 10 %. If a tenth is too close to rounding, the second tolerance is ten times the first,
+and the difference overestimates the error.
 """
 
 from __future__ import annotations
@@ -25,15 +25,17 @@ from rockjax._tree import Module
 # The true error is below this multiple of the estimate, except for one scene in a hundred
 # (docs/verification.md).
 SAFETY = 10.0
-FINER = 0.1  # tolerance of the second solution relative to the first
-# Difference of the sums over energetic impacts from which two solutions have diverged: 1/16 % of the speed of
-# an impact with y = 1. Chaotic solutions may agree by chance; a lower threshold makes this less likely.
+FINER = 0.1  # tolerance of the second solution divided by that of the first
+# Two solutions have diverged if their sums `EnergeticImpacts` differ by more than this: 1/16 % of the speed
+# of an impact with y = 1. Chaotic solutions may agree by chance; a lower threshold makes this less likely.
 DIVERGED = 0.005
-# Errors above this multiple of `rtol` and this fraction of the peak indicate chaotic rocking: the difference
-# of two solutions is then a random sample, not an estimate.
+# Rocking is chaotic if the error exceeds this multiple of `rtol` and this fraction of the peak. The
+# difference of two solutions is then a random sample, not an estimate.
 AMPLIFIED, LARGE = 1e5, 1e-3
-FALL_DIFFERENCE = 0.01  # of overturning times, times p [–]: 1 % in the distance to the boundary
-SHORTER = 0.7  # factor on steps that the tolerance does not limit
+# Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–]. It
+# corresponds to 1 % in the distance to the overturning boundary.
+FALL_DIFFERENCE = 0.01
+SHORTER = 0.7  # factor on the longest steps in the second solution
 
 
 class Errors(Module):
@@ -42,9 +44,9 @@ class Errors(Module):
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], …: estimated absolute errors of the
       answers with these names, stored in `values`; inf for scenes that did not finish, NaN for outputs that
       were not requested, None for outputs that the podium does not have
-    - `undecided`: an error of ten times the estimate would change whether the columns overturn; or the
-      rocking is chaotic: the two solutions differ in impacts after which columns can overturn, in the time of
-      overturning, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of the peak
+    - `undecided`: whether an error of ten times the estimate would change the answer to whether the columns
+      overturn, or rocking is chaotic: the two solutions differ in impacts after which columns can overturn,
+      in the time of overturning, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of the peak
     """
 
     values: dict[str, Any]
@@ -68,20 +70,20 @@ def companion(options: Options) -> Options:
 
 
 def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
-    """Return whether two solutions have diverged, by impacts after which columns can overturn.
+    """Return whether two solutions have diverged, according to the impacts after which columns can overturn.
 
     - `a`, `b`: floats of both solutions by name
     - `xp`: NumPy or jax.numpy
 
-    In chaotic rocking both may survive by chance with the same earlier peak. One of the solutions may have
-    one more impact than the other. If both overturn, the times of overturning are compared.
+    Peaks alone do not show this, since both solutions may survive by chance with the same earlier peak. One
+    solution may have one impact more than the other. If both overturn, the times of overturning are compared.
     """
     difference, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
     one_more = xp.minimum(abs(difference - last[0]), abs(difference + last[1]))
     # Sums may be equal by chance although the last impacts differ.
     by_chance = (abs(last[0] - last[1]) > DIVERGED) & (xp.minimum(*last) > DIVERGED)
     same_count = xp.where(by_chance, xp.inf, abs(difference))
-    falls_differ = abs(a["fall_time"] - b["fall_time"]) > FALL_DIFFERENCE  # False if one of them is NaN
+    falls_differ = abs(a["fall_time"] - b["fall_time"]) > FALL_DIFFERENCE  # False if one time is NaN
     return falls_differ | (xp.minimum(same_count, one_more) > DIVERGED)
 
 

@@ -1,8 +1,8 @@
 """The motion of the deck, of floors and of weighted sums of modes: accelerations and velocity jumps.
 
-An impact changes the velocity of the deck in an instant. Accelerations here are those between impacts, and
-the velocity jumps are separate, (L1) to (L3). The *bodies* are the modes of the superstructure and the beam.
-A scene is divided into *pieces*, in which the accelerations of all bodies are smooth.
+An impact changes the velocity of the deck in an instant. The accelerations do not contain these velocity
+jumps, which are given separately, (L1) to (L3). The *bodies* are the modes of the superstructure and the
+beam. A scene is divided into *pieces*, in which the accelerations of all bodies are smooth.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from rockjax._types import Value
 
 from . import history
 
-MIN_BEAM_WEIGHT = 1e-12  # a smaller weight of the beam, 1 − ΣW_i, is rounding and counts as zero
+MIN_BEAM_WEIGHT = 1e-12  # a smaller weight of the beam, |1 − ΣW_i|, counts as zero
 
 DEGREE = 5  # degree of the polynomials of accelerations
 MAX_LAST_COEFFICIENT = 1e-8  # limit of the last Chebyshev coefficient divided by the largest acceleration
-MAX_HALVINGS = 12  # limit of halvings of a piece
-MOTION_PIECES = 64  # least number of pieces of a ground motion; a step in full contact may cover all of it
+MAX_HALVINGS = 12  # a piece is halved at most so often
+MOTION_PIECES = 64  # least number of pieces in a ground motion; one step in full contact may cover all of it
 POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))  # fractions of a piece
 TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T  # values at the points → coefficients c_k
 # Values at the points → coefficient of the last Chebyshev polynomial.
@@ -45,8 +45,8 @@ TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * POINTS - 1, DEGRE
 class Bodies(NamedTuple):
     """Motion of the modes and of the beam at n times.
 
-    - `displacement` [m], `velocity` [m/s]: horizontal, relative to the ground, of the modes and, last, of the
-      beam, shape (n, modes + 1)
+    - `displacement` [m], `velocity` [m/s]: horizontal motion relative to the ground, first of the modes, then
+      of the beam, shape (n, modes + 1)
     - `acceleration`: absolute horizontal acceleration of the same bodies [m/s²]
     - `climb`: vertical velocity of the beam relative to the ground, shape (n,) [m/s]
     - `rise`: absolute vertical acceleration of the beam, shape (n,) [m/s²]
@@ -76,7 +76,7 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
 
     - `scene`: solved scene
     - `t`: times, shape (n,) [s]
-    - `left`: whether to return the limit from before the time, shape (n,)
+    - `left`: whether to return the motion just before the time, shape (n,)
     - `node`: index of the node of the history from which the motion starts, shape (n,); −1 for the last node
       before the time
     """
@@ -84,8 +84,8 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
     c, nodes = history.constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
     def at(t, left, node):
-        # The limit from before is taken one rounding error earlier. This selects the node, and the piece of
-        # the ground motion, before an event or a breakpoint.
+        # The motion just before t is that at the previous floating-point number, which lies before an event
+        # or breakpoint at t.
         t = jnp.where(left, t - jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0), t)
         node = jnp.where(node < 0, history.node_before(nodes, t, jnp.zeros((), bool)), node)
         sigma, ground, x, v = history.sample(c, excitation, nodes, method, node, t)
@@ -142,8 +142,8 @@ def floor_weights(owner: str, podium: Podium, level: Any, weights: Any = None) -
     - `level`: "deck" or the number of a story from the bottom; ignored if `weights` are given
     - `weights`: weights of the modes, or None for those of the level
 
-    Raises `ValueError` for a level that the structure does not have, and if `weights` has another length than
-    the number of modes.
+    Raises `ValueError` if the structure does not have the level, or if `weights` does not have one value for
+    each mode.
     """
     top = podium.superstructure
     resolved = None if top is None else top.resolved()
@@ -217,7 +217,7 @@ class Pieces(NamedTuple):
 
 
 class PieceMotions(NamedTuple):
-    """Motion of modes and beam in n pieces. The axis of bodies ends with the vertical motion of the beam.
+    """Motion of modes and beam in n pieces. The last of the bodies is the vertical motion of the beam.
 
     - `terms`: coefficients of polynomials of absolute accelerations, shape (n, m+1, bodies) [m/s²]
     - `before`, `after`: velocities relative to the ground just before and at the start of each piece, shape
@@ -289,7 +289,7 @@ def load_of(pieces: Pieces, motion: PieceMotions, weights: np.ndarray) -> Load:
 
 
 def in_direction(weights: Any, direction: str) -> Any:
-    """Return the weights of all bodies, shape (bodies,), for the motion of a floor in a direction.
+    """Return the weights of all bodies in the motion of a floor in one direction, shape (bodies,).
     Vertically, all floors move with the beam.
 
     - `weights`: weights of the modes and the beam, as returned by `with_beam`
@@ -310,9 +310,8 @@ def check_direction(owner: str, direction: Any) -> str:
 class FloorMotion(Module):
     """Motion of the deck, of a story, or of a weighted sum of modes; from [`rockjax.Response.floor`][].
 
-    Accelerations are absolute and do not contain the velocity jumps of impacts, which have no acceleration.
-    Methods that take times return NaN outside the scene, and work under `jit`; the peaks and `to_record` are
-    for the host.
+    Accelerations are absolute and do not contain the velocity jumps at impacts. Methods that take times
+    return NaN outside the scene, and work under `jit`; the peaks and `to_record` are for the host.
 
     - `weights`: weights W_i of the modes, (L2) [–]; the weight of the deck is 1 − ΣW_i
     - `level`: "deck", the number of the story, or "weights"
@@ -333,12 +332,12 @@ class FloorMotion(Module):
 
     @property
     def scene(self) -> history.Solved:
-        """The solved scene, as an argument of functions of histories."""
+        """The solved scene, in the form that functions for histories take."""
         return self.podium, self.excitation, self.nodes, self._limit, self._method, self._rtol
 
     def acceleration(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the absolute horizontal acceleration at times t [s], (L1), (L2) [m/s²]; with `left=True` the
-        limit from before these times, for example before an impact."""
+        """Return the absolute horizontal acceleration at times t [s], (L1), (L2) [m/s²]; with `left=True`
+        just before these times, for example before an impact."""
         return self._at(t, left, lambda motion: self._combined(motion.acceleration))
 
     def vertical_acceleration(
@@ -358,8 +357,8 @@ class FloorMotion(Module):
 
     @property
     def velocity_jumps(self) -> Float[Array, " impacts"]:
-        """Jumps Δv of the horizontal velocity at the impacts, (L3) [m/s]. They are zero for a floor whose
-        weights W_i sum to 1, such as a story of a building with all its modes."""
+        """Jumps Δv of the horizontal velocity at the impacts, (L3) [m/s]. They are zero if the weights W_i
+        sum to 1, as for every story of a building with all modes."""
         return self._jumps(lambda motion: motion.velocity[..., -1] * with_beam(self.weights)[-1])
 
     @property
@@ -369,20 +368,20 @@ class FloorMotion(Module):
 
     @property
     def peak_acceleration(self) -> float:
-        """Peak floor acceleration sup|a| over the scene (host) [m/s²]. It includes the limits from both sides
-        of events, but not the velocity jumps."""
+        """Peak floor acceleration sup|a| in the scene (host) [m/s²]. It includes the values just before and
+        just after events, but not the velocity jumps."""
         return largest_acceleration(self.load())
 
     @property
     def peak_velocity_jump(self) -> float:
-        """Largest |Δv| of the impacts (host) [m/s]; 0 without impacts."""
+        """Largest |Δv| at the impacts (host) [m/s]; 0 if there are none."""
         return float(np.abs(np.asarray(self.velocity_jumps)).max(initial=0.0))
 
     def last(self, end: float | None = None) -> float:
         """Return the time up to which the motion of the floor is known [s] (host).
 
-        It is the end of the scene. For a rigid podium that rests for good, it is `end` if that is later; the
-        default of `end` is the end of the ground motion.
+        This is the end of the scene, or `end` if that is later and the podium is rigid and rests for good.
+        The default of `end` is the end of the ground motion.
         """
         scene_end = float(self.end_time)
         if np.isfinite(self._limit):
@@ -403,15 +402,15 @@ class FloorMotion(Module):
         return load_of(pieces, motion, in_direction(with_beam(np.asarray(self.weights)), direction))
 
     def to_record(self, dt: float, direction: str = "horizontal") -> Record:
-        """Return the floor's motion as a record, with velocity jumps as large accelerations (host).
+        """Return the floor's motion as a record (host). Velocity jumps become large accelerations.
 
         - `dt`: sampling interval, > 0 [s]
         - `direction`: "horizontal" or "vertical"
 
         Sample k is ∫a ∧(t−t_k) dt + ΣΔv ∧(t_i−t_k) with the hat function ∧(τ) = max(0, 1−|τ|/dt)/dt. The
         final velocity and displacement are exact, and spectra are accurate to O((dt/T)²). The peak of the
-        samples depends on dt and must not be used. The record starts one interval before the scene, and its
-        last sample is zero.
+        samples depends on dt and must not be used. The record starts one interval before the scene and ends
+        with a zero.
         """
         owner = "FloorMotion.to_record"
         dt = require_number(owner, "dt", dt, lambda v: v > 0, "finite and > 0 s")
@@ -444,7 +443,7 @@ class FloorMotion(Module):
 
 
 def largest_acceleration(load: Load) -> float:
-    """Return the largest |a| of a load, at the ends of its pieces or at turning points in between [m/s²]."""
+    """Return the largest |a| of a load, at the ends of the pieces or at turning points inside [m/s²]."""
     at_ends = np.concatenate([load.terms[:, 0], load.terms.sum(axis=1)])
     largest = float(np.abs(at_ends).max())
     bounds = np.abs(load.terms[:, 1:]).sum(axis=1) + np.abs(load.terms[:, 0])
@@ -456,8 +455,8 @@ def largest_acceleration(load: Load) -> float:
 
 
 def _displacement(load: Load, t: np.ndarray) -> np.ndarray:
-    """Return the displacement at times t, the double integral of the acceleration with the velocity jumps
-    [m]. It is zero up to the start."""
+    """Return the displacement at times t [m]: the acceleration, with the velocity jumps, integrated twice.
+    The displacement is zero up to the start."""
     k = np.arange(load.terms.shape[1])
     h = load.length[:, None]
     velocity_terms = h * load.terms / (k + 1)  # coefficients of (τ/h)^(k+1)

@@ -16,16 +16,16 @@ from rockjax._tree import Module
 class ContentsAnswer(Module):
     """The answers of [`rockjax.Contents`][].
 
-    - `peak_rotation`: max|φ|/α_c, at most `overturn_ratio` [–]; `peak_rotation_time`: when it is first
-      reached [s]
-    - `margin`: its overturning margin [–], as in [`rockjax.Peak`][]: 1 if it never rocks, negative if it
-      overturns
+    - `peak_rotation`: max|φ|/α_c, at most `overturn_ratio` [–]; `peak_rotation_time`: time at which this
+      rotation is first reached [s]
+    - `margin`: overturning margin of the block [–], as in [`rockjax.Peak`][]: 1 if the block never rocks,
+      negative if it overturns
     - `uplifted`: the block started to rock, at `uplift_time` [s] (NaN if not); `started_by_impulse`: an
       impact of the structure started it
     - `overturned`: |φ| reached `overturn_ratio`·α_c, at `overturn_time` [s] (NaN if not)
-    - `impacts`: number of its own impacts
-    - `friction_demand`: largest |T|/N at its foot [–], (L15): at rest, while it rocks, at its own impacts and
-      at impulses of the floor; inf if they cannot be transferred at all
+    - `impacts`: number of impacts of the block on the floor
+    - `friction_demand`: largest |T|/N at the foot of the block [–], (L15): at rest, while rocking, at impacts
+      on the floor, and at impulses of the floor; inf if the foot would lift off
     - `until_overturning`: the structure overturned; the answers cover the time until then
     - `result`: a [`rockjax.RESULTS`][]
     """
@@ -47,9 +47,9 @@ class ContentsAnswer(Module):
 class OscillatorAnswer(Module):
     """The answers of an [`rockjax.Oscillator`][], (L6).
 
-    - `relative_displacement`: S_d = max|x| relative to the floor [m]
+    - `relative_displacement`: S_d = max|x|, with the displacement x relative to the floor [m]
     - `pseudo_acceleration`: PSA = ω²S_d [m/s²]
-    - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²], on both sides of impulses
+    - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²], including just before and just after impulses
     - `until_overturning`: the structure overturned; the answers cover the time until then
     - `result`: a [`rockjax.RESULTS`][]
     """
@@ -61,7 +61,8 @@ class OscillatorAnswer(Module):
     result: RESULTS
 
 
-# kind → dim of datasets and prefix of their variables, and unit and description of each answer
+# For each class: the dim in datasets, which is also the prefix of variables; and the unit and the description
+# of each answer.
 VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
     ContentsAnswer: (
         "contents",
@@ -90,11 +91,11 @@ VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
 
 
 def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, Any]:
-    """Return the variables of a dataset of things on floors: `contents_peak_rotation` … with a last dim
-    `contents`, and `oscillator_pseudo_acceleration` … with a last dim `oscillator`.
+    """Return the variables of a dataset for things on floors: `contents_peak_rotation` … with the last dim
+    `contents`, and `oscillator_pseudo_acceleration` … with the last dim `oscillator`.
 
-    - `answers`: of one scene or a batch, in the order in which the things were given
-    - `dims`: dims of the scenes; empty if the caller adds them
+    - `answers`: answers for one scene or a batch, in the order in which the things were given
+    - `dims`: dims of the scenes; empty if the caller adds these dims
     """
     data: dict[str, Any] = {}
     for kind, (dim, variables) in VARIABLES.items():
@@ -112,7 +113,7 @@ def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, 
 
 
 def floor_rows(answers: Sequence[Any]) -> Iterator[tuple[str, str]]:
-    """Yield rows (label, value) of the table of a scene for the things on its floors."""
+    """Yield rows (label, value) about the things on the floors, for the table of a scene."""
     for k, answer in enumerate(answers, 1):
         code = int(results.code_of(answer.result))
         is_block = isinstance(answer, ContentsAnswer)

@@ -1,4 +1,4 @@
-"""The motion of deck and modes along a history, as the excitation of things on floors."""
+"""The motion of beam and modes along a history, as the excitation of things on floors."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from . import history
 from .floor import bodies
 
 NEVER_LIFTS = 1.57  # slenderness α of columns that no ground motion lifts [rad]
-# By default, a scene lasts at least this multiple of the longest period of its oscillators after the ground
-# motion.
+# By default, a scene continues after the ground motion for at least this many of the longest oscillator
+# periods.
 PERIODS = 5
 
 
 def end_with_oscillators(podium: Podium, excitation: AbstractExcitation, longest: Any) -> Any:
     """Return the default end of a scene with oscillators on its floors [s].
 
-    It is the default end of `simulate`, or `PERIODS` times the `longest` period [s] after the ground motion
-    if that is later.
+    This is the default end of `simulate`, or the end of the ground motion plus `PERIODS` times the `longest`
+    period [s] if that is later.
     """
     return jnp.maximum(default_end(podium.resolved(), excitation), excitation.support[1] + PERIODS * longest)
 
 
 class FloorCourse(NamedTuple):
-    """Accelerations and velocity jumps of modes and beam along a history. The axis of bodies ends with the
+    """Accelerations and velocity jumps of modes and beam along a history. The last of the bodies is the
     vertical motion of the beam.
 
     - `times`: times of the n nodes of the history, with the derivatives of events [s]; inf after the last
@@ -81,8 +81,9 @@ def course_of(scene: history.Solved) -> FloorCourse:
     )
     accelerations = motion.accelerations[: t.size].reshape(*t.shape, -1)
     speed, climb = motion.velocity[t.size :, -1], motion.climb[t.size :]
-    # An impact multiplies the rate of rotation by e, and its vertical part changes sign, (L3). The velocities
-    # of modes do not jump. The impact that ends the rocking is the first of infinitely many with this e.
+    # An impact multiplies the horizontal velocity of the beam by e and the vertical velocity by −e, (L3). The
+    # velocities of modes do not jump. The impact that ends rocking is treated in the same way, as the first
+    # of infinitely many impacts.
     e = jnp.maximum(scene[0].restitution_factor, 0.0)
     of_modes = jnp.zeros((rows.size, accelerations.shape[-1] - 2))
     of_beam = jnp.stack([(1 - e) * -speed, (1 + e) * -climb], axis=-1)
@@ -106,7 +107,7 @@ def floor_course(
     capacity: int,
     reversible: bool,
 ) -> tuple[FloorCourse, Array]:
-    """Solve a scene without fast-forwards. Return the motion of its floors, and the result code.
+    """Solve a scene without fast-forwards. Return the motion of modes and beam, and the result code.
 
     - `podium`, `excitation`, `initial`, `t_end`, `options`: the scene
     - `capacity`: number of steps that the history can hold

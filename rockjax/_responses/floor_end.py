@@ -1,4 +1,4 @@
-"""Bounds of the motion of floors after the end of a scene, (L16), (L17)."""
+"""Bounds on the motion of floors after the end of a scene, (L16), (L17)."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Ending(NamedTuple):
     """Quantities at the end of a scene that bound the motion of floors after it.
 
     - `rests`: whether the columns rest for good and the ground motion has ended
-    - `modes`: bound of ∫|ü_i + ü_g| of each mode after the end [m/s]; inf without damping
+    - `modes`: bound on ∫|ü_i + ü_g| dt of each mode after the end [m/s]; inf for a mode without damping
     - `speed`: |u̇_b| of a rigid podium that rocks freely [m/s]; inf if no bound is known
-    - `impact_speed`: bound of |u̇_b| before its next impact [m/s]; inf if no bound is known
+    - `impact_speed`: bound on |u̇_b| before the next impact of this podium [m/s]; inf if no bound is known
     - `restitution`: restitution factor e, clipped to [0, 1]
     """
 
@@ -67,14 +67,14 @@ def ending(scene: history.Solved, t) -> Ending:
 def remaining(
     ending: Ending, weights: np.ndarray, damping: np.ndarray, is_vertical: bool
 ) -> np.ndarray | float:
-    """Return V, the bound of ∫|a| + Σ|Δv| after the end of a scene [m/s], (L16), (L17).
+    """Bound ∫|a| dt + Σ|Δv| of a floor after the end of a scene, V of (L16), (L17) [m/s].
 
     - `ending`: the end of the scene
-    - `weights`: W_i of the floor, shape (modes,)
-    - `damping`: ζ of the N oscillators, shape (N,)
+    - `weights`: weights W_i of the modes in the motion of the floor, shape (modes,)
+    - `damping`: damping ratios ζ of the n oscillators, shape (n,)
     - `is_vertical`: whether the oscillators move vertically
 
-    The bound is a scalar if the columns rest or oscillators are vertical, and has shape (N,) otherwise.
+    The bound is a scalar if the columns rest or the oscillators are vertical, and has shape (n,) otherwise.
     """
     if ending.rests:
         moves = weights != 0

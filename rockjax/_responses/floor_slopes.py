@@ -1,4 +1,4 @@
-"""Derivatives of the motion of floors with respect to the logarithms of named parameters, (L8)."""
+"""Derivatives of floor motions with respect to the logarithms of named parameters, (L8)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Solution(NamedTuple):
     - `nodes`: nodes of the history
     - `breakpoints`, `start`: breakpoints and start of the ground motion [s]
     - `weights`: weights of the modes in the motion of each floor
-    - `slopes`: derivatives of all these, with the parameters along the first axis
+    - `slopes`: derivatives of (nodes, breakpoints, start, weights), with the parameters along the first axis
     """
 
     nodes: Nodes
@@ -80,10 +80,9 @@ def solved(
 def bodies_with_slopes(
     scene: history.Solved, node_slopes: Nodes, t, left, node, names: tuple[str, ...] = ()
 ) -> tuple[Bodies, Bodies]:
-    """Return the motion of modes and beam as `bodies` does, and its derivatives, with the parameters along
-    the first axis.
+    """Return the result of `bodies`, and the derivatives of it, with the parameters along the first axis.
 
-    - `scene`: solved scene; `node_slopes`: derivatives of its nodes, with the parameters along the first axis
+    - `scene`: solved scene; `node_slopes`: derivatives of the nodes, with the parameters along the first axis
     - `t`, `left`, `node`: as for `bodies`
     - `names`: the parameters
     """
@@ -115,14 +114,14 @@ class Slopes(NamedTuple):
 
 
 def capacity_for(used: int) -> int:
-    """Return one of a few capacities for a history of about `used` nodes."""
+    """Return a capacity for a history of about `used` nodes, one of a few so that programs are reused."""
     return common_size(used + used // 8 + 64, *history.NODES)
 
 
 def motions_with_slopes(
     scene: history.Solved, solution: Solution, pieces: Pieces, names: tuple[str, ...], levels: Sequence[str]
 ) -> tuple[PieceMotions, list[Slopes]]:
-    """Return the motion in pieces, and its derivatives with respect to each parameter.
+    """Return the motion in pieces, and the derivatives with respect to each parameter.
 
     - `scene`: the solved scene, with the nodes of `solution`
     - `solution`: the scene with its derivatives
@@ -138,7 +137,8 @@ def motions_with_slopes(
     breakpoints = np.asarray(solution.breakpoints)
     is_finite = np.isfinite(breakpoints)
     is_impact = np.isfinite(np.asarray(solution.nodes.impact_time))
-    # Starts of pieces that depend on the parameters: start and breakpoints of the motion, and impacts.
+    # Only pieces that begin at the start of the ground motion, a breakpoint or an impact have starts that
+    # depend on the parameters.
     for times, slope in (
         (np.atleast_1d(np.asarray(solution.start)), start[:, None]),
         (breakpoints[is_finite], breaks[:, is_finite]),
@@ -170,7 +170,7 @@ def slope_of_load(
 ) -> Load:
     """Return the derivative of the load of a floor with respect to one parameter, (L8).
 
-    - `load`: acceleration of the floor; `pieces`, `motion`: pieces of the scene, and the motion in them
+    - `load`: acceleration of the floor; `pieces`, `motion`: pieces of the scene, and the motion in these
     - `slope`: derivatives of the motion
     - `weights`, `change`: weights W_i of the floor and their derivatives, shape (modes,)
     - `direction`: "horizontal" or "vertical"
@@ -188,5 +188,5 @@ def slope_of_load(
     of_beam = (motion.after - motion.before)[:, -2:] @ row_slope[-2:]
     kick = differences + np.where(pieces.is_impact, of_beam, 0.0)
     kick -= motion.jump[:, int(direction == "vertical")] * slope.times
-    kick[0] = -load.terms[0, 0] * slope.times[0]  # oscillators start at rest relative to their floor
+    kick[0] = -load.terms[0, 0] * slope.times[0]  # oscillators start at rest relative to the floor
     return Load(load.start, load.length, terms, kick, load.kick * slope.times, slope.times)

@@ -1,4 +1,4 @@
-"""The motion between the nodes of a history, and the balance of energy along it."""
+"""The motion between the nodes of a history, and the balance of energy along the history."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from rockjax._structures import Podium
 from rockjax._tree import Module
 from rockjax._types import Value, Vector
 
-POINTS = 10  # Gauss–Legendre points on one step; their error is far below that of the step itself
+POINTS = 10  # Gauss–Legendre points in each step; the quadrature error is far below the error of the step
 
 
 class Energies(Module):
@@ -36,8 +36,8 @@ class Energies(Module):
     initial + input = mechanical + impacts + damping + dampers + residual:
 
     - `mechanical`: kinetic energy relative to the ground, strain energy, and potential energy of gravity and
-      tendons, Eqs. (16)–(19); `initial`: its value at the start
-    - `input`: work of the ground since the start, −∫{ü_g[(½+γ)u̇_b + η u̇_t] + v̈_g w v̇_b} dt
+      tendons, Eqs. (16) to (19); `initial`: the mechanical energy at the start
+    - `input`: work of the ground since the start, −∫{ü_g[(½+γ)u̇_b + η u̇_t] + v̈_g w v̇_b} dt with w = ½+γ+η
     - `impacts`: energy lost at impacts since the start, Eqs. (26), (27)
     - `damping`: energy lost in the damper of the superstructure since the start, ∫2ζω_s η (u̇_t − u̇_b)² dt
     - `dampers`: energy lost in the dampers of the columns since the start, ∫(C/m_c)|ℓ̇|^(1+ν) dt
@@ -56,8 +56,8 @@ class Energies(Module):
         return self.initial + self.input - self.mechanical - self.impacts - self.damping - self.dampers
 
 
-# Podium, excitation, nodes, end of the scene, method between the nodes, and `rtol`, which is None without
-# restrainers.
+# Podium, excitation, nodes, end of the scene, method between the nodes, and `rtol` (None if there are no
+# restrainers).
 Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 
@@ -102,7 +102,7 @@ FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
 def filled(t, left):
-    """Return times t (n,) and flags `left` (n,), padded by repeating the last; traced ones unchanged."""
+    """Pad times t (n,) and flags `left` (n,) by repeating the last entries. Traced times stay as they are."""
     if concrete(t) is None or not t.size:
         return t, left
     padding = (FEW_TIMES if t.size <= FEW_TIMES else common_size(t.size, *TIMES)) - t.size
@@ -110,7 +110,7 @@ def filled(t, left):
 
 
 def padded(nodes: Nodes) -> Nodes:
-    """Return the nodes padded to one of a few sizes; traced ones and batches unchanged."""
+    """Pad nodes to one of a few sizes. Traced nodes and batches stay as they are."""
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)) or nodes.t.ndim != 1:
         return nodes
     padding = common_size(nodes.t.size, *NODES) - nodes.t.size
@@ -129,7 +129,7 @@ def sample(
     """Return the motion at time t, by one step of the method from node k.
 
     - `c`, `excitation`, `nodes`, `method`: constants, ground motion, nodes and method of the scene
-    - `k`: index of the node from which the motion at t starts, `node_before`
+    - `k`: index of the node before t, from `node_before`
     - `t`: time [s]
     """
     sigma, start = nodes.sigma[k], nodes.t[k]
@@ -148,7 +148,7 @@ def sample(
 
 
 def node_before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
-    """Return the index of the last node at or before t; of the last node before t if `left`."""
+    """Return the index of the last node at or before t, or of the last node before t if `left`."""
     count = jnp.where(
         left, jnp.searchsorted(nodes.t, t, side="left"), jnp.searchsorted(nodes.t, t, side="right")
     )
@@ -158,7 +158,7 @@ def node_before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]
 def constants(
     podium: Podium, excitation: AbstractExcitation, rtol: Value | None, joints: bool = False
 ) -> Coefficients:
-    """Return the constants of the equations; if `joints`, with the constants of forces in the joints."""
+    """Return the constants of the equations, including the constants of joint forces if `joints`."""
     vertical = isinstance(excitation, GroundMotion)
     return coefficients(podium, SLIP if rtol is None else rtol, vertical, joints)
 
@@ -211,7 +211,7 @@ def balance(scene: Solved, t, left):
         by_dampers = () if c.restraint is None else (damper_power(c, c.restraint, sigma, x, v),)
         return instant, (*power(c, *instant), *by_dampers, energy(c, sigma, x, v))
 
-    # All points use the same vectorised step, because compilation takes most of the time.
+    # One vectorised step serves all points, because compilation takes most of the time.
     abscissae, weights = np.polynomial.legendre.leggauss(POINTS)
     fractions = jnp.asarray(np.append(0.5 + 0.5 * abscissae, 1.0), t.dtype)
     instants, (*powers, energies) = jax.vmap(

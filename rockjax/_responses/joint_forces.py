@@ -1,4 +1,4 @@
-"""Forces in the joints along a history, and impulses at its impacts."""
+"""Joint forces along a history, and impulses at the impacts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from . import history
 
 COLUMNS = "column"  # axis of the columns, numbered from 1 in the order of their positions
 
-# name: (unit, description); forces have axes of columns and joints
+# Unit and description of each series. The first three also have axes of columns and joints.
 SERIES = {
     "joint_shear": ("1", "horizontal force of the joint on the body above it T/(m_c g)"),
     "joint_axial_force": ("1", "axial force of the joint N/(m_c g), compression positive"),
@@ -42,7 +42,7 @@ SERIES = {
 
 class JointForces(Module):
     """Forces (T, N) of the joints on the bodies above them, divided by m_c g, with axes of times, columns and
-    joints (bottom, top). Without an elevation there is one column, the mean column.
+    joints (bottom, top). If no elevation is given, there is one column, the mean column.
 
     - `horizontal`: T in the direction of motion [–]
     - `axial`: N upwards, compression positive [–]
@@ -92,8 +92,8 @@ def along(scene: history.Solved, t, left) -> dict[str, Array]:
 
 @StoredProgram
 def at_impacts(scene: history.Solved, times) -> Array:
-    """Return the impulses at the times of impacts divided by m_c [m/s], with axes of impacts, columns, joints
-    and (J_T, J_N); NaN for times of NaN."""
+    """Return the impulses at the impact times `times`, divided by m_c [m/s], with axes of impacts, columns,
+    joints and (J_T, J_N). Impulses at times of NaN are NaN."""
     podium, excitation, nodes, _, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
     arms = present(c.joints).arms
@@ -113,7 +113,7 @@ def at_impacts(scene: history.Solved, times) -> Array:
 
 
 def series_dims(dimensions: int) -> tuple[str, ...]:
-    """Return the dims of a quantity of `SERIES` in a dataset from its number of dimensions."""
+    """Return the dims in a dataset of a quantity of `SERIES` with a number of dimensions."""
     return ("time",) if dimensions == 1 else ("time", COLUMNS, JOINTS)
 
 

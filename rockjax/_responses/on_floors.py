@@ -1,4 +1,4 @@
-"""Light things on the floors of one scene, solved along the history of the structure."""
+"""Light things on floors, solved along the history of the structure."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ from .floor_answers import ContentsAnswer, OscillatorAnswer
 from .floor_course import NEVER_LIFTS, FloorCourse, end_with_oscillators, floor_course, without_fast_forwards
 
 BOTTOM = 0  # index of the bottom joint, between a block and the floor
-UNREACHABLE = 1e300  # a rest velocity that no velocity jump of a floor exceeds
+UNREACHABLE = 1e300  # a rest velocity that columns never exceed after a velocity jump of the floor
 OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, whose displacements are small at short periods
 
 
 @dataclasses.dataclass(frozen=True)
 class JoltFriction(AbstractOutput):
-    """The largest friction demand of a block at velocity jumps of its floor, (L15). Jumps below the rest
+    """The largest friction demand of a block at velocity jumps of the floor, (L15). Jumps below the rest
     velocity do not count.
 
-    The record is tan(φ/4) of the angle φ of the impulse. The note is 1 if a jump started the block, else 0.
+    The record is tan(φ/4) for the angle φ of the impulse. The note is 1 if a jump started the block, else 0.
     """
 
     name = "jolt_friction"
@@ -76,11 +76,10 @@ class JoltFriction(AbstractOutput):
 def _rock(
     block: Contents, g: Value, weights: Values, course: FloorCourse, options: Options, reversible: bool
 ):
-    """Return the answers of a block by name: first floats, then integers and flags.
+    """Return the answers of a block in two dicts by name: floats, and integers and flags.
 
-    - `g`: acceleration of gravity [m/s²]
-    - `weights`: weights of the bodies in the motion of the floor, horizontally and vertically, shape
-      (2, bodies)
+    - `block`, `g`: the block, and the acceleration of gravity [m/s²]
+    - `weights`: weights of the bodies in the horizontal and in the vertical motion of the floor, (2, bodies)
     - `course`, `options`: motion of the bodies, and options of the scene
     - `reversible`: whether reverse mode can differentiate the loop
     """
@@ -102,10 +101,10 @@ def _rock(
 def _vibrate(
     oscillator: Oscillator, g: Value, weights: Values, course: FloorCourse, options: Options, reversible: bool
 ):
-    """Return the answers of an oscillator by name; arguments and result are as for `_rock`.
+    """Return the answers of an oscillator, with arguments and results as for `_rock`.
 
-    The oscillator is solved as a superstructure without mass on a podium that never lifts: its columns are
-    almost flat, and no velocity jump exceeds the rest velocity.
+    The oscillator is solved as a massless superstructure on a podium that never lifts, because the columns
+    are almost flat and the rest velocity is unreachable.
     """
     flat = Podium(NEVER_LIFTS, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g)
     outputs = "peak_rotation", "peak_deformation", "peak_shear"
@@ -126,7 +125,7 @@ def _vibrate(
 
 
 def _solve(structure: Podium, motion: AbstractExcitation, end: Value, options: Options, reversible: bool):
-    """Return the answers of a structure on a floor up to the time `end` [s]."""
+    """Solve a structure on a floor up to the time `end` [s], and return the answers."""
     structure = structure.split()
     plan = without_fast_forwards(plan_for(structure, options, history=True))
     scene, state = prepare(structure, motion, REST, end, options, plan)
@@ -183,7 +182,7 @@ SLOPES = StoredProgram(with_slopes(_on_floors), words="the program for things on
 def _solve_group(
     podium: Podium, things: list[Any], course: FloorCourse, options: Options, reversible: bool
 ) -> list[Any]:
-    """Return the answers of things of one class and direction, computed in lanes."""
+    """Return the answers of things of one class and direction, solved together under `vmap`."""
     solve, _ = KINDS[type(things[0])]
     weights = jnp.stack([_weights_of(podium, thing) for thing in things])
     lanes = jax.tree.map(lambda *y: jnp.stack(y), *map(_stackable, things))
@@ -201,8 +200,9 @@ def _weights_of(podium: Podium, thing: Any) -> Values:
 
 
 def _stackable(thing: Any) -> Any:
-    """Return a thing in a form that all things of its class share, so that they can be stacked: with the same
-    level and `vertical`, which its weights replace, and with a restitution factor instead of a law."""
+    """Return a thing with the same static fields as all things of this class, so that they can be stacked.
+    `level` and `vertical` are not needed, since the weights contain them; a restitution factor replaces a
+    restitution law."""
     thing = dataclasses.replace(thing, level=DECK)
     if isinstance(thing, Contents):
         e = GivenRestitution(thing.block(jnp.ones(())).restitution_factor)
@@ -246,7 +246,7 @@ def floor_options(options: Options) -> Options:
 
 
 def named(things: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
-    """Return the answers of things as `ContentsAnswer` and `OscillatorAnswer`.
+    """Convert the answers of things to `ContentsAnswer` and `OscillatorAnswer`.
 
     - `things`: the things; `floats`, `integers`: their answers by name
     """
@@ -260,7 +260,7 @@ def named(things: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
 
 
 def checked(owner: str, podium: Podium, on_floors: Any) -> tuple[Any, ...]:
-    """Return things on floors as a tuple. Raises `ValueError` as `answers_on_floors` does."""
+    """Convert things on floors to a tuple. Raises `ValueError` as `answers_on_floors` does."""
     things = (on_floors,) if isinstance(on_floors, tuple(KINDS)) else on_floors
     if not isinstance(things, Sequence) or not all(isinstance(thing, tuple(KINDS)) for thing in things):
         classes = " or ".join(f"rockjax.{y.__name__}" for y in KINDS)

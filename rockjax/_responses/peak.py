@@ -53,9 +53,10 @@ ALWAYS = {
 
 
 def all_variables(outputs: Sequence[str | AbstractOutput] = ()) -> dict[str, tuple[Variable, str | None]]:
-    """Return all answers that a scene can have, by name, each with the output that must be requested for it.
+    """Return all answers that a scene can have, by name: the properties of the answer, and the name of the
+    output that must be requested for it (None for answers of every scene).
 
-    `outputs`: requested outputs, whose answers are included
+    - `outputs`: requested outputs; user-defined ones among them add answers
     """
     return {**VARIABLES, **ALWAYS, **variables_of(outputs)}
 
@@ -63,34 +64,35 @@ def all_variables(outputs: Sequence[str | AbstractOutput] = ()) -> dict[str, tup
 class AbstractPeak(Module):
     """Peaks and result of a scene.
 
-    - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: its first time [s]
+    - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: time at which this
+      rotation is first reached [s]
     - `exceeded_alpha`: |θ| reached α; `overturned`: |θ| reached `overturn_ratio`·α, at `overturn_time` [s]
       (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
     - `impacts`: number of impacts until rest, overturning or `t_end`; NaN if the scene ended earlier because
       all requested outputs were final (request `"impacts"`, or compute a history). Unless `"impacts"` is
-      requested, skipped bounces of rigid podiums that end at rest are counted by restitution alone
-    - `peak_deformation`: max|u_t − u_b| [m], 0 without an elastic superstructure; for several modes, that of
-      each along the last axis
-    - `peak_shear`: max|V_s|/(m_t g) at the base of the superstructure [–], 0 without one. It omits the
-      impulses at impacts on mass that is in no mode, as does `peak_floor_acceleration`
+      requested, the number of skipped bounces of a rigid podium before rest is computed from the restitution
+    - `peak_deformation`: max|u_t − u_b| [m], 0 if the superstructure is not elastic; if there are several
+      modes, they are along the last axis
+    - `peak_shear`: max|V_s|/(m_t g) at the base of the superstructure [–], 0 if there is none. Like
+      `peak_floor_acceleration`, it omits the impulses that impacts exert on mass that belongs to no mode
     - `peak_drift`: largest drift of each story of a building [m]; `peak_floor_acceleration`: largest absolute
-      horizontal acceleration of each floor [m/s²]. Both are None without stories, and have a last axis of
-      stories from the bottom. All peaks of a scene that overturned cover only the time until overturning
+      horizontal acceleration of each floor [m/s²]. Both have a last axis of stories from the bottom, and are
+      None if there are no stories. All peaks of a scene that overturned cover only the time until overturning
     - `peak_deck_acceleration`: peak absolute horizontal acceleration of the deck sup|a_b|, (L1) [m/s²];
-      `peak_velocity_jump`: largest jump of its velocity at an impact max|Δv_b|, (L3) [m/s], an impulse that
-      no peak acceleration contains. Both are None unless requested
+      `peak_velocity_jump`: largest jump of the deck's horizontal velocity at an impact max|Δv_b|, (L3) [m/s],
+      which no peak acceleration contains. Both are None unless requested
     - `peak_friction`: largest friction demand max|T|/N of the joints [–], inf if a joint would open;
       `least_axial_force`, `peak_axial_force`: least and largest N/(m_c g) of the joints [–];
       `peak_foundation_shear`: max|V| divided by the total weight [–]; `peak_impact_friction`: max|J_T|/J_N at
       impacts [–]; `least_impulse_share`: least J_N of a column divided by the mean of all columns [–]. These
-      are None unless requested. Those of joints are of the worst column, at the bottom and the top joint
-      along the last axis
+      answers are None unless requested. All except `peak_foundation_shear` are for the worst column, with the
+      bottom and the top joint along the last axis
     - `margin`: overturning margin [–], NaN unless requested: 1 if the columns never lift, 0 on the
       overturning boundary, and the more negative the faster the columns fall
-    - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s], inf without any.
-      Derivatives of the motion after an impact grow like its inverse
-    - `values`: answers of all outputs by name. Each is also an attribute: `peak.peak_shear` is
+    - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s]; inf if there are
+      none. Derivatives of the motion after an impact grow like 1/|θ̇⁻|
+    - `values`: answers of all outputs by name. Each answer is also an attribute: `peak.peak_shear` is
       `peak.values["peak_shear"]`
     - `on_floors`: answers of light things on the floors, [`rockjax.ContentsAnswer`][] and
       [`rockjax.OscillatorAnswer`][], in the order in which they were given
@@ -117,8 +119,8 @@ class AbstractPeak(Module):
 
     @property
     def joints_closed(self) -> Bool[Array, "*batch"]:
-        """True if no joint would open and the beam would lift off no column at an impact, according to the
-        requested ones of `"axial_force"`, `"impact_friction"` and `"peak_friction"`."""
+        """True if no joint would open and the beam would lift off no column at an impact. Only those of the
+        outputs `"axial_force"`, `"impact_friction"` and `"peak_friction"` are checked that were requested."""
         is_closed = jnp.ones(jnp.shape(self.overturned), bool)
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)
@@ -169,7 +171,7 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
     - `floats`, `integers`: outputs of the lanes by name
     - `options`: options of the scenes
     - `throw`: whether to raise `RuntimeError` for a scene that did not finish
-    - `history`: whether the scenes have a history, which continues to rest
+    - `history`: whether the scenes have a history, so that they continue to rest
     """
     code = integers["code"]
     if throw:
@@ -189,14 +191,15 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
 
 
 def _impacts(floats, integers, options: Options, history: bool):
-    """Return the number of impacts, NaN if the scene ended before it was final.
+    """Return the number of impacts, or NaN if the scene ended before this number was final.
 
-    In a settled scene the number is final if it was requested, if the scene has a history, or if rotation or
-    margin were requested and the columns did not lift: a later uplift would still change these.
+    In a settled scene the number is final if it was requested or the scene has a history. It is also final,
+    0, if rotation or margin were requested and the columns never lifted, since a later uplift would change
+    these.
     """
     flags = integers["code"], integers["impacts"], integers["uplifted"]
     is_traced, is_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
-    # In NumPy, because outside jit every jnp operation compiles separately.
+    # NumPy is used because outside jit every jnp operation compiles separately.
     code, count, uplifted = flags if is_traced else map(np.asarray, flags)
     is_final = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
     if history or "impacts" in options.outputs:
@@ -209,8 +212,7 @@ def _impacts(floats, integers, options: Options, history: bool):
 
 
 def raise_without_answer(code: Array) -> None:
-    """Raise `RuntimeError` with the first scene that did not finish, if there is one and codes are
-    concrete."""
+    """Raise `RuntimeError` about the first scene that did not finish. Traced codes are not checked."""
     codes = concrete(code)
     if codes is None:
         return
@@ -271,8 +273,8 @@ def _until(variable: Variable) -> dict[str, str]:
 def data_variables(
     peaks: Peak, outputs: Sequence[str | AbstractOutput], dims: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return the variables of a dataset of peaks and of things on floors, and sensitivities along `parameter`
-    if there are any.
+    """Return the variables of a dataset: peaks, answers of things on floors, and sensitivities, if there are
+    any, along `parameter`.
 
     - `peaks`, `outputs`: a batch and its requested outputs
     - `dims`: dims of the scenes; empty if the caller adds them
@@ -299,7 +301,7 @@ def own_axis(name: str, dimensions: int, outputs: Sequence[str | AbstractOutput]
     """Return the dim of modes, stories or joints of an answer, or of its error; empty for a scalar answer.
 
     - `name`: name of the variable
-    - `dimensions`: number of dimensions besides those of scenes and parameters, 0 or 1
+    - `dimensions`: number of dimensions without those of scenes and parameters, 0 or 1
     - `outputs`: requested outputs
     """
     if not dimensions:
@@ -309,7 +311,7 @@ def own_axis(name: str, dimensions: int, outputs: Sequence[str | AbstractOutput]
 
 
 def parameter_axis(sensitivities: Sensitivities | None) -> dict[str, Any]:
-    """Return the coordinate of the parameters of sensitivities; empty without sensitivities."""
+    """Return the coordinate `parameter` of sensitivities, or an empty dict if there are no sensitivities."""
     return {} if sensitivities is None else {"parameter": list(sensitivities.parameters)}
 
 
@@ -369,7 +371,7 @@ def _summary(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
 
 
 def _rows_of_joints(peak: AbstractPeak) -> list[tuple[str, str]]:
-    """Return rows of the requested outputs of joints."""
+    """Return rows (label, value) for the requested outputs of joints."""
     requested = [(y, VARIABLES[name][0]) for name, y in peak.values.items() if name in VARIABLES]
     rows = [
         (variable.symbol, f"{_format(value)} ({', '.join(JOINT_NAMES)})")

@@ -63,13 +63,14 @@ class Response(AbstractPeak):
     """Time history of one scene: everything in [`rockjax.Peak`][], and the motion.
 
     `response(t)` returns the state at any times of the scene with the accuracy of the solution, by one step
-    of the method from the preceding node. At an impact it returns the state after it, and with `left=True`
-    the state before it. All methods return NaN for times before the start or after the end of the scene. A
-    rigid podium whose scene has settled stays at rest, so that its history has no end.
+    of the method from the preceding node. At the time of an impact it returns the state after the impact, or
+    with `left=True` the state before. All methods return NaN for times before the start or after the end of
+    the scene. If the scene of a rigid podium has settled, the podium stays at rest, and the history has no
+    end.
 
     - `impact_times`: times of the impacts [s], ascending; padded with NaN under `jit`
     - `times`: nodes of the history [s]; padded with inf under `jit`
-    - `origin`: name, source, factor and seed of a motion that was given as a [`rockjax.Motion`][]
+    - `origin`: name, source, factor and seed of the motion if it was given as a [`rockjax.Motion`][]
     """
 
     impact_times: Float[Array, " impacts"]
@@ -85,27 +86,27 @@ class Response(AbstractPeak):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Start and end of the part to plot (host) [s]. It includes the whole motion if a rigid podium comes
-        to rest earlier."""
+        """Start and end of the part to plot (host) [s]. This part includes the whole ground motion even if a
+        rigid podium comes to rest earlier."""
         start, end = float(np.asarray(self.times)[0]), float(self.stats.end_time)
         if not self.podium.vibrates and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
         return start, end if end > start else start + 1 / float(self.podium.p)
 
     def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
-        """Return the state at times t [s]; with `left=True` before an impact."""
+        """Return the state at times t [s], at an impact after it, or with `left=True` before it."""
         theta, theta_dot, *of_modes = self._values_at(t, "theta", "theta_dot", "u_t", "u_t_dot", left=left)
         return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
     def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the deformation of the superstructure u_t − u_b at times t [s], in m; 0 without an elastic
-        superstructure; u_i − u_b along a last axis for several modes."""
+        """Return the deformation of the superstructure u_t − u_b at times t [s], in m. Several modes are
+        along the last axis. The result is 0 if the superstructure is not elastic."""
         return self._over_modes(*self._values_at(t, "deformation"))
 
     def drift(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
         """Return the drift of each story of a building at times t [s], in m, the lowest first, (C11).
 
-        Raises `ValueError` without stories.
+        Raises `ValueError` if the superstructure is not an elastic `ShearBuilding`.
         """
         self._check_stories("drift")
         return self._values_at(t, "drift")[0]
@@ -113,7 +114,7 @@ class Response(AbstractPeak):
     def floor_acceleration(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
         """Return the absolute horizontal acceleration of each floor at times t [s], in m/s², lowest first.
 
-        Raises `ValueError` without stories.
+        Raises `ValueError` if the superstructure is not an elastic `ShearBuilding`.
         """
         self._check_stories("floor_acceleration")
         return self._values_at(t, "floor_acceleration")[0]
@@ -145,9 +146,9 @@ class Response(AbstractPeak):
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the restoring moment divided by its value at uplift [–], at times t [s].
 
-        In full contact it is −q/q_up ∈ [−1, 1], Eq. (9). While rocking it is the moment of the vertical
-        forces of the ground, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15), and of the
-        restrainers, (C22). Without restrainers and vertical inertia it is about σ − θ/α.
+        In full contact the result is −q/q_up ∈ [−1, 1], Eq. (9). While rocking it is the moment of the
+        foundation's vertical forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15), plus
+        that of the restrainers, (C22). Without restrainers and vertical inertia, it is about σ − θ/α.
         """
         return self._values_at(t, "restoring_moment")[0]
 
@@ -161,11 +162,13 @@ class Response(AbstractPeak):
     ) -> FloorMotion:
         """Return the motion of the deck, of a story, or of a weighted sum of modes, (L1) to (L3).
 
-        - `level`: `"deck"` (the beam), or a story from 1, the lowest; `Elastic` and `Rigid` have one
-        - `weights`: instead of a level, weights W_i of the modes, shape (modes,) [–]; the rest, 1 − ΣW_i,
-          moves with the deck
+        - `level`: `"deck"` (the beam), or the number of a story, from 1, the lowest; `Elastic` and `Rigid`
+          have one story
+        - `weights`: instead of a level, weights W_i of the modes, shape (modes,) [–]; the deck has the weight
+          1 − ΣW_i
 
-        Raises `ValueError` for a level that is not there, and for weights of another length.
+        Raises `ValueError` if the structure does not have the level, or if `weights` does not have one value
+        for each mode.
         """
         row = floor_weights("Response.floor", self.podium, level, weights)
         podium, excitation, nodes, limit, method, rtol = self._scene()
@@ -184,10 +187,10 @@ class Response(AbstractPeak):
 
     def joint_forces(self, t: Float[ArrayLike, "*times"], left: bool = False) -> JointForces:
         """Return the forces in the joints of all columns divided by m_c g, at times t [s], (F3) to (F11);
-        with `left=True` before an impact.
+        at an impact after it, or with `left=True` before it.
 
-        Without an elevation there is one column, the mean column. Forces follow from the motion and do not
-        affect it. They no longer hold after the first time at which a joint pulls or would slide.
+        If no elevation is given, there is one column, the mean column. Forces follow from the motion and do
+        not affect it. They no longer hold after the first time at which a joint pulls or would slide.
         """
         series = self._joint_series(t, left)
         return JointForces(series["joint_shear"], series["joint_axial_force"])
@@ -217,7 +220,7 @@ class Response(AbstractPeak):
     def overturning_moment(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
         """Return the overturning moment on the columns, clockwise, divided by N m_c g [m], (F6).
 
-        Raises `ValueError` without an elevation.
+        Raises `ValueError` if the podium has no elevation.
         """
         if self.podium.elevation is None:
             raise ValueError("Response.overturning_moment: the podium needs an elevation, Elevation(...)")
@@ -242,7 +245,7 @@ class Response(AbstractPeak):
             return {name: _truncate(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in series.items()}
 
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
-        """Return the balance of energy at times t [s], integrated over every step of the history."""
+        """Return the balance of energy at times t [s]. Powers are integrated in every step of the history."""
         t = as_float(t)
         _, energies = self._history(t.ravel(), np.zeros(t.size, bool))
         with nans_allowed():
@@ -250,12 +253,12 @@ class Response(AbstractPeak):
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
         """Return the history as a dataset (host): states, deformation, ground acceleration, mode, restoring
-        moment and energies at times t, by default at 4001 times over `span`.
+        moment and energies at times t, by default at 4001 times from start to end of `span`.
 
-        Answers of [`rockjax.Peak`][] have no dim `time`. Impacts, with the rates of rotation before and after
-        them, have the dim `impact`. Forces in the joints are included if an output of the joints was
-        requested. Every variable has `units` and `long_name`; the attributes contain parameters, tolerances
-        and versions. Raises `ValueError` for times that are not 1-D.
+        Answers of [`rockjax.Peak`][] have no dim `time`. The times of impacts and the rates of rotation
+        before and after impacts have the dim `impact`. Joint forces are included if an output of the joints
+        was requested. Every variable has `units` and `long_name`; the attributes contain parameters,
+        tolerances and versions. Raises `ValueError` for times that are not 1-D.
         """
         if t is None:
             t = np.linspace(*self.span, 4001)
@@ -264,7 +267,7 @@ class Response(AbstractPeak):
             raise ValueError(f"Response.dataset: t must be a 1-D array of times, got shape {t.shape}")
         impact_times = np.asarray(self.impact_times)
         impact_times = impact_times[np.isfinite(impact_times)]
-        # The same call computes the states before impacts.
+        # The states before impacts are computed in the same call.
         times, left = np.append(t, impact_times), np.arange(t.size + impact_times.size) >= t.size
         samples, energies = self._history(times, left)
         before = np.asarray(samples["theta_dot"])[t.size :]
@@ -276,7 +279,7 @@ class Response(AbstractPeak):
         return _dataset(self, t, samples, energies, impacts)
 
     def _values_at(self, t: Float[ArrayLike, "*times"], *names: str, left: bool = False) -> list[Array]:
-        """Return the named quantities at times t. Axes of modes or stories follow those of t."""
+        """Return the named quantities at times t. The axis of modes or stories is the last."""
         t = as_float(t)
         times, flags = history.filled(t.ravel(), np.full(t.size, left))
         quantities = history.quantities_at(self._scene(), times, flags)
@@ -297,7 +300,7 @@ class Response(AbstractPeak):
         return samples, Energies(*terms, initial=initial)
 
     def _scene(self, with_elevation: bool = False) -> history.Solved:
-        # The method of the segments engine may be any Diffrax solver; between its nodes dopri8 is used.
+        # The segments engine may use any Diffrax solver, so between the nodes of its history dopri8 is used.
         explicit = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
@@ -308,8 +311,8 @@ class Response(AbstractPeak):
 
 
 def _truncate(values: Array, count: int) -> Array:
-    """Return the first `count` entries of an array. Concrete arrays use NumPy, because JAX would compile a
-    program for every count."""
+    """Return the first `count` entries of an array. NumPy is used for concrete arrays, because JAX would
+    compile a program for every count."""
     host_values = concrete(values)
     return values[:count] if host_values is None else as_array(host_values[:count])
 
@@ -376,8 +379,7 @@ def _dataset(
 
 
 def with_joints(data: xarray.Dataset, response: Response) -> xarray.Dataset:
-    """Return the dataset of a response, with the forces in the joints at its times and the friction demand at
-    its impacts."""
+    """Add joint forces and the friction demand at impacts to the dataset of a response."""
     series = response._joint_series(data["time"].values, False)
     for name, (unit, description) in joint_forces.SERIES.items():
         if name in series:
@@ -391,7 +393,7 @@ def with_joints(data: xarray.Dataset, response: Response) -> xarray.Dataset:
 
 
 def _dims(name: str, dimensions: int) -> tuple[str, ...]:
-    """Return the dims of a series: time, and modes or stories for a series of two dimensions."""
+    """Return the dims of a series: time, and also modes or stories if the series has two dimensions."""
     if dimensions == 1:
         return ("time",)
     return "time", STORIES if name in ("drift", "floor_acceleration") else MODES

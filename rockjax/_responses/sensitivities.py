@@ -1,4 +1,4 @@
-"""Derivatives of the peaks of scenes with respect to the logarithms of named parameters."""
+"""Derivatives of peaks with respect to the logarithms of named parameters."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ class Sensitivities(Module):
 
     - `parameters`: names of the parameters, along the last axis of the following arrays
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: y ∂(…)/∂y of the answer
-      of this name. It is None for an answer that was not requested or does not exist, and zero for a
-      parameter with the value zero. Axes of modes, stories and joints precede the axis of parameters
+      of this name. The attribute is None if the answer was not requested or does not exist; derivatives with
+      respect to parameters of value zero are zero. Axes of modes, stories and joints precede the axis of
+      parameters
     - `values`: these derivatives by name
     """
 
@@ -46,9 +47,9 @@ class Sensitivities(Module):
 def sensitivities_of(
     floats, names: tuple[str, ...], outputs: Sequence[str | AbstractOutput]
 ) -> Sensitivities | None:
-    """Return the sensitivities of requested peaks; None without parameters.
+    """Return the sensitivities of requested peaks, or None if no parameters are given.
 
-    - `floats`: outputs of the lanes by name
+    - `floats`: outputs of the scenes by name, including derivatives
     - `names`: parameters
     - `outputs`: requested outputs
     """
@@ -59,15 +60,15 @@ def sensitivities_of(
 
 
 def slope_name(answer: str) -> str:
-    """Return the name of the sensitivities of an answer."""
+    """Return the name under which outputs and datasets hold the sensitivities of an answer."""
     return f"{answer}_sensitivity"
 
 
 def scalar_fields(motion: AbstractExcitation) -> dict[str, str]:
     """Return the fields of a motion that hold scalar parameters, by parameter name.
 
-    The fields of a pair of motions start with `horizontal.` or `vertical.`. Parameters of the horizontal
-    motion have no such prefix; those of the vertical motion have the same names as their fields.
+    For a pair of motions, names of fields start with `horizontal.` or `vertical.`. Names of parameters have
+    only the prefix `vertical.`, for the vertical motion.
     """
     if isinstance(motion, GroundMotion):
         components = {part: scalar_fields(getattr(motion, part)) for part in PARTS}
@@ -86,7 +87,8 @@ def _is_float_array(value: Any) -> bool:
 
 
 def with_scalars(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:
-    """Return the motion with other values of scalar parameters, given by field as in `scalar_fields`."""
+    """Return the motion with other values of scalar parameters; `values` has the fields of
+    `scalar_fields`."""
     for path, value in values.items():
         part, _, field = path.rpartition(".")
         if part:
@@ -99,7 +101,7 @@ def with_scalars(motion: AbstractExcitation, values: Mapping[str, Any]) -> Abstr
 def check_sensitivities(
     owner: str, podium: Podium, motion: AbstractExcitation, names: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the names of requested parameters of a structure and a ground motion as a tuple.
+    """Check the names of requested parameters, and return them as a tuple.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `motion`: structure and ground motion of the scenes
@@ -126,7 +128,7 @@ def with_unit_factors(
     - `names`: n parameters, as returned by `check_sensitivities`
     - `factors`: the factors, equal to 1, with respect to which the caller differentiates, (n,)
 
-    Values are unchanged; the result only depends on the factors for differentiation.
+    All values stay exactly the same; only derivatives depend on the factors.
     """
     factor_of = dict(zip(names, factors, strict=True))
     fields = {

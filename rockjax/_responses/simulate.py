@@ -1,4 +1,4 @@
-"""The functions `peak_response` and `simulate`, without and with a history."""
+"""The functions `peak_response` (without a history) and `simulate` (with a history)."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ def peak_response(
     Works under `jit`, `vmap`, `grad`, `jacfwd` and `jvp`, with respect to all arrays in `podium`,
     `excitation`, `initial` and `t_end`. For many scenes on the host see [`rockjax.peak_responses`][].
 
-    - `podium`: a single podium (rows over modes, stories and columns are allowed)
+    - `podium`: a single podium; only modes, stories and columns may have an axis
     - `excitation`: a pulse, a wavelet, a record, a `Motion`, or any other [`rockjax.AbstractExcitation`][]
-    - `initial`: state at the start of the support of the excitation
-    - `t_end`: latest end of the scene [s]; by default the end of the support plus 30/p, or 10 T_s if that is
-      longer
+    - `initial`: state at the start of the excitation's support
+    - `t_end`: latest end of the scene [s]; by default the end of the support plus 30/p or 10 T_s, whichever
+      is longer
     - `options`: accuracy, requested outputs and limits
     - `on_floors`: light things on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][], one or a
       sequence of them; their answers are the field `on_floors` of the result, and nothing else changes
@@ -80,9 +80,9 @@ def simulate(
     - `podium`, `excitation`, `initial`, `t_end`, `options`, `on_floors`: as for [`rockjax.peak_response`][];
       under `jit` the history has a capacity of `options.history` steps, otherwise it grows as needed
 
-    The peaks equal those of `peak_response` within the tolerance, unless rocking is chaotic; the output
-    `"errors"` detects that. Impacts are counted to the end of the history. Estimated errors are those of
-    `peak_response`. Raises the same exceptions as `peak_response`.
+    Peaks and estimated errors equal those of `peak_response` within the tolerance, unless rocking is chaotic,
+    which the output `"errors"` detects. Impacts are counted to the end of the history. Raises the same
+    exceptions as `peak_response`.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
@@ -113,7 +113,7 @@ def simulate(
 
 def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
     """Return the used nodes, and the times of impacts in ascending order. If the number of used nodes is
-    traced, return all nodes, and times padded with NaN."""
+    traced, return all nodes, and impact times padded with NaN."""
     count = concrete(nodes.used)
     if count is None or count.ndim:
         return nodes, jnp.sort(nodes.impact_time)  # NaN last
@@ -121,20 +121,20 @@ def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)):
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         return nodes, jnp.sort(nodes.impact_time)[: int(impacts)]
-    # Concrete values use NumPy: outside jit every jnp operation would compile separately for every length.
+    # NumPy is used because outside jit every jnp operation would compile separately for every length.
     nodes = jax.tree.map(lambda y: as_array(np.asarray(y)[:used]) if jnp.ndim(y) else y, nodes)
     return nodes, as_array(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
 
 
 def _solved(podium, excitation, initial, t_end, options, history):
-    """Return floats and integers by name, and the nodes of a history of the capacity `history`, or None."""
+    """Return floats and integers by name, and the nodes of the history (None if `history` is None)."""
     (floats, smooth), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, history)
     nodes = None if smooth is None else smooth._replace(piece=node_integers[0], used=node_integers[1])
     return floats, integers, nodes
 
 
 def _errors(arguments, floats, integers) -> Errors | None:
-    """Return the estimated errors from a second solution; None unless requested."""
+    """Return the estimated errors from a second solution, or None if they are not requested."""
     podium, excitation, initial, t_end, options = arguments
     if "errors" not in options.outputs:
         return None
@@ -145,7 +145,7 @@ def _errors(arguments, floats, integers) -> Errors | None:
 
 
 def _arguments(owner: str, podium, excitation, initial, t_end, options):
-    """Return the arguments as arrays; check concrete values."""
+    """Convert the arguments to arrays, and check concrete values."""
     check_types(owner, podium, options)
     excitation = as_excitation(owner, excitation)
     initial, t_end = as_start(owner, initial, podium), as_end(owner, t_end)

@@ -1,4 +1,4 @@
-"""Variants of a structure and its ground motion by names of their parameters."""
+"""Variants of a structure and a ground motion, with other values of named parameters."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from rockjax._structures import Podium
 
 from .sensitivities import scalar_fields, with_scalars
 
-_HINTS = {"restitution": "; it varies if the podium has a factor, such as restitution=0.9"}
+_HINTS = {"restitution": "; it can vary only if it is a factor, such as restitution=0.9"}
 _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)
 
 
 def labelled_motion(
     owner: str, excitation: AnyMotions, name: str = "excitation"
 ) -> tuple[AbstractExcitation, np.ndarray | None]:
-    """Return a motion and None, or a batch of motions of shape (k,) and their labels.
+    """Return one motion and None, or a batch of motions of shape (k,) and the labels of the motions.
 
     - `owner`: name of the calling function, for messages
-    - `excitation`: one motion; or several (`Motions`, `Records`, a list), which have labels
+    - `excitation`: one motion, or several (`Motions`, `Records`, a list)
     - `name`: name of the argument, for messages
     """
     if isinstance(excitation, Records) and excitation.which.ndim:
@@ -53,17 +53,18 @@ def labelled_motion(
 
 
 def pick_motions(motions: AbstractExcitation, which: np.ndarray) -> AbstractExcitation:
-    """Return members of a batch of motions of shape (k,) by their indices, of any shape."""
+    """Return the motions with the indices `which`, an array of any shape, from a batch of shape (k,)."""
     if isinstance(motions, Records | RecordPairs):
         return motions.pick(which.astype(np.int32))
-    # In NumPy, because JAX would compile a program for every shape.
+    # NumPy is used because JAX would compile a program for every shape.
     return jax.tree.map(lambda y: as_array(np.asarray(y)[which]), motions)
 
 
 def variable_parameters(podium: Podium, motion: AbstractExcitation, single: bool) -> list[str]:
     """Return the names that `with_parameters` accepts.
 
-    - `podium`, `motion`: of the scenes; `single`: whether `motion` is one motion
+    - `podium`, `motion`: structure and motion or motions of the scenes
+    - `single`: whether `motion` is one motion, not a batch
     """
     pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
     ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
@@ -73,13 +74,13 @@ def variable_parameters(podium: Podium, motion: AbstractExcitation, single: bool
 def check_names(owner: str, argument: str, names: Sequence[str], valid: Sequence[str]) -> None:
     """Raise `ValueError` for a name that is not valid, and for two names of the same quantity.
 
-    - `owner`, `argument`: name of the calling function and of its argument, for messages
+    - `owner`, `argument`: names of the calling function and of the checked argument, for messages
     - `names`, `valid`: the given and the accepted names
     """
     for name in names:
         if name not in valid:
-            near = difflib.get_close_matches(str(name), valid, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else _HINTS.get(name, "")
+            similar = difflib.get_close_matches(str(name), valid, 1)
+            hint = f"; did you mean {similar[0]!r}?" if similar else _HINTS.get(name, "")
             raise ValueError(
                 f"{owner}: {argument} must be some of {', '.join(valid)} for this podium and motion, got "
                 f"{name!r}{hint}"
@@ -96,7 +97,7 @@ def with_parameters(
 
     - `owner`: name of the calling function, for messages
     - `podium`, `motion`: the structure and the motion, or a batch of motions
-    - `values`: arrays that broadcast, by the names of `variable_parameters`
+    - `values`: arrays of shapes that broadcast, by parameter name (see `variable_parameters`)
 
     Raises `ValueError` for values out of range.
     """

@@ -34,9 +34,9 @@ def power(
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities
 
-    Without dampers of the columns, the energy changes between impacts at the difference of both. The power of
-    the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18), with the inertia forces of Eq. (19). The
-    damper of Eq. (22) dissipates 2ζω_s η (u̇_t − u̇_b)².
+    If there are no restrainers that dissipate energy, the rate of the mechanical energy between impacts is
+    the difference of both powers. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18),
+    with w = ½+γ+η. The damper of Eq. (22) dissipates 2ζω_s η (u̇_t − u̇_b)².
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])
     half_and_gamma = 0.5 * c.ground * c.g / c.p**2  # ½+γ
@@ -60,10 +60,10 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities
 
-    In full contact it balances the demand: −q/q_up, Eq. (9). While rocking, the vertical forces of the ground
-    act at the edges and carry the weights and their vertical inertia: (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1)
-    v̈_b/g] with v̈_b of Eq. (15). The centres of the columns rise half as fast as the beam. At uplift
-    both expressions equal σ, since v̈_b = 0. Restrainers add their forces times their levers, (C22).
+    In full contact the moment balances the demand: −q/q_up, Eq. (9). While rocking, the vertical forces of
+    the foundation act at the edges and carry the weights and the vertical inertia forces: (sin ψ/sin α)[1 +
+    (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15), as the centres of the columns rise half as fast as the
+    beam. At uplift both expressions equal σ, since v̈_b = 0. Restrainers add forces times lever arms, (C22).
     """
     s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
@@ -88,7 +88,8 @@ def _with_restrainers(
 ) -> Value:
     """Return the moment of weights and restrainers divided by its value at uplift, (C22).
 
-    `rocking`: moment of the weights divided by its own value at uplift [–]; other arguments as above
+    `rocking` is the moment of the weights divided by their moment at uplift [–]; for the other arguments see
+    `restoring_moment`.
     """
     stretch, lever = elongation(c, sigma, theta)
     rate = lever * theta_dot / c.p
