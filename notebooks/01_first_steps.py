@@ -120,7 +120,8 @@ ax = plots.phase_portrait(data)
 # %%
 ax = plots.moment_rotation(data)
 
-# %% [markdown] The energy input of the ground equals the energy of the structure plus the energy that impacts
+# %% [markdown]
+# The energy input of the ground equals the energy of the structure plus the energy that impacts
 # and damping have dissipated.
 
 # %%

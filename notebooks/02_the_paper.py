@@ -71,8 +71,8 @@ for panel, ax, podium in zip(spectra, axes.flat, podiums, strict=True):
 bar = plots.rotation_bar(axes)
 
 # %% [markdown]
-# Scenes that overturn are blank. Under long pulses, podiums with a flexible building overturn at lower
-# amplitudes, but not at all frequencies.
+# Scenes that overturn are blank. Under most long pulses, podiums with a flexible building
+# overturn at lower amplitudes.
 #
 # ## Least overturning acceleration: Fig. 7 of the paper
 
@@ -89,7 +89,8 @@ for row, (ax, ratio) in enumerate(zip(axes, ratios, strict=True)):
     ax.label_outer()
 legend = axes[0].legend()
 
-# %% [markdown] The curves have steps because of the grid. `rockjax overturning` and the next notebook find
+# %% [markdown]
+# The curves have steps because of the grid. `rockjax overturning` and the next notebook find
 # the exact boundaries.
 #
 # ## First contradiction: Eq. (6) counts the columns twice
@@ -183,9 +184,9 @@ print("its equations, T_p = 0.8 s  ", section_four(frame, 0.8))
 print("the factor of (25) twice    ", section_four(frame.replace(R=frame.R / factor), 1.0))
 
 # %% [markdown]
-# A pulse of 0.8 s would lead to the printed values. The factor $(1+2\gamma)/(1+3\gamma)$ of the equivalent
-# block, applied twice, agrees less with them but better with other remarks of the section. The text does not
-# reveal the reason.
+# A pulse of 0.8 s would lead to the printed values. The factor $(1+2\gamma)/(1+3\gamma)$ of the
+# equivalent block, applied twice, agrees less with them but better with other remarks of the section. The
+# text does not reveal how the printed values were computed.
 #
 # ## Survival is not monotone
 #

@@ -47,7 +47,8 @@ ax = plots.rocking_spectrum(spectrum)
 plots.dimensional_axes(spectrum, ax)
 bar = plots.rotation_bar(ax, pad=0.15)
 
-# %% [markdown] The grid gives the least overturning amplitude with the accuracy of one grid step.
+# %% [markdown]
+# The grid gives the least overturning amplitude with the accuracy of one grid step.
 
 # %%
 least = rj.minimum_overturning(spectrum)
@@ -136,7 +137,8 @@ row, column = np.nonzero(checked.undecided.values)
 ax.plot(x[column], y[row], ".", ms=4, color=plots.COLOURS[1], label="undecided at rtol = 1e-3")
 legend = ax.legend(loc="lower right")
 
-# %% [markdown] With smaller tolerances fewer scenes are undecided. Other tolerances use the same compiled
+# %% [markdown]
+# With smaller tolerances fewer scenes are undecided. Other tolerances use the same compiled
 # program.
 
 # %%

@@ -87,13 +87,15 @@ answer = optimise.design(
 )
 print(answer)
 
-# %% [markdown] A target with a margin of 0 is active. Its shadow price is the decrease of the objective per
+# %% [markdown]
+# A target with a margin of 0 is active. Its shadow price is the decrease of the objective per
 # relative increase of the limit. Filled dots are designs that satisfy the targets; each line is a start.
 
 # %%
 ax = optimise.convergence(answer)
 
-# %% [markdown] The response before and after the design, under the longest pulse.
+# %% [markdown]
+# The response before and after the design, under the longest pulse.
 
 # %%
 figure = optimise.before_after(column.podium(), answer, pulses[2])

@@ -51,7 +51,8 @@ for motion in rj.synthetic_motions(
 suite = rj.read_suite("suite")
 suite
 
-# %% [markdown] The picture shows acceleration and velocity of one motion. The pulse is visible in the
+# %% [markdown]
+# The picture shows acceleration and velocity of one motion. The pulse is visible in the
 # velocity.
 
 # %%
@@ -139,7 +140,8 @@ ax = plots.fragility(fragility)
 for name in fragility.parameter.values:
     print(f"{name:6s} {fragility.median_sensitivity.sel(parameter=name).item():+.3f} % per %")
 
-# %% [markdown] As a check, the next cell computes the median for columns of the same size with an $\alpha$
+# %% [markdown]
+# As a check, the next cell computes the median for columns of the same size with an $\alpha$
 # larger by five per cent:
 
 # %%

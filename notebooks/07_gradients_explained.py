@@ -88,7 +88,8 @@ print(f"by the rule      {rule[0]:10.6f}   {rule[1]:10.6f}")
 print(f"velocity alone   {e * Y[0, 1]:10.6f}   {e * Y[1, 1]:10.6f}")
 assert np.allclose(Y[:, 2], rule, rtol=1e-4)
 
-# %% [markdown] The last printed line only multiplies the derivatives by $e$, and its error is large.
+# %% [markdown]
+# The last printed line only multiplies the derivatives by $e$, and its error is large.
 #
 # The next picture shows the state over time, and its sensitivity, which jumps at every impact. Finite
 # differences agree with it.

@@ -92,7 +92,7 @@ narrowest = optimise.design(frame, {"position_2": (3.0, 20.0)}, spacing, [closed
 narrowest
 
 # %% [markdown]
-# ## Columns sized for rotation, with and without the joints
+# ## Columns sized for rotation, with and without targets on the joints
 #
 # Wider columns rotate less, but they transmit a larger shear, which tends to lift the beam off some columns.
 # So a larger width does not keep the joints closed.
@@ -130,7 +130,7 @@ optimise.design(tight, {"tendon_force": (1e3, 400e3)}, force, [closed], starts=S
 # ## The number of columns and their width
 #
 # Here more columns carry the same weight, and the distance between the outer columns stays the same. The
-# middle columns carry a part of the load but little of the moment, so the core distance becomes smaller.
+# middle columns carry a part of the load but little of the moment, so the joints open at a smaller moment.
 
 # %%
 for count in (2, 3) if REDUCED else (2, 3, 5):
