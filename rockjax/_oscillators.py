@@ -16,7 +16,8 @@ import numpy as np
 
 # Least number of pieces in a period. Longer pieces are divided, so that few of them contain a turning point.
 PIECES_PER_PERIOD = 8
-SERIES_TERMS = 18  # terms of the series of φ_k; on pieces of an eighth of a period they give φ_k to rounding
+SERIES_TERMS = 18  # terms of power series in s = λh; on pieces of an eighth of a period they suffice
+EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
 LANES = 512  # number of oscillators that are computed together
 NEWTON_STEPS = 5  # iterations for a turning point, starting within a quarter of a piece
 TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first one is returned
@@ -149,17 +150,16 @@ def _oscillators(period: np.ndarray, damping: np.ndarray) -> _Oscillators:
     return _Oscillators(omega, damping, omega * (-damping + 1j * np.sqrt(1 - damping**2)))
 
 
-def _integrals(s: np.ndarray, degree: int) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return e^s, and k! φ_{k+1}(s) for k = 0 … degree, (L7). A series gives the φ of the highest index; the
-    others follow from it without cancellation."""
-    phi = np.zeros_like(s)
-    for j in reversed(range(SERIES_TERMS)):
-        phi = phi * s + 1 / math.factorial(j + degree + 1)
-    integrals = [math.factorial(degree) * phi]
-    for k in reversed(range(degree)):
-        phi = 1 / math.factorial(k + 1) + s * phi
-        integrals.append(math.factorial(k) * phi)
-    return 1 + s * phi, integrals[::-1]
+def _series(terms: np.ndarray) -> np.ndarray:
+    """Return coefficients d_j with Σ c_k k! φ_{k+1}(s) = Σ d_j s^j, (L7), for j < `SERIES_TERMS`.
+
+    - `terms`: coefficients c_k of n accelerations, shape (n, m+1); the result has shape (n, `SERIES_TERMS`)
+    """
+    factorials = [math.factorial(k) for k in range(terms.shape[1] + SERIES_TERMS)]
+    weights = [
+        [factorials[k] / factorials[j + k + 1] for j in range(SERIES_TERMS)] for k in range(terms.shape[1])
+    ]
+    return terms @ np.array(weights)
 
 
 class _States(NamedTuple):
@@ -183,30 +183,25 @@ class _States(NamedTuple):
 
 
 def _states(load: Load, pole: np.ndarray) -> _States:
-    """Return the states of oscillators that start from rest. Pieces of equal length share their integrals."""
-    grid = 1e-13 * load.length.max()
-    lengths, length_index = np.unique(np.round(load.length / grid), return_inverse=True)
-    lengths = (grid * lengths)[:, None]
-    decay, integrals = _integrals(pole * lengths, load.terms.shape[1] - 1)
-    weights = np.stack(integrals, axis=1) * -lengths[..., None]
-    starts = np.empty((length_index.size + 1, pole.size), complex)
-    forced = starts[1:].view(float)  # real and imaginary parts
-    order = np.argsort(length_index, kind="stable")
-    ends = np.cumsum(np.bincount(length_index))
-    for weight, begin, end in zip(weights.view(float), [0, *ends[:-1]], ends, strict=True):
-        rows = slice(None) if end - begin == length_index.size else order[begin:end]
-        forced[rows] = load.terms[rows] @ weight
+    """Return the states of oscillators that start from rest. In the series of (L7), s^j is a power of λ times
+    the longest piece and a power of the ratio of the piece to the longest one."""
+    longest, degrees = load.length.max(), np.arange(SERIES_TERMS)
+    powers = ((pole * longest) ** degrees[:, None]).view(float)  # real and imaginary parts
+    ratio = np.round(load.length / longest, 13)
+    starts = np.zeros((ratio.size + 1, pole.size), complex)
+    forced = -load.length[:, None] * ratio[:, None] ** degrees * _series(load.terms)
+    np.matmul(forced, powers, out=starts[1:].view(float))
+    ratios, length_index = np.unique(ratio, return_inverse=True)
+    decay = (ratios[:, None] ** degrees * EXPONENTIAL @ powers).view(complex)
     kicks = np.flatnonzero((load.kick != 0) | (load.shift != 0))
     jumps = dict(zip(kicks.tolist(), load.kick[kicks, None] - pole * load.shift[kicks, None], strict=True))
-    before, z, decayed = [], np.zeros(pole.size, complex), np.empty(pole.size, complex)
-    starts[0] = 0
+    before, decayed = [], np.empty(pole.size, complex)
     for k, row in enumerate(length_index.tolist()):
         if k in jumps:
             before.append(starts[k].copy())
             starts[k] -= jumps[k]
-        z = starts[k + 1]
         np.multiply(decay[row], starts[k], out=decayed)
-        z += decayed
+        starts[k + 1] += decayed
     return _States(starts, kicks, np.array(before).reshape(kicks.size, pole.size))
 
 
@@ -225,15 +220,22 @@ class _Pairs(NamedTuple):
 
     def state(self, fraction: np.ndarray) -> np.ndarray:
         """Return z at a fraction τ/h of each piece, in [0, 1]."""
-        decay, integrals = _integrals(self.pole * self.length * fraction, self.terms.shape[1] - 1)
-        load = sum(self.terms[:, k] * fraction**k * y for k, y in enumerate(integrals))
-        return decay * self.z - self.length * fraction * load
+        s = self.pole * self.length * fraction
+        powers = np.vander(fraction, self.terms.shape[1], increasing=True)
+        forced = (self.length * fraction)[:, None] * _series(self.terms * powers)
+        terms = EXPONENTIAL[:, None] * self.z - forced.T
+        z = terms[-1]
+        for term in terms[-2::-1]:
+            z *= s
+            z += term
+        return z
 
     def value_and_rates(self, fraction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return q and its first two derivatives with respect to τ/h, at a fraction τ/h of each piece."""
-        z, powers = self.state(fraction), range(self.terms.shape[1])
-        a = sum(self.terms[:, k] * fraction**k for k in powers)
-        slope = sum((k * self.terms[:, k] * fraction ** (k - 1) for k in powers[1:]), 0.0 * a) / self.length
+        z, degrees = self.state(fraction), np.arange(self.terms.shape[1])
+        powers = np.vander(fraction, degrees.size, increasing=True)
+        a = (self.terms * powers).sum(axis=1)
+        slope = (self.terms[:, 1:] * degrees[1:] * powers[:, :-1]).sum(axis=1) / self.length
         rate = self.pole * z - a
         second = self.pole * rate - slope
         h = self.length
@@ -248,7 +250,9 @@ def _turns(pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
     """Return the indices of pairs whose answer has a turning point, and its fraction τ/h. Each quarter of a
     piece is searched once, where the rate of the answer changes its sign."""
     quarters = np.linspace(0.0, 1.0, 5)
-    rates = np.array([pairs.value_and_rates(np.full(pairs.length.shape, y))[1] for y in quarters])
+    tiled = pairs.select(np.tile(np.arange(pairs.length.size), quarters.size))
+    fractions = np.repeat(quarters, pairs.length.size)
+    rates = tiled.value_and_rates(fractions)[1].reshape(quarters.size, -1)
     quarter, which = np.nonzero(rates[:-1] * rates[1:] < 0)
     turning, sign = pairs.select(which), np.sign(rates[quarter, which])
     low, high = quarters[quarter], quarters[quarter + 1]
@@ -290,8 +294,8 @@ def _search(load: Load, oscillators: _Oscillators, answer: np.ndarray, states: _
     steepest = ((sizes @ np.arange(sizes.shape[1])) * h).max() * np.abs(np.real(answer))
     room = 8 * np.maximum(1 - 2 * oscillators.zeta * omega * h.max(), 0.2)
     least = (best - (largest_load + steepest) / room) / (1 + (omega * h.max()) ** 2 / room)
-    size[0, :] = np.inf  # the first piece is always searched
-    points, lanes = np.nonzero((size >= least) & ((best > 0) | np.isinf(size)))
+    size[0, :] = np.inf  # the first piece is always searched, and only it if all states are zero
+    points, lanes = np.divmod(np.flatnonzero(size >= np.where(best > 0, least, np.inf)), omega.size)
     kick, kick_lanes = np.nonzero(before >= least)
     ends = states.kicks[kick] - 1
     piece, lane = np.concatenate([points, points - 1, ends]), np.concatenate([lanes, lanes, kick_lanes])
