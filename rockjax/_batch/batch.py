@@ -1,9 +1,8 @@
 """Batches of scenes, solved in lanes.
 
-A lane holds one scene at a time. All lanes of a program make their trial steps together, and a lane takes
-the next scene when its scene has ended. A thread per core has `LANES` lanes and continues from one chunk
-of scenes to the next, without waiting for scenes that are still running. Each accelerator has thousands
-of lanes.
+A lane holds one scene at a time, and takes the next scene when this scene has ended. All lanes of a program
+make trial steps together. One thread for each core has `LANES` lanes and continues from one chunk of scenes
+to the next, without waiting for scenes that are still running. Each accelerator has thousands of lanes.
 """
 
 from __future__ import annotations
@@ -41,17 +40,15 @@ from .executors import AbstractExecutor, executor_for
 from .on_floors import answers_on_floors
 from .scenes import NO_SCENES, SceneBatch, SceneIndices, broadcast
 
-# Number of lanes per core: they fill the vector unit, and their data fit into the first-level cache.
+# Number of lanes per core. They fill the vector unit, and their data fit into the first-level cache.
 LANES = 32
-CHUNK = 1024  # number of scenes in a chunk, which are prepared together
-QUICK = 5  # another thread is used only if there are this many quick scenes per lane
+CHUNK = 1024  # number of scenes that are prepared together
+QUICK = 5  # a thread is added only for this many quick scenes per lane
 
-# An accelerator has far more units than a core has vector lanes. These values are estimates.
-# Least and largest number of lanes. A number below 1024 would need further programs.
-ACCELERATOR_LANES = (1024, 32768)
+# Estimated values for accelerators, which have far more units than a core has vector lanes.
+ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes; fewer lanes would need more programs
 ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
-# Limit of the size of an array of all lanes. Scenes with many samples get fewer lanes.
-ACCELERATOR_VALUES = 2**26
+ACCELERATOR_VALUES = 2**26  # largest size of an array of all lanes; scenes with many samples get fewer lanes
 
 _REPORTING = threading.Lock()  # concurrent batches may share one progress bar
 
@@ -72,14 +69,13 @@ def peak_responses(
     """Compute peak responses of a batch of scenes, in parallel on all cores or devices (host).
 
     Every parameter of `podiums`, `excitations`, `initial` and `t_end` may be an array. The arrays
-    broadcast to the shape of the batch; the last axis of a `Record`'s samples does not count, as it is
-    one record. `Motions`, and lists of records or of pulses of one class, are a batch of shape (k,).
+    broadcast to the shape of the batch, except for the axis of a `Record`'s samples. `Motions`, and lists
+    of records or of pulses of one class, are a batch of shape (k,).
 
-    Returns a [`rockjax.Peak`][] of NumPy arrays of the shape of the batch. If a scene does not finish,
-    its `result` is the reason, and a `RuntimeWarning` counts these scenes; the other scenes are not
+    Returns a [`rockjax.Peak`][] of NumPy arrays that begin with the shape of the batch. If a scene does not
+    finish, `result` contains the reason, a `RuntimeWarning` counts these scenes, and other scenes are not
     affected. Ctrl-C raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so
-    far. It takes effect after the present chunks of scenes, and does not wait for the last scenes of a
-    batch.
+    far, once the chunks of scenes that are being solved have ended.
 
     - `podiums`: the structures
     - `excitations`: the ground motions
@@ -91,12 +87,12 @@ def peak_responses(
       computed, with the other parameters held constant: parameters of the podiums as in [`rockjax.grid`][]
       (`"alpha"`, `"R"`, `"gamma"`, `"T_s"`, …), parameters of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and
       `"scale"`, a factor on any motion. The derivatives are the field `sensitivities` of the result
-    - `devices`: JAX devices of one platform, which share the scenes and are served by one host thread. By
-      default all accelerators; without accelerators, threads on the CPU
-    - `threads`: number of threads on a CPU, ≥ 1; by default one for each core that this process may use.
-      It excludes `devices`
-    - `on_floors`: light things on the floors of every scene, as for [`rockjax.peak_response`][]; they have no
-      `sensitivities`
+    - `devices`: JAX devices of one platform, which share the scenes and are served by one host thread; by
+      default all accelerators, or threads on the CPU if there are none
+    - `threads`: number of threads on a CPU, ≥ 1, only without `devices`; by default one for each core that
+      this process may use
+    - `on_floors`: light things on the floors of every scene, as for [`rockjax.peak_response`][]; their
+      answers have no sensitivities
 
     Raises `ValueError` for invalid inputs, and for `options.engine` other than `"flat"`.
     """
@@ -150,7 +146,7 @@ def responses(
       `sensitivities`, `on_floors`: as in `peak_responses`
     - `stop`: event that stops the batch once it is set
 
-    Raises [`rockjax.Interrupted`][] with the answers so far if it is stopped, and `ValueError` for
+    Raises [`rockjax.Interrupted`][] with the answers so far if `stop` is set, and `ValueError` for
     invalid inputs.
     """
     check_types("peak_responses", podiums, options, "podiums")
@@ -190,13 +186,11 @@ def responses(
         message = f"stopped with {scenes.total - unsolved} of {scenes.total} scenes solved"
         fields = peak_fields(floats, integers, options)
         raise Interrupted(message, Peak(**fields, errors=estimates, sensitivities=slopes))
-    found = (
-        answers_on_floors(scenes, shape, options, things, progress, stop, lane_executor.hosts)
-        if things
-        else ()
-    )
+    floor_answers = ()
+    if things:
+        floor_answers = answers_on_floors(scenes, shape, options, things, progress, stop, lane_executor.hosts)
     fields = peak_fields(floats, integers, options)
-    return Peak(**fields, errors=estimates, sensitivities=slopes, on_floors=found)
+    return Peak(**fields, errors=estimates, sensitivities=slopes, on_floors=floor_answers)
 
 
 def bare_responses(
@@ -209,7 +203,7 @@ def bare_responses(
     - `progress`: as in `peak_responses`
     - `edge_distance`: True if the floats include the `edge_distance` of each scene
 
-    Raises [`rockjax.Interrupted`][] without answers if it is stopped.
+    Raises [`rockjax.Interrupted`][] without answers if Ctrl-C stops the batch.
     """
     check_range("peak_responses", podiums, excitations, None, options)
     scenes, _ = broadcast("peak_responses", podiums, excitations, REST, None)
@@ -224,7 +218,7 @@ def bare_responses(
 
 
 class Tally(NamedTuple):
-    """Utilisation of the lanes, for measurements."""
+    """Numbers of trials, to measure how well the lanes are used."""
 
     useful: int  # number of trials that advanced a scene
     possible: int  # number of trials that the lanes could have made
@@ -239,20 +233,20 @@ def run_batch(
     sensitivities: tuple[str, ...] = (),
     edge_distance: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
-    """Solve a batch. Return the floats and integers of every scene by name, and the utilisation of the lanes.
+    """Solve a batch. Return floats by name, integers by name, with a row for each scene, and the `Tally`.
 
     - `scenes`: the batch
     - `options`: options of the solver
     - `progress`: as in `peak_responses`
-    - `stop`: event that stops the batch; Ctrl-C sets it as well. No further chunk is started then, and
-      unfinished scenes have the code INTERRUPTED. If it is None, Ctrl-C raises `KeyboardInterrupt`
+    - `stop`: event that stops the batch, also set by Ctrl-C. No further chunk is started then, and unfinished
+      scenes have the code INTERRUPTED. If `stop` is None, Ctrl-C raises `KeyboardInterrupt`
     - `executor`: executor of the lanes; by default all cores or accelerators
-    - `sensitivities`: parameters for derivatives with respect to their logarithms, which the floats
-      contain with the parameters along the last axis
+    - `sensitivities`: parameters. The floats include derivatives with respect to their logarithms, with the
+      parameters along the last axis
     - `edge_distance`: True if the floats include the edge distance; then `sensitivities` must be `("scale",)`
     """
     executor = executor_for("run_batch") if executor is None else executor
-    # All values in the options get the same type, so that one program serves all tolerances.
+    # All values in the options are converted to the same type, so that one program serves all tolerances.
     options = jax.tree.map(lambda y: np.asarray(y, float_type()), options)
     options = as_compiled(scenes.podium, options)
     lane_layout = layout(scenes, executor, sensitivities)._replace(edge_distance=edge_distance)
@@ -266,8 +260,8 @@ def run_batch(
         lanes = idle
         while not stopped.is_set():
             if executor.hosts > 1 and len(todo) < 2 * executor.hosts:
-                # Calls return before their work is done. Without waiting, one thread would take the last
-                # chunks although others are idle.
+                # JAX returns before the lanes have advanced. Without waiting, one thread would take several
+                # of the last chunks although other threads are idle.
                 jax.block_until_ready(lanes)
             with lock:
                 indices = todo.popleft() if todo else NO_SCENES
@@ -281,9 +275,9 @@ def run_batch(
     def work() -> None:
         # The answers of a chunk are stored while the lanes already solve the next chunk.
         for done, _ in itertools.pairwise(itertools.chain(solve_chunks(), [None])):
-            number = answers.store(cast(Done, done))
+            stored_count = answers.store(cast(Done, done))
             with _REPORTING:
-                bar.update(number)
+                bar.update(stored_count)
 
     from rockjax._progress import bar as bar_of
 
@@ -295,7 +289,7 @@ def run_batch(
 
 
 class _Answers:
-    """Answers of a batch so far, from all threads; unfinished scenes have the code INTERRUPTED.
+    """Answers that all threads have computed so far. Unfinished scenes have the code INTERRUPTED.
 
     - `scenes`: the batch
     - `lanes`: number of lanes of each device
@@ -313,7 +307,7 @@ class _Answers:
         """Store the scenes that have ended and return their number."""
         done = jax.tree.map(np.asarray, done)
         used = np.reshape(done.used, (-1, 1))
-        # The rows of several devices follow each other; the first `used` rows of each device are valid.
+        # The first `used` rows of each device are valid. The rows of the devices follow one another.
         has_devices = used.size > 1
         rows = (
             (np.arange(done.scene_index.size // used.size) < used).ravel()
@@ -341,7 +335,7 @@ class _Answers:
         return index.size
 
     def close(self) -> None:
-        """Ignore further answers. If Ctrl-C comes while threads start, a thread may still be running."""
+        """Ignore further answers, because a thread may still run if Ctrl-C came while threads started."""
         with self._lock:
             self._closed = True
 
@@ -349,10 +343,10 @@ class _Answers:
 def _chunks(
     scenes: SceneBatch, lane_layout: LaneLayout, executor: AbstractExecutor
 ) -> Iterator[SceneIndices]:
-    """Yield the chunks of a batch. Successive scenes belong to different chunks: neighbours take about
-    the same time, so all threads end at about the same time."""
-    # Fewer scenes than lanes take as long as one scene per lane, and to start a thread takes longer than
-    # a few scenes.
+    """Yield the chunks of a batch. Successive scenes, which take about the same time, belong to different
+    chunks, so that all threads end at about the same time."""
+    # A thread needs at least one scene per lane to be worthwhile, and more if scenes are quick, because
+    # starting a thread takes longer than a few quick scenes.
     scenes_per_host = lane_layout.lanes * executor.devices * (QUICK if scenes.is_quick else 1)
     hosts = min(executor.hosts, -(-scenes.total // scenes_per_host))
     group = lane_layout.size * executor.devices * hosts
@@ -366,7 +360,7 @@ def _chunks(
 def layout(scenes: SceneBatch, executor: AbstractExecutor, sensitivities: tuple[str, ...] = ()) -> LaneLayout:
     """Return the layout of the lanes on a device.
 
-    - `scenes`, `executor`: the batch, and the executor of its lanes
+    - `scenes`, `executor`: the batch, and the executor that advances the lanes
     - `sensitivities`: parameters for derivatives with respect to their logarithms
     """
     refill = not scenes.is_wide

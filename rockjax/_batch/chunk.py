@@ -1,8 +1,8 @@
 """Preparation of a chunk of scenes for the lanes, and the step of a lane.
 
-With sensitivities, every quantity of scenes and states that depends on the parameters has a second array
-with its derivatives, called slopes, with a row for each parameter. Functions of scene and state are
-evaluated together with the slopes of their results (`pushed`), by the same rules as for a single scene.
+If sensitivities are requested, every quantity of scenes and states that depends on the parameters has a
+second array with the derivatives, called slopes, with a row for each parameter. Functions of scene and state
+are evaluated together with the slopes of the results (`pushed`), by the same rules as for a single scene.
 """
 
 from __future__ import annotations
@@ -30,22 +30,16 @@ from rockjax._types import Flag
 class LaneLayout(NamedTuple):
     """Static choices of a program for lanes, besides the options."""
 
-    axes: tuple[
-        int | None, ...
-    ]  # for each leaf of a chunk: 0 if it has a row for each scene, None if it is common
+    axes: tuple[int | None, ...]  # for each leaf of a chunk, 0 if scenes have different rows, else None
     structure: Any  # tree structure of (podium, excitation, initial, t_end)
     lanes: int  # number of lanes
     size: int  # number of scenes in a chunk, a multiple of the lanes
-    # True if lanes take further scenes. Otherwise a chunk has one scene for each lane, and ends when all
-    # have ended.
-    refill: bool
+    refill: bool  # True if lanes take further scenes, False if a chunk has one scene for each lane
     sensitivities: tuple[str, ...] = ()  # parameters for derivatives with respect to their logarithms
-    edge_distance: bool = (
-        False  # True if the edge distance is requested; the only parameter is then the scale
-    )
+    edge_distance: bool = False  # True if edge distances are requested; then `sensitivities` is (SCALE,)
 
     def plan(self, leaves, options: Options) -> Plan:
-        """Return the choices made before tracing, from the leaves of a chunk."""
+        """Return the plan for scenes with the leaves of a chunk."""
         podium = jax.tree.unflatten(self.structure, leaves)[0]
         return plan_for(
             podium, options, history=False, extra_outputs=(TurningPoints(),) if self.edge_distance else ()
@@ -55,22 +49,20 @@ class LaneLayout(NamedTuple):
 class LaneDerivatives(NamedTuple):
     """Derivatives of the scenes and states of lanes, with a row for each parameter."""
 
-    parts: list[
-        Any
-    ]  # derivatives of the leaves of `Scene` that differ; None if they do not depend on parameters
+    parts: list[Any]  # derivatives of `Chunk.parts` in the lanes; None for leaves without derivatives
     lane: dict[str, Any]  # derivatives of the `differentiated_fields` of a `LoopState`
 
 
 def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
-    """Return whether a lane has trials to make. A rigid podium in full contact makes none: it goes to its
-    next uplift at the next exchange."""
+    """Return whether a lane has trials to make. A rigid podium in full contact makes none, but goes to the
+    next uplift when scenes are exchanged."""
     goes_on = is_running(lane, options.max_steps)
     return goes_on if plan.follows_contact else goes_on & (lane.sigma != 0)
 
 
 def automaton(plan: Plan, options: Options):
-    """Return two functions (scene, state) ↦ state: a trial, and the step of a rigid podium in full
-    contact to its next uplift. States to which they do not apply stay as they are."""
+    """Return two functions (scene, state) ↦ state. The first makes a trial; the second advances a rigid
+    podium in full contact to the next uplift. States to which a function does not apply stay as they are."""
 
     def try_step(scene: Scene, lane: LoopState) -> LoopState:
         goes_on = barrier(makes_trials(plan, options, lane))
@@ -96,18 +88,18 @@ class _ChunkDerivatives(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Prepared scenes. Quantities that differ between scenes have a row for each scene; common ones are
-    stored once."""
+    """Prepared scenes. Quantities that differ between scenes have a row for each scene; quantities that all
+    scenes share are stored once."""
 
     parts: list[Any]  # leaves of `Scene` that differ
-    common: list[Any]  # leaves of `Scene` that are common; None for leaves that differ
+    common: list[Any]  # leaves of `Scene` that all scenes share; None for leaves that differ
     structure: Any  # tree structure of `Scene`
     lane: LoopState  # states at the start
     lane_differs: Any  # for each leaf of `lane`, whether it differs between scenes
-    slopes: _ChunkDerivatives | None  # None without sensitivities
+    slopes: _ChunkDerivatives | None  # None if no sensitivities are requested
 
     def starts(self, lanes: int) -> tuple[LoopState, LaneDerivatives | None]:
-        """Return the initial states of the first scenes, one for each lane, and their derivatives."""
+        """Return the states of the first `lanes` scenes at the start, and the derivatives of the scenes."""
 
         def start(y, differs):
             return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
@@ -131,7 +123,7 @@ class Chunk(NamedTuple):
 
         - `function`: (scene, state) ↦ (floats, rest)
         - `parts`, `lane`: leaves of the scenes that differ, and states, with a row for each lane
-        - `slopes`: derivatives of both; None without sensitivities, and then the returned slopes are None
+        - `slopes`: derivatives of both; if None, the returned slopes are None, too
         - `loops`: True if the function contains loops, see `pushed`
         """
 
@@ -147,16 +139,16 @@ class Chunk(NamedTuple):
             return floats, None, rest
         lane_slopes = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
         all_slopes = slopes.parts, self.slopes.common, lane_slopes
-        # A single row of derivatives shares no work with other rows, and the form for loops compiles faster.
+        # The form for loops compiles faster. It shares no work between rows, but here there is only one row.
         is_single = slopes.lane["event_time"].shape[0] == 1
         return pushed(every, (parts, self.common, lane), all_slopes, loops=loops or is_single)
 
 
 def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
-    """Return the prepared scenes of a chunk, with their states at the start.
+    """Prepare the scenes of a chunk.
 
-    - `leaves`: leaves of the scenes' arguments, with a row for each scene if their entry in `layout.axes`
-      is 0
+    - `leaves`: leaves of the scenes' arguments; a leaf with the entry 0 in `layout.axes` has a row for each
+      scene
     - `layout`: layout of the lanes
     - `options`: options of the solver
     """
@@ -205,10 +197,10 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
 
 
 def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int | None, ...]]:
-    """Return the leaves of a chunk, with a separate initial state for each scene, and their axes.
+    """Return the leaves of a chunk, with a separate initial state for each scene, and the axes of the leaves.
 
-    Derivatives of an initial state differ between scenes. If all scenes shared its value, value and
-    derivative of `restart` would have different shapes.
+    Derivatives of an initial state differ between scenes. If all scenes shared one initial state, the value
+    and the derivative of `restart` would have different shapes.
     """
     _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
     positions = jax.tree.leaves(initial)
@@ -234,8 +226,8 @@ def prepare_in_blocks(leaves, layout: LaneLayout, options: Options, count) -> Ch
         ]
         return prepare_chunk(block, layout._replace(size=lanes), options)
 
-    # If there are several blocks, only the common quantities of the first one are used: the loop below
-    # prepares the scenes of all blocks.
+    # If there are several blocks, only quantities that all scenes share are taken from this first block. The
+    # loop below prepares the scenes of all blocks.
     first_block = prepare_block(0)
     if layout.size == lanes:
         return first_block
@@ -254,8 +246,8 @@ def prepare_in_blocks(leaves, layout: LaneLayout, options: Options, count) -> Ch
 
 
 def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chunk]]:
-    """Return all arrays of a chunk that have a row for each scene, the axes of these rows, and the
-    function that returns the chunk with other such arrays."""
+    """Return all arrays of a chunk that have a row for each scene, the axis of the scenes in each array, and
+    a function that puts other such arrays into the chunk."""
     lane, lane_structure = jax.tree.flatten(chunk.lane)
     differs = jax.tree.leaves(chunk.lane_differs)
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.parts, chunk.slopes.lane))
@@ -279,8 +271,8 @@ def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[
 
 
 def _differing(function, axes, leaves):
-    """Return whether each output of a function differs between scenes if the function is vmapped over
-    `axes`."""
+    """Return, for each output of a function, whether it differs between scenes under `vmap` with these
+    axes."""
     flags: list[Any] = []
 
     @custom_vmap

@@ -1,11 +1,11 @@
-"""Edge distance of a scene: the estimated change of the scale of its motion, in ln s, at which it could
-overturn.
+"""Edge distance of a scene: the estimated change of ln s at which the scene could overturn, where s is the
+scale of the ground motion.
 
-Every turning point of a scene depends on the scale s of its motion. Extrapolated with its derivative, its
-overturning margin M vanishes at a distance M/|∂M/∂ ln s|. If its angular deceleration vanishes, it is no
-longer a turning point, and a different motion follows. The edge distance is the least of these distances
-over all turning points. Turning points with small rotations are left out, because their derivatives grow
-without bound while the columns bounce, and are not informative.
+At every turning point, the overturning margin M and the angular deceleration depend on s. Extrapolated
+linearly, M vanishes at the distance M/|∂M/∂ ln s|, and the scene would overturn. Where the deceleration
+vanishes, the turning point disappears, and a different motion follows. The edge distance is the least of
+these distances in the scene. Turning points with small rotations do not count, because the derivatives grow
+without bound while the columns bounce.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def least_edge_distance(distance: Array, lane: LoopState, slopes: dict[str, Any]
 
 
 def _distance(value: Array, slope: Array, is_counted: Array) -> Array:
-    """Return the distance to the zero of a straight line; inf for values that do not count."""
+    """Return the distance at which a straight line reaches zero, or inf unless `is_counted`."""
     steepness = jnp.abs(slope)
     has_zero = is_counted & (steepness > 0)
     return jnp.where(has_zero, jnp.maximum(value, 0.0) / jnp.where(has_zero, steepness, 1.0), jnp.inf)

@@ -1,9 +1,8 @@
-"""Exchange of finished scenes: lanes write their answers and take the next scenes.
+"""Exchange of finished scenes: lanes store answers and load the next scenes.
 
-A lane holds one scene at a time; all lanes make a trial step together. To serve a lane is to store the
-answers of its finished scene and to load the next one. The few lanes of a CPU are served one after
-another, so that only changed rows are copied, and the loop over a chunk of scenes compiles to one
-function of machine code. The thousands of lanes of an accelerator are served in parallel.
+To serve a lane means to store the answers of the finished scene and to load the next scene. The few lanes of
+a CPU are served one after another, so that only changed rows are copied, and the loop over a chunk of scenes
+compiles to one function of machine code. The thousands of lanes of an accelerator are served in parallel.
 """
 
 from __future__ import annotations
@@ -28,19 +27,20 @@ class Lanes(NamedTuple):
     lane: LoopState  # states, with a row for each lane
     parts: list[Any]  # leaves of `Scene` that differ between scenes, with a row for each lane
     scene_index: jax.Array  # index of the lane's scene in the batch; −1 for a lane without a scene
-    slopes: LaneDerivatives | None = None  # derivatives; None without sensitivities
+    slopes: LaneDerivatives | None = None  # derivatives; None if no sensitivities are requested
     edge_distance: jax.Array | None = None  # edge distance of each scene so far; None if not requested
 
 
 class Done(NamedTuple):
-    """Scenes that have ended, in the order of their ends; the first `used` rows are valid."""
+    """Answers of scenes that have ended, in the order in which they ended; the first `used` rows are
+    valid."""
 
     scene_index: jax.Array  # indices of the scenes in the batch
     floats: dict[str, jax.Array]  # floating-point answers
     integers: dict[str, jax.Array]  # answers that are integers or flags
-    used: jax.Array  # number of scenes
-    trials: jax.Array  # number of trials of each lane
-    useful: jax.Array  # number of trials that advanced a scene, of all lanes together
+    used: jax.Array  # number of scenes that have ended
+    trials: jax.Array  # number of trials that each lane has made
+    useful: jax.Array  # number of trials in all lanes that advanced a scene
     left: jax.Array  # number of lanes that still hold a scene
 
 
@@ -65,7 +65,7 @@ def empty_storage(rows: int, answers: Answers, index_type: Any) -> Done:
 def exchange_scenes(
     chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
-    """Serve all lanes whose scene has ended, and lanes without a scene.
+    """Serve all lanes whose scene has ended and, while scenes remain, lanes without a scene.
 
     - `chunk`, `indices`: the chunk of scenes, and their indices in the batch
     - `loop`: state of the loop
@@ -139,11 +139,11 @@ def _in_parallel(
 
 
 def _load_scenes(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
-    """Return the lanes with their next scenes.
+    """Return the lanes with the next scenes.
 
     - `chunk`, `state`: the chunk of scenes, and the lanes
-    - `load`: (stored, differs, current, axis) ↦ new values of one array of the lanes. `stored` are its
-      values in the chunk, with a row for each scene if `differs`, and `current` its present values
+    - `load`: (stored, differs, current, axis) ↦ new values of one array of the lanes. `stored` are the values
+      of this array in the chunk, with a row for each scene if `differs`, and `current` those in the lanes
     - `refill`: True if lanes take further scenes
     """
 
@@ -170,8 +170,8 @@ def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: An
     All lanes are written, first the lanes that have ended. Rows of the other lanes are overwritten later,
     or not used.
     """
-    lanes, number = jnp.arange(ended.size), jnp.cumsum(ended)
-    position = jnp.where(ended, number - 1, ended.size)
+    lanes, ended_count = jnp.arange(ended.size), jnp.cumsum(ended)
+    position = jnp.where(ended, ended_count - 1, ended.size)
     ended_first = jnp.zeros_like(lanes).at[position].set(lanes, mode="drop")
 
     def write(stores, values):
@@ -181,16 +181,16 @@ def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: An
             values,
         )
 
-    return _store_answers(done, write, scene_index, answers, number[-1])
+    return _store_answers(done, write, scene_index, answers, ended_count[-1])
 
 
-def _store_answers(done: Done, write, scene_index: jax.Array, answers: Answers, number: jax.Array) -> Done:
-    """Store the answers of `number` scenes with the function `write`, (stores, values of the lanes) ↦
+def _store_answers(done: Done, write, scene_index: jax.Array, answers: Answers, count: jax.Array) -> Done:
+    """Store the answers of `count` scenes with the function `write`, (stores, values of the lanes) ↦
     stores."""
     floats, integers = answers
     return done._replace(
         scene_index=write(done.scene_index, scene_index),
         floats=write(done.floats, floats),
         integers=write(done.integers, integers),
-        used=done.used + number.astype(done.used.dtype),
+        used=done.used + count.astype(done.used.dtype),
     )

@@ -1,4 +1,4 @@
-"""Executors: they advance the lanes of a batch by one host thread per core, or by one thread for several
+"""Executors, which advance the lanes of a batch with one host thread per core, or with one thread for several
 devices."""
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from .scenes import SceneBatch, SceneIndices
 # (lanes, indices of the next scenes, whether no scenes follow) ↦ (lanes, scenes that have ended)
 Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, Done]]
 
-# Limit of trials in one call for the last scenes of a batch. Ctrl-C acts between calls, so a call must be
-# short.
+# Limit of trials in one call for the last scenes of a batch. A call must be short, because Ctrl-C takes
+# effect between calls.
 MANY_TRIALS = 30_000
 ALL_TRIALS = np.iinfo(np.int32).max
 
@@ -47,9 +47,9 @@ class AbstractExecutor(abc.ABC):
 
         - `scenes`, `options`, `layout`: the batch, the options of the solver, and the layout of the lanes
 
-        If no scenes follow, the program runs until all scenes have ended, or until the limit of trials in
-        one call. Successive scenes go to different devices: neighbours take about the same time, so all
-        devices end at about the same time. Every device has its own lanes and counters.
+        If no scenes follow, a call ends when all scenes have ended or the limit of trials is reached.
+        Successive scenes, which take about the same time, go to different devices, so that all devices end
+        at about the same time. Every device has its own lanes and counters.
         """
 
 
@@ -122,12 +122,12 @@ _on_one = StoredProgram(
 
 @functools.cache
 def _on_mesh(mesh: Mesh):
-    """Return the program for all devices of a mesh. The loop of a device does not wait for other devices."""
+    """Return the program for all devices of a mesh, in which no device waits for another one."""
 
     def advance_all(lanes, leaves, first, stride, count, max_trials, options, layout: LaneLayout):
         """Call `advance` on every device.
 
-        - `lanes`, `first`, `count`: those of all devices along the first axis
+        - `lanes`, `first`, `count`: as for `advance`, with the devices along the first axis
         - `leaves`, `stride`, `max_trials`, `options`, `layout`: as for `advance`
         """
 
@@ -163,8 +163,8 @@ def executor_for(owner: str, devices: Sequence | None = None, threads: int | Non
     - `devices`: JAX devices of one platform, or None
     - `threads`: number of threads on a CPU, or None
 
-    By default it uses all accelerators; without accelerators, a thread for each core. Raises `ValueError`
-    for invalid devices or threads, and for both.
+    By default the executor uses all accelerators or, if there are none, a thread for each core. Raises
+    `ValueError` for invalid devices or threads, and if both are given.
     """
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise ValueError(f"{owner}: threads must be a whole number ≥ 1, got threads = {threads!r}")

@@ -1,8 +1,8 @@
-"""Lanes, each of which solves one scene at a time and takes the next scene when its scene has ended.
+"""Lanes, each of which solves one scene after another.
 
-One call of `advance` processes one chunk of scenes on one core or device. Between calls the lanes keep
-scenes that are still running. Within a call all lanes make trial steps together; after some trials, the
-lanes that wait for a scene are served together (see `exchange.py`).
+One call of `advance` processes one chunk of scenes on one core or device. Between calls the lanes keep scenes
+that are still running. Within a call all lanes make trial steps together. Once several lanes wait for a
+scene, they are served together (see `exchange.py`).
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from .edge_distance import least_edge_distance
 from .exchange import Answers, Done, Lanes, Loop, empty_storage, exchange_scenes
 from .scenes import SceneBatch, SceneIndices
 
-PATIENCE = 3 / 32  # waiting lanes are served once they are this fraction of all lanes
-PASSING_SHARE = 2  # samples are passed while more than 1/PASSING_SHARE of the running lanes can pass one
+PATIENCE = 3 / 32  # lanes are served once this fraction of all lanes waits
+PASSING_SHARE = 2  # samples are skipped while more than 1/PASSING_SHARE of the running lanes can skip one
 
 
 def advance(
@@ -41,16 +41,16 @@ def advance(
     """Advance the lanes through a chunk of scenes.
 
     - `lanes`: lanes after the previous chunk
-    - `leaves`: leaves of the arguments of the scenes. Leaves whose entry in `layout.axes` is 0 have a row for
-      each scene
+    - `leaves`: leaves of the scenes' arguments; a leaf with the entry 0 in `layout.axes` has a row for each
+      scene
     - `first`, `stride`, `count`: the `count` scenes have the indices `first`, `first + stride`, … in the
       batch
-    - `max_trials`: limit of trials after the last scene of the chunk is loaded
+    - `max_trials`: number of trials in this call after which the call may leave scenes unfinished
     - `options`: options of the solver
     - `layout`: layout of the lanes
 
-    The call returns once the last scene is loaded and, after that, all lanes have ended or the number of
-    trials in this call has reached `max_trials`. Returns the lanes, and the scenes that have ended.
+    The call returns when the last scene of the chunk is loaded, and either all scenes have ended or
+    `max_trials` trials have been made. Returns the lanes, and the answers of the scenes that have ended.
     """
     lane_count, size, refill = layout.lanes, layout.size, layout.refill
     plan = layout.plan(leaves, options)
@@ -76,10 +76,10 @@ def advance(
     index_type = lanes.scene_index.dtype
     if not refill:
         index = jnp.arange(lane_count, dtype=index_type)
-        number = jnp.where(index < count, first + stride * index, -1)
+        scene_index = jnp.where(index < count, first + stride * index, -1)
         lane, slopes = chunk.starts(lane_count)
         lanes = Lanes(
-            lane, [y[:lane_count] for y in chunk.parts], number, slopes, _first_edge_distance(layout)
+            lane, [y[:lane_count] for y in chunk.parts], scene_index, slopes, _first_edge_distance(layout)
         )
 
     def exchange(loop: Loop) -> Loop:
@@ -97,8 +97,8 @@ def advance(
         return (loop.following < count) | (loop.done.trials < max_trials)
 
     def makes_more_trials(loop: Loop) -> Flag:
-        """Return whether to make trials before the next exchange. An exchange takes about as long as a
-        trial, so it is delayed until several lanes wait or no lane has trials to make."""
+        """Return whether to make another trial before the next exchange. As an exchange takes about as long
+        as a trial, it is delayed until several lanes wait or no lane has trials to make."""
         few_wait = count_waiting(loop) < patience
         return few_wait & jnp.any(makes_trials(plan, options, loop.lanes.lane)) & is_unfinished(loop)
 
@@ -113,8 +113,8 @@ def advance(
         return jax.lax.while_loop(makes_more_trials, make_trial, exchange(loop))
 
     answer_shapes = jax.eval_shape(lambda state: _answers_of(chunk, plan, state), lanes)
-    # There is storage for the scenes of the chunk, for the scenes that the lanes held before, and for one
-    # more row per lane: an accelerator writes the rows of all lanes at once.
+    # The storage has rows for the scenes of the chunk, for the scenes that the lanes held before, and for one
+    # more scene per lane, because accelerators write the rows of all lanes at once.
     done = empty_storage(size + 2 * lane_count, answer_shapes, index_type)
     start = jnp.where(refill, 0, jnp.minimum(count, lane_count)).astype(index_type)
     loop = jax.lax.while_loop(
@@ -127,33 +127,32 @@ def advance(
 
 
 def _pass_samples(plan: Plan, options: Options, pass_sample: Callable[[Lanes], Lanes], state: Lanes) -> Lanes:
-    """Pass samples at which no event occurs, as long as enough lanes can do so."""
-    if state.lane.passing is None:
+    """Skip samples at which no event occurs, as long as enough lanes can skip one."""
+    if state.lane.may_skip is None:
         return state
     running = jnp.sum(makes_trials(plan, options, state.lane))
-    enough_pass = lambda state: PASSING_SHARE * jnp.sum(present(state.lane.passing)) > running
+    enough_pass = lambda state: PASSING_SHARE * jnp.sum(present(state.lane.may_skip)) > running
     return jax.lax.while_loop(enough_pass, pass_sample, state)
 
 
 def _fields_with_slopes(lane: LoopState, state: Lanes) -> dict[str, Any]:
-    """Return the fields of a lane that have derivatives; none without sensitivities."""
+    """Return the fields of a lane that have derivatives, or no fields if no sensitivities are requested."""
     return {} if state.slopes is None else differentiated_fields(lane)
 
 
 def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
-    """Return the edge distance of lanes before their first turning point; None if it is not requested."""
+    """Return the edge distances before the first turning point, inf, or None if they are not requested."""
     return jnp.full(layout.lanes, jnp.inf) if layout.edge_distance else None
 
 
 def _with_swapped_axes(state: Lanes) -> Lanes:
-    """Swap the first two axes of the slopes, parameters and lanes. In the loop the lanes are the second axis,
-    so that they fill a vector."""
+    """Swap the axes of parameters and lanes, the first two axes of the slopes. In the loop, lanes are the
+    second axis, so that the lanes fill a vector."""
     return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
 
 
 def _answers_of(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
-    """Return the answers of all lanes at their present states, including the edge distance or the
-    sensitivities."""
+    """Return the answers of all lanes at the present states, with edge distances or sensitivities."""
     slopes = state.slopes if state.edge_distance is None else None
     floats, slopes, integers = chunk.in_lanes(
         lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, state.lane, slopes
@@ -172,7 +171,7 @@ def _answers_of(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
 
 
 def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes, for a program that processes chunks of the batch `scenes`."""
+    """Return lanes without scenes, for chunks of the batch `scenes`."""
     shapes = tuple(
         (y.shape if axis is None else (layout.size, *y.shape[1:]), y.dtype)
         for y, axis in zip(scenes.leaves, layout.axes, strict=True)
@@ -183,23 +182,22 @@ def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lane
 
 @functools.lru_cache(maxsize=256)
 def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes. Only the shapes and types of the arguments are needed, so the result
-    is cached."""
+    """Return lanes without scenes. The result is cached, as it depends only on shapes and types."""
     static = {"option_types": option_types, "option_structure": option_structure, "layout": layout}
     return jax.tree.map(np.asarray, _no_scenes(shapes=shapes, **static))
 
 
 @StoredProgram
 def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes. This is a stored program, because their shapes are only known from
-    tracing."""
+    """Return lanes without scenes. This is a stored program, because the shapes in the lanes follow only from
+    tracing the preparation of a chunk."""
 
     def hold(leaves, values):
         chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, values))
         parts = [y[: layout.lanes] for y in chunk.parts]
         lane, slopes = chunk.starts(layout.lanes)
-        number = jnp.zeros(layout.lanes, jnp.result_type(int))
-        return _with_swapped_axes(Lanes(lane, parts, number, slopes, _first_edge_distance(layout)))
+        scene_index = jnp.zeros(layout.lanes, jnp.result_type(int))
+        return _with_swapped_axes(Lanes(lane, parts, scene_index, slopes, _first_edge_distance(layout)))
 
     values = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
     lanes = jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], values)

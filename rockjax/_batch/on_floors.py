@@ -42,9 +42,9 @@ def answers_on_floors(
     stop: threading.Event,
     threads: int,
 ) -> tuple[Any, ...]:
-    """Return the answers of things on the floors of a batch, as arrays of its shape (host).
+    """Return the answers of things on floors, as arrays that have the shape of the batch (host).
 
-    - `scenes`, `shape`, `options`: scenes of the batch, its shape, and the options
+    - `scenes`, `shape`, `options`: scenes, shape and options of the batch
     - `things`: things on the floors of every scene
     - `progress`: as in `peak_responses`; `threads`: number of threads
     - `stop`: event that stops the batch

@@ -1,4 +1,4 @@
-"""Batches of scenes as broadcast arguments, in which every distinct row is stored once."""
+"""Batches of scenes: the broadcast arguments of all scenes, stored without repetition."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from rockjax._responses.arguments import as_end, as_start
 from rockjax._results import State
 from rockjax._structures import Podium
 
-SORTED = 4096  # largest number of scenes that are sorted; larger batches gain little
-WIDE = 64  # a scene with more values of its own in one leaf, such as a record, keeps its lane
+SORTED = 4096  # largest batch that is sorted; larger batches gain little
+WIDE = 64  # scenes that differ in more values of one leaf, such as records, are not exchanged during a chunk
 
 
 class SceneIndices(NamedTuple):
@@ -42,17 +42,16 @@ NO_SCENES = SceneIndices(0, 1, 0)
 
 
 class SceneBatch(NamedTuple):
-    """All scenes of a batch: the leaves of (podium, excitation, initial, t_end). The batch is a grid of
-    scenes."""
+    """All scenes of a batch, in the form of the leaves of (podium, excitation, initial, t_end). The batch is
+    a grid of scenes, whose shape is that of the broadcast arguments."""
 
-    leaves: list[
-        Any
-    ]  # leaves with their distinct rows along the first axis, or without such an axis if common
-    # For each leaf, the row that every scene of the grid uses; None for a leaf that all scenes share.
+    leaves: list[Any]  # with the distinct rows along the first axis, or without this axis if scenes share it
+    # For each leaf, the index of the row that each scene of the grid uses; None for a leaf that all scenes
+    # share.
     rows: list[np.ndarray | None]
     structure: Any  # tree structure of the leaves
     total: int  # number of scenes
-    order: np.ndarray | None = None  # position in the grid of the first, second, … scene; None for grid order
+    order: np.ndarray | None = None  # position of the k-th scene in the grid; None for the order of the grid
 
     @property
     def axes(self) -> tuple[int | None, ...]:
@@ -61,7 +60,7 @@ class SceneBatch(NamedTuple):
 
     @property
     def podium(self) -> Podium:
-        """Podium of all scenes; parameters that differ are arrays."""
+        """Podium with arrays for parameters that differ between scenes."""
         return jax.tree.unflatten(self.structure, self.leaves)[0]
 
     @property
@@ -77,7 +76,7 @@ class SceneBatch(NamedTuple):
 
     @property
     def is_wide(self) -> bool:
-        """True if a scene has more than `WIDE` values of its own in one leaf. It then keeps its lane."""
+        """True if scenes differ in more than `WIDE` values of one leaf. Lanes are then not refilled."""
         return self.values_per_scene > WIDE
 
     def in_grid(self, which: np.ndarray) -> np.ndarray:
@@ -85,7 +84,7 @@ class SceneBatch(NamedTuple):
         return which if self.order is None else self.order[which]
 
     def part(self, indices: SceneIndices, size: int, devices: int = 1) -> list[Any]:
-        """Return the leaves of the scenes of a chunk, in the order of the devices.
+        """Return the leaves for the scenes of a chunk, in the order of the devices.
 
         - `indices`: indices of the scenes in the batch
         - `size`: number of rows for each device; unused rows are copies that are not solved
@@ -103,16 +102,16 @@ class SceneBatch(NamedTuple):
 
 
 def _picked(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Return `rows.flat[which]`, in a faster way for contiguous rows."""
+    """Compute `rows.flat[which]`, faster than NumPy if `rows` is contiguous."""
     return rows.reshape(-1)[which] if rows.flags.c_contiguous else rows.flat[which]
 
 
 def broadcast(
     owner: str, podiums: Podium, excitations: AbstractExcitation, initial: State, t_end
 ) -> tuple[SceneBatch, tuple[int, ...]]:
-    """Return all scenes of the arguments, and the shape of their grid.
+    """Broadcast the arguments. Return all scenes, and the shape of the grid.
 
-    - `owner`: class or function, for messages
+    - `owner`: name of the calling function, for messages
     - `podiums`, `excitations`: structures and ground motions
     - `initial`: initial states
     - `t_end`: ends of the scenes [s], or None
@@ -142,8 +141,8 @@ def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarra
     """Return the scenes of a grid in the order of the strength of their motions, weak ones first.
 
     Return None for large grids, for a single strength, and if the strength is unknown. Motions that just
-    lift the columns take longest, and strong motions overturn them soon. With strong motions last, few
-    lanes are idle at the end of a batch.
+    lift the columns take longest, while strong motions overturn the columns soon. If strong motions come
+    last, few lanes are idle at the end of a batch.
     """
     if math.prod(shape) > SORTED:
         return None
@@ -156,9 +155,9 @@ def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarra
 def axes_of(
     owner: str, leaves: Sequence[Any], own: Sequence[int]
 ) -> tuple[list[tuple[int, ...]], tuple[int, ...]]:
-    """Return the axes of the grid that each leaf has, and the shape of the grid.
+    """Return the lengths of the grid's axes in each leaf, and the shape of the grid.
 
-    - `owner`: class or function, for messages
+    - `owner`: name of the calling function, for messages
     - `leaves`: arrays
     - `own`: number of last axes of each array that belong to a single scene
 
@@ -175,8 +174,8 @@ def axes_of(
 
 
 def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
-    """Return the number of axes of each leaf that belong to a single scene: the axes of a record's
-    samples; 0 for other leaves."""
+    """Return, for each leaf, the number of axes that belong to a single scene, such as the axis of a record's
+    samples."""
     if not excitations.own_dimensions:
         return [0] * structure.num_leaves
     podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)

@@ -2,15 +2,14 @@
 derivatives.
 
 Survival is not monotone in the scale. Under a record, windows (intervals of scales that overturn) may be
-as narrow as 1e-4 of the range, with no sign of them at neighbouring scales. Therefore scales are
-evaluated from below up to the first that overturns. They are so close to each other that no window of the
-requested width is missed. The change from survival to overturning is then enclosed in ever narrower
-brackets. If all values are concrete, the scenes are solved as a batch on all cores; under `jit` they are
-rows of one loop.
+as narrow as 1e-4 of the range, without any effect on neighbouring scales. Therefore scales are evaluated
+from below up to the first that overturns, so closely that no window of the requested width is missed. The
+change from survival to overturning is then enclosed in ever narrower brackets. If all values are concrete,
+the scenes are solved as a batch on all cores; under `jit` one loop solves one row of scales after another.
 
-Derivatives follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M just past the
-boundary. M passes through zero with a nonzero slope, so the derivatives are well conditioned, even though
-the trajectory lingers at the saddle.
+Derivatives of the boundary a* follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M
+just past the boundary. M passes through zero with a nonzero slope, so the derivatives are well conditioned,
+even though the columns linger near the unstable equilibrium.
 """
 
 from __future__ import annotations
@@ -51,24 +50,23 @@ from .margin import DEFAULT_WIDTH, has_margin, margin_options, scan_options, sig
 from .refinement import SPACING_SHARE
 
 MAX_ACCELERATION_RATIO = 12.0  # default end of searches for pulses, a_p/(g tan α)
-BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # default options; the scenes determine the accuracy of a boundary
-ONE_SIDED_BELOW = 1e-4  # if a dip of the margin is lower than this, the boundary is about to jump to this dip
+BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # default options, which determine the accuracy of a boundary
+ONE_SIDED_BELOW = 1e-4  # if a minimum of the margin is lower than this, the boundary is about to jump there
 
 
 class Boundary(Module):
     """Overturning boundary: the least scale at which a ground motion overturns a podium.
 
-    - `scale`: the least factor on the motion that overturns, inf if none in the range does [–];
-      differentiable, with a derivative of zero if it is inf
+    - `scale`: the least factor on the motion that overturns [–], inf if no scale in the range overturns;
+      differentiable (the derivative is zero if `scale` is inf)
     - `found`: True if a scale in the range overturns
     - `impacts`: number of impacts before overturning, just past the boundary
-    - `dip`: the least minimum of the overturning margin, as a function of the scale, among the surviving
-      scales below the boundary; 1 without a minimum. If it became zero, the boundary would jump to that
-      scale
+    - `dip`: the least minimum of the overturning margin, as a function of the scale, below the boundary; 1 if
+      there is no minimum. If it became zero, the boundary would jump to that scale
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
-    - `certain_width`: every interval of overturning scales below `scale` that is wider than this has been
-      found [–]. It is the requested `width` times `max_scale`, or more if scenes did not finish
+    - `certain_width`: no interval of overturning scales below `scale` is wider than this [–]. This is at most
+      the requested `width` times `max_scale`, or more if scenes did not finish
     """
 
     scale: Float[Array, "*batch"]
@@ -105,12 +103,12 @@ def overturning_acceleration(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
-    """Return the least pulse acceleration a_p that overturns a podium [m/s²], inf if none up to the limit
+    """Return the least pulse acceleration a_p that overturns a podium [m/s²], or inf if none up to the limit
     does.
 
-    The function works under `jit` and `vmap`. `grad` and `jacfwd` give derivatives with respect to every
-    parameter of `podium` and to `T_p`, which are exact on the branch of the result, and zero if it is
-    inf. [`rockjax.overturning_boundary`][] returns more details.
+    The function works under `jit` and `vmap`. `grad` and `jacfwd` give derivatives with respect to `T_p` and
+    every parameter of `podium`. They are exact as long as the boundary does not jump, and zero if the result
+    is inf. [`rockjax.overturning_boundary`][] returns more details.
 
     - `podium`: podium with scalar parameters
     - `pulse`: a class of pulses such as `rockjax.Ricker`, or a function (a_p, T_p) ↦ excitation that is
@@ -147,11 +145,11 @@ def overturning_scale(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
-    """Return the least factor on a ground motion that overturns a podium [–], inf if none up to the limit
+    """Return the least factor on a ground motion that overturns a podium [–], or inf if none up to the limit
     does.
 
     - `podium`, `excitation`, `max_scale`, `options`, `width`, `resolution`: as for
-      [`rockjax.overturning_boundary`][], whose `scale` this is
+      [`rockjax.overturning_boundary`][], of whose result the field `scale` is returned
 
     Raises `ValueError` for invalid inputs, if they are concrete.
     """
@@ -182,10 +180,10 @@ def overturning_boundary(
     - `options`: options of the scenes, which determine the accuracy of the boundary
     - `width`: fraction of `max_scale`, in (0, 0.1]. Every interval of overturning scales below the
       boundary that is wider is found. Scales are evaluated from the first that lifts the columns up to
-      the boundary; their spacing follows from derivatives, or is about `width` under `jit`. A `max_scale`
-      far above the boundary takes little time, but a range in which nothing overturns takes up to about
-      1/`width` scenes
-    - `resolution`: minimum number of scales in the range, whatever `width` is; a whole number ≥ 32
+      the boundary. Their spacing follows from derivatives of the margin, or is about `width` under `jit`. A
+      `max_scale` far above the boundary takes little time, but a range in which nothing overturns takes up to
+      about 1/`width` scenes
+    - `resolution`: minimum number of equal steps in the range, even if `width` is large; a whole number ≥ 32
 
     Raises `ValueError` for invalid inputs, if they are concrete.
     """
@@ -207,7 +205,7 @@ def overturning_boundary(
 
 
 def check_search(owner: str, width, resolution) -> None:
-    """Raise `ValueError` for an invalid width or resolution; the message begins with `owner`."""
+    """Raise `ValueError` for an invalid width or resolution."""
     require(owner, "width", width, lambda v: (v > 0) & (v <= 0.1), "in (0, 0.1]")
     if jnp.ndim(width):
         raise ValueError(f"{owner}: width must be a single number, got shape {jnp.shape(width)}")
@@ -229,15 +227,16 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
     def rule(primals, tangents):
         varied = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
         given_tangents = [tangent for tangent, is_varied in zip(tangents, varied, strict=True) if is_varied]
-        numbers = scalar_positions(primals[: arguments_structure.num_leaves])
+        positions = scalar_positions(primals[: arguments_structure.num_leaves])
         varied_indices = [k for k, is_varied in enumerate(varied) if is_varied]
-        if all(map(is_concrete, primals)) and set(varied_indices) <= set(numbers):
+        if all(map(is_concrete, primals)) and set(varied_indices) <= set(positions):
             arguments = jax.tree.unflatten(structure, primals)
-            boundary_gradient.ahead(arguments, np.zeros((), float_type()), numbers=numbers, margin=margin)
+            boundary_gradient.ahead(arguments, np.zeros((), float_type()), positions=positions, margin=margin)
             first = search(*primals)
-            slopes = boundary_gradient(arguments, first.scale, numbers=numbers, margin=margin)
+            slopes = boundary_gradient(arguments, first.scale, positions=positions, margin=margin)
             change = directional_derivative(
-                np.asarray(slopes), dict(zip(map(numbers.index, varied_indices), given_tangents, strict=True))
+                np.asarray(slopes),
+                dict(zip(map(positions.index, varied_indices), given_tangents, strict=True)),
             )
         else:
             first = search(*primals)
@@ -260,14 +259,14 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
 
 
 def _without_tangents(tree):
-    """Return the concrete values of a pytree without tangents, as outside jit every jnp operation on
+    """Return the concrete values of a pytree without tangents, because outside jit every jnp operation on
     tangents compiles separately. A pytree with traced values stays as it is."""
     return jax.tree.map(value_of, tree) if all(map(is_concrete, jax.tree.leaves(tree))) else tree
 
 
 def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
-    """Return the search as a function of all leaves. It runs on the host if they are concrete, also under
-    `vmap`."""
+    """Return the search as a function of all leaves. The search runs on the host if the leaves are concrete,
+    also under `vmap`."""
 
     @jax.custom_batching.custom_vmap
     def program(*leaves):
@@ -292,7 +291,7 @@ def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
         if _any_traced(leaves):
             return program(*leaves)
         first = _search_on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
-        # In NumPy, because under a transformation JAX would trace even concrete values.
+        # NumPy is used because under a transformation JAX would trace even concrete values.
         return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
     return search
@@ -328,8 +327,8 @@ def _search_on_host(rows: list[np.ndarray], count: int, structure, margin: bool)
 
 
 def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
-    """Return the motions of the searches `line`, one for each scene; `pick` selects them from an array.
-    The samples of several records stay in one table."""
+    """Return the motion of each scene, where `line` is the index of the scene's search. `pick` selects
+    elements of an array by `line`. The samples of several records stay in one table."""
     if isinstance(excitation, GroundMotion):
         components = (_pick_motions(y, line, pick) for y in (excitation.horizontal, excitation.vertical))
         return GroundMotion(*components)
@@ -349,7 +348,7 @@ def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("structure", "margin"))
 def _search_in_program(leaves, structure, margin: bool) -> FirstBoundary:
-    """Return the first boundary of one search inside a compiled program; arguments as in
+    """Return the first boundary of one search inside a compiled program, with arguments as in
     `_search_on_host`."""
     podium, excitation, limit, (options, width) = jax.tree.unflatten(structure, leaves)
     search_options = margin_options(options, margin)

@@ -38,18 +38,18 @@ from .refinement import (
 # A plane of scenes: (x, y) ↦ (podium, excitation), for scalars, arrays that broadcast, and tracers.
 Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 
-DOUBTFUL = 0.1  # intervals with a larger curvature indicator are refined; the theoretical limit is 1
-REFINEMENT_ROUNDS = 8  # limit of rounds of this refinement
+DOUBTFUL = 0.1  # intervals with a larger `curvature_indicator` are refined; the theoretical limit is 1
+REFINEMENT_ROUNDS = 8  # largest number of rounds of this refinement
 PARTS = 4  # number of parts into which a round divides an interval
 MIN_INTERVAL = 1e-6  # shorter intervals are not refined [length of the line]
 
 DIP_DIVISIONS = 256  # steps beside the lowest dips are divided into at least this number of parts
 WINDOW_DIVISIONS = 16  # the same number if only windows are searched
-NOISE = 0.1  # a bracket narrower than this multiple of rtol, relative to y, is noise
+NOISE = 0.1  # brackets are not made narrower than this multiple of rtol, relative to y
 
 
 class Crossings(NamedTuple):
-    """Changes between survival and overturning, in the order of the lines, then of y. Arrays of one shape."""
+    """Changes between survival and overturning, sorted by line and y; arrays of one shape."""
 
     line: np.ndarray  # index of the line
     y: np.ndarray  # position of the change
@@ -57,8 +57,8 @@ class Crossings(NamedTuple):
     impacts: np.ndarray  # number of impacts before overturning, on the overturned side
 
     def table(self, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return y and impacts with a row for each of `lines` lines, shape (lines, largest number of
-        changes of a line), padded with NaN and −1."""
+        """Return y and impacts with a row for each of the `lines` lines, shape (lines, largest number of
+        changes on a line), padded with NaN and −1."""
         counts = np.bincount(self.line, minlength=lines)
         order = np.arange(self.line.size) - np.searchsorted(self.line, self.line)
         shape = (lines, max(1, int(counts.max())))
@@ -89,7 +89,7 @@ class Scan(NamedTuple):
 
     crossings: Crossings
     starts_surviving: np.ndarray  # for each line, True if its lower end survives
-    dip: np.ndarray  # least dip among the survivors below the first crossing of each line; 1 without a dip
+    dip: np.ndarray  # lowest dip below the first crossing of each line; 1 for a line without dips
     certain: np.ndarray  # no interval wider than this overturns below the first crossing of each line
     scenes: int  # number of solved scenes
 
@@ -114,10 +114,10 @@ def scan(
     - `options`: options of the scenes at full accuracy; scenes that only scan are less accurate
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
     - `refine`: `"everywhere"` refines intervals in which the margin bends so much that it may cross zero
-      unseen; `"below"` omits this refinement; `"first"` omits it as well, and returns only the first
+      unnoticed; `"below"` omits this refinement; `"first"` omits it as well, and returns only the first
       change of each line
     - `width`: below the first change no overturning interval wider than this fraction of the range is
-      missed; the motion must be proportional to y there. None omits this search
+      missed, if the motion is proportional to y. None omits this search
     - `dips`: True to refine the lowest dips of the margin; otherwise only dips in which an overturning
       interval may open are refined, and `Scan.dip` is approximate
 
@@ -212,7 +212,7 @@ def margins(
         np.where(failed, np.nan, value),
         np.where(failed, 0.0, np.nan_to_num(edge_distance, posinf=np.inf)),
     )
-    # The arrays are copied, because scenes that are solved again at full accuracy overwrite them.
+    # The arrays are copied, because results at full accuracy will be written into them.
     value, impacts, edge_distance = (
         np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, edge_distance)
     )
@@ -220,8 +220,8 @@ def margins(
 
 
 def _scales_motion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
-    """Return whether edge distances are valid for y: there is a margin, and the motion is proportional to
-    y."""
+    """Return whether edge distances are valid for y: the overturning margin applies (`has_margin`), and the
+    motion is proportional to y."""
     at_top, at_half = plane(x, np.full(1, top)), plane(x, np.full(1, 0.5 * top))
     if not has_margin(options, at_top[0]):
         return False
@@ -235,20 +235,20 @@ def _scales_motion(plane: Plane, x: np.ndarray, top: float, options: Options) ->
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray) -> np.ndarray:
-    """Return how much the margin may bend between neighbours, divided by its distance from zero, shape
-    (n−1,).
+    """Return how much the margin may bend between neighbours, divided by the distance of the margin from
+    zero, shape (n−1,).
 
-    - `y`, `margin`: positions and margins, sorted, shape (n,)
+    - `y`, `margin`: positions and margins, sorted by line and y, shape (n,)
     - `same_line`: True for neighbours that belong to the same line, shape (n−1,)
 
-    If the indicator is at most 1, then by second differences the margin cannot cross zero unseen; between
-    a survivor and an overturned scene it cannot cross zero more than once.
+    If the indicator is at most 1, second differences show that the margin does not cross zero unnoticed, and
+    crosses zero only once between a survivor and an overturned scene.
     """
     h = np.where(same_line, y[1:] - y[:-1], 1.0)
     h = np.where(h > 0, h, 1.0)
     slope = np.where(same_line, (margin[1:] - margin[:-1]) / h, 0.0)
     inner = same_line[1:] & same_line[:-1]
-    # Half of the second derivative. At the ends of a line it is unknown.
+    # Half of the second derivative, which is unknown at the ends of a line.
     half_curvature = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)
     half_curvature = np.maximum(np.append(0.0, half_curvature), np.append(half_curvature, 0.0))
     left, right = margin[:-1], margin[1:]
@@ -258,8 +258,8 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray
 
 
 def _refine_curved(solved: SolvedScenes, solve: SolveScenes, finest: float) -> SolvedScenes:
-    """Solve further scenes inside every interval longer than `finest` in which the margin may cross zero
-    unseen."""
+    """Solve further scenes in every interval longer than `finest` in which the margin may cross zero
+    unnoticed."""
     part = np.arange(1, PARTS) / PARTS
     for _ in range(REFINEMENT_ROUNDS):
         line, y, margin = solved.line, solved.y, np.nan_to_num(solved.margin, nan=1.0)

@@ -1,12 +1,10 @@
-"""The first boundary of one scene, found inside a compiled program by rows of scales from below.
+"""Search for the first boundary of one scene inside a compiled program.
 
-A row is a set of scales that are solved together.
-
-1. A coarse row over the whole range shows below which scale the columns never lift. 2. From there, rows
-at the requested spacing follow up to the first scale that overturns. 3. A row at full accuracy confirms
-the change. If it does not, the search continues upwards. 4. The lowest dips (minima of the margin) below
-the change are refined, because windows narrower than the spacing may open there. 5. The lowest change is
-enclosed in ever narrower brackets.
+Scales are solved in rows, from below. 1. A coarse row over the whole range shows up to which scale the
+columns never lift. 2. From there, rows at the requested spacing follow up to the first scale that overturns.
+3. A row at full accuracy confirms the change; otherwise the search continues upwards. 4. The lowest dips
+(minima of the margin) below the change are refined, because windows narrower than the spacing may open there.
+5. The lowest change is enclosed in ever narrower brackets.
 """
 
 from __future__ import annotations
@@ -24,12 +22,11 @@ from rockjax._roots import points_near_root
 
 ROW_SIZE = 32  # number of scales in a row
 DIPS = ROW_SIZE // 2  # number of the lowest dips that are refined, each by one scale on either side
-MAX_ZOOMS = 7  # number of these refinements; each halves the width of the dips
+MAX_ZOOMS = 7  # number of these refinements, each of which halves the distance of the scales around a dip
 BRACKET_TOLERANCE = 1e-12  # relative width at which a bracket is narrow enough
-MAX_DIVISIONS = 12  # limit of divisions of a bracket
-ROOT_OFFSETS = np.logspace(
-    -9, -1, ROW_SIZE // 4
-)  # distances of scales from the root of the straight line [bracket]
+MAX_DIVISIONS = 12  # a bracket is divided at most so often
+# Distances of scales from the linearly interpolated root, divided by the width of the bracket.
+ROOT_OFFSETS = np.logspace(-9, -1, ROW_SIZE // 4)
 
 COARSE, SCAN, CONFIRM, ZOOM, NARROW = range(5)  # the stages
 
@@ -41,13 +38,13 @@ class FirstBoundary(NamedTuple):
     """The first boundary of a range."""
 
     scale: Any  # the least scale that overturns; inf if nothing overturns
-    dip: Any  # the least dip of the margin below it; 1 without a dip
-    certain: Any  # below the boundary, every overturning interval wider than this has been found
+    dip: Any  # the lowest dip of the margin below the boundary; 1 if there is none
+    certain: Any  # below the boundary, no overturning interval is wider than this
     impacts: Any  # number of impacts before overturning
 
 
 class _State(NamedTuple):
-    """State of the search. Neighbours in `gap` are finished scenes."""
+    """State of the search."""
 
     stage: Array
     rounds: Array  # number of rows in this stage, counted while dips and brackets are refined
@@ -57,7 +54,7 @@ class _State(NamedTuple):
     hi: Array  # the first scale that overturns; inf until one is found
     hi_margin: Array  # margin at `hi`
     impacts: Array  # number of impacts at `hi`
-    gap: Array  # the widest step between neighbours below `hi`
+    gap: Array  # the widest step between neighbouring finished scenes below `hi`
     before: Array  # the surviving scale before `lo`
     previous_margin: Array  # margin at `before`
     dips: Array  # scales around the lowest dips: before, at and after the minimum, shape (DIPS, 3)
@@ -120,7 +117,7 @@ def _coarse_scales(state: _State, limit: Array, spacing: Array) -> Array:
 
 def _update_coarse(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
     """Start the scan at the largest scale of the row that does not lift the columns (margin 1). In full
-    contact the response is proportional to the scale, so no lower scale lifts them."""
+    contact the response is proportional to the scale, so no lower scale lifts the columns."""
     at_rest = jnp.max(jnp.where(margin == 1, scales, 0.0))
     stage = jnp.where(at_rest >= limit, ZOOM, SCAN)
     return state._replace(stage=stage, scanned_to=at_rest, lo=at_rest, before=at_rest)
@@ -149,7 +146,8 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
         jnp.where(is_dip[:, None], triples(margin), 1.0),
     )
     dips, margins = jnp.concatenate([state.dips, new_dips]), jnp.concatenate([state.dip_margins, new_margins])
-    # Keep the dips with the lowest depth: the value at which straight lines from both sides would meet.
+    # The dips with the lowest depth stay. The depth is the value at which straight lines from both sides
+    # meet.
     depth = 2 * margins[:, 1] - 0.5 * (margins[:, 0] + margins[:, 2])
     _, lowest = jax.lax.top_k(-depth, DIPS)
     return state._replace(
@@ -234,7 +232,7 @@ def _narrowing_scales(state: _State, limit: Array, spacing: Array) -> Array:
 
 
 def _update_narrowing(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
-    """Return the state with a narrower bracket, from ascending scales inside the present one."""
+    """Return the state with a narrower bracket, from ascending scales inside the present bracket."""
     is_found, first = _first_overturning(margin)
     index = jnp.arange(scales.size)
     survives = (margin > 0) & (index < first)
@@ -255,14 +253,14 @@ _UPDATES = (_update_coarse, _update_scan, _update_confirm, _update_zoom, _update
 
 
 def _first_overturning(margin: Array) -> tuple[Array, Array]:
-    """Return whether any scale overturns, and the index of the first; the number of scales if none
-    overturns."""
+    """Return whether any scale overturns, and the index of the first that does, or the number of scales if
+    none does."""
     overturns = margin <= 0
     return jnp.any(overturns), jnp.where(jnp.any(overturns), jnp.argmax(overturns), margin.size)
 
 
 def _widest_step(scales: Array, is_used: Array) -> Array:
-    """Return the widest step between successive used scales, which ascend."""
+    """Return the widest step between successive used scales, given in ascending order."""
     last_used = jax.lax.cummax(jnp.where(is_used, scales, -jnp.inf))
     steps = jnp.where(is_used[1:] & jnp.isfinite(last_used[:-1]), scales[1:] - last_used[:-1], 0.0)
     return jnp.max(steps)

@@ -1,8 +1,8 @@
 """Derivatives of a boundary with respect to parameters of podium and motion, by the implicit function
 theorem.
 
-A residual M of a scene, such as the overturning margin, vanishes on the boundary a*. Therefore da* =
-−dM/(∂M/∂a).
+A residual M of a scene, such as the overturning margin, is zero on the boundary a*. Therefore
+da* = −dM/(∂M/∂a).
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ def _residual(podium: Podium, motion: AbstractExcitation, options: Options, marg
 
 
 def _root_change(slope, change, fallback: float):
-    """Return −`change`/`slope`, the change of a root; `fallback` if the slope is zero or not finite."""
+    """Return the change of a root, −`change`/`slope`, or `fallback` if the slope is zero or not finite."""
     numpy = array_module(slope)
     is_usable = numpy.isfinite(slope) & (slope != 0)
     return jnp.where(is_usable, -change / numpy.where(is_usable, slope, 1.0), fallback)
 
 
 def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, ...], margin: bool):
-    """Return the tangent of a boundary from tangents of its parameters; zero if there is no boundary.
+    """Return the tangent of a boundary from the tangents of parameters; zero if there is no boundary.
 
     - `leaves`: all leaves of the search's arguments
     - `live_tangents`: tangents of the leaves that vary (the live leaves)
-    - `scale`: the boundary, inf without one
+    - `scale`: the boundary; inf if there is none
     - `structure`: tree structure of (podium, excitation, limit, (options, width))
     - `live`: for each leaf, whether it varies
     - `margin`: whether the overturning margin applies, see `has_margin`
@@ -67,7 +67,7 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
         return _residual(podium, excitation.scaled(scale), options, margin)
 
     point = tuple(leaves[k] for k in live_indices)
-    # There are two calls, because reverse mode transposes the part that is linear in `live_tangents`.
+    # The slope is computed in a separate call, because reverse mode transposes the call with `live_tangents`.
     _, pushforward = jax.linearize(residual, past, *point)
     slope = numpy.asarray(pushforward(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
     change = pushforward(numpy.zeros_like(past), *live_tangents)
@@ -75,19 +75,19 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
 
 
 @StoredProgram
-def boundary_gradient(arguments, scale, *, numbers: tuple[int, ...], margin: bool):
+def boundary_gradient(arguments, scale, *, positions: tuple[int, ...], margin: bool):
     """Return the derivatives of the boundary with respect to parameters of podium and motion, shape
-    (numbers,).
+    (positions,).
 
     - `arguments`: (podium, excitation, limit, (options, width))
-    - `scale`: the boundary, inf without one
-    - `numbers`: indices of the leaves of `arguments` that are the parameters
+    - `scale`: the boundary; inf if there is none
+    - `positions`: indices of the parameters among the leaves of `arguments`
     - `margin`: whether the overturning margin applies, see `has_margin`
     """
     leaves, structure = jax.tree.flatten(arguments)
-    live = tuple(k in numbers for k in range(len(leaves)))
+    live = tuple(k in positions for k in range(len(leaves)))
     change_along = lambda unit: boundary_change(leaves, list(unit), scale, structure, live, margin)
-    return jax.vmap(change_along)(jnp.eye(len(numbers), dtype=scale.dtype))
+    return jax.vmap(change_along)(jnp.eye(len(positions), dtype=scale.dtype))
 
 
 traced_boundary_change = jax.jit(boundary_change, static_argnames=("structure", "live", "margin"))
@@ -106,8 +106,8 @@ def log_sensitivities(
     """Return d ln a/d ln y at boundaries a, for the parameters y (host).
 
     - `podium`: podium with scalar parameters
-    - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). For NaN the
-      derivatives are NaN
+    - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). The derivatives of
+      boundaries that are NaN are NaN
     - `rows`: for each boundary, the period `T_p` of the pulse [s] or the index `which` of the record, shape
       (n,)
     - `names`: names of the parameters of the podium, or `"T_p"`

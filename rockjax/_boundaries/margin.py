@@ -1,5 +1,5 @@
-"""Signed margin of a scene, which is positive if the scene survives and zero on the boundary of
-overturning."""
+"""Signed margin of a scene: positive if the scene survives, zero on the boundary, negative if it
+overturns."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from rockjax._options import Options
 from rockjax._structures import Podium
 
 DEFAULT_WIDTH = 1e-4  # windows wider than this fraction of the range are not missed
-# Tolerance of scenes that only scan; it is also about the relative error of a boundary of such scenes.
-SCAN_TOLERANCE = 1e-6
+SCAN_TOLERANCE = 1e-6  # tolerance of scanned scenes, and about the relative error of boundaries between them
 _TINY = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
 
 
 def has_margin(options: Options, podium: Podium) -> bool:
     """Return whether the overturning margin applies: `overturn_ratio`·α is concrete, and at most the
-    stability angle θ_s (α without tendons)."""
+    stability angle θ_s (which is α if there are no tendons)."""
     ratio = concrete(options.overturn_ratio)
     if ratio is None or bool(np.all(ratio <= 1)):
         return ratio is not None
@@ -38,12 +37,12 @@ def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, margin: bo
     - `margin`: whether the overturning margin applies, see `has_margin`
     - `xp`: `numpy` or `jax.numpy`
 
-    It is the overturning margin if that applies. Otherwise it is 1 − max|θ|/(α·`overturn_ratio`) for
-    scenes that survive, and −1 for others.
+    The result is the overturning margin if that applies. Otherwise it is 1 − max|θ|/(α·`overturn_ratio`) for
+    scenes that survive, and −1 for scenes that overturn.
     """
     if margin:
         value = floats["margin"]
-        # With rounding the margin may have the wrong sign.
+        # Rounding may give the margin the wrong sign.
         return xp.where(overturned, xp.minimum(value, 0.0), xp.maximum(value, _TINY))
     return xp.where(overturned, -1.0, xp.maximum(1 - floats["peak_rotation"] / overturn_ratio, _TINY))
 
@@ -52,19 +51,19 @@ def boundary_residual(floats: dict[str, Any], margin: bool):
     """Return the output to differentiate just past the boundary: the margin or, if it does not apply, the
     time of overturning.
 
-    This time grows without bound towards the boundary, and so do its derivatives; but their ratio tends
-    to the derivative of the boundary.
+    This time and its derivatives grow without bound towards the boundary, but the ratio of two derivatives
+    tends to the derivative of the boundary.
     """
     return floats["margin" if margin else "overturn_time"]
 
 
 def margin_options(options: Options, margin: bool) -> Options:
-    """Return options of the same accuracy, which request only the output that the boundary needs."""
+    """Return options of the same accuracy that request only the output needed for the boundary."""
     return options.replace(outputs=("margin" if margin else "peak_rotation",), throw=False)
 
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:
-    """Return options for scanning: accurate enough not to miss a window of the width `width`, a fraction
-    of the range. Changes that are found are confirmed with `options`."""
+    """Return less accurate options for scanning, sufficient not to miss a window of the width `width`, a
+    fraction of the range. Changes that are found are confirmed with `options`."""
     loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

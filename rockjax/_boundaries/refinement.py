@@ -1,12 +1,12 @@
-"""Points along lines of scenes: their spacing, and the search for windows between them.
+"""Points along lines of scenes: the spacing of points, and the search for windows between points.
 
 A window is an interval of y in which scenes overturn. The edge distance of a scene is the estimated change of
-y at which it could overturn (see `_batch/edge_distance.py`). Two neighbours that both survive may be as far
-apart as `DISTANCE_SHARE` times the sum of their edge distances: a window between them would contradict the
-derivatives of all turning points of both. But some windows that are a few spacings wide have no effect on
-neighbouring scenes. Therefore neighbours are at most `MAX_SPACINGS` spacings apart. If edge distances are
-short or unknown, they are one spacing apart, which is slightly less than the requested width. This is an
-estimate, not a proof; `benchmarks/boundaries.py` evaluates every scale.
+y at which the scene could overturn (see `_batch/edge_distance.py`). Two neighbours that both survive may be
+as far apart as `DISTANCE_SHARE` times the sum of both edge distances: a window in between would contradict
+the derivatives at all turning points of both scenes. But some windows that are a few spacings wide have no
+effect on neighbouring scenes. Therefore neighbours are at most `MAX_SPACINGS` spacings apart, and only one
+spacing, which is slightly less than the requested width, if edge distances are short or unknown. This is an
+estimate, not a proof; for comparison `benchmarks/boundaries.py` evaluates every scale.
 
 Points are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
 """
@@ -22,14 +22,16 @@ import numpy as np
 
 from .first import DIPS
 
-SPACING_SHARE = 0.95  # spacing divided by the requested width; errors of scenes may move the ends of a window
+# Spacing divided by the requested width. It is less than 1 because errors of scenes may move the ends of a
+# window.
+SPACING_SHARE = 0.95
 DISTANCE_SHARE = 0.25  # allowed distance of two neighbours divided by the sum of their edge distances
 MAX_SPACINGS = 6  # largest distance of neighbours [spacings]
 MAX_PARTS = 16  # largest number of parts into which an interval is divided at once
-ROUND_SCENES = 2048  # number of scenes in a round, shared by all lines
+ROUND_SCENES = 2048  # number of scenes in a round, distributed among all lines
 MIN_LINE_SCENES = 64  # minimum number of scenes of each line in a round
 GRAZING = 1e-3  # scenes with a margin below this are solved at full accuracy
-MIN_PARTS = 4  # minimum number of parts of an interval beside a dip; there are more if lanes would be idle
+MIN_PARTS = 4  # least number of parts of an interval beside a dip; more parts are used if lanes would be idle
 
 
 class SolvedScenes(NamedTuple):
@@ -51,8 +53,8 @@ class SolvedScenes(NamedTuple):
         return SolvedScenes(*(y[~np.isnan(self.margin)] for y in self))
 
     def changes(self, first_only: bool = False) -> np.ndarray:
-        """Return the indices of scenes whose right neighbour on the line has the other outcome; with
-        `first_only`, only the first of each line."""
+        """Return the indices of scenes whose right neighbour on the line has the other outcome, or only the
+        first of each line if `first_only`."""
         overturns = self.margin <= 0
         k = np.flatnonzero((overturns[:-1] != overturns[1:]) & (self.line[:-1] == self.line[1:]))
         return k[np.unique(self.line[k], return_index=True)[1]] if first_only else k
@@ -81,7 +83,7 @@ SolveScenes = Callable[[np.ndarray, np.ndarray, bool], SolvedScenes]
 def spacing_for(width: float | None, size: float, resolution: int) -> float:
     """Return the spacing of points at which no window wider than `width` is missed.
 
-    - `width`: width of a window divided by `size`; None for no search, with the result inf
+    - `width`: width of a window divided by `size`; if None, the spacing is inf, for no search
     - `size`: length of the range
     - `resolution`: number of equal steps of the range; the spacing is a step divided by a whole number
     """
@@ -118,7 +120,7 @@ def resolve_windows(
 
 def widest_gaps(solved: SolvedScenes, spacing: float, top: float) -> np.ndarray:
     """Return, for each line, the width of the widest interval below the first change that may overturn
-    unseen.
+    unnoticed.
 
     - `solved`: the solved scenes
     - `spacing`: result of `spacing_for`
@@ -128,8 +130,8 @@ def widest_gaps(solved: SolvedScenes, spacing: float, top: float) -> np.ndarray:
     for below in solved.below_first_change():
         y, finished = solved.y[below], ~np.isnan(solved.margin[below])
         is_allowed = np.diff(y) <= _allowed_steps(solved, below, spacing) * (1 + 1e-9)
-        # A step that edge distances allow may hide a window of one spacing; another step, one of its own
-        # length.
+        # A step that edge distances allow may hide a window as wide as the spacing. Other steps may hide a
+        # window as wide as the step.
         widest_hidden = np.where(is_allowed, np.minimum(np.diff(y), spacing), np.diff(y))
         finished_indices = np.flatnonzero(finished)
         across_unfinished = np.flatnonzero(np.diff(finished_indices) > 1)
@@ -150,7 +152,7 @@ def _allowed_steps(solved: SolvedScenes, below: slice, spacing: float) -> np.nda
 
 
 def _next_points(solved: SolvedScenes, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return lines and positions of the scenes to solve next, from below."""
+    """Return lines and positions of the scenes to solve next, the lowest first."""
     lines, points = [np.zeros(0, int)], [np.zeros(0)]
     wide = []
     for below in solved.below_first_change() if np.isfinite(spacing) else ():
@@ -163,7 +165,7 @@ def _next_points(solved: SolvedScenes, spacing: float) -> tuple[np.ndarray, np.n
     scenes_per_line = max(MIN_LINE_SCENES, ROUND_SCENES // max(1, len(wide)))
     for below, too_long, parts in wide:
         y = solved.y[below]
-        # The lowest steps come first, because a lower change may be found in them.
+        # The lowest steps come first, because they may contain a lower change.
         chosen = too_long[: 1 + np.searchsorted(np.cumsum(parts - 1), scenes_per_line)]
         between = [
             np.linspace(y[k], y[k + 1], n + 1)[1:-1]
@@ -209,7 +211,7 @@ def points_around_dips(
     beside a dip.
     """
     dips, margin = find_dips(solved), solved.margin
-    # The value at which straight lines from both sides would meet.
+    # The depth is the value at which straight lines from both sides would meet.
     depth = 2 * margin[dips] - 0.5 * (margin[dips - 1] + margin[dips + 1])
     is_candidate = depth < (0.0 if may_open else least_dip(solved)[solved.line[dips]])
     dips, depth = dips[is_candidate], depth[is_candidate]
@@ -224,7 +226,7 @@ def points_around_dips(
 
 
 def least_dip(solved: SolvedScenes) -> np.ndarray:
-    """Return the least margin at a dip of each line; 1 for a line without dips."""
+    """Return the least margin at the dips of each line, or 1 for a line without dips."""
     dips = find_dips(solved)
     least = np.ones(solved.line[-1] + 1)
     np.minimum.at(least, solved.line[dips], solved.margin[dips])

@@ -169,7 +169,7 @@ def solve_scene(
             final, nodes = run_with_history(scene, plan, state, max_steps, capacity)
         return final, final, nodes
     constant = jax.lax.stop_gradient
-    state = state._replace(passing=None)  # no sample is passed, so every step has a decision
+    state = state._replace(may_skip=None)  # no sample is skipped, so every step has a decision
     final, decisions, count = record_decisions(constant(scene), plan, constant(state), max_steps)
     state, nodes = replay(scene, plan, state, decisions, count, capacity)
     if nodes is not None and capacity is not None:

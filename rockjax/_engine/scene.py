@@ -282,7 +282,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         min_impact_speed_before_peak=inf,
         steps=jnp.zeros((), jnp.int32),
         rejected=jnp.zeros((), jnp.int32),
-        passing=jnp.zeros((), bool) if passes_samples(scene, plan) else None,
+        may_skip=jnp.zeros((), bool) if passes_samples(scene, plan) else None,
     )
     if isinstance(excitation, GroundMotion):
         is_weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0

@@ -109,7 +109,7 @@ class LoopState(NamedTuple):
     min_impact_speed_before_peak: Value  # least |θ̇| before the impacts up to the largest rotation [rad/s]
     steps: Index  # number of accepted steps
     rejected: Index  # number of rejected steps
-    passing: Flag | None = None  # the next sample may be skipped; None if this scene never skips samples
+    may_skip: Flag | None = None  # the next sample may be skipped; None if this scene never skips samples
 
     @property
     def peak(self) -> Value:

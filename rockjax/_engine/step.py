@@ -255,8 +255,8 @@ def _advance(
     x, v = restart(scene, stamp, shift - breakpoint_shift, x, v, mode, state.piece)
     x, v = past_breakpoint(scene, stamp, breakpoint_shift, x, v, mode, (state.piece, piece))
     code = jnp.where(toppled, results.OVERTURNED, code)
-    passing = None if state.passing is None else may_pass(scene, mode, stamp) & (code == results.RUNNING)
-    advanced = advanced._replace(x=x, v=v, code=code, passing=passing)
+    may_skip = None if state.may_skip is None else may_pass(scene, mode, stamp) & (code == results.RUNNING)
+    advanced = advanced._replace(x=x, v=v, code=code, may_skip=may_skip)
     decision = Decision(h, trial.reaches_stop, lands, false_uplift, mode)
     return advanced, StepInfo(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
 
@@ -293,7 +293,7 @@ def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) 
             output.after_rejection(record) for output, record in zip(plan.outputs, state.records, strict=True)
         ),
         trial_limit=jnp.where(trial.accurate, trial.h * outcome.retry_fraction, jnp.inf),
-        passing=None if state.passing is None else jnp.zeros_like(trial.finite),
+        may_skip=None if state.may_skip is None else jnp.zeros_like(trial.finite),
         code=jnp.where(~trial.finite & ~(trial.h > trial.time_resolution), results.NOT_FINITE, state.code),
         rejected=state.rejected + 1,
     )

@@ -236,8 +236,8 @@ class JointBounds:
         one = jnp.ones_like(c.alpha)
         return cls(c, bounces.ground, 0.0, one, bounces.height, speed_squared, least_sin, deceleration, None)
 
-    def _devices(self, number: int) -> Devices:
-        """Bound the sum of forces of the restrainers that span `number` joints, f_1 or f_2 of (F2)."""
+    def _devices(self, joint_count: int) -> Devices:
+        """Bound the sum of forces of the restrainers that span `joint_count` joints, f_1 or f_2 of (F2)."""
         c, zero = self.c, jnp.zeros_like(self.c.alpha)
         if c.restraint is None:
             return Devices(zero, zero, zero)
@@ -245,7 +245,7 @@ class JointBounds:
         stretch, rate = 4 * c.sin_alpha * s, 2 * c.sin_alpha * jnp.sqrt(self.speed_squared) / c.p
         slip, least, most = c.restraint.slip, zero, zero
         for restrainer in c.restraint.restrainers:
-            if restrainer.joints != number:
+            if restrainer.joints != joint_count:
                 continue
             at_rest, stretched = (restrainer.force(y, zero, slip) for y in (zero, stretch))
             damping = restrainer.force(zero, rate, slip) - at_rest

@@ -144,7 +144,7 @@ def rocking(motion, options=USUAL):
         sigma=jnp.asarray(1.0),
         piece=jnp.asarray(i + 1, state.piece.dtype),
         records=with_shear(plan, state, 9.0),
-        passing=jnp.asarray(True),
+        may_skip=jnp.asarray(True),
     )
     return plan, scene, state
 
@@ -158,7 +158,7 @@ def test_a_sample_that_is_passed_is_a_trial_that_meets_nothing():
     plan, scene, state = rocking(one())
     onward = jax.jit(functools.partial(past_sample, scene, plan))
     passed, ahead = 0, onward(state)
-    while ahead.passing:
+    while ahead.may_skip:
         after, info = trial(scene, plan, state)
         passed += 1
         assert info.accepted
@@ -169,7 +169,7 @@ def test_a_sample_that_is_passed_is_a_trial_that_meets_nothing():
     assert ahead.t == state.t
     all_of_them = past_all(scene, plan, rocking(one())[2])
     assert all_of_them.t == state.t
-    assert not all_of_them.passing
+    assert not all_of_them.may_skip
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_a_sample_that_is_passed_is_a_trial_that_meets_nothing():
         {"x": 0.1499, "v": 0.5},  # overturning
         {"x": 0.03, "v": 1e-4},  # a turning point
         {"shear": 1e-3},  # a larger shear
-        {"passing": False},
+        {"may_skip": False},
         {"piece": 399},  # up to the last sample, from which on the ground rests
     ],
 )
@@ -197,7 +197,7 @@ def test_samples_at_which_something_happens_are_not_passed(change):
         a = trial(scene, plan, state)[0].v[0] - 1e-4
         state = state._replace(v=(-jnp.sign(a) * 1e-4,))
     ahead = past_sample(scene, plan, state)
-    assert not ahead.passing
+    assert not ahead.may_skip
     for name in ("t", "x", "v", "piece", "steps"):
         np.testing.assert_array_equal(getattr(ahead, name), getattr(state, name))
 
@@ -210,13 +210,13 @@ def test_coarse_samples_are_left_to_the_method():
     assert rocking_passes(motion, USUAL)
     assert not rocking_passes(coarse, fine)
     assert not rocking_passes(motion, companion(USUAL))
-    assert start(motion, EVERY)[2].passing is None
-    assert start(rj.Ricker(3.0, 1.0))[2].passing is None
+    assert start(motion, EVERY)[2].may_skip is None
+    assert start(rj.Ricker(3.0, 1.0))[2].may_skip is None
 
 
 def rocking_passes(motion, options):
     plan, scene, state = rocking(motion, options)
-    return bool(past_sample(scene, plan, state).passing)
+    return bool(past_sample(scene, plan, state).may_skip)
 
 
 def test_derivatives_are_those_with_a_trial_of_every_sample():

@@ -41,15 +41,15 @@ def may_pass(scene: Scene, mode: Value, t: Value) -> Flag:
 def past_all(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     """Skip samples until one needs a trial, and return the state there. Batches call `past_sample`
     instead."""
-    if state.passing is None:
+    if state.may_skip is None:
         return state
     pass_sample = functools.partial(past_sample, scene, plan)
-    return jax.lax.while_loop(lambda state: present(state.passing), pass_sample, state)
+    return jax.lax.while_loop(lambda state: present(state.may_skip), pass_sample, state)
 
 
 def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """Advance to the next sample if `passing` is set and the step needs no trial; otherwise clear
-    `passing`."""
+    """Advance to the next sample if `may_skip` is set and the step needs no trial; otherwise clear
+    `may_skip`."""
     constant = jax.lax.stop_gradient
     record: AbstractSampled = scene.excitation  # pyright: ignore[reportAssignmentType]
     c, sigma, piece = divided_by_inertia(scene.c), state.sigma, state.piece
@@ -70,7 +70,7 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     field_after = lambda s, x, v: field(ground + slope * s, x, v)
     end = barrier(runge_kutta(nystrom(), field_after, 0.0, h, state.x, state.v, a))
     # The last sample is not passed, since the motion may jump to zero there.
-    passes = present(state.passing) & (piece < count - 1) & (stamp < constant(scene.end))
+    passes = present(state.may_skip) & (piece < count - 1) & (stamp < constant(scene.end))
     passes &= constant(scaled_error(scene, state.x, state.v, end)) <= scene.pass_below
     passes &= _goes_on(scene, state, a, end, h)
     sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (ground_after, end.x, end.v, end.a))
@@ -80,7 +80,7 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     # The field is continuous at a sample, so the derivative of the sample's time does not affect the state.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)
     moved = jax.tree.map(lambda new, old: jnp.where(passes, new, old), moved, state)
-    return moved._replace(passing=passes)
+    return moved._replace(may_skip=passes)
 
 
 def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
