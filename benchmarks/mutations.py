@@ -44,7 +44,7 @@ FILES = [
 EQUATIONS = {
     "_excitations/piecewise.py": "piece velocity_jump",
     "_oscillators.py": (
-        "divided ground_load answers state value_and_rates _oscillators _series _states _next_turn _slope"
+        "divided ground_load factors state value_and_rates _oscillators _series _states _next_turn _slope"
     ),
     "_outputs/velocity_jump.py": "at_impact is_final _jump_bound",
     "_responses/floor.py": "bodies with_beam in_direction load_of largest_acceleration _displacement",

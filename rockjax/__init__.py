@@ -13,7 +13,7 @@ from ._version import __version__ as __version__
 # __init__.pyi lists the public names and their modules, which are imported on first use.
 _load_public_name, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
 _RENAMED = {"AbstractOutlook": "AbstractLookahead"}
-_FOLDERS = ("plots",)  # public subpackages, which have public names of their own
+_FOLDERS = ("plots",)  # public subpackages
 
 
 def __getattr__(name: str) -> Any:
@@ -39,8 +39,8 @@ def _is_command() -> bool:
 if _jaxlib.__version__.startswith("0.10.") and "xla_disable_hlo_passes" not in _os.environ.get(
     "XLA_FLAGS", ""
 ):
-    # These expand the barriers between Runge–Kutta stages too early, and then compute every stage many times
-    # over.
+    # This XLA pass expands the barriers between Runge–Kutta stages too early, so that every stage is computed
+    # many times.
     _flag = "--xla_disable_hlo_passes=cse_barrier_expander"
     _os.environ["XLA_FLAGS"] = f"{_os.environ.get('XLA_FLAGS', '')} {_flag}".strip()
 

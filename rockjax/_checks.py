@@ -1,8 +1,8 @@
 """Checks of arguments and their conversion to arrays.
 
 Only concrete values are checked. A value that `jax.jit`, `jax.vmap` or `jax.grad` traces cannot be
-checked; the scene reports a problem in its `result` instead. In all checks, `owner` is the class or
-function that the message begins with.
+checked; the scene reports a problem in its `result` instead. In all checks, the message begins with `owner`,
+a class or function.
 """
 
 import functools
@@ -24,7 +24,7 @@ def float_type() -> np.dtype:
 _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 
 
-def as_float(x, what: str = "it") -> Array:
+def as_float(x, what: str = "the value") -> Array:
     """Return `x` as an array of the default floating-point type, see `float_type`.
 
     A scalar becomes a read-only NumPy array, because the first array of JAX starts its threads, and a
@@ -51,9 +51,9 @@ def as_float(x, what: str = "it") -> Array:
         raise ValueError(f"{what} must be a number or an array of numbers, got {format_value(x)}") from None
 
 
-def as_numpy_unless_traced(x, what: str = "it") -> Any:
+def as_numpy_unless_traced(x, what: str = "the value") -> Any:
     """Return `as_float(x)`, as a NumPy array unless `x` is traced, because outside jit every jnp call
-    compiles."""
+    compiles separately."""
     x = as_float(x, what)
     return x if isinstance(x, Tracer) else np.asarray(x)
 
@@ -63,7 +63,7 @@ def as_array(x) -> Array:
     nothing."""
     if isinstance(x, jax.Array):
         return x
-    refuse_gaps("it", x)
+    refuse_gaps("the value", x)
     return jax.device_put(np.array(x))
 
 
@@ -93,11 +93,11 @@ _SENTINELS = (
 
 
 def refuse_sentinels(name: str, samples: np.ndarray) -> None:
-    """Raise `ValueError`, which names the gap, if samples contain a value that stands for missing ones,
+    """Raise `ValueError`, which names the gap, if samples contain a value that stands for missing samples,
     such as -999.
 
-    Such a value is at least three times as large as all others, or one of its runs has at least three
-    samples and one starts or ends with a jump.
+    One of the `_SENTINELS` counts as such a value if it is at least three times as large as all other
+    samples, or if one of its runs has at least three samples and one starts or ends with a jump.
     """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
@@ -117,8 +117,8 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
 
 
 def require_finite_samples(owner: str, samples: np.ndarray) -> None:
-    """Raise `ValueError` if a sample is missing or not finite. The message names the first one and its
-    gap. The samples are along the last axis."""
+    """Raise `ValueError` if a sample, along the last axis, is missing or not finite. The message names the
+    first such sample and the gap around it."""
     not_finite = ~np.isfinite(samples)
     if not_finite.any():
         index = tuple(np.argwhere(not_finite)[0])
@@ -173,7 +173,7 @@ def check_dtype(owner: str, name: str, tree) -> None:
 
 
 def concrete(x) -> np.ndarray | None:
-    """Return the value of `x` as a NumPy array; None if it is traced, or no number (a placeholder in a
+    """Return the value of `x` as a NumPy array; None if `x` is traced or not a number (a placeholder in a
     pytree)."""
     if isinstance(x, Tracer):
         return None
@@ -184,12 +184,12 @@ def concrete(x) -> np.ndarray | None:
 
 
 def array_module(*values) -> Any:
-    """Return `numpy` if no value is traced, else `jax.numpy`. (Outside jit every jnp call compiles.)"""
+    """Return `numpy` if no value is traced, otherwise `jax.numpy`, whose calls compile outside jit."""
     return jnp if any(isinstance(y, Tracer) for y in jax.tree.leaves(values)) else np
 
 
 def product(a, b) -> Any:
-    """Return a·b, in NumPy unless one of them is traced."""
+    """Return a·b, in NumPy unless a or b is traced."""
     return array_module(a, b).multiply(a, b)
 
 

@@ -46,7 +46,7 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
     return path
 
 
-CONVENTIONS = "CF-1.8"  # version of the conventions of files; the earliest that has groups and strings
+CONVENTIONS = "CF-1.8"  # the earliest version of the CF conventions that has groups and strings
 
 
 def write_dataset(

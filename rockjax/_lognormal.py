@@ -1,4 +1,4 @@
-"""Lognormal distributions, and their fit by maximum likelihood to capacities and to counts.
+"""Lognormal distributions, and maximum-likelihood fits to capacities and to counts.
 
 Fits are differentiable with respect to the data, by the implicit function theorem at the maximum.
 """
@@ -19,13 +19,13 @@ from rockjax._checks import array_module
 MIN_DISPERSION = 1e-4  # capacities with a smaller dispersion have no fit
 # Counts with a larger dispersion have no fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
 MAX_DISPERSION = 3.0
-MIN_RISE = 1e-9  # a smaller increase of the shares with the level is rounding
+MIN_RISE = 1e-9  # a smaller increase of the share of events with the level counts as rounding
 
 
 class Lognormal(NamedTuple):
     """Lognormal distribution: ln x is normal with mean ln(`median`) and standard deviation `dispersion`.
 
-    Both are NaN if data do not determine them.
+    Both are NaN if a fit fails.
     """
 
     median: Float[Array, ""]
@@ -45,11 +45,11 @@ def fit_capacities(
 
     - `capacity`: capacities, shape (n,); inf for censored ones
     - `limit`: lower bounds of the censored capacities, shape (n,)
-    - `weights`: how often each capacity counts, shape (n,); None for once
+    - `weights`: weight of each capacity, shape (n,); None for equal weights
 
-    Without censored capacities, ln(median) and dispersion are mean and standard deviation of the
-    logarithms (with n, not n − 1). The result is NaN unless at least two capacities differ. The function
-    works under `jit`, `vmap` and `grad` with respect to `capacity`.
+    Without censored capacities, ln(median) and dispersion are mean and standard deviation of the logarithms
+    (divided by n, not n − 1). The result is NaN unless at least two capacities differ. The function works
+    under `jit`, `vmap` and `grad` with respect to `capacity`.
     """
     is_observed = jnp.isfinite(capacity)
     w = jnp.ones_like(capacity) if weights is None else weights
@@ -78,9 +78,9 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     - `events`: numbers of events at the levels, shape (m,)
     - `trials`: numbers of trials at the levels, shape (m,)
 
-    The result is NaN if the likelihood has no maximum. If all events are at higher levels than all other
-    trials, every sufficiently small dispersion fits; if the share of events does not increase with the
-    level, every sufficiently large one. It is also NaN for a dispersion above `MAX_DISPERSION`.
+    The result is NaN if the likelihood has no maximum: if all events are at higher levels than all other
+    trials, or if the share of events does not increase with the level. It is also NaN for a dispersion above
+    `MAX_DISPERSION`.
     """
     log = jnp.log(x)
     has_events, has_others = events > 0, events < trials
@@ -125,7 +125,7 @@ def _minimise(misfit, start, data, has_fit: Bool[Array, ""]) -> tuple[Float[Arra
 
     constant = jax.lax.stop_gradient
 
-    # Solvers and their derivatives raise if there is no minimum. They then minimise y² instead.
+    # Without a minimum, the solvers and their derivatives would raise; y² is minimised instead.
     def loss(y, data):
         return jnp.where(has_fit, misfit(y, data), 0.5 * jnp.sum(y**2))
 

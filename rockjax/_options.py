@@ -1,4 +1,4 @@
-"""Options of the solution of a scene."""
+"""Options of simulations."""
 
 from __future__ import annotations
 
@@ -47,16 +47,15 @@ class Options(Module):
     - `overturn_ratio`: |θ|/α at which a scene counts as overturned. The angle must not exceed π/2 or,
       with the output `"margin"`, [`rockjax.Podium.stability_angle`][]
     - `rest_velocity`: an impact that leaves |θ̇| ≤ `rest_velocity`·pα brings the columns to rest [–];
-      None for `rtol`
+      by default equal to `rtol`
     - `max_steps`: limit of trial steps of a scene, accepted and rejected together
-    - `outputs`: requested outputs, out of `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`,
-      `"peak_drift"` and `"peak_floor_acceleration"` (of a building), `"impacts"`, `"margin"`, `"errors"`,
-      of the deck `"peak_deck_acceleration"` and `"peak_velocity_jump"`,
-      and of the joints `"peak_friction"`, `"axial_force"`, `"peak_foundation_shear"`, `"impact_friction"`.
-      The scene ends as soon as none of the requested outputs can change; other outputs are not computed
-      (NaN). Impacts are counted completely only if `"impacts"` is requested or the columns overturn.
-      `"errors"` estimates the errors of the peaks by a second solution. Instances of subclasses of
-      [`rockjax.AbstractOutput`][] are user-defined outputs
+    - `outputs`: requested outputs: `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`,
+      `"margin"`, `"errors"`; for buildings also `"peak_drift"` and `"peak_floor_acceleration"`; for the deck
+      `"peak_deck_acceleration"` and `"peak_velocity_jump"`; and for the joints `"peak_friction"`,
+      `"axial_force"`, `"peak_foundation_shear"` and `"impact_friction"`. The scene ends as soon as none of
+      the requested outputs can change; other outputs are not computed (NaN). Impacts are counted completely
+      only if `"impacts"` is requested or the columns overturn. `"errors"` estimates the errors of the peaks
+      by a second solution. Instances of subclasses of [`rockjax.AbstractOutput`][] are user-defined outputs
     - `history`: number of steps that a history can hold under `jit`; outside jit it grows automatically
     - `throw`: True to raise an error if a scene does not finish (such as `out_of_steps` or `not_finite`)
       and all values are concrete
@@ -153,11 +152,9 @@ class Options(Module):
 
 
 def as_compiled(podium: Podium, options: Options) -> Options:
-    """Return the options with defaults for everything that does not affect the program.
-
-    This is the order of outputs, outputs that do not apply to the podium, `history` and `throw`. Equivalent
-    requests then share one program.
-    """
+    """Return the options with defaults for everything that does not affect the compiled program: the order of
+    outputs, outputs that do not apply to the podium, `history` and `throw`. Equivalent requests then share
+    one program."""
     parameters, structure = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
     return jax.tree.unflatten(_as_compiled(structure, applicable), parameters)

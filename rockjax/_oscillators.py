@@ -1,9 +1,9 @@
-"""Largest answers of linear oscillators to a piecewise polynomial acceleration, (L5) to (L8).
+"""Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5) to (L8).
 
 With z = ẋ − λ̄x and λ = −ζω + iω_d, the equation ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex
 unknown instead of two real ones, and a velocity jump Δv of the floor becomes z⁺ = z⁻ − Δv. The solution over
-a piece is exact. Both answers, the displacement x and the absolute acceleration 2ζωẋ + ω²x, are q = Re(c z)
-with different complex factors c, so one search finds the largest value of either.
+a piece is exact. Both responses, the relative displacement x and the absolute acceleration 2ζωẋ + ω²x, are
+q = Re(c z) with different complex factors c, so one search finds the largest value of either.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-# Least number of pieces in a period. Longer pieces are divided, so that few of them contain a turning point.
+# Least number of pieces per period. Longer pieces are divided, so that few pieces contain a turning point.
 PIECES_PER_PERIOD = 8
 SERIES_TERMS = 18  # terms of power series in s = λh; on pieces of an eighth of a period they suffice
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
 LANES = 512  # number of oscillators that are computed together
 NEWTON_STEPS = 5  # iterations for a turning point, starting within a quarter of a piece
-TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first one is returned
+TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first peak is returned
 
 
 class Load(NamedTuple):
-    """The acceleration of a floor in pieces, or its derivative with respect to a parameter.
+    """A piecewise polynomial floor acceleration, or its derivative with respect to a parameter.
 
     - `start`, `length`: start and length h of the n pieces, contiguous and ascending, shape (n,) [s]
     - `terms`: coefficients c_k of a = Σ c_k (τ/h)^k, with the time τ from the start of the piece, shape
@@ -52,13 +52,12 @@ class Load(NamedTuple):
         counts = np.maximum(np.ceil(self.length / longest * (1 - 1e-12)), 1).astype(int)
         if counts.max() == 1:
             return self
-        old = np.repeat(np.arange(counts.size), counts)  # index of the old piece of each new one
+        parent = np.repeat(np.arange(counts.size), counts)  # index of the old piece that contains a new piece
         first_new = np.cumsum(counts) - counts
-        # number of a new piece within its old one
-        number = np.arange(old.size) - np.repeat(first_new, counts)
-        width = 1 / counts[old]
-        offset, degree = number * width, self.terms.shape[1] - 1
-        terms = self.terms[old]
+        index_in_parent = np.arange(parent.size) - np.repeat(first_new, counts)
+        width = 1 / counts[parent]
+        offset, degree = index_in_parent * width, self.terms.shape[1] - 1
+        terms = self.terms[parent]
         # Taylor expansion about the start of each new piece.
         terms = np.stack(
             [
@@ -68,17 +67,18 @@ class Load(NamedTuple):
             ],
             axis=1,
         )
-        length = self.length[old] * width
-        at_start = (np.where(number == 0, y[old], 0.0) for y in (self.kick, self.shift, self.moved))
-        return type(self)(self.start[old] + number * length, length, terms, *at_start)
+        length = self.length[parent] * width
+        is_first = index_in_parent == 0
+        at_start = (np.where(is_first, y[parent], 0.0) for y in (self.kick, self.shift, self.moved))
+        return type(self)(self.start[parent] + index_in_parent * length, length, terms, *at_start)
 
 
 class Peaks(NamedTuple):
-    """Largest answers of N oscillators.
+    """Largest responses of N oscillators.
 
-    - `displacement`: S_d = max|x|, shape (N,) [m]; `time`: when it is first reached [s]
+    - `displacement`: S_d = max|x|, shape (N,) [m]; `time`: time at which S_d is first reached [s]
     - `acceleration`: S_a, the largest absolute acceleration, (L6), shape (N,) [m/s²]
-    - `slopes`: derivatives of S_d and S_a with respect to q parameters, shape (2, q, N)
+    - `slopes`: derivatives of S_d and S_a with respect to each parameter, shape (2, parameters, N)
     - `later`: largest |x| of free vibration after the end of the load, shape (N,) [m]
     - `envelope`: √(ẋ² + ω²x²)/ω at the end of the load, shape (N,) [m]
     """
@@ -94,11 +94,11 @@ class Peaks(NamedTuple):
 def largest(
     load: Load, period: np.ndarray, damping: np.ndarray, rests: bool, slopes: tuple[Load, ...] = ()
 ) -> Peaks:
-    """Return the largest answers of oscillators that start at rest relative to their floor, (L5)–(L8).
+    """Return the largest responses of oscillators that start at rest relative to their floor, (L5)–(L8).
 
     - `load`: acceleration of the floor
     - `period`, `damping`: T_e > 0 [s] and ζ in [0, 1) [–] of N oscillators, shape (N,)
-    - `rests`: whether the floor rests for good after the end of the load; free vibration then counts as well
+    - `rests`: True if the floor stays at rest after the end of the load; free vibration then counts as well
     - `slopes`: derivatives of the load with respect to parameters, in the same pieces
     """
     order = np.argsort(period)
@@ -138,7 +138,7 @@ class _Oscillators(NamedTuple):
         return np.imag(self.pole)
 
     @property
-    def answers(self) -> tuple[np.ndarray, np.ndarray]:
+    def factors(self) -> tuple[np.ndarray, np.ndarray]:
         """The factors c of x and of 2ζωẋ + ω²x."""
         omega, zeta = self.omega, self.zeta
         displacement = -1j / self.damped
@@ -176,15 +176,16 @@ class _States(NamedTuple):
 
     def at_end(self, piece: np.ndarray, lane: np.ndarray) -> np.ndarray:
         """Return z at the end of pieces, before the velocity jump that may follow."""
-        number = np.searchsorted(self.kicks, piece + 1)
+        index = np.searchsorted(self.kicks, piece + 1)
         is_kick = np.isin(piece + 1, self.kicks)
-        before = self.before[np.where(is_kick, number, 0), lane] if self.kicks.size else 0.0
+        before = self.before[np.where(is_kick, index, 0), lane] if self.kicks.size else 0.0
         return np.where(is_kick, before, self.starts[piece + 1, lane])
 
 
 def _states(load: Load, pole: np.ndarray) -> _States:
-    """Return the states of oscillators that start from rest. In the series of (L7), s^j is a power of λ times
-    the longest piece and a power of the ratio of the piece to the longest one."""
+    """Return the states of oscillators that start from rest. In the series of (L7), s^j = (λh)^j is the
+    product of a power of λ h_max, the same for all pieces, and a power of h/h_max, the same for all
+    oscillators."""
     longest, degrees = load.length.max(), np.arange(SERIES_TERMS)
     powers = ((pole * longest) ** degrees[:, None]).view(float)  # real and imaginary parts
     ratio = np.round(load.length / longest, 13)
@@ -206,12 +207,12 @@ def _states(load: Load, pole: np.ndarray) -> _States:
 
 
 class _Pairs(NamedTuple):
-    """Pairs of a piece and an oscillator: z at the start of the piece, λ, c, the length of the piece, shape
-    (k,), and the coefficients of its acceleration, shape (k, m+1)."""
+    """Pairs of a piece and an oscillator: z at the start of the piece, λ, c and the length of the piece,
+    shape (k,), and the coefficients of the acceleration, shape (k, m+1)."""
 
     z: np.ndarray
     pole: np.ndarray
-    answer: np.ndarray
+    factor: np.ndarray
     length: np.ndarray
     terms: np.ndarray
 
@@ -240,15 +241,15 @@ class _Pairs(NamedTuple):
         second = self.pole * rate - slope
         h = self.length
         return (
-            np.real(self.answer * z),
-            h * np.real(self.answer * rate),
-            h * h * np.real(self.answer * second),
+            np.real(self.factor * z),
+            h * np.real(self.factor * rate),
+            h * h * np.real(self.factor * second),
         )
 
 
-def _turns(pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of pairs whose answer has a turning point, and its fraction τ/h. Each quarter of a
-    piece is searched once, where the rate of the answer changes its sign."""
+def _turning_points(pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices of pairs whose response has a turning point, and the fraction τ/h of this point. In
+    each quarter of a piece, at most one turning point is found, where the rate changes its sign."""
     quarters = np.linspace(0.0, 1.0, 5)
     tiled = pairs.select(np.tile(np.arange(pairs.length.size), quarters.size))
     fractions = np.repeat(quarters, pairs.length.size)
@@ -275,39 +276,39 @@ class _Peak(NamedTuple):
     fraction: np.ndarray
 
 
-def _answer(answer: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _response(factor: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Return q = Re(c z)."""
-    q = np.imag(z) * -np.imag(answer)
-    return q if not np.real(answer).any() else q + np.real(z) * np.real(answer)
+    q = np.imag(z) * -np.imag(factor)
+    return q if not np.real(factor).any() else q + np.real(z) * np.real(factor)
 
 
-def _search(load: Load, oscillators: _Oscillators, answer: np.ndarray, states: _States) -> _Peak:
-    """Return the largest answers up to the end of the last piece. Only pieces that may contain the largest
-    answer are searched."""
-    size = np.abs(_answer(answer, states.starts))
-    before = np.abs(_answer(answer, states.before))
+def _search(load: Load, oscillators: _Oscillators, factor: np.ndarray, states: _States) -> _Peak:
+    """Return the peaks up to the end of the last piece. Only pieces that may contain a peak are searched."""
+    size = np.abs(_response(factor, states.starts))
+    before = np.abs(_response(factor, states.before))
     best = np.maximum(size.max(axis=0), before.max(axis=0, initial=0.0))
     # In a piece with a turning point, |q| exceeds its values at the ends by at most h²/8 max|q̈|, and
     # |q̇| ≤ h max|q̈|. A bound of q̈ + 2ζωq̇ + ω²q, which depends on the load only, therefore bounds max|q̈|.
     h, omega, sizes = load.length, oscillators.omega, np.abs(load.terms)
-    largest_load = (sizes.sum(axis=1) * h**2).max() * np.abs(np.real(answer * oscillators.pole))
-    steepest = ((sizes @ np.arange(sizes.shape[1])) * h).max() * np.abs(np.real(answer))
-    room = 8 * np.maximum(1 - 2 * oscillators.zeta * omega * h.max(), 0.2)
-    least = (best - (largest_load + steepest) / room) / (1 + (omega * h.max()) ** 2 / room)
-    size[0, :] = np.inf  # the first piece is always searched, and only it if all states are zero
-    points, lanes = np.divmod(np.flatnonzero(size >= np.where(best > 0, least, np.inf)), omega.size)
-    kick, kick_lanes = np.nonzero(before >= least)
+    largest_load = (sizes.sum(axis=1) * h**2).max() * np.abs(np.real(factor * oscillators.pole))
+    steepest = ((sizes @ np.arange(sizes.shape[1])) * h).max() * np.abs(np.real(factor))
+    divisor = 8 * np.maximum(1 - 2 * oscillators.zeta * omega * h.max(), 0.2)
+    min_size = (best - (largest_load + steepest) / divisor) / (1 + (omega * h.max()) ** 2 / divisor)
+    size[0, :] = np.inf  # the first piece is always searched, and only this piece if all states are zero
+    points, lanes = np.divmod(np.flatnonzero(size >= np.where(best > 0, min_size, np.inf)), omega.size)
+    kick, kick_lanes = np.nonzero(before >= min_size)
     ends = states.kicks[kick] - 1
     piece, lane = np.concatenate([points, points - 1, ends]), np.concatenate([lanes, lanes, kick_lanes])
-    inside = (piece >= 0) & (piece < h.size)
-    piece, lane = np.unravel_index(np.unique(piece[inside] * omega.size + lane[inside]), (h.size, omega.size))
+    is_piece = (piece >= 0) & (piece < h.size)
+    indices = np.unique(piece[is_piece] * omega.size + lane[is_piece])
+    piece, lane = np.unravel_index(indices, (h.size, omega.size))
     z = states.starts[piece, lane]
-    pairs = _Pairs(z, oscillators.pole[lane], answer[lane], h[piece], load.terms[piece])
-    which, fraction = _turns(pairs)
+    pairs = _Pairs(z, oscillators.pole[lane], factor[lane], h[piece], load.terms[piece])
+    which, fraction = _turning_points(pairs)
     inner = pairs.select(which).value_and_rates(fraction)[0]
-    at_ends = _answer(answer[lane], states.at_end(piece, lane))
+    at_ends = _response(factor[lane], states.at_end(piece, lane))
     return _first_peak(
-        np.concatenate([_answer(answer[lane], z), inner, at_ends]),
+        np.concatenate([_response(factor[lane], z), inner, at_ends]),
         np.concatenate([lane, lane[which], lane]),
         np.concatenate([piece, piece[which], piece]),
         np.concatenate([np.zeros(piece.size), fraction, np.ones(piece.size)]),
@@ -318,7 +319,7 @@ def _search(load: Load, oscillators: _Oscillators, answer: np.ndarray, states: _
 def _first_peak(
     value: np.ndarray, lane: np.ndarray, piece: np.ndarray, fraction: np.ndarray, count: int
 ) -> _Peak:
-    """Return the largest |value| of each lane, the first one if several are equal."""
+    """Return the largest |value| of each lane, or the first of several equal ones."""
     size = np.zeros(count)
     np.maximum.at(size, lane, np.abs(value))
     tied = np.flatnonzero(np.abs(value) >= size[lane] * (1 - TIE_TOLERANCE))
@@ -327,41 +328,41 @@ def _first_peak(
     return _Peak(value[first], piece[first], fraction[first])
 
 
-def _next_turn(oscillators: _Oscillators, answer: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return q at its first turning point in free vibration from the state z, where |q| is largest
-    afterwards, and the time until then [s]."""
-    angle = np.mod(0.5 * math.pi - np.angle(answer * oscillators.pole * z), math.pi)
+def _next_turn(oscillators: _Oscillators, factor: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return q at the first turning point in free vibration from the state z, where |q| is largest, and the
+    time until this point [s]."""
+    angle = np.mod(0.5 * math.pi - np.angle(factor * oscillators.pole * z), math.pi)
     delay = angle / oscillators.damped
-    return np.real(answer * z * np.exp(oscillators.pole * delay)), delay
+    return np.real(factor * z * np.exp(oscillators.pole * delay)), delay
 
 
 def _largest(load: Load, slopes: list[Load], period: np.ndarray, damping: np.ndarray, rests: bool) -> Peaks:
-    """Return the largest answers as `largest` does; pieces must be at most an eighth of every period."""
+    """Return the largest responses as `largest` does; pieces must be at most an eighth of every period."""
     oscillators = _oscillators(period, damping)
     pole, last = oscillators.pole, load.length.size
     states = _states(load, pole)
     slope_states = [_states(slope, pole) for slope in slopes]
     values, times, changes = [], [], []
     end = states.starts[-1]
-    for answer in oscillators.answers:
-        found = _search(load, oscillators, answer, states)
+    for factor in oscillators.factors:
+        peak = _search(load, oscillators, factor, states)
         if rests:
-            value, delay = _next_turn(oscillators, answer, end)
-            is_later = np.abs(value) > np.abs(found.value) * (1 + TIE_TOLERANCE)
-            free = value, np.full(period.size, last), delay
-            found = _Peak(*(np.where(is_later, a, b) for a, b in zip(free, found, strict=True)))
-        inside = np.minimum(found.piece, last - 1)
-        at_fraction = load.start[inside] + load.length[inside] * found.fraction
-        time = np.where(found.piece == last, load.end + found.fraction, at_fraction)
-        values.append(np.abs(found.value))
+            value, delay = _next_turn(oscillators, factor, end)
+            is_later = np.abs(value) > np.abs(peak.value) * (1 + TIE_TOLERANCE)
+            later_peak = value, np.full(period.size, last), delay
+            peak = _Peak(*(np.where(is_later, a, b) for a, b in zip(later_peak, peak, strict=True)))
+        piece = np.minimum(peak.piece, last - 1)
+        at_fraction = load.start[piece] + load.length[piece] * peak.fraction
+        time = np.where(peak.piece == last, load.end + peak.fraction, at_fraction)
+        values.append(np.abs(peak.value))
         times.append(time)
-        slope_of = functools.partial(_slope, load, oscillators, answer, states, found)
+        slope_of = functools.partial(_slope, load, oscillators, factor, states, peak)
         rows = [slope_of(*y) for y in zip(slopes, slope_states, strict=True)]
         changes.append(np.array(rows).reshape(len(slopes), period.size))
-    answer = oscillators.answers[0]
-    x = np.real(answer * end)
+    factor = oscillators.factors[0]
+    x = np.real(factor * end)
     rate = np.real(end) - damping * oscillators.omega * x
-    later = np.abs(_next_turn(oscillators, answer, end)[0])
+    later = np.abs(_next_turn(oscillators, factor, end)[0])
     envelope = np.hypot(rate / oscillators.omega, x)
     return Peaks(values[0], times[0], values[1], np.stack(changes), later, envelope)
 
@@ -369,26 +370,26 @@ def _largest(load: Load, slopes: list[Load], period: np.ndarray, damping: np.nda
 def _slope(
     load: Load,
     oscillators: _Oscillators,
-    answer: np.ndarray,
+    factor: np.ndarray,
     states: _States,
-    found: _Peak,
+    peak: _Peak,
     slope: Load,
     slope_states: _States,
 ) -> np.ndarray:
-    """Return the derivative of the largest answers, (L8).
+    """Return the derivative of the largest responses, (L8).
 
-    It is the derivative of q at a fixed time. For a peak at an end of a piece, it also contains the rate of q
-    times the derivative of the time of this end.
+    The derivative of a peak is the derivative of q at a fixed time. For a peak at an end of a piece, it also
+    contains the rate of q times the derivative of the time of this end.
     """
-    pole, lanes, last = oscillators.pole, np.arange(answer.size), load.length.size
-    free, k = found.piece == last, np.minimum(found.piece, last - 1)
-    at_start, at_end = ~free & (found.fraction == 0), ~free & (found.fraction == 1)
-    fraction = np.where(free, 0.0, found.fraction)
-    pairs = _Pairs(slope_states.starts[k, lanes], pole, answer, load.length[k], slope.terms[k])
+    pole, lanes, last = oscillators.pole, np.arange(factor.size), load.length.size
+    is_free, k = peak.piece == last, np.minimum(peak.piece, last - 1)  # in free vibration after the load
+    at_start, at_end = ~is_free & (peak.fraction == 0), ~is_free & (peak.fraction == 1)
+    fraction = np.where(is_free, 0.0, peak.fraction)
+    pairs = _Pairs(slope_states.starts[k, lanes], pole, factor, load.length[k], slope.terms[k])
     z = np.where(at_end, slope_states.at_end(k, lanes), pairs.state(fraction))
-    z = np.where(free, slope_states.starts[-1] * np.exp(pole * np.where(free, found.fraction, 0.0)), z)
+    z = np.where(is_free, slope_states.starts[-1] * np.exp(pole * np.where(is_free, peak.fraction, 0.0)), z)
     state = np.where(at_end, states.at_end(k, lanes), states.starts[k, lanes])
     a = np.where(at_end, load.terms[k].sum(axis=1), load.terms[k, 0])
     moved = np.append(slope.moved, 0.0)[np.where(at_end, k + 1, k)]
-    rate = np.real(answer * (pole * state - a)) * np.where(at_start | at_end, moved, 0.0)
-    return np.sign(found.value) * (np.real(answer * z) + rate)
+    rate = np.real(factor * (pole * state - a)) * np.where(at_start | at_end, moved, 0.0)
+    return np.sign(peak.value) * (np.real(factor * z) + rate)

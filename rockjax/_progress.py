@@ -32,11 +32,11 @@ def start_clock(progress_bar: Any) -> threading.Event:
 
 
 class Bar(tqdm):
-    """A progress bar, in which the time before the first update, while programs are compiled or loaded,
-    does not count.
+    """A progress bar whose rate excludes the time before the first update, in which programs are compiled or
+    loaded.
 
-    The elapsed time is redrawn every second, also while a program is compiled. As a context manager the
-    bar ends full, unless an exception ends it, even if fewer than `total` units were needed.
+    The elapsed time is redrawn every second, also while a program is compiled. At the end of a `with` block
+    without an exception, the bar is full, even if fewer than `total` units were needed.
     """
 
     def __init__(self, **settings):

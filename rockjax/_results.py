@@ -63,12 +63,12 @@ NAMES = (
     *("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full", "interrupted"),
     *("chattering", "too_stiff", "weightless"),
 )
-# Attributes of a variable of result codes, after the conventions for flags in netCDF files.
+# Attributes of dataset variables with result codes, as the CF conventions prescribe for flags.
 FLAGS = {"flag_values": np.arange(len(NAMES), dtype=np.int8), "flag_meanings": " ".join(NAMES)}
 
 
 def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:
-    """Return the results of codes from the integration loop."""
+    """Return the named results for codes from the integration loop."""
     return jax.tree.unflatten(_RESULT, [code])
 
 
@@ -86,8 +86,8 @@ def explain(code: int) -> str:
 
 
 def explain_failures(codes) -> str:
-    """Return a message with the number of scenes that did not finish, and the cause and cure of each
-    result among them. The message is empty if all scenes finished.
+    """Return a message with the number of scenes that did not finish, and cause and cure for each of their
+    results. The message is empty if all scenes finished.
 
     - `codes`: codes of results, of any shape
     """
@@ -116,7 +116,7 @@ class State(Module):
     - `theta`, `theta_dot`: rotation [rad] and its rate [rad/s]
     - `u_t`, `u_t_dot`: displacement of the top mass relative to the ground [m] and its rate [m/s].
       Without an elastic superstructure they are not used. With several modes they are u_i and u̇_i along
-      the last axis; a scalar applies to all modes, as if all floors moved by it
+      the last axis; a scalar applies to all modes, as if all floors had this displacement or rate
     """
 
     theta: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta"), default=0.0)

@@ -52,8 +52,8 @@ def newton(f: Callable[[Array], Array], positive: Array, negative: Array, count:
     - `positive`, `negative`: ends of the brackets at which f is > 0 and ≤ 0
     - `count`: number of steps
 
-    A Newton step that would leave the bracket is replaced by a bisection. The slope is that of the last
-    evaluated point.
+    A Newton step that would leave the bracket is replaced by a bisection. The slope is the derivative of f at
+    the last evaluated point.
     """
 
     def step(_, carry):
@@ -115,8 +115,8 @@ def narrow_brackets(
     - `lanes`: number of points that are evaluated together
 
     Points on both sides of the root of the straight line through the ends are evaluated, at a distance
-    that follows from the error of the previous root. If that is large, for example because the function
-    jumps, the bracket is divided evenly.
+    that follows from the error of the previous root. If this distance is large, for example because the
+    function jumps, the bracket is divided evenly.
     """
     a, b, at_a, at_b, more_at_b = brackets = Brackets(*map(np.array, brackets))
     offset = np.full(a.size, FIRST_OFFSET)

@@ -26,8 +26,8 @@ def _economised(series: list[Fraction], terms: int) -> tuple[float, ...]:
     series = list(series)
     while len(series) > terms:
         degree = len(series) - 1
-        # The shifted polynomial T*_n(x) = T_n(2x − 1) comes from its recurrence. A multiple of it is
-        # subtracted, which removes the highest power.
+        # The shifted Chebyshev polynomial T*_n(x) = T_n(2x − 1) follows from the recurrence. Subtracting a
+        # multiple of T*_n removes the highest power.
         before, shifted = [Fraction(1)], [Fraction(-1), Fraction(2)]
         for _ in range(degree - 1):
             following = [Fraction(0), *(4 * c for c in shifted)]
@@ -81,17 +81,17 @@ _PI = (3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21)
 def sin(x: Value) -> Value:
     """Return sin x for any x, with an error of about two roundings of the result, or one rounding of x."""
     turns, sign = _half_turns(x)
-    s, _ = sincos(_less(x, turns))
+    s, _ = sincos(_subtract_half_turns(x, turns))
     return sign * s
 
 
 @jax.custom_jvp
 @jax.jit
 def cos(x: Value) -> Value:
-    """Return cos x for any x, as accurately as `sin`, but near its zeros with an error of one rounding of
-    1."""
+    """Return cos x for any x, as accurately as `sin`, but near the zeros of cos x with an error of one
+    rounding of 1."""
     turns, sign = _half_turns(x)
-    _, c = sincos(_less(x, turns))
+    _, c = sincos(_subtract_half_turns(x, turns))
     return sign * c
 
 
@@ -113,8 +113,8 @@ def _half_turns(x: Value) -> tuple[Value, Value]:
     return turns, 1.0 - 2.0 * (turns - 2.0 * jnp.floor(0.5 * turns))
 
 
-def _less(x: Value, turns: Value) -> Value:
+def _subtract_half_turns(x: Value, turns: Value) -> Value:
     """Return x − π·turns without loss of digits."""
-    for part in _PI:
-        x = x - turns * part
+    for term in _PI:
+        x = x - turns * term
     return x

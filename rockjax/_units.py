@@ -18,7 +18,7 @@ class Unit(NamedTuple):
     """A unit."""
 
     dimension: str  # name of the physical quantity
-    factor: float  # size in SI units; rates and return periods are in years
+    factor: float  # size in SI units, but rates are per year and return periods in years
 
 
 UNITS = {
@@ -80,8 +80,8 @@ def unit_of(text: str | None) -> str | None:
 
 
 def in_si(units: str) -> tuple[float, str] | None:
-    """Return the factor from a unit of an intensity measure to the SI unit, and the SI unit; None for
-    other units."""
+    """Return the factor from a unit of an intensity measure to the SI unit, and the SI unit; None for units
+    that no intensity measure has."""
     unit = UNITS.get(unit_of(units) or "")
     return None if unit is None or unit.dimension not in _SI else (unit.factor, _SI[unit.dimension])
 

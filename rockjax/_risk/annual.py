@@ -70,10 +70,10 @@ jax.tree_util.register_dataclass(AnnualFrequency, ["frequency", "extrapolated", 
 def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
     """Return the mean annual frequency of overturning, or of the limit state of a fragility.
 
-    - `curve`: one of three. A [`rockjax.Lognormal`][] in the units of the hazard. A dataset of
-      [`rockjax.fragility`][], of [`rockjax.read_fragility_model`][], whose limits apply, or one curve of
-      [`rockjax.contents_fragility`][], selected by `contents` and `damage_state`. Or a dataset of
-      [`rockjax.incremental_dynamic_analysis`][]: its counted shares of overturned records are used
+    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][], of
+      [`rockjax.read_fragility_model`][] (with its limits) or of [`rockjax.contents_fragility`][] (one curve,
+      selected by `contents` and `damage_state`); or a dataset of
+      [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are used
       directly, linear between the levels, so that survival windows count
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
 
@@ -147,7 +147,7 @@ def _limited_probability(
 ) -> np.ndarray:
     """Return P at intensities x (n,), with limits applied.
 
-    If P stays > 0 at low intensities, it is 0 below `first`, the first point of the hazard curve.
+    If a limit keeps P > 0 at low intensities, P is 0 below `first`, the first point of the hazard curve.
     """
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
     share = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
@@ -160,16 +160,18 @@ def _integrate_with_slopes(curve: Lognormal, hazard: Hazard, limits: integral.Li
     """Return λ_f, its extrapolated share, and the derivatives of ln λ_f."""
 
     def total(log_median, dispersion):
-        parts = integral.integrate_lognormal(*hazard.logarithms, jnp.exp(log_median), dispersion, limits)
-        return parts.total, parts
+        contributions = integral.integrate_lognormal(
+            *hazard.logarithms, jnp.exp(log_median), dispersion, limits
+        )
+        return contributions.total, contributions
 
-    (frequency, parts), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(
+    (frequency, contributions), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(
         jnp.log(curve.median), curve.dispersion
     )
     is_positive = frequency > 0
-    safe = jnp.where(is_positive, frequency, 1.0)
-    share = jnp.where(is_positive, (parts.below + parts.above) / safe, 0.0)
-    return frequency, share, {"median": slopes[0] / safe, "dispersion": slopes[1] / safe}
+    divisor = jnp.where(is_positive, frequency, 1.0)
+    share = jnp.where(is_positive, (contributions.below + contributions.above) / divisor, 0.0)
+    return frequency, share, {"median": slopes[0] / divisor, "dispersion": slopes[1] / divisor}
 
 
 _frequency_and_slopes = StoredProgram(_integrate_with_slopes)
@@ -185,10 +187,8 @@ def _frequency_of_lognormal(
 
 
 def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
-    """Return d ln λ_f/d ln y for the parameters y of the structure.
-
-    The effect of y on the median counts, and its effect on the dispersion if the dataset contains it.
-    """
+    """Return d ln λ_f/d ln y for the parameters y of the structure: the effect through the median and, if
+    the dataset contains its sensitivities, through the dispersion."""
     if "median_sensitivity" not in curve:
         return {}
     changes = slopes["median"] * curve["median_sensitivity"].values
@@ -219,8 +219,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     The contribution is the density F(x) |dλ/d ln x| divided by the frequency. Its integral over ln x is 1.
 
     - `curve`, `hazard`: as for [`rockjax.annual_frequency`][], but the curve must be lognormal
-    - `at`: intensities (n,), > 0; by default 400, from 1/1000 of the median or the first point of the hazard
-      (the smaller) to 10 times the median or the last point (the larger)
+    - `at`: intensities (n,), > 0; by default 400 values from 1/1000 of the smaller of the median and the
+      first point of the hazard to 10 times the larger of the median and the last point
 
     Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve
     jumps, `hazard` [1/year] and `fragility` [–]. `given` holds the rates at the points of the hazard curve,

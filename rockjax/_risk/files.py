@@ -21,12 +21,13 @@ if TYPE_CHECKING:
     import xarray
 
 NRML = "http://openquake.org/xmlns/nrml/0.5"
-MIN_IML = "1e-10"  # minIML of a curve without one, as in OpenQuake
-MAX_DEVIATIONS = 7.0  # maxIML of a curve without one is this many β above the median, where 1 − P = 1e-12
+MIN_IML = "1e-10"  # minIML written for a curve without a lower limit, as in OpenQuake
+# maxIML written for a curve without an upper limit: this many β above ln m, where 1 − P = 1e-12.
+MAX_DEVIATIONS = 7.0
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
-    """Return the arguments of `Hazard` from a file; `site` is the row of a file of OpenQuake, or None."""
+    """Return the arguments of `Hazard` from a file; `site` is the row of an OpenQuake file, or None."""
     text = read_text(path).splitlines()
     rows = [_Row.of(number, line, _delimiter(text)) for number, line in enumerate(text, 1)]
     rows = [row for row in rows if any(row.cells)]
@@ -127,7 +128,7 @@ def _uncommented(row: _Row) -> list[str]:
 def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
     """Return the headings of a table, from its heading lines and all its rows.
 
-    Further heading lines contain units. A heading that was split at a comma of its text is joined again.
+    Further heading lines contain units. Headings that were split at a comma in their text are joined again.
     """
     cells = [cell.strip() for cell in lines[0]] if lines else []
     for line in lines[1:]:
@@ -157,7 +158,7 @@ def _si_unit(path: str | Path, heading: Heading) -> tuple[float, str]:
 
 
 def _years(comments: list[_Row]) -> float | None:
-    """Return the investigation time that the comments of a file state."""
+    """Return the investigation time in the comments of a file [years]; None if they state none."""
     match = re.search(
         r"investigation[ _]time\W{0,4}([0-9.eE+]+)", " ".join(row.text for row in comments), re.I
     )
@@ -240,7 +241,7 @@ def _openquake(path: str | Path, rows: list[_Row], comments: list[_Row], site: i
 
 
 def _measure(path: str | Path, imt: str) -> tuple[str, str]:
-    """Return the measure for an intensity measure type of OpenQuake, and the unit that OpenQuake uses."""
+    """Return the measure with OpenQuake's name `imt`, and the unit in which OpenQuake gives the measure."""
     if imt == "PGA":
         return "PGA", "g"
     if imt == "PGV":
@@ -251,7 +252,7 @@ def _measure(path: str | Path, imt: str) -> tuple[str, str]:
 
 
 def _imt(measure: str) -> tuple[str, float]:
-    """Return OpenQuake's name of a measure, and the factor from its unit there to SI."""
+    """Return OpenQuake's name of a measure, and the factor from OpenQuake's unit to SI."""
     if measure == "PGA":
         return "PGA", STANDARD_GRAVITY
     if measure == "PGV":
@@ -320,12 +321,12 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
     - `path`: file to read
 
     Returns structure → dataset, or `structure/limit state` → dataset for structures with several limit
-    states. A dataset has `median_capacity` and `dispersion` and is a `curve` of
+    states. A dataset has `median_capacity` and `dispersion`, and can be the `curve` of
     [`rockjax.annual_frequency`][]. It also has the limits in the file: `no_damage_limit`, up to which P = 0,
     and `min_intensity` and `max_intensity` (minIML, maxIML), below and above which P keeps its value at the
-    limit. As in OpenQuake, a limit of 0 means none, and intensities are clipped to the range from minIML to
-    maxIML before `no_damage_limit` applies. Raises `ValueError` for other files, other shapes of curves, and
-    limits that leave no curve.
+    limit. As in OpenQuake, a limit of 0 means no limit, and intensities are clipped to the range from minIML
+    to maxIML before `no_damage_limit` applies. Raises `ValueError` for other files, other shapes of curves,
+    and limits that exclude all intensities.
     """
     try:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
@@ -391,7 +392,7 @@ def _limits_to_write(curve: xarray.Dataset, unit: float) -> dict[str, str]:
 
 
 def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> xarray.Dataset:
-    """Return the dataset of a limit state, from its parameters and the intensity levels of its structure."""
+    """Return the dataset of a limit state from its `params` and the `imls` of its structure."""
     import xarray
 
     measure, units = _measure(path, imls.get("imt", ""))

@@ -1,4 +1,4 @@
-"""Further filters of Gaussian ground motions, applied after those of Kanai–Tajimi and Clough–Penzien."""
+"""Additional filters for Gaussian ground motions, after the filters of Kanai–Tajimi and Clough–Penzien."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rockjax._tree import Module
 class Filter(Module):
     """A second-order filter (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), starting from rest.
 
-    Filters of higher order are several of these in series.
+    Several such filters in series form a filter of higher order.
 
     - `numerator`: (b₂, b₁, b₀) [–, 1/s, 1/s²]
     - `denominator`: (a₁, a₀), both > 0, so that the filter is stable [1/s, 1/s²]
@@ -57,7 +57,7 @@ class Filter(Module):
     def layer(cls, omega: Any, zeta: Any) -> Self:
         """Return (2ζω s + ω²)/(s² + 2ζω s + ω²), a soil layer (Kanai 1957, Tajimi 1960).
 
-        It is the transfer function to the absolute acceleration of an oscillator.
+        It is the transfer function of an oscillator from ground acceleration to absolute acceleration.
 
         - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
         """

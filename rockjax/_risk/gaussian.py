@@ -72,7 +72,7 @@ class Envelope(Module):
 class RandomPulse(Module):
     """A near-fault pulse of random amplitude, period and phase (Mavroeidis & Papageorgiou 2003).
 
-    It is added to the noise. The last three entries of u determine it by inverse transform sampling.
+    The pulse is added to the noise. The last three entries of u determine it by inverse transform sampling.
 
     - `amplitude`: velocity amplitude A, a [`rockjax.Lognormal`][] [m/s]
     - `period`: period T_p = 1/f_p, a [`rockjax.Lognormal`][] [s]
@@ -121,7 +121,7 @@ class GaussianMotion(Module):
     - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter, > 0
     - `envelope`: function t ↦ e(t), by default a [`rockjax.Envelope`][]
     - `pulse`: a [`rockjax.RandomPulse`][] that is added, or None
-    - `filters`: one or more filters ([`rockjax.Filter`][]), which the noise passes after these two
+    - `filters`: one or more filters ([`rockjax.Filter`][]), which the noise passes after soil and high-pass
 
     Differentiable with respect to u and to every parameter. [`rockjax.synthetic_motions`][] is a different
     model: stationary noise is filtered first, then multiplied by Saragoni & Hart's envelope, shifted to end
@@ -189,7 +189,7 @@ class GaussianMotion(Module):
         return self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
 
     def record(self, u: Float[Array, "*batch d"]) -> Record:
-        """Return the motion of u as a record, linear between its samples; batched if u has batch axes."""
+        """Return the motion that u determines as a record; batched if u has batch axes."""
         return Record(self.acceleration(u), self.dt)
 
     def _filter(self) -> tuple[Float[Array, "k k"], Float[Array, " k"], Float[Array, " k"]]:
@@ -228,7 +228,7 @@ class GaussianMotion(Module):
         return jnp.sqrt(variance)
 
     def scaled(self, factor) -> Self:
-        """Return the model of the motions multiplied by a factor, which scales S₀ and the amplitude."""
+        """Return the model whose motions are multiplied by a factor (S₀ by the square of the factor)."""
         motion = eqx.tree_at(lambda m: m.S_0, self, self.S_0 * jnp.asarray(factor, float) ** 2)
         if self.pulse is None:
             return motion

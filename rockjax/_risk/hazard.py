@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class Hazard(Module):
     """A hazard curve λ(x): the mean annual rate at which the intensity x is exceeded [1/year].
 
-    ln λ is linear in ln x between the points of the curve. The first and the last segment continue outside.
+    ln λ is linear in ln x between the points of the curve. The first and the last segment are extrapolated.
 
     - `intensity`: intensities x₁ < … < x_n of the points, shape (n,), n ≥ 2, > 0 [`units`]
     - `annual_rate`: rates λ₁ ≥ … ≥ λ_n > 0 of the points, shape (n,) [1/year]
@@ -69,7 +69,7 @@ class Hazard(Module):
         return jnp.log(self.intensity), jnp.log(self.annual_rate)
 
     def intensity_at(self, annual_rate) -> Float[Array, "*m"]:
-        """Return the intensities that are exceeded at annual rates [1/year], the inverse (host)."""
+        """Return the intensities [`units`] that are exceeded at the given annual rates [1/year] (host)."""
         rate = np.asarray(annual_rate, float)
         require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
         log_x, log_rate = (np.asarray(y) for y in self.logarithms)
@@ -98,7 +98,7 @@ class Hazard(Module):
 
         - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or a CSV with two columns. One
           column has the intensity, with measure and unit in its heading (`PGA [g]`, `Sa(1 s), %g`). The other
-          says how often it is exceeded: `annual_rate`, `return period [years]`, or a probability with its
+          gives how often it is exceeded: `annual_rate`, `return period [years]`, or a probability with its
           investigation time (`PoE in 50 years`, `annual probability of exceedance`). Probabilities p in t
           years become rates −ln(1 − p)/t; points with p = 0 or 1 are left out
         - `site`: row of an OpenQuake file, from 0; needed if the file has several rows

@@ -1,6 +1,6 @@
 """The integral ∫ F(x) |dλ(x)| of a fragility F along a hazard curve λ, in closed form on every segment.
 
-ln λ is linear in ln x between the points of a hazard curve, and the first and last segment continue outside.
+ln λ is linear in ln x between the points of a hazard curve, and the first and last segment are extrapolated.
 On a segment λ = k₀ x^(−k), and for a lognormal F = Φ(z), z = (ln x − ln m)/β,
 
     ∫ F |dλ| = [−F λ] + k₀ m^(−k) e^(k²β²/2) [Φ(z + kβ)].
@@ -21,8 +21,8 @@ class Contributions(NamedTuple):
     """Contributions of parts of a hazard curve to ∫ F |dλ| [1/year].
 
     - `below`: contribution of intensities below the first point of the hazard curve
-    - `between`: contributions of the pieces between its first and its last point
-    - `above`: contribution of intensities above its last point
+    - `between`: contributions of the pieces between the first and the last point
+    - `above`: contribution of intensities above the last point
     """
 
     below: Float[Array, ""]
@@ -38,8 +38,8 @@ class Limits(NamedTuple):
     """Intensities at which a fragility curve is cut off or held constant; None for no limit.
 
     - `zero_below`: P(x) = 0 up to this intensity
-    - `constant_below`: below this intensity P(x) keeps its value there; not given together with `zero_below`
-    - `constant_above`: above this intensity P(x) keeps its value there
+    - `constant_below`: below this intensity P(x) keeps the value at the limit; excludes `zero_below`
+    - `constant_above`: above this intensity P(x) keeps the value at the limit
     """
 
     zero_below: Float[ArrayLike, ""] | None = None
@@ -55,16 +55,14 @@ def segment_slopes(log_x: Float[Array, " n"], log_rate: Float[Array, " n"]) -> F
 def log_rate_at(
     log_x: Float[Array, " n"], log_rate: Float[Array, " n"], s: Float[Array, "*m"]
 ) -> Float[Array, "*m"]:
-    """Return ln λ at s = ln x, by linear interpolation; the outer segments continue outside."""
+    """Return ln λ at s = ln x, by linear interpolation and extrapolation."""
     i = jnp.clip(jnp.searchsorted(log_x, s) - 1, 0, log_x.size - 2)
     return log_rate[i] - segment_slopes(log_x, log_rate)[i] * (s - log_x[i])
 
 
 def _log_difference(low: Array, high: Array) -> Array:
-    """Return ln[Φ(high) − Φ(low)] for low < high, which may be infinite.
-
-    It is evaluated in the tail in which both values of Φ are small, which avoids cancellation.
-    """
+    """Return ln[Φ(high) − Φ(low)] for low < high, which may be infinite. To avoid cancellation, the tail of
+    the distribution is used in which both values of Φ are small."""
     is_upper_tail = low + high > 0
     a, b = jnp.where(is_upper_tail, -high, low), jnp.where(is_upper_tail, -low, high)
     larger, smaller = norm.logcdf(b), norm.logcdf(a)
@@ -105,8 +103,10 @@ def integrate_lognormal(
     def share(s):
         return norm.cdf((s - jnp.log(median)) / dispersion)
 
-    parts = _unlimited(points, log_rate_at(log_x, log_rate, points), k[segment], median, dispersion)
-    below, pieces, above, constant = parts.below, parts.between, parts.above, jnp.zeros(())
+    below, pieces, above = _unlimited(
+        points, log_rate_at(log_x, log_rate, points), k[segment], median, dispersion
+    )
+    constant = jnp.zeros(())
     if first is not None:
         below, pieces = jnp.zeros(()), jnp.where(middle > first, pieces, 0.0)
     if constant_below is not None:
@@ -153,7 +153,7 @@ def integrate_piecewise_linear(
 ) -> Contributions:
     """Return the contributions to ∫ F |dλ| for a piecewise linear F.
 
-    F is zero below its first point and constant above its last one.
+    F is zero below its first point and constant above its last point.
 
     - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, (n,)
     - `x`: intensities of the points of F, ascending, > 0, (m,); `share`: F at `x`, (m,), with share[0] = 0

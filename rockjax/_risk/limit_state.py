@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-# Points of a batch. Batches are padded to powers of two, so that few sizes are compiled.
+# Numbers of points in a batch. Batches are padded to powers of two, so that few sizes are compiled.
 MIN_BATCH, MAX_BATCH = 8, 4096
 
 
@@ -45,10 +45,8 @@ class AbstractLimitState(abc.ABC):
     def with_sensitivities(
         self, u: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]] | None:
-        """Return G (m,), ∇G (m, d), and ∂G/∂y (m,) for every named parameter y of the limit state.
-
-        Return None if the limit state has no named parameters.
-        """
+        """Return G (m,), ∇G (m, d), and ∂G/∂y (m,) for every named parameter y of the limit state; None if it
+        has no named parameters."""
         del u
         return None
 

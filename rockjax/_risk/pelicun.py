@@ -14,7 +14,7 @@ from rockjax._files import write_atomically
 if TYPE_CHECKING:
     import xarray
 
-# Units of pelicun for those of an intensity measure.
+# Pelicun's names for the units of intensity measures.
 UNITS = {"m s-2": "mps2", "m s-1": "mps"}
 HEADINGS = "ID", "Incomplete", "Demand-Type", "Demand-Unit", "Demand-Offset", "Demand-Directional"
 LIMIT_STATE = "Family", "Theta_0", "Theta_1"
@@ -26,11 +26,11 @@ def write_pelicun(path: str | Path, fragility: xarray.Dataset) -> Path:
     - `path`: file to write
     - `fragility`: dataset of [`rockjax.contents_fragility`][], whose measure is PGA, PGV or Sa(T s)
 
-    A block is a component with its name as `ID`, and each damage state is a limit state `LS1` … with the
-    lognormal median `Theta_0`, in m/s² or m/s, and dispersion `Theta_1`. The demand is the intensity of the
-    ground motion at the location of the component, along the direction in which it rocks: `Demand-Offset` 0,
-    `Demand-Directional` 1. Limit states without a curve are empty, and their component has `Incomplete` 1.
-    Returns the path. Raises `ValueError` for other datasets and other measures.
+    Each block is a component, with the block's name as `ID`. Each damage state is a limit state `LS1` … with
+    the lognormal median `Theta_0`, in m/s² or m/s, and dispersion `Theta_1`. The demand is the intensity of
+    the ground motion at the location of the component, along the direction in which the component rocks:
+    `Demand-Offset` 0, `Demand-Directional` 1. Limit states without a curve are empty, and the component then
+    has `Incomplete` 1. Returns the path. Raises `ValueError` for other datasets and other measures.
     """
     owner = "write_pelicun"
     if getattr(fragility, "attrs", {}).get("kind") != "contents-fragility":
@@ -43,8 +43,8 @@ def write_pelicun(path: str | Path, fragility: xarray.Dataset) -> Path:
     states = range(1, curves.sizes["damage_state"] + 1)
     rows = [[*HEADINGS, *(f"LS{k}-{name}" for k in states for name in LIMIT_STATE)]]
     for name in curves["contents"].values:
-        of_block = curves.sel(contents=name)
-        medians, dispersions = (of_block[y].values.tolist() for y in ("median_capacity", "dispersion"))
+        block = curves.sel(contents=name)
+        medians, dispersions = (block[y].values.tolist() for y in ("median_capacity", "dispersion"))
         cells = [_limit_state(*pair) for pair in zip(medians, dispersions, strict=True)]
         incomplete = str(int(any(not cell[0] for cell in cells)))
         rows.append([str(name), incomplete, demand, unit, "0", "1", *itertools.chain(*cells)])
@@ -57,7 +57,7 @@ def write_pelicun(path: str | Path, fragility: xarray.Dataset) -> Path:
 
 
 def _limit_state(median: float, dispersion: float) -> tuple[str, str, str]:
-    """Return the cells of a limit state, empty without a curve."""
+    """Return the cells of a limit state; they are empty if it has no curve."""
     return ("", "", "") if math.isnan(median) else ("lognormal", repr(median), repr(dispersion))
 
 

@@ -2,13 +2,14 @@
 
 A ray is a half-line from u = 0 in a direction e. It fails between its crossings r with the surface of
 failure, so the probability of failure along it is q(e) = Σ ±Q(r), where Q is the upper tail of the chi
-distribution, that is of |u|. Over all directions P = E q(e). The directions of failing samples have the
-density q₀/P₀ relative to all directions, so for another structure, with u multiplied by k,
+distribution (the distribution of |u|). The mean over all directions is P = E q(e). The directions of
+failing samples have the density q₀/P₀ relative to all directions, so for another structure, with u
+multiplied by k,
 
     P(k) = P₀ E[q(e; k)/q₀(e)]
 
-is a mean over the same directions. It is as smooth as the crossings, whose derivatives follow from the
-implicit function theorem, and the sampling error of P₀ is common to all structures.
+is a mean over the same directions. P(k) is as smooth as the positions of the crossings, whose derivatives
+follow from the implicit function theorem, and the sampling error of P₀ is common to all structures.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Rays(NamedTuple):
 
     - `directions`: unit vectors, shape (m, d)
     - `weights`: P₀/(m q₀), shape (m,)
-    - `factor`: factor k at which they were sampled
+    - `factor`: factor k at which the directions were sampled
     - `cov`: coefficient of variation of P₀
     - `scenes`: number of evaluated scenes
     """
@@ -160,7 +161,8 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
             return factor, estimator
         index = -float(scipy.stats.norm.ppf(min(max(trial_probability, 1e-30), 1 - 1e-3)))
         trials.append((math.log(factor), index))
-        # The index is taken to be proportional to 1/k, as for a plane limit state; later the secant is used.
+        # The first step takes the reliability index −Φ⁻¹(P) to be proportional to 1/k, as for a plane limit
+        # state; later steps use the secant.
         step = math.log(max(index, 0.5) / max(target_index, 0.5)) if target_index != index else 0.1
         if len(trials) > 1 and abs(trials[-1][1] - trials[-2][1]) > 1e-3:
             (a, at_a), (b, at_b) = trials[-2:]
@@ -204,7 +206,7 @@ class _RayScan:
         self.narrow(UNREFINED)
 
     def narrow(self, division: Division) -> None:
-        """Find the crossings between positions, with the given division of their intervals."""
+        """Find the crossings between positions, dividing intervals as `division` says."""
         m, r = len(self.directions), self._radii(self.first, self.stop)
         scanned = np.repeat(np.arange(m), r.size), np.tile(r, m), self.G.ravel()
         self.line, self.r, self.survivor, _, enters = narrow_crossings(
@@ -224,7 +226,7 @@ class _RayScan:
         crossed_line, r, *_ = narrow_crossings(
             self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP
         )
-        # Several crossings enclose windows far narrower than the resolution of the scan; the first is used.
+        # Several crossings would enclose windows far narrower than the resolution; only the first is used.
         first = np.unique(crossed_line, return_index=True)[1]
         self.r[rows[crossed_line[first]]] = r[first]
 
@@ -294,7 +296,7 @@ def _polish(
         return jumps, along_ray, slopes
 
     jumps, _, _ = newton(np.abs(scan.r - scan.survivor) / scan.r)
-    scan.sharpen(np.flatnonzero(jumps))  # a Newton step that leaves the interval is replaced by its division
+    scan.sharpen(np.flatnonzero(jumps))  # divides the interval if a Newton step would leave it
     return newton(JUMP_STEP)
 
 
@@ -324,7 +326,7 @@ def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> floa
 def _root(scan: _RayScan, weights: np.ndarray, probability: float, guess: float) -> float:
     """Return the k near a guess at which P(k) has its target value.
 
-    Beyond the scanned positions, rays are taken to fail or survive as at the outermost ones.
+    Beyond the scanned positions, rays are taken to fail or survive as at the outermost positions.
     """
 
     def log_error(log_k: float) -> float:

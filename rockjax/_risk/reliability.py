@@ -210,33 +210,33 @@ def estimate_probability(
 
             estimator.run(cov, max_scenes, 500, report)
     except KeyboardInterrupt:
-        so_far = _answer(latest[0], estimator, limit, method, cov, None) if latest else None
+        so_far = _to_result(latest[0], estimator, limit, method, cov, None) if latest else None
         raise Interrupted(f"{owner}: stopped after {limit.scenes} scenes", so_far) from None
-    answer = _answer(latest[0], estimator, limit, method, cov, estimator.slopes())
-    if not answer.converged:
-        warnings.warn(f"{owner}: {_explain_divergence(answer, cov)}", RuntimeWarning, stacklevel=3)
-    return answer
+    result = _to_result(latest[0], estimator, limit, method, cov, estimator.slopes())
+    if not result.converged:
+        warnings.warn(f"{owner}: {_explain_divergence(result, cov)}", RuntimeWarning, stacklevel=3)
+    return result
 
 
-def _explain_divergence(answer: FailureProbability, cov: float) -> str:
+def _explain_divergence(result: FailureProbability, cov: float) -> str:
     """Return the reason why an estimate has not converged, and the cure."""
-    cures = [] if answer.method == "subset" else ["method='subset'"]
-    if answer.probability == 0:
+    cures = [] if result.method == "subset" else ["method='subset'"]
+    if result.probability == 0:
         cause = "no scene fails"
         cures.append("stronger motions, because the probability may be zero")
-    elif (achieved := answer.standard_error / answer.probability) > cov:
+    elif (achieved := result.standard_error / result.probability) > cov:
         cause = f"the coefficient of variation is {achieved:.2g}, not {cov:g}"
         cures += ["a larger max_scenes", "a larger cov"]
     else:
         cause = "too few scenes fail, or a few with large weights make up most of the sum"
         cures.append("a larger max_scenes")
     return (
-        f"the probability {answer.probability:.3g} by {answer.method!r} has not converged in {answer.scenes} "
+        f"the probability {result.probability:.3g} by {result.method!r} has not converged in {result.scenes} "
         f"scenes: {cause}; use {', or '.join(cures)}"
     )
 
 
-def _answer(
+def _to_result(
     estimate: ProbabilityEstimate,
     estimator: AbstractEstimator,
     limit: AbstractLimitState,
@@ -268,9 +268,9 @@ def _answer(
 
 
 def first_order_probability(points: DesignPoints) -> float:
-    """Return the probability of the union of the half-spaces α_i·u ≥ β_i; NaN if there are none.
+    """Return the probability of the union of the half-spaces α_i·u ≥ β_i; NaN if there are no design points.
 
-    It is exact for up to two half-spaces, and Ditlevsen's lower bound for more.
+    The value is exact for up to two half-spaces, and Ditlevsen's lower bound for more.
     """
     if points.beta.size == 0:
         return math.nan

@@ -25,7 +25,8 @@ RAY = 24  # number of positions on a full ray
 PARTIAL_RAY = 10  # number of positions on a ray up to a known distance of failure
 NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
 PARTS = 8  # number of equal parts into which a round divides the interval
-# Evaluated fractions of the way to the normal, divided by the last one; the best may lie beyond the normal.
+# Evaluated fractions of the way to the normal, divided by the previous step's fraction. The best direction
+# may lie beyond the normal.
 FRACTIONS = np.array([1.5, 1.0, 0.5])
 MIN_FRACTION = 1 / 64  # smallest fraction of the way to the normal
 ALIGNED = 1e-9  # 1 − cos of the angle between point and normal below which a search ends
@@ -58,7 +59,7 @@ class _Bracket(NamedTuple):
     G_high: np.ndarray  # G at `high`
 
     def root(self) -> np.ndarray:
-        """Return the root of the straight line between the ends; inf without failure."""
+        """Return the root of the straight line between the ends; inf if there is no failure."""
         drop = self.G_low - self.G_high
         is_usable = np.isfinite(drop) & (drop > 0)
         fraction = np.where(is_usable, self.G_low / np.where(is_usable, drop, 1.0), 1.0)
@@ -81,7 +82,7 @@ def _bracket(limit: AbstractLimitState, directions: np.ndarray, radii: np.ndarra
 
 
 def _narrow(limit: AbstractLimitState, directions: np.ndarray, bracket: _Bracket) -> np.ndarray:
-    """Return the distances at which rays fail, on the failing side; inf without failure."""
+    """Return the distances at which rays fail, on the failing side; inf if there is no failure."""
     low, high, G_low, G_high = (y.copy() for y in bracket)
     failing = np.flatnonzero(np.isfinite(high))
     for _ in range(NARROWING_ROUNDS):

@@ -1,4 +1,4 @@
-"""Limit states of rocking structures under Gaussian motions: G(u) follows from the response to motion u."""
+"""Limit states of rocking structures under Gaussian motions: G(u) follows from the response to ü_g = A u."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ LIMITS = {
 
 
 def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
-    """Return the requested limit state.
+    """Convert the argument `limit` to a `Limit`.
 
     - `owner`: function that error messages name
     - `limit`: `"overturning"`, or a key of `LIMITS` and a value
-    - `podium`: structure that must have this output; None to omit this check
+    - `podium`: structure that must have the output of the limit; None to omit this check
 
     Raises `ValueError` for other values of `limit`, and if the podium does not have the output.
     """
@@ -102,7 +102,7 @@ class StructureLimitState(AbstractLimitState):
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
         super().__init__(motion.dimension)
         self.podium, self.motion, self.limit = podium, motion, limit
-        # Without a pulse, −u is the motion with the opposite sign; the podium fails under it in the same way.
+        # Without a pulse, −u gives the motion with the opposite sign, under which the podium fails likewise.
         self.mirrored = motion.pulse is None
         self.options = options.replace(outputs=(limit.request,), throw=False)
 
@@ -128,7 +128,7 @@ class StructureLimitState(AbstractLimitState):
     def log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return G, shape (m,), and its derivatives with respect to ln|u| along the ray, shape (m,), and to
         the logarithms of named parameters of the podium, shape (m, names)."""
-        # Without a pulse, |u| is the scale of the motion, whose derivative the same batch computes.
+        # Without a pulse, the derivative with respect to ln|u| is a sensitivity to the scale of the motion.
         scale_name = () if self.motion.pulse is not None else ("scale",)
         if len(u) == 0:
             return np.zeros(0), np.zeros(0), np.zeros((0, len(names)))

@@ -10,7 +10,8 @@ tail: a few samples dominate the sum. The shape k of a generalised Pareto distri
 weights detects this (Vehtari et al. 2024): above 0.7, neither the estimate nor its spread is reliable.
 
 A failing sample with a large weight lies far from every known design point. A search for design points starts
-there. If it finds a new one, the mixture is extended and the samples of the old mixture are discarded.
+there. If the search finds a new one, the mixture is extended and the samples of the old mixture are
+discarded.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from ._base import AbstractMean
 
 ORIGIN = 0.1  # weight w_0 of the density around the origin
 BATCH = 4096  # number of samples in memory at once
-FAR_WEIGHT = 1.0  # a failure with a larger weight is far from every design point, where it is about Φ(−β)
+FAR_WEIGHT = 1.0  # failures with larger weights are far from design points, near which weights are ≈ Φ(−β)
 SEARCHES = 4  # largest number of starts of the search in a round
 TAIL_FACTOR = 3.0  # number of weights in the fit divided by √n; at most a fifth of all n weights
 MIN_TAIL = 10  # smallest number of weights in the fit; with fewer, the tail is taken to be light

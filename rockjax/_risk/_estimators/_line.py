@@ -23,7 +23,7 @@ from rockjax._risk.lines import crossings
 from ._base import AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes, lognormal_interval
 
 FINE_RANGE = 2.5  # positions on a line are dense within this distance of β
-FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance of positions within this range and elsewhere
+FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance between positions within this range and elsewhere
 HALF_LENGTH = 7.5  # half of the length of a line; Φ(−7.5) is 3e-14
 LINE_SCENES = 40  # approximate number of scenes for a line
 BATCH = 128  # number of lines in memory at once
@@ -44,7 +44,7 @@ class _Lines(NamedTuple):
     """Lines u + cα parallel to the direction α of a design point, for c ≥ `low`, inside its region."""
 
     u: np.ndarray  # points normal to α, shape (m, d)
-    low: np.ndarray  # shape (m,)
+    low: np.ndarray  # least c, shape (m,)
     region: np.ndarray  # index of the design point, shape (m,)
     line: np.ndarray  # index of the line among the lines of this design point, shape (m,)
 

@@ -1,11 +1,11 @@
 """Subset simulation (Au & Beck 2001): the probability of a rare event as a product of larger probabilities.
 
-It needs neither derivatives nor design points. A run descends through levels of G. At each level, the samples
-with the lowest G (one twentieth by default) start chains of moves, and a move is accepted if G does not
-exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ, applied
-to each component with probability 1/4 (in low dimensions more, so that about ten components move), because
-longer moves of fewer components decorrelate sooner. A run ends at the level 0, or without failure after
-`LEVELS` levels.
+The method needs neither derivatives nor design points. A run descends through levels of G. At each level, the
+samples with the lowest G (one twentieth by default) start chains of moves, and a move is accepted if G does
+not exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ,
+applied to each component with probability 1/4 (in low dimensions more, so that about ten components move),
+because longer moves of fewer components decorrelate sooner. A run ends at the level 0, or without failure
+after `LEVELS` levels.
 
 The samples of a run are correlated within their chains and across levels, and one run cannot measure this.
 Therefore several independent runs share one batch, and their spread gives the error. The estimate has a bias
