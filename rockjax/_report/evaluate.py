@@ -13,6 +13,7 @@ from rockjax._responses.estimate import SAFETY
 
 from .assumptions import ASSUMPTIONS, INVALIDATING, Outcome
 from .contents import tables_of
+from .derivatives import log_slopes
 from .entry import Entry
 from .evaluation import Check, Evaluation
 from .kinds import KINDS
@@ -47,7 +48,8 @@ def evaluate(
         if name not in PARTS:
             raise ValueError(f"evaluate: skip must hold some of {', '.join(PARTS)}, got {name!r}")
     path = None if store is None else Path(store)
-    scenes = Scenes(problem, Store(path), needs_of_sets(problem), progress or Silent())
+    with_spread = "spread" not in skip
+    scenes = Scenes(problem, Store(path), needs_of_sets(problem), progress or Silent(), with_spread)
     checks = tuple(_evaluate(entry, scenes, skip) for entry in problem.checks)
     outcomes = {
         name: {y.id: y.test(problem, scenes.peaks(name)) for y in ASSUMPTIONS}
@@ -79,12 +81,12 @@ def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
     if reason:
         return Check(entry, kind, "NOT MADE", reason)
     try:
-        return _made(entry, kind, scenes, "spread" not in skip)
+        return _made(entry, kind, scenes)
     except (ValueError, RuntimeError, OSError, NotImplementedError) as error:
         return Check(entry, kind, "NOT MADE", f"{type(error).__name__}: {error}")
 
 
-def _made(entry: Entry, kind: Kind, scenes: Scenes, with_spread: bool) -> Check:
+def _made(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
     """Return a check that can be made."""
     values = kind.values(entry, scenes)
     value, error, governing = statistic_of(values, entry.keys.statistic, kind.is_minimum)
@@ -118,7 +120,7 @@ def _made(entry: Entry, kind: Kind, scenes: Scenes, with_spread: bool) -> Check:
         check,
         sensitivities=slopes if is_smooth else {},
         no_slopes=Check.no_slopes if is_smooth else "not smooth",
-        spread=_spread(check, scenes) if with_spread and kind.repeats else {},
+        spread=_spread(check, scenes) if scenes.with_spread and kind.repeats else {},
         laws=_laws(check, scenes) if kind.repeats else {},
     )
 
@@ -203,7 +205,7 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
     known = {k: function for k, function in functions.items() if function is not None}
     if not known:
         return {}
-    data = scenes.slopes(check.entry, known)
+    data = log_slopes(scenes, check.entry, known)
     weights = data["value"] / data["value"].sum()
     slopes = (weights * data["slope"]).sum("motion")
     sign = -1 if check.kind.is_minimum else 1

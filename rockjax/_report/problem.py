@@ -133,6 +133,17 @@ class Problem:
         """Keys of the inputs that can vary."""
         return tuple(entry.key for entry in self.inputs if entry.varies)
 
+    @functools.cached_property
+    def leaf_derivatives(self) -> list[Any]:
+        """Derivatives of the leaves of `podium` with respect to ln y of each of `variables`, along the last
+        axis."""
+
+        def leaves(logs: Any) -> list[Any]:
+            factors = dict(zip(self.variables, jnp.exp(logs), strict=True))
+            return [jnp.asarray(y, float) for y in jax.tree.leaves(self.varied(factors))]
+
+        return jax.jit(jax.jacfwd(leaves))(jnp.zeros(len(self.variables)))
+
     @property
     def story_heights(self) -> np.ndarray | None:
         """Heights of the stories [m], or None."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._outputs.registry import REGISTRY
 from rockjax._responses.estimate import companion
@@ -19,27 +19,20 @@ from rockjax._responses.floor_answers import VARIABLES
 from rockjax._responses.peak import data_variables
 from rockjax._structures import Podium, ShearBuilding
 from rockjax._structures.modes import with_fields
-from rockjax._types import Value
 
-from .entry import Entry
 from .problem import MotionSet, Problem
 from .store import Store, fingerprint
-from .uplift import UpliftRatio
 
 if TYPE_CHECKING:
     import xarray
 
-Traced = Callable[[Any], Value]  # ln of the factors on every input and on the motion, (n + 1,) ↦ value
-
 BASE = ("peak_rotation", "impacts", "errors")
-JOINT_OUTPUTS = ("peak_friction", "axial_force", "impact_friction")
-MAX_SCALE = 10.0  # end of the search for overturning factors
-NEAR = 1e-6  # relative distance of scenes from the boundary
-BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances of boundaries
+BUILDING_OUTPUTS = ("peak_shear", "peak_drift", "peak_floor_acceleration", "peak_velocity_jump")
+JOINT_OUTPUTS = ("peak_friction", "axial_force", "impact_friction", "peak_foundation_shear")
 
 
 class Needs(NamedTuple):
-    """Outputs and things on floors (by name) that the checks of a set of motions need."""
+    """Outputs, and things on floors by name, that the checks of a set of motions need."""
 
     outputs: dict[str, None] = {}
     things: dict[str, Any] = {}
@@ -51,13 +44,22 @@ class Scenes:
     - `problem`: the problem; `store`: keeps their answers
     - `needed`: set of motions → what its checks need
     - `progress`: object with `update(number)` and `describe(text)`, or None
+    - `with_spread`: whether `changes` are solved
     """
 
-    def __init__(self, problem: Problem, store: Store, needed: Mapping[str, Needs], progress: Any = None):
+    def __init__(
+        self,
+        problem: Problem,
+        store: Store,
+        needed: Mapping[str, Needs],
+        progress: Any = None,
+        with_spread: bool = True,
+    ):
         self.problem, self.store, self.needed, self.progress = problem, store, needed, progress
+        self.with_spread = with_spread
         # Checks and sections ask for the same structures and scenes many times.
         self.podium, self.peaks = functools.cache(self._podium), functools.cache(self._peaks)
-        self._changed_peaks = functools.cache(self._solve_changes)
+        self._variants = functools.cache(self._solve_variants)
 
     def say(self, text: str) -> None:
         """Show what is computed."""
@@ -67,8 +69,15 @@ class Scenes:
     @functools.cached_property
     def changes(self) -> tuple[str, ...]:
         """Names of the changed structures: each input ± spread, such as "width+" and "width-", and
-        "motion+", "motion-" for the factor on all motions."""
-        return tuple(f"{name}{sign}" for name in (*self.problem.variables, "motion") for sign in "-+")
+        "motion+", "motion-" for the factor on all motions; empty without spread."""
+        names = (*self.problem.variables, "motion") if self.with_spread else ()
+        return tuple(f"{name}{sign}" for name in names for sign in "-+")
+
+    @functools.cached_property
+    def laws(self) -> tuple[str, ...]:
+        """The laws of impact of `[report]` that differ from the structure's own."""
+        own = fingerprint(self.problem.podium)
+        return tuple(law for law in self.problem.report.laws if fingerprint(self.podium(law)) != own)
 
     def factors(self, change: str) -> dict[str, float]:
         """Return key → factor of a change."""
@@ -96,17 +105,21 @@ class Scenes:
         an elevation, and of the tables of the page."""
         podium = self.problem.podium
         wanted: dict[str, None] = dict.fromkeys(BASE)
-        for output in ("peak_shear", "peak_drift", "peak_floor_acceleration", "peak_velocity_jump"):
+        for output in BUILDING_OUTPUTS:
             if podium.superstructure is not None and REGISTRY[output].applies(podium):
                 wanted[output] = None
         wanted |= self.needed.get(name, Needs()).outputs
         if podium.elevation is not None:
-            wanted |= dict.fromkeys((*JOINT_OUTPUTS, "peak_foundation_shear"))
+            wanted |= dict.fromkeys(JOINT_OUTPUTS)
         return tuple(wanted)
 
     def options(self, name: str) -> Options:
         """Return the options of the scenes of a set."""
         return self.problem.options.replace(outputs=self.outputs(name), throw=False)
+
+    def things(self, name: str) -> dict[str, Any]:
+        """Return name → thing on a floor, for all checks of a set."""
+        return self.needed.get(name, Needs()).things
 
     # -------------------------------------------------------------------------------------------------- peaks
     def _peaks(
@@ -114,36 +127,53 @@ class Scenes:
     ) -> xarray.Dataset:
         """Return the peaks of the scenes of a set, along `motion`.
 
-        - `name`: the set; `law`: law of impact instead of that of the structure
+        - `name`: the set; `law`: one of the laws of `[report]`, or None for the structure's own
         - `change`: one of `changes`; `factor`: on all motions
         """
-        if change:
-            return self._changed_peaks(name, factor).sel(change=change)
-        law = None if law is None or self._is_own_law(law) else law
-        motions, options, podium = self.motion_set(name), self.options(name), self.podium(law)
+        variant = change or (law if law in self.laws else "")
+        if variant:
+            return self._variants(name, factor).sel(variant=variant)
+        motions, options, podium = self.motion_set(name), self.options(name), self.problem.podium
         things = self.things(name)
         mark = fingerprint(podium, motions.hashes, options, things, factor)
 
         def solve() -> xarray.Dataset:
-            self.say(f"scenes of {name}" + (f", law {law}" if law else ""))
-            data = self._solve(podium, motions.scaled(factor), options, ("motion",), things)
-            return self._with_floor_errors(data, podium, motions.scaled(factor), options, things)
+            self.say(f"scenes of {name}")
+            data = self.solve(podium, motions.scaled(factor), options, ("motion",), things)
+            return self._with_floor_errors(data, motions.scaled(factor), options, things)
 
-        return self.store.get(f"peaks.{name}.{law or 'own'}{_suffix(factor)}", mark, solve)
+        return self.store.get(f"peaks.{name}{_suffix(factor)}", mark, solve)
 
-    def things(self, name: str) -> dict[str, Any]:
-        """Return the things on floors that checks of a set need: name → thing."""
-        return self.needed.get(name, Needs()).things
+    def _solve_variants(self, name: str, factor: float = 1.0) -> xarray.Dataset:
+        """Return the peaks of a set with every other law of impact and every change, along `variant` and
+        `motion`. They are one batch, in which a law is its restitution factor."""
+        motions, options, things = self.motion_set(name), self.options(name), self.things(name)
+        podiums = [self.podium(law) for law in self.laws] + [self.podium(None, y) for y in self.changes]
+        podiums = [y.replace(restitution=float(y.restitution_factor)) for y in podiums]
+        names = (*self.laws, *self.changes)
+        scales = factor * np.array([1.0] * len(self.laws) + [self._motion_factor(y) for y in self.changes])
+        mark = fingerprint(podiums, scales, motions.hashes, options, things)
+
+        def solve() -> xarray.Dataset:
+            self.say(f"scenes of {name} with other laws of impact and changed inputs")
+            excitations = as_batch("report", motions.excitations).scaled(scales[:, None])
+            data = self.solve(_stacked(podiums), excitations, options, ("variant", "motion"), things)
+            return data.assign_coords(variant=list(names))
+
+        return self.store.get(f"variants.{name}{_suffix(factor)}", mark, solve)
+
+    def _motion_factor(self, change: str) -> float:
+        return self.factors(change).get("motion", 1.0)
 
     def _with_floor_errors(
-        self, data: xarray.Dataset, podium: Podium, excitations: Any, options: Options, things: dict[str, Any]
+        self, data: xarray.Dataset, excitations: Any, options: Options, things: dict[str, Any]
     ) -> xarray.Dataset:
         """Return the peaks of scenes with estimated errors of the things on floors, from a second solution:
         inf where the solutions differ in what overturns."""
         if not things:
             return data
         finer = companion(options).replace(outputs=("peak_rotation",))
-        other = self._solve(podium, excitations, finer, ("motion",), things)
+        other = self.solve(self.problem.podium, excitations, finer, ("motion",), things)
         for name in ("contents_peak_rotation", "oscillator_pseudo_acceleration"):
             if name in data:
                 error = np.abs(data[name].values - other[name].values)
@@ -153,33 +183,7 @@ class Scenes:
                 data[f"{name}_error"] = data[name].dims, error
         return data
 
-    def _is_own_law(self, law: str) -> bool:
-        return fingerprint(self.podium(law)) == fingerprint(self.problem.podium)
-
-    def _solve_changes(self, name: str, factor: float = 1.0) -> xarray.Dataset:
-        """Return the peaks of a set with every change, along `change` and `motion`."""
-        motions, options, things = self.motion_set(name), self.options(name), self.things(name)
-        podiums = [self.podium(None, change) for change in self.changes]
-        spread = self.problem.report.spread
-        mark = fingerprint(podiums, self.changes, motions.hashes, options, spread, things, factor)
-
-        def solve() -> xarray.Dataset:
-            self.say(f"scenes of {name} with changed parameters")
-            by_change = []
-            for sign in ("-", "+"):  # the unchanged structure, with all motions smaller, then larger
-                scaled = motions.scaled(factor * self.factors(f"motion{sign}")["motion"])
-                by_change.append(self._solve(self.problem.podium, scaled, options, ("motion",), things))
-            stacked, excitations = _stacked(podiums[:-2]), motions.scaled(factor)
-            data = self._solve(stacked, excitations, options, ("change", "motion"), things)
-            import xarray
-
-            return xarray.concat(
-                [data, *[y.expand_dims("change") for y in by_change]], "change"
-            ).assign_coords(change=list(self.changes))
-
-        return self.store.get(f"spread.{name}{_suffix(factor)}", mark, solve)
-
-    def _solve(
+    def solve(
         self,
         podium: Podium,
         excitations: Any,
@@ -190,7 +194,7 @@ class Scenes:
         """Return the peaks of a batch as a dataset.
 
         - `podium`, `excitations`, `options`: of the batch; `dims`: its dims
-        - `things`: things on floors: name → thing; the names are coordinates of their dims
+        - `things`: name → thing on a floor; the names are coordinates of their dims
         """
         import xarray
 
@@ -199,212 +203,32 @@ class Scenes:
         progress, on_floors = self.progress or False, tuple(things.values())
         peaks = peak_responses(podium, excitations, options=options, progress=progress, on_floors=on_floors)
         data = xarray.Dataset(data_variables(peaks, options.outputs, dims))
+        answers = dict(zip(things, peaks.on_floors, strict=True))
         names = {
-            dim: [
-                name for name, answer in zip(things, peaks.on_floors, strict=True) if isinstance(answer, kind)
-            ]
+            dim: [name for name, answer in answers.items() if isinstance(answer, kind)]
             for kind, (dim, _) in VARIABLES.items()
         }
-        return data.assign_coords({dim: found for dim, found in names.items() if found})
+        return data.assign_coords({dim: labels for dim, labels in names.items() if labels})
 
-    # ----------------------------------------------------------------------------------------------- searches
-    def scales(self, name: str, event: str) -> xarray.Dataset:
-        """Return the least factors on the motions of a set that lift or overturn the columns, along `motion`,
-        with estimates of their errors.
+    def peaks_with_factors(self, label: str, name: str, factors: np.ndarray) -> xarray.Dataset:
+        """Return the peaks of the motions of a set, each multiplied by its factor.
 
-        - `name`: the set; `event`: "uplift" or "overturning"
+        - `label`: name in the store; `name`: the set; `factors`: one for each motion
         """
-        motions, podium, options = self.motion_set(name), self.problem.podium, self.problem.options
-        mark = fingerprint(podium, motions.hashes, options, event, MAX_SCALE)
-        solve = self._uplift if event == "uplift" else self._overturning
-        return self.store.get(f"scales.{name}.{event}", mark, lambda: solve(motions))
-
-    def _uplift(self, motions: MotionSet) -> xarray.Dataset:
-        import xarray
-
-        self.say(f"uplift factors of {motions.name}")
-        factor = self._uplift_guess(motions)
-        # Close to uplift, where the tolerance of the scenes is that of the factor.
-        scaled = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
-        data = self._solve(self.problem.podium, scaled, self._uplift_options, ("motion",))
-        factor = 0.9 * factor / data["uplift_ratio"].values
-        error = factor * data["uplift_ratio_error"].values / data["uplift_ratio"].values
-        return xarray.Dataset(
-            {"factor": ("motion", factor), "error": ("motion", error)}, attrs={"limit": np.inf}
-        )
-
-    @property
-    def _uplift_options(self) -> Options:
-        return self.problem.options.replace(outputs=(UpliftRatio(), "peak_rotation", "errors"), throw=False)
-
-    def _uplift_guess(self, motions: MotionSet) -> np.ndarray:
-        """Return factors on the motions from scenes that do not lift the columns."""
-        from rockjax._batch.batch import peak_responses
-
-        podium = self.problem.podium
-        threshold = float(podium.uplift_ground_acceleration)
-        largest = np.array([_largest_acceleration(y) for y in motions.excitations])
-        scale = 0.3 * threshold / largest
-        for _ in range(20):
-            scaled = [y.scaled(f) for y, f in zip(motions.excitations, scale, strict=True)]
-            peaks = peak_responses(podium, scaled, options=self._uplift_options)
-            if not np.any(peaks.uplifted):
-                return scale / np.asarray(peaks.uplift_ratio)
-            scale = np.where(peaks.uplifted, scale / 3, scale)
-        raise RuntimeError(f"report: no factor keeps the columns of {motions.name} in contact")
-
-    def _overturning(self, motions: MotionSet) -> xarray.Dataset:
-        import xarray
-
-        factors = []
-        for name, excitation in zip(motions.names, motions.excitations, strict=True):
-            self.say(f"overturning factor of {name}")
-            factors.append(float(self._overturning_scale(self.problem.podium, excitation)))
-        found = np.array(factors)
-        # Boundaries are bisected to rounding, so that the error is that of their scenes.
-        error = np.where(np.isfinite(found), found * BOUNDARY_ERROR, np.nan)
-        return xarray.Dataset(
-            {"factor": ("motion", found), "error": ("motion", error)}, attrs={"limit": MAX_SCALE}
-        )
-
-    @property
-    def boundary_options(self) -> dict[str, Any]:
-        """Arguments of searches for boundaries of overturning."""
-        from rockjax._boundaries.boundary import BOUNDARY
-
-        return {"options": BOUNDARY.replace(overturn_ratio=self.problem.options.overturn_ratio)}
-
-    def _overturning_scale(self, podium: Podium, excitation: Any) -> Value:
-        from rockjax._boundaries.boundary import overturning_scale
-
-        return overturning_scale(podium, excitation, max_scale=MAX_SCALE, **self.boundary_options)
-
-    def scale_function(self, event: str, name: str, motion: int) -> Traced:
-        """Return the least factor on a motion as a function, for derivatives."""
-        from rockjax._responses.simulate import peak_response
-
-        excitation = self.motion_set(name).excitations[motion]
-        if event == "overturning":
-            return self.by_logs(lambda podium, y: self._overturning_scale(podium, excitation.scaled(y)))
-        scale = 0.9 * float(self.scales(name, event)["factor"][motion])
-        options = self._uplift_options.replace(outputs=(UpliftRatio(),))
-
-        def least_factor(podium: Podium, factor: Value) -> Value:
-            peak = peak_response(podium, excitation.scaled(scale * factor), options=options)
-            return scale / peak.uplift_ratio
-
-        return self.by_logs(least_factor)
-
-    def scaled(self, label: str, name: str, factors: np.ndarray) -> xarray.Dataset:
-        """Return the peaks of the motions of a set, each with its factor; `label`: name in the store."""
         motions = self.motion_set(name).excitations
-        return self.of_excitations(label, name, [y.scaled(f) for y, f in zip(motions, factors, strict=True)])
+        excitations = [y.scaled(f) for y, f in zip(motions, factors, strict=True)]
+        return self.peaks_under(label, self.options(name), excitations)
 
-    def of_excitations(self, label: str, name: str, excitations: list[Any]) -> xarray.Dataset:
-        """Return the peaks of excitations.
-
-        - `label`: name in the store; `name`: set whose outputs are requested
-        """
-        options, podium = self.options(name), self.problem.podium
+    def peaks_under(self, label: str, options: Options, excitations: Sequence[Any]) -> xarray.Dataset:
+        """Return the peaks of excitations, along `motion`; `label`: name in the store."""
+        podium = self.problem.podium
         mark = fingerprint(podium, excitations, options)
 
         def solve() -> xarray.Dataset:
             self.say("scenes at the boundary")
-            return self._solve(podium, excitations, options, ("motion",))
+            return self.solve(podium, list(excitations), options, ("motion",))
 
         return self.store.get(label, mark, solve)
-
-    # ------------------------------------------------------------------------------------------- derivatives
-    def slopes(self, entry: Entry, functions: Mapping[int, Traced]) -> xarray.Dataset:
-        """Return d ln(value)/d ln y of a check for every input y and the factor on the motion, along `motion`
-        and `parameter`.
-
-        - `entry`: the check; `functions`: number of a case → its value as a function
-        """
-        import xarray
-
-        problem, motions = self.problem, list(functions)
-        names = [*problem.variables, *(["motion"] if entry.motions else [])]
-        hashes = [self.motion_set(entry.motions).hashes[k] for k in motions] if entry.motions else []
-        joints, about = problem.joints.model_dump(), (entry.kind, dict(entry.arguments))
-        mark = fingerprint(problem.podium, hashes, problem.options, about, names, motions, joints)
-
-        def solve() -> xarray.Dataset:
-            self.say(f"derivatives of {entry.id}")
-            origin = jnp.zeros(len(problem.variables) + 1)
-            pairs = [jax.value_and_grad(function)(origin) for function in functions.values()]
-            values = np.array([float(value) for value, _ in pairs])
-            slopes = np.array([np.asarray(slope)[: len(names)] for _, slope in pairs]) / values[:, None]
-            return xarray.Dataset(
-                {"slope": (("motion", "parameter"), slopes), "value": ("motion", values)},
-                coords={"parameter": names, "motion": motions},
-            )
-
-        return self.store.get(f"slopes.{entry.id}", mark, solve)
-
-    def by_logs(self, function: Callable[[Podium, Value], Value]) -> Traced:
-        """Turn a function of podium and factor on the motion into one of the logarithms of all factors."""
-        return lambda logs: function(self.varied(logs), jnp.exp(logs[-1]))
-
-    def varied(self, logs: Any) -> Podium:
-        """Return the structure with its inputs multiplied by factors, to first order in their logarithms,
-        `logs`, (n + 1,). The last one, of the factor on the motion, has no effect."""
-        leaves, structure = jax.tree.flatten(self.problem.podium)
-        changed = [
-            jnp.asarray(y, float) + J @ logs[:-1] for y, J in zip(leaves, self._leaves_by_input, strict=True)
-        ]
-        return jax.tree.unflatten(structure, changed)
-
-    @functools.cached_property
-    def _leaves_by_input(self) -> list[Any]:
-        """Derivatives of the leaves of the podium with respect to ln y of each input, along the last axis."""
-        problem = self.problem
-
-        def to_leaves(logs: Any) -> list[Any]:
-            factors = dict(zip(problem.variables, jnp.exp(logs), strict=True))
-            return [jnp.asarray(y, float) for y in jax.tree.leaves(problem.varied(factors))]
-
-        return jax.jit(jax.jacfwd(to_leaves))(jnp.zeros(len(problem.variables)))
-
-    def answers(self, name: str, motion: int) -> Callable[[Any], dict[str, Any]]:
-        """Return the answers of a scene to first order: a function of the logarithms of the factors on the
-        inputs and on the motion, with exact values and derivatives at zero.
-
-        All answers of a scene are differentiated together, by one program for all motions of a set.
-        """
-        import xarray
-
-        from rockjax._responses.simulate import peak_response
-
-        problem, motions = self.problem, self.motion_set(name)
-        excitation = motions.excitations[motion].common_form()
-        options = problem.options.replace(outputs=tuple(self.needed[name].outputs), throw=False)
-        mark = fingerprint(problem.podium, motions.hashes[motion], options, problem.variables)
-
-        def values(logs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-            scaled = excitation.scaled(jnp.exp(logs[-1]))
-            peak = peak_response(self.varied(logs), scaled, options=options)
-            found = {key: y for key, y in peak.values.items() if y is not None}
-            return found, found
-
-        def solve() -> xarray.Dataset:
-            self.say(f"derivatives of {motions.names[motion]}")
-            slopes, found = jax.jacfwd(values, has_aux=True)(jnp.zeros(len(problem.variables) + 1))
-            dims = lambda key, y: tuple(f"{key}_axis{k}" for k in range(y.ndim))
-            data = {key: (dims(key, y), np.asarray(y)) for key, y in found.items()}
-            more = {
-                f"{key}_slope": ((*dims(key, found[key]), "parameter"), np.asarray(y))
-                for key, y in slopes.items()
-            }
-            return xarray.Dataset(data | more)
-
-        data = self.store.get(f"derivatives.{name}.{motion}", mark, solve)
-
-        def near(logs: Any) -> dict[str, Any]:
-            names = [str(key) for key in data if not str(key).endswith("_slope")]
-            return {key: data[key].values + data[f"{key}_slope"].values @ logs for key in names}
-
-        return near
 
     # ---------------------------------------------------------------------------------------------- histories
     def history(self, name: str, motion: int) -> xarray.Dataset:
@@ -426,28 +250,18 @@ class Scenes:
 
 
 def _suffix(factor: float) -> str:
-    """Return the end of the name of scenes in the store whose motions have a factor."""
+    """Return the end of the name in the store of scenes whose motions are multiplied by a factor."""
     return "" if factor == 1 else f".times {factor!r}".replace(".", " ")
-
-
-def _largest_acceleration(excitation: Any) -> float:
-    """Return the largest horizontal acceleration of an excitation [m/s²]."""
-    horizontal = getattr(excitation, "horizontal", excitation)
-    samples = getattr(horizontal, "acceleration", None)
-    if samples is not None:
-        return float(np.abs(np.asarray(samples)).max()) * float(abs(horizontal.scale))
-    start, end = (float(y) for y in horizontal.support)
-    return float(np.abs(np.asarray(jax.vmap(horizontal)(jnp.linspace(start, end, 1001)))).max())
 
 
 def _stacked(podiums: list[Podium]) -> Podium:
     """Return podiums as a batch of shape (n, 1)."""
-    split = [_with_row_of_damping(podium.split()) for podium in podiums]
+    split = [_with_mode_damping(podium.split()) for podium in podiums]
     return jax.tree.map(lambda *y: np.stack([np.asarray(v, float) for v in y])[:, None], *split)
 
 
-def _with_row_of_damping(podium: Podium) -> Podium:
-    """Return a split podium with a damping ratio for each mode: a batch of single ratios would be taken for
+def _with_mode_damping(podium: Podium) -> Podium:
+    """Return a split podium with a damping ratio for each mode; an array of single ratios would be read as
     ratios of modes."""
     top = podium.superstructure
     for name in ("damping", "zeta"):

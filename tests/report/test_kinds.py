@@ -11,6 +11,7 @@ from optimise._problem import TARGETS
 from rockjax._report.entry import Entry
 from rockjax._report.evaluate import evaluate
 from rockjax._report.kinds import KINDS, check_model
+from rockjax._report.scales import boundary_options
 from rockjax._risk.gaussian import Envelope
 
 FILE = """
@@ -207,7 +208,7 @@ def test_pulses(tmp_path):
     problem = read(tmp_path, PULSES)
     evaluation = evaluate(problem)
     (check,) = evaluation.checks
-    options = evaluation.scenes.boundary_options
+    options = boundary_options(evaluation.problem)
     known = [rj.overturning_acceleration(problem.podium, rj.OneSine, T, **options) for T in (1.0, 1.2)]
     np.testing.assert_array_equal(check.values.values, known)
     assert check.result == "PASS"

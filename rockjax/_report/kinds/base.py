@@ -11,9 +11,10 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._problem import models
+from rockjax._report.derivatives import LogFunction
 from rockjax._report.entry import BOUNDS, CheckKeys, Entry
 from rockjax._report.problem import Problem
-from rockjax._report.scenes import Scenes, Traced
+from rockjax._report.scenes import Scenes
 from rockjax._report.tables import Table
 from rockjax._report.units import to_si
 from rockjax._responses.estimate import SAFETY
@@ -166,7 +167,7 @@ class Kind(abc.ABC):
         - `change`: one of `Scenes.changes`; "" for the structure itself
         """
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced | None:
+    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
         """Return the value of one case as a function of the logarithms of the factors on every input and on
         the motion, (n + 1,), which can be differentiated at zero; None if there is none."""
         del entry, scenes, case

@@ -13,9 +13,10 @@ from rockjax import _results as results
 from rockjax._problem import models
 from rockjax._problem.reading import Reader
 from rockjax._report.cells import of_scene, slug
+from rockjax._report.derivatives import LogFunction, of_logs
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
-from rockjax._report.scenes import Scenes, Traced
+from rockjax._report.scenes import Scenes
 from rockjax._report.tables import Column, Table, Word
 from rockjax._responses.on_floors import checked
 from rockjax._responses.simulate import peak_response
@@ -97,7 +98,7 @@ class FloorKind(Kind):
             return data["contents_overturned"].values
         return np.zeros(data[self.variable].shape, bool)
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced:
+    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction:
         things = tuple(self.things(entry).values())
         options = scenes.problem.options.replace(outputs=("peak_rotation",), throw=False)
         excitation = scenes.motion_set(str(entry.motions)).excitations[case]
@@ -106,7 +107,7 @@ class FloorKind(Kind):
             peak = peak_response(podium, excitation.scaled(factor), options=options, on_floors=things)
             return jnp.max(jnp.stack([getattr(y, self.answer) for y in peak.on_floors]))
 
-        return scenes.by_logs(value)
+        return of_logs(scenes.problem, value)
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         del values

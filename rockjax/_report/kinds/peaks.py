@@ -12,9 +12,10 @@ import numpy as np
 
 from rockjax._outputs.base import JOINT_NAMES, JOINTS, STORIES
 from rockjax._outputs.registry import REGISTRY, VARIABLES
+from rockjax._report.derivatives import LogFunction, scene_answers, varied
 from rockjax._report.entry import Entry
 from rockjax._report.problem import Problem
-from rockjax._report.scenes import Scenes, Traced
+from rockjax._report.scenes import Scenes
 from rockjax._report.units import kind_of_unit
 from rockjax._structures import Podium
 from rockjax._types import Value
@@ -77,12 +78,12 @@ class PeakKind(Kind):
             places = [f"{float(t):.3f} s" for t in data["peak_rotation_time"].values]
         return with_words(scenes, entry, data, every, error, places, self.is_minimum)
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced | None:
-        answers, problem = scenes.answers(str(entry.motions), case), scenes.problem
+    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
+        answers, problem = scene_answers(scenes, str(entry.motions), case), scenes.problem
         powers = np.array([dict(self.explicit).get(key, 0.0) for key in (*problem.variables, "motion")])
 
         def value(logs: Any) -> Value:
-            every = self.of_array(answers(logs)[self.variable], problem, scenes.varied(logs))
+            every = self.of_array(answers(logs)[self.variable], problem, varied(problem, logs))
             every = every * jnp.exp(powers @ logs)
             return jnp.min(every) if self.is_minimum else jnp.max(every)
 

@@ -17,6 +17,7 @@ from rockjax._problem.risk import check_structure, fragility_of
 from rockjax._report.cells import number, slug
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
+from rockjax._report.scales import just_below
 from rockjax._report.scenes import Scenes
 from rockjax._report.store import fingerprint
 from rockjax._report.tables import Column, Table, Word
@@ -29,7 +30,6 @@ from rockjax._structures import Podium
 from rockjax._units import unit_of_measure
 
 from .base import Kind, Values, one_value, unanswered_scenes
-from .searches import just_below
 
 if TYPE_CHECKING:
     import xarray
@@ -68,7 +68,7 @@ class FragilityKind(Kind):
     def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         factors = just_below(self.curve(entry, scenes)["scale"].values)
         name, measure = str(entry.motions), entry.arguments["measure"][0]
-        return scenes.scaled(f"boundary.{name}.fragility {measure}", name, factors)
+        return scenes.peaks_with_factors(f"boundary.{name}.fragility {measure}", name, factors)
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         del values

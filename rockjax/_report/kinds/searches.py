@@ -14,9 +14,17 @@ from rockjax._problem import models
 from rockjax._problem.models import require_one
 from rockjax._problem.reading import Reader, pulse_periods
 from rockjax._report.cells import number, slug
+from rockjax._report.derivatives import LogFunction, of_logs
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
-from rockjax._report.scenes import BOUNDARY_ERROR, MAX_SCALE, NEAR, Scenes, Traced
+from rockjax._report.scales import (
+    BOUNDARY_ERROR,
+    boundary_options,
+    just_below,
+    least_factor_function,
+    least_factors,
+)
+from rockjax._report.scenes import Scenes
 from rockjax._report.store import fingerprint
 from rockjax._report.tables import Table
 from rockjax._structures import Podium, g_tan_alpha
@@ -28,11 +36,6 @@ if TYPE_CHECKING:
     import xarray
 
 
-def just_below(factors: np.ndarray, end: float = MAX_SCALE) -> np.ndarray:
-    """Return factors just below a boundary; the end of the search where there is none."""
-    return np.where(np.isfinite(factors), (1 - NEAR) * factors, end)
-
-
 @dataclasses.dataclass(frozen=True)
 class ScaleKind(Kind):
     """The least factor on the motions that lifts or overturns the columns; `event` is "uplift" or
@@ -42,7 +45,7 @@ class ScaleKind(Kind):
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
         del law, change
-        data = scenes.scales(str(entry.motions), self.event)
+        data = least_factors(scenes, str(entry.motions), self.event)
         values = np.asarray(data["factor"], float)
         end = float(data.attrs["limit"])
         words = tuple("" if np.isfinite(y) else f"no {self.event} up to {end:.3g}" for y in values)
@@ -50,13 +53,13 @@ class ScaleKind(Kind):
         names = scenes.motion_set(str(entry.motions)).names
         return Values(values, np.asarray(data["error"], float), words, blank, (), names)
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced | None:
-        return scenes.scale_function(self.event, str(entry.motions), case)
+    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
+        return least_factor_function(scenes, self.event, str(entry.motions), case)
 
     def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         name = str(entry.motions)
-        factors = just_below(scenes.scales(name, self.event)["factor"].values)
-        return scenes.scaled(f"boundary.{name}.{self.event}", name, factors)
+        factors = just_below(least_factors(scenes, name, self.event)["factor"].values)
+        return scenes.peaks_with_factors(f"boundary.{name}.{self.event}", name, factors)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +80,7 @@ class PulseKind(Kind):
 
     def _settings(self, entry: Entry, scenes: Scenes) -> dict[str, Any]:
         own = {name: y for name, y in entry.arguments.items() if name in ("max_acceleration_ratio", "width")}
-        return scenes.boundary_options | {"max_acceleration_ratio": MAX_ACCELERATION_RATIO} | own
+        return boundary_options(scenes.problem) | {"max_acceleration_ratio": MAX_ACCELERATION_RATIO} | own
 
     def _unit(self, entry: Entry, podium: Podium) -> Value:
         """Return the size of the unit of the amplitudes [m/s²]."""
@@ -107,8 +110,8 @@ class PulseKind(Kind):
         errors = np.where(np.isfinite(found), found * BOUNDARY_ERROR, np.nan)
         return Values(found, errors, words, ("",) * len(found), (), names)
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> Traced:
-        return scenes.by_logs(lambda podium, factor: self._amplitude(entry, scenes, case, podium))
+    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction:
+        return of_logs(scenes.problem, lambda podium, factor: self._amplitude(entry, scenes, case, podium))
 
     def _amplitude(self, entry: Entry, scenes: Scenes, case: int, podium: Podium) -> Value:
         """Return the least amplitude that overturns, in the unit of the limit."""
@@ -124,7 +127,7 @@ class PulseKind(Kind):
         pulse = entry.arguments["pulse"]
         periods = np.atleast_1d(entry.arguments["T_p"])
         pulses = [pulse(float(a), float(T)) for a, T in zip(amplitudes, periods, strict=True)]
-        return scenes.of_excitations(f"boundary.{entry.id}", "", pulses)
+        return scenes.peaks_under(f"boundary.{entry.id}", scenes.options(""), pulses)
 
     def scope(self, entry: Entry, problem: Problem) -> str:
         del problem

@@ -11,6 +11,7 @@ from rockjax._report.cells import number, of_scene, slug
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.peaks import deck_displacement
 from rockjax._report.pictures import to_svg
+from rockjax._report.scales import least_factors
 from rockjax._report.tables import Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
@@ -48,7 +49,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     is_requested = any(
         check.kind is KINDS["overturning-scale"] and check.motions == name for check in evaluation.checks
     )
-    factors = scenes.scales(name, "overturning")["factor"].values if is_requested else None
+    factors = least_factors(scenes, name, "overturning")["factor"].values if is_requested else None
     if factors is not None:
         columns.append(Column("Least factor that overturns", "number"))
     rows = []

@@ -1,0 +1,126 @@
+"""Least factors on motions that lift or overturn the columns."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from rockjax._boundaries.boundary import BOUNDARY, overturning_scale
+from rockjax._options import Options
+from rockjax._responses.simulate import peak_response
+from rockjax._structures import Podium
+from rockjax._types import Value
+
+from .derivatives import LogFunction, of_logs
+from .problem import MotionSet, Problem
+from .scenes import Scenes
+from .store import fingerprint
+from .uplift import UpliftRatio
+
+if TYPE_CHECKING:
+    import xarray
+
+MAX_SCALE = 10.0  # end of the search for overturning factors
+BELOW = 1 - 1e-6  # factor on a boundary that gives a scene just below it
+BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances of boundaries
+
+
+def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
+    """Return the least factors on the motions of a set that lift or overturn the columns, along `motion`,
+    with estimates of their errors.
+
+    - `name`: the set; `event`: "uplift" or "overturning"
+    """
+    motions, podium, options = scenes.motion_set(name), scenes.problem.podium, scenes.problem.options
+    mark = fingerprint(podium, motions.hashes, options, event, MAX_SCALE)
+    solve = _uplift if event == "uplift" else _overturning
+    return scenes.store.get(f"scales.{name}.{event}", mark, lambda: solve(scenes, motions))
+
+
+def just_below(factors: np.ndarray, end: float = MAX_SCALE) -> np.ndarray:
+    """Return factors just below a boundary, or the end of the search where it found none."""
+    return np.where(np.isfinite(factors), BELOW * factors, end)
+
+
+def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
+    import xarray
+
+    scenes.say(f"uplift factors of {motions.name}")
+    factor = _uplift_guess(scenes, motions)
+    # Close to uplift, where the tolerance of the scenes is that of the factor.
+    excitations = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
+    data = scenes.solve(scenes.problem.podium, excitations, _uplift_options(scenes.problem), ("motion",))
+    factor = 0.9 * factor / data["uplift_ratio"].values
+    error = factor * data["uplift_ratio_error"].values / data["uplift_ratio"].values
+    return xarray.Dataset({"factor": ("motion", factor), "error": ("motion", error)}, attrs={"limit": np.inf})
+
+
+def _uplift_options(problem: Problem) -> Options:
+    return problem.options.replace(outputs=(UpliftRatio(), "peak_rotation", "errors"), throw=False)
+
+
+def _uplift_guess(scenes: Scenes, motions: MotionSet) -> np.ndarray:
+    """Return the least factors that lift the columns, estimated from scenes that do not lift them."""
+    from rockjax._batch.batch import peak_responses
+
+    podium, options = scenes.problem.podium, _uplift_options(scenes.problem)
+    largest = np.array([_largest_acceleration(y) for y in motions.excitations])
+    scale = 0.3 * float(podium.uplift_ground_acceleration) / largest
+    for _ in range(20):
+        excitations = [y.scaled(f) for y, f in zip(motions.excitations, scale, strict=True)]
+        peaks = peak_responses(podium, excitations, options=options)
+        if not np.any(peaks.uplifted):
+            return scale / np.asarray(peaks.uplift_ratio)
+        scale = np.where(peaks.uplifted, scale / 3, scale)
+    raise RuntimeError(f"report: no factor keeps the columns of {motions.name} in contact")
+
+
+def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
+    import xarray
+
+    factors = np.full(len(motions), np.nan)
+    for k, (name, excitation) in enumerate(zip(motions.names, motions.excitations, strict=True)):
+        scenes.say(f"overturning factor of {name}")
+        factors[k] = _overturning_scale(scenes.problem, scenes.problem.podium, excitation)
+    # Boundaries are bisected to rounding, so that the error is that of their scenes.
+    error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
+    return xarray.Dataset(
+        {"factor": ("motion", factors), "error": ("motion", error)}, attrs={"limit": MAX_SCALE}
+    )
+
+
+def boundary_options(problem: Problem) -> dict[str, Any]:
+    """Return the arguments of searches for boundaries of overturning."""
+    return {"options": BOUNDARY.replace(overturn_ratio=problem.options.overturn_ratio)}
+
+
+def _overturning_scale(problem: Problem, podium: Podium, excitation: Any) -> Value:
+    return overturning_scale(podium, excitation, max_scale=MAX_SCALE, **boundary_options(problem))
+
+
+def least_factor_function(scenes: Scenes, event: str, name: str, motion: int) -> LogFunction:
+    """Return the least factor on a motion as a function, for derivatives."""
+    problem, excitation = scenes.problem, scenes.motion_set(name).excitations[motion]
+    if event == "overturning":
+        return of_logs(problem, lambda podium, y: _overturning_scale(problem, podium, excitation.scaled(y)))
+    scale = 0.9 * float(least_factors(scenes, name, event)["factor"][motion])
+    options = _uplift_options(problem).replace(outputs=(UpliftRatio(),))
+
+    def least_factor(podium: Podium, factor: Value) -> Value:
+        peak = peak_response(podium, excitation.scaled(scale * factor), options=options)
+        return scale / peak.uplift_ratio
+
+    return of_logs(problem, least_factor)
+
+
+def _largest_acceleration(excitation: Any) -> float:
+    """Return the largest horizontal acceleration of an excitation [m/s²]."""
+    horizontal = getattr(excitation, "horizontal", excitation)
+    samples = getattr(horizontal, "acceleration", None)
+    if samples is not None:
+        return float(np.abs(np.asarray(samples)).max()) * float(abs(horizontal.scale))
+    start, end = (float(y) for y in horizontal.support)
+    return float(np.abs(np.asarray(jax.vmap(horizontal)(jnp.linspace(start, end, 1001)))).max())
