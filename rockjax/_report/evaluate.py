@@ -50,12 +50,13 @@ def evaluate(
     path = None if store is None else Path(store)
     with_spread = "spread" not in skip
     scenes = Scenes(problem, Store(path), needs_of_sets(problem), progress or Silent(), with_spread)
-    checks = tuple(_evaluate(entry, scenes, skip) for entry in problem.checks)
-    outcomes = {
-        name: {y.id: y.test(problem, scenes.peaks(name)) for y in ASSUMPTIONS}
-        for name in scenes.used_sets
-        if any(check.motions == name and check.values is not None for check in checks)
-    }
+    with scenes.store.saved_on_interruption():
+        checks = tuple(_evaluate(entry, scenes, skip) for entry in problem.checks)
+        outcomes = {
+            name: {y.id: y.test(problem, scenes.peaks(name)) for y in ASSUMPTIONS}
+            for name in scenes.used_sets
+            if any(check.motions == name and check.values is not None for check in checks)
+        }
     return Evaluation(problem, scenes, checks, outcomes, tuple(skip), tables_of)
 
 

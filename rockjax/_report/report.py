@@ -127,7 +127,8 @@ def report(
             Units.parse(units or problem.report.units or ())  # raises before anything is solved
         evaluation = evaluate(problem, skip=skip, store=store, progress=progress)
     chosen = units_of(evaluation, units)
-    made = Report(evaluation, page_of(evaluation, chosen, command), chosen)
+    with evaluation.scenes.store.saved_on_interruption():
+        made = Report(evaluation, page_of(evaluation, chosen, command), chosen)
     if path is None:
         return made
     contents = {path: made.html.encode(), path.with_suffix(".json"): made.json.encode()}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +35,9 @@ def fingerprint(*values: Any) -> str:
     return hashlib.sha256("\n".join(entries).encode()).hexdigest()
 
 
+WRITE_EVERY = 5.0  # least time between two writings of an unfinished store [s]
+
+
 class Store:
     """Datasets by name, each with a fingerprint of its inputs.
 
@@ -40,7 +45,7 @@ class Store:
     """
 
     def __init__(self, path: Path | None = None):
-        self.path, self.computed = path, 0
+        self.path, self.computed, self.last_write = path, 0, time.monotonic()
         self.data: dict[str, xarray.Dataset] = {}
         for candidate in () if path is None else (path, _partial(path)):
             self._load(candidate)
@@ -56,6 +61,7 @@ class Store:
             for name, data in groups.items():
                 if "fingerprint" in data.attrs:
                     self.data[name.strip("/").replace("/", ".")] = data.load()
+            for data in groups.values():  # they share the open file, so that none is closed before
                 data.close()
         except (OSError, ValueError, KeyError):
             self.data = {}
@@ -73,9 +79,31 @@ class Store:
         data.attrs["fingerprint"] = mark
         self.data[name] = data
         self.computed += 1
-        if self.path is not None:
-            self._write(_partial(self.path))
+        if time.monotonic() - self.last_write > WRITE_EVERY:
+            self.save_unfinished()
         return data
+
+    def text(self, name: str, mark: str, compute: Callable[[], str]) -> str:
+        """Return a text; compute it if it is not stored with this fingerprint. Arguments as for `get`."""
+        import xarray
+
+        data = self.get(name, mark, lambda: xarray.Dataset({"text": ((), compute())}))
+        return str(data["text"].values)
+
+    @contextlib.contextmanager
+    def saved_on_interruption(self) -> Iterator[None]:
+        """Write an unfinished store if the block is left by an exception, such as Ctrl-C."""
+        try:
+            yield
+        except BaseException:
+            self.save_unfinished()
+            raise
+
+    def save_unfinished(self) -> None:
+        """Write the datasets to NAME.partial.nc, from which an interrupted report goes on."""
+        if self.path is not None and self.computed:
+            self._write(_partial(self.path))
+        self.last_write = time.monotonic()
 
     def save(self) -> Path | None:
         """Write all datasets to the file, and remove that of an interrupted run. Return the path."""

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import dataclasses
+import json
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from rockjax._report.blocks import Figure
+from rockjax._report.store import fingerprint
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -27,6 +33,17 @@ def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
         if rotation[k] >= 0 and (largest is None or rotation[k] > largest[0]):
             largest = float(rotation[k]), name, k
     return None if largest is None else largest[1:]
+
+
+def drawn(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]) -> Figure:
+    """Return a picture; draw it if it is not stored with the same inputs.
+
+    - `name`: of the picture; `inputs`: everything that it shows
+    - `draw`: draws it, with a caption that is one string
+    """
+    store = evaluation.scenes.store
+    text = store.text(f"figures.{name}", fingerprint(inputs), lambda: json.dumps(dataclasses.asdict(draw())))
+    return Figure(**json.loads(text))
 
 
 def details(evaluation: Evaluation, section: int) -> list[Table]:

@@ -13,9 +13,11 @@ from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Formula, Table, Word
 from rockjax._report.units import Units
 
-from .common import governing_scene, sets_with_scenes
+from .common import drawn, governing_scene, sets_with_scenes
 
 if TYPE_CHECKING:
+    import xarray
+
     from rockjax._report.evaluation import Evaluation
 
 # Answer → heading; forces are shares of m_c g in the answers and shares of the dead load on the page.
@@ -101,13 +103,17 @@ def _shears(evaluation: Evaluation, names: list[str]) -> Table:
 
 
 def _picture(evaluation: Evaluation, name: str, k: int) -> Figure | None:
-    """Return the axial forces of the end columns over the history of the governing motion."""
-    from rockjax import plots
-
-    data = evaluation.scenes.history(name, k)
+    """Return the picture of the axial forces of the end columns under the governing motion."""
+    data, label = evaluation.scenes.history(name, k), evaluation.problem.motions[name].names[k]
     if "joint_axial_force" not in data:
         return None
-    label = evaluation.problem.motions[name].names[k]
+    inputs = data.attrs["fingerprint"], name, label
+    return drawn(evaluation, "axial-forces", inputs, lambda: _draw_forces(evaluation, name, k, data, label))
+
+
+def _draw_forces(evaluation: Evaluation, name: str, k: int, data: xarray.Dataset, label: str) -> Figure:
+    from rockjax import plots
+
     figure = plots.joint_forces(data).get_figure(root=True)
     assert figure is not None
     least = float(evaluation.scenes.peaks(name)["least_axial_force"][k].min())

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockjax._motions.motion import Motion
+from rockjax._practice.base import MethodResult
+from rockjax._practice.methods import simplified_methods
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number, of_scene, slug
+from rockjax._report.store import fingerprint
 from rockjax._report.tables import Column, Quantity, Table, Word
 from rockjax._report.units import Units, kind_of_unit
 
@@ -25,8 +30,6 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     del units
     if "methods" in evaluation.skipped:
         return Section(9, TITLE, (Paragraph("Left out by --skip methods."),))
-    from rockjax._practice.methods import simplified_methods
-
     problem = evaluation.problem
     blocks: list[Any] = [
         Paragraph("For comparison only: no check rests on these methods.", is_note=True),
@@ -35,11 +38,28 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         motions = problem.motions[name]
         if not all(isinstance(member, Motion) for member in motions.members):
             continue
-        found = simplified_methods(problem.podium, list(motions.members), friction=problem.joints.friction)
-        blocks += _tables(evaluation, name, found)
+        blocks += _tables(evaluation, name, _results(evaluation, name))
     if len(blocks) == 1:
         blocks.append(Paragraph("The methods need records; no check uses a set of records."))
     return Section(9, TITLE, tuple(blocks))
+
+
+def _results(evaluation: Evaluation, name: str) -> list[MethodResult]:
+    """Return the results of the methods for a set of motions, which the store keeps."""
+    problem, motions = evaluation.problem, evaluation.problem.motions[name]
+    friction = problem.joints.friction
+
+    def text() -> str:
+        results = simplified_methods(problem.podium, list(motions.members), friction=friction)
+        entries = [dataclasses.asdict(result) | {"values": {}} for result in results]
+        return json.dumps(entries, default=np.ndarray.tolist)
+
+    mark = fingerprint(problem.podium, motions.hashes, motions.names, friction)
+    entries = json.loads(evaluation.scenes.store.text(f"methods.{name}", mark, text))
+    for entry in entries:
+        for key in ("demand", "rotation_ratio"):
+            entry[key] = None if entry[key] is None else np.array(entry[key])
+    return [MethodResult(**entry) for entry in entries]
 
 
 def _tables(evaluation: Evaluation, name: str, found: Any) -> list[Table]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
-from .common import sets_with_scenes
+from .common import drawn, sets_with_scenes
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -33,7 +34,9 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     for name in used:
         motions = problem.motions[name]
         if all(isinstance(member, Motion) for member in motions.members):
-            blocks.append(_spectra(motions, period, units))
+            inputs = motions.name, motions.hashes, period, units.unit("acceleration"), units.g
+            draw = functools.partial(_draw_spectra, motions, period, units)
+            blocks.append(drawn(evaluation, f"spectra-{slug(name)}", inputs, draw))
     for name in used:
         blocks.append(_table(evaluation, problem.motions[name], period))
     unused = [name for name in problem.motions if name not in used]
@@ -111,8 +114,8 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
     )
 
 
-def _spectra(motions: MotionSet, period: float | None, units: Units) -> Figure:
-    """Return the pseudo-acceleration spectra of a set, with the first period of the building."""
+def _draw_spectra(motions: MotionSet, period: float | None, units: Units) -> Figure:
+    """Draw the pseudo-acceleration spectra of a set, with the first period of the building."""
     import matplotlib.pyplot as plt
 
     from rockjax._motions.intensity import spectral_accelerations

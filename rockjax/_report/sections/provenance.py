@@ -21,9 +21,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     del units
     problem = evaluation.problem
     scenes = sum(
-        int(data.sizes.get("motion", 0)) * int(data.sizes.get("change", 1))
-        for data in evaluation.scenes.store.data.values()
-        if "result" in data
+        int(data["result"].size) for data in evaluation.scenes.store.data.values() if "result" in data
     )
     rows = [
         ("rockjax", __version__),

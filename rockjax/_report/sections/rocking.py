@@ -15,9 +15,11 @@ from rockjax._report.scales import least_factors
 from rockjax._report.tables import Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
-from .common import details, governing_scene, sets_with_scenes
+from .common import details, drawn, governing_scene, sets_with_scenes
 
 if TYPE_CHECKING:
+    import xarray
+
     from rockjax._report.evaluation import Evaluation
 
 AFTER_LAST_IMPACT = 1.2  # histories are drawn up to this multiple of the time of the last impact
@@ -30,7 +32,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     if scene is None:
         blocks.append(Paragraph("No scene survives without overturning, so there is no history to draw."))
     else:
-        blocks.insert(0, _history(evaluation, *scene, units))
+        blocks.insert(0, _history(evaluation, *scene))
     return Section(4, "Rotation, uplift, overturning", (*blocks, *details(evaluation, 4)))
 
 
@@ -84,13 +86,16 @@ def _impacts(count: float) -> Quantity | Word:
     return Quantity(count, "count") if count else Word("no impact", "none")
 
 
-def _history(evaluation: Evaluation, name: str, k: int, units: Units) -> Figure:
-    """Return the history of the governing motion, up to shortly after its last impact."""
-    del units
+def _history(evaluation: Evaluation, name: str, k: int) -> Figure:
+    """Return the picture of the history of the governing motion, up to shortly after its last impact."""
+    data, label = evaluation.scenes.history(name, k), evaluation.problem.motions[name].names[k]
+    inputs = data.attrs["fingerprint"], name, label
+    return drawn(evaluation, "history", inputs, lambda: _draw_history(evaluation, name, k, data, label))
+
+
+def _draw_history(evaluation: Evaluation, name: str, k: int, data: xarray.Dataset, label: str) -> Figure:
     from rockjax import plots
 
-    data = evaluation.scenes.history(name, k)
-    label = evaluation.problem.motions[name].names[k]
     end = data["impact_times"].values.max(initial=0.0)
     if end > 0:
         data = data.sel(time=slice(None, AFTER_LAST_IMPACT * float(end)))

@@ -12,7 +12,7 @@ from rockjax._report.pictures import elevation_caption, elevation_drawing, to_sv
 from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Word
 from rockjax._report.units import Units, kind_of_unit
 
-from .common import governing_scene
+from .common import drawn, governing_scene
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -45,33 +45,7 @@ _MEANINGS = {
 def section(evaluation: Evaluation, units: Units) -> Section:
     """Return the section."""
     problem = evaluation.problem
-    scene = governing_scene(evaluation)
-    rotation, label = None, ""
-    if scene is not None:
-        name, k = scene
-        rotation = float(evaluation.scenes.peaks(name)["peak_rotation"][k]) * float(problem.podium.alpha)
-        label = problem.motions[name].names[k]
-    columns = {y.key: y.value for y in problem.inputs}.get("columns") or 2
-    drawing = elevation_drawing(
-        problem.podium,
-        units,
-        column_mass=problem.column_mass,
-        columns=int(columns),
-        rotation=rotation,
-        label=label,
-    )
-    title = "Elevation of the structure"
-    description = (
-        f"Columns {float(problem.podium.width):.4g} m wide and {float(problem.podium.height):.4g} m high"
-        + (
-            "."
-            if rotation is None
-            else f"; beside them a column at its largest rotation, {rotation:.4g} rad."
-        )
-    )
-    figure = Figure(
-        to_svg(drawing, "elevation", title, description), elevation_caption(units), title, description, True
-    )
+    figure = _elevation(evaluation, units)
     inputs = Table(
         "inputs",
         "Inputs",
@@ -79,6 +53,33 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         tuple(_row(entry) for entry in problem.inputs) + tuple(_joint_rows(evaluation)),
     )
     return Section(2, "Structure and inputs", (figure, inputs, _derived(evaluation), *_modes(evaluation)))
+
+
+def _elevation(evaluation: Evaluation, units: Units) -> Figure:
+    """Return the elevation of the structure, with a column at its largest rotation."""
+    problem, scene = evaluation.problem, governing_scene(evaluation)
+    podium = problem.podium
+    rotation, label = None, ""
+    if scene is not None:
+        name, k = scene
+        rotation = float(evaluation.scenes.peaks(name)["peak_rotation"][k]) * float(podium.alpha)
+        label = problem.motions[name].names[k]
+    columns = int({y.key: y.value for y in problem.inputs}.get("columns") or 2)
+    mass = problem.column_mass
+
+    def draw() -> Figure:
+        drawing = elevation_drawing(
+            podium, units, column_mass=mass, columns=columns, rotation=rotation, label=label
+        )
+        title = "Elevation of the structure"
+        description = f"Columns {float(podium.width):.4g} m wide and {float(podium.height):.4g} m high"
+        if rotation is not None:
+            description += f"; beside them a column at its largest rotation, {rotation:.4g} rad"
+        svg = to_svg(drawing, "elevation", title, f"{description}.")
+        return Figure(svg, elevation_caption(units), title, f"{description}.", True)
+
+    inputs = podium, units.names, units.g, mass, columns, rotation, label
+    return drawn(evaluation, "elevation", inputs, draw)
 
 
 def _source(source: str | None) -> Word:
