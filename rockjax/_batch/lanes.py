@@ -45,7 +45,7 @@ def advance(
       scene
     - `first`, `stride`, `count`: the `count` scenes have the indices `first`, `first + stride`, … in the
       batch
-    - `max_trials`: number of trials in this call after which the call may leave scenes unfinished
+    - `max_trials`: number of trials after which the call may return with unfinished scenes
     - `options`: options of the solver
     - `layout`: layout of the lanes
 
@@ -90,8 +90,8 @@ def advance(
 
     def count_waiting(loop: Loop) -> jax.Array:
         """Return the number of lanes that wait for an exchange."""
-        can_load = (loop.lanes.scene_index >= 0) | (loop.following < count)
-        return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & can_load)
+        takes_part = (loop.lanes.scene_index >= 0) | (loop.following < count)
+        return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & takes_part)
 
     def is_unfinished(loop: Loop) -> Flag:
         return (loop.following < count) | (loop.done.trials < max_trials)
@@ -192,7 +192,7 @@ def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) ->
     """Return lanes without scenes. This is a stored program, because the shapes in the lanes follow only from
     tracing the preparation of a chunk."""
 
-    def hold(leaves, values):
+    def lanes_at_start(leaves, values):
         chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, values))
         parts = [y[: layout.lanes] for y in chunk.parts]
         lane, slopes = chunk.starts(layout.lanes)
@@ -200,7 +200,7 @@ def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) ->
         return _with_swapped_axes(Lanes(lane, parts, scene_index, slopes, _first_edge_distance(layout)))
 
     values = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
-    lanes = jax.eval_shape(hold, [jax.ShapeDtypeStruct(*shape) for shape in shapes], values)
+    lanes = jax.eval_shape(lanes_at_start, [jax.ShapeDtypeStruct(*shape) for shape in shapes], values)
     lanes = jax.tree.map(lambda y: jnp.zeros(y.shape, y.dtype), lanes)
     code = jnp.full_like(lanes.lane.code, results.END_OF_TIME)
     return lanes._replace(

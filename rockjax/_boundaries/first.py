@@ -21,10 +21,10 @@ from jax import Array
 from rockjax._roots import points_near_root
 
 ROW_SIZE = 32  # number of scales in a row
-DIPS = ROW_SIZE // 2  # number of the lowest dips that are refined, each by one scale on either side
-MAX_ZOOMS = 7  # number of these refinements, each of which halves the distance of the scales around a dip
+DIPS = ROW_SIZE // 2  # number of dips, the lowest, that are refined by one new scale on either side
+MAX_ZOOMS = 7  # number of times that dips are refined
 BRACKET_TOLERANCE = 1e-12  # relative width at which a bracket is narrow enough
-MAX_DIVISIONS = 12  # a bracket is divided at most so often
+MAX_DIVISIONS = 12  # largest number of times that a bracket is divided
 # Distances of scales from the linearly interpolated root, divided by the width of the bracket.
 ROOT_OFFSETS = np.logspace(-9, -1, ROW_SIZE // 4)
 
@@ -62,17 +62,18 @@ class _State(NamedTuple):
 
 
 def first_boundary(solve_row: SolveRow, limit: Array, spacing: Array) -> FirstBoundary:
-    """Return the least scale in (0, limit] that overturns.
+    """Find the least scale in (0, limit] that overturns.
 
     - `solve_row`: (scales, whether at full accuracy) ↦ (margins, numbers of impacts)
     - `limit`: end of the range
     - `spacing`: distance of the scales
     """
     zero, one = jnp.zeros_like(limit), jnp.ones_like(limit)
-    none = jnp.zeros((), jnp.int32)
+    zero_count = jnp.zeros((), jnp.int32)
     never = jnp.full_like(limit, jnp.inf)
     dips = jnp.zeros((DIPS, 3), limit.dtype)
-    state = _State(none, none, zero, zero, one, never, -one, none, zero, zero, one, dips, dips + 1)
+    start = zero_count, zero_count, zero, zero, one, never, -one, zero_count, zero, zero, one
+    state = _State(*start, dips, dips + 1)
 
     def advance(state: _State) -> _State:
         scales = jax.lax.switch(

@@ -21,7 +21,7 @@ from .views import Ended, Start, Step
 @dataclasses.dataclass(frozen=True)
 class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint of the worst column,
-    (F8). If it is negative, a joint would open, and the model no longer holds.
+    (F8). If the least force is negative, a joint would open, and the model no longer holds.
 
     The record contains the largest −N/(m_c g), then the largest N/(m_c g).
     """

@@ -20,7 +20,7 @@ from .views import Bounces, Ended, Impact, Start, Step
 
 def _angles_and_ratios(c: Coefficients, sigma: Value, sway: Value | float, offsets: Values | None) -> Values:
     """Return |tan(φ/4)| for the angles φ of the impulses from the vertical, then −J_N divided by the mean J_N
-    of all columns. Each part has the columns at the bottom joint, then the columns at the top joint."""
+    of all columns. Both are for the columns at the bottom joint, then for the columns at the top joint."""
     tangential, axial = impulses_of_columns(c, sigma, jnp.ones_like(sigma), sway, offsets)
     mean = jnp.stack(jnp.broadcast_arrays(*present(c.joints).impulses.axial))[:, None]
     ratio = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)
@@ -32,8 +32,8 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean J_N of all
     columns, at the bottom and the top joint of the worst column, (F12), (F14).
 
-    The record contains the largest elements of `_angles_and_ratios`. All impacts have the same angles and
-    ratios if the superstructure does not vibrate.
+    The record contains the largest value so far of each element of `_angles_and_ratios`. If the
+    superstructure does not vibrate, all impacts have the same angles and ratios.
     """
 
     name = "impact_friction"
@@ -78,7 +78,7 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
         c, arms = bounds.c, present(bounds.c.joints).arms
         offsets, sway = None, 0.0
         if arms is not None:
-            # The worst case is the largest modal displacement, in either direction, at a column at an end.
+            # The worst case is at an end column, with the largest Σ η_id_i to either side.
             end_offset = arms.mean_square / arms.core_distance
             largest_sway = bounds.modal_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
             offsets, sway = (

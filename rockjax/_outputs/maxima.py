@@ -16,7 +16,7 @@ from rockjax._types import Flag, Flags, Value, Values
 
 # A step is shortened to end on an extremum that may raise the record and lies well inside the step. Near the
 # ends of a step the polynomial is as accurate as the step itself.
-NEAR_RECORD = 1e-2  # an extremum may raise the record if it exceeds 1 − NEAR_RECORD of the record
+NEAR_RECORD = 1e-2  # an extremum may raise the record if it is larger than (1 − NEAR_RECORD) times the record
 END_ZONE = 0.02  # a turning point of θ in this fraction of the step at either end needs no shorter step
 # The same fraction for other quantities, given by quintics and by cubics. These fractions are smaller because
 # the derivatives of a vibrating superstructure's motion grow with every oscillation.
@@ -78,7 +78,7 @@ class Maximum(NamedTuple):
     """The largest value of a quantity, or of a row of quantities, over a step."""
 
     value: Values
-    retry_fraction: Values  # fraction of the step at which to end on the maximum; inf if that is not needed
+    retry_fraction: Values  # position z of the maximum if the next trial must end there; else inf
 
 
 class End(NamedTuple):
@@ -109,8 +109,8 @@ def largest(
     - `ends`: f at both ends
     - `end_zone`: fraction of the step at both ends where an extremum needs no shorter step
     - `lands`: whether steps are shortened at all
-    - `sizes`: "absolute" for max|f|; "signed" for max f; "both" for a row of max(−f) and max f, for which
-      `record` is such a row as well
+    - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a row of max(−f) and max f; `record` has
+      the same form
 
     If f turns twice in the step, and one of these extrema may raise the record, the step to try next ends
     between them.

@@ -63,8 +63,8 @@ def pick_motions(motions: AbstractExcitation, which: np.ndarray) -> AbstractExci
 def variable_parameters(podium: Podium, motion: AbstractExcitation, single: bool) -> list[str]:
     """Return the names that `with_parameters` accepts.
 
-    - `podium`, `motion`: structure and motion or motions of the scenes
-    - `single`: whether `motion` is one motion, not a batch
+    - `podium`, `motion`: the structure, and one motion or a batch of motions
+    - `single`: whether `motion` is one motion
     """
     pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
     ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
