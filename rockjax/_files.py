@@ -19,7 +19,7 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
     """Call `write(temporary_name)`, move the file to `path`, and return the path.
 
     `~` at the beginning of `path` means the home folder. If anything fails, the temporary file is deleted
-    and an existing file stays. Raises `OSError`, which names the file and the cause, such as a full disk.
+    and an existing file is kept. Raises `OSError`, which names the file and the cause, such as a full disk.
     """
     path = Path(os.path.expanduser(path))
     try:

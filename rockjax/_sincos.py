@@ -79,7 +79,8 @@ _PI = (3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21)
 @jax.custom_jvp
 @jax.jit
 def sin(x: Value) -> Value:
-    """Return sin x for any x, with an error of about two roundings of the result, or one rounding of x."""
+    """Return sin x for any x. The error is about two rounding errors of the result, or one rounding error
+    of x."""
     turns, sign = _half_turns(x)
     s, _ = sincos(_subtract_half_turns(x, turns))
     return sign * s
@@ -88,8 +89,8 @@ def sin(x: Value) -> Value:
 @jax.custom_jvp
 @jax.jit
 def cos(x: Value) -> Value:
-    """Return cos x for any x, as accurately as `sin`, but near the zeros of cos x with an error of one
-    rounding of 1."""
+    """Return cos x for any x, as accurately as `sin`, but near the zeros of cos x with an absolute error of
+    one rounding error of the number 1."""
     turns, sign = _half_turns(x)
     _, c = sincos(_subtract_half_turns(x, turns))
     return sign * c

@@ -58,8 +58,8 @@ _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
 _SI = {"acceleration": "m s-2", "velocity": "m s-1", "displacement": "m", "ratio": "1"}
 _DISPLAYED = {"m s-2": "m/s²", "s-2": "1/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
 
-# Factors to m/s² of the units that users may pass for records, and of all units that file headers may
-# contain.
+# Units that users may pass for records, and all units of acceleration that file headers may contain, with
+# their factors to m/s².
 RecordUnit = Literal["g", "m/s2", "cm/s2", "gal", "mm/s2"]
 RECORD_UNITS: dict[str, float] = {name: UNITS[name].factor for name in get_args(RecordUnit)}
 ACCELERATIONS = {name: unit.factor for name, unit in UNITS.items() if unit.dimension == "acceleration"}

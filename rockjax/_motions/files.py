@@ -13,7 +13,7 @@ from .accelerogram import RAW, Accelerogram
 from .formats import TIME_TOLERANCE, parse
 
 
-def check_reading(path: Path, units, dt, component) -> None:
+def check_arguments(path: Path, units, dt, component) -> None:
     """Raise `ValueError` for invalid arguments of a reader.
 
     - `path`: file or folder, named in messages
@@ -45,7 +45,7 @@ def read(
     """
     require_instance("read_motion", "path", path, str | Path, "the path of a file")
     path = Path(path)
-    check_reading(path, units, dt, component)
+    check_arguments(path, units, dt, component)
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -67,8 +67,7 @@ def read(
             f"{path}: {problem}; give units (on the command line --units): one of {', '.join(RECORD_UNITS)}"
         )
     unit_location = parsed.unit_location or f"{path}: the header"
-    other_unit = unit_of(parsed.stated_unit)
-    if file_units is None and other_unit is not None:
+    if file_units is None and unit_of(parsed.stated_unit) is not None:
         raise ValueError(
             f"{unit_location} gives the unit as {parsed.stated_unit}, which is not a unit of acceleration; "
             f"known units are {', '.join(ACCELERATIONS)}"

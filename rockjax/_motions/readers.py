@@ -12,7 +12,7 @@ from rockjax._checks import require_instance, require_number
 from rockjax._text.reading import decode, read_text
 
 from .accelerogram import warn_if_implausible
-from .files import check_reading, read
+from .files import check_arguments, read
 from .motion import Motion, Motions
 
 TABLE = "suite.csv"  # optional table of the files in a folder
@@ -26,9 +26,10 @@ def read_motion(
 
     The suffix or the first lines determine the format: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of
     GeoNet (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and
-    KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations, with
-    comments (`#`, `%`, `!`), headings such as `time [ms],Acc (cm/s2)`, and blanks, commas, semicolons or
-    tabs between; NumPy's `.npy`; with ObsPy, the extra `rockjax[records]`, miniSEED, SAC and GSE2.
+    KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations, which may
+    have comments (`#`, `%`, `!`), headings such as `time [ms],Acc (cm/s2)`, and columns separated by blanks,
+    commas, semicolons or tabs; NumPy's `.npy`; and miniSEED, SAC and GSE2 with ObsPy, which the extra
+    `rockjax[records]` installs.
 
     - `path`: file to read
     - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state its unit
@@ -60,8 +61,8 @@ def read_suite(
 ) -> Motions:
     """Read the ground motions in a folder, or in a table of files (host).
 
-    - `path`: a folder, or a table. All files of a folder are read in the order of their names; if it
-      contains a `suite.csv`, that table is read instead. A table is a `.csv` with a row of headings:
+    - `path`: a folder, or a table. All files of a folder are read in the order of their names; if the folder
+      contains a `suite.csv`, this table is read instead. A table is a `.csv` with a row of headings:
       `file` (relative to the table) and, optionally, `name`, `scale`, `units`, `dt` and `component`.
       Empty cells count as missing, and other columns become metadata
     - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; cells of the table have
@@ -74,7 +75,7 @@ def read_suite(
     require_instance("read_suite", "path", path, str | Path, "the path of a folder or table")
     require_instance("read_suite", "pattern", pattern, str | None, "a pattern such as '*.AT2', or None")
     path = Path(path)
-    check_reading(path, units, dt, component)
+    check_arguments(path, units, dt, component)
     scale = require_number(str(path), "scale", scale, np.isfinite, "finite")
     if path.is_dir():
         if pattern is None and (path / TABLE).is_file():

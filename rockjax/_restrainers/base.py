@@ -69,13 +69,13 @@ class AbstractRestrainer(Module):
 
     @property
     def _apparent_mass(self) -> Number | None:
-        """Inertance divided by m_c; None without inertance. A device with inertance transmits an impulse at
-        impacts."""
+        """Inertance divided by m_c; None if the device has no inertance. A device with inertance transmits an
+        impulse at impacts."""
         return None
 
     @property
     def _stiffness(self) -> Number | None:
-        """Slope of the static force at zero stretch, K R/(m_c g); None without stiffness."""
+        """Slope of the static force at zero stretch, K R/(m_c g); None if the device has no stiffness."""
         return None
 
     @abc.abstractmethod
@@ -130,14 +130,14 @@ class AbstractRestrainer(Module):
 
     @property
     def apparent_mass(self) -> Number | None:
-        """Inertance divided by m_c of the equivalent device that spans both joints; None without
+        """Inertance of the equivalent device that spans both joints, divided by m_c; None if there is no
         inertance."""
         inertance = self._apparent_mass
         return None if inertance is None else self.elongation_ratio**2 * inertance
 
     @property
     def slope(self) -> Number | None:
-        """Stiffness K R/(m_c g) of the equivalent device that spans both joints; None without stiffness."""
+        """Stiffness K R/(m_c g) of the equivalent device that spans both joints; None if there is none."""
         stiffness = self._stiffness
         return None if stiffness is None else self.elongation_ratio**2 * stiffness
 

@@ -57,11 +57,11 @@ def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
 class ShearBuilding(AbstractSuperstructure):
     """A building of n stories as a superstructure: rigid floors, and stories that deform in shear.
 
-    - `masses`: mass ratios of the floors m_j/(N m_c), > 0 [–], from the bottom along the last axis
-    - `stiffnesses`: stiffness ratios of the stories below them k_j/(N m_c), > 0 [1/s²]
+    - `masses`: mass ratios m_j/(N m_c) of the floors, > 0 [–], from the bottom along the last axis
+    - `stiffnesses`: stiffness ratios k_j/(N m_c) of the stories below the floors, > 0 [1/s²]
     - `damping`: damping ratios of the modes, ≥ 0 [–]; one value for all modes, or one for each
     - `modes`: number of lowest modes to retain, 0 … n, by default n. The mass of the other modes moves with
-      the beam, and `peak_shear` and `peak_floor_acceleration` omit its impulses at impacts
+      the beam, and `peak_shear` and `peak_floor_acceleration` omit the impulses of this mass at impacts
     - `heights`: heights of the stories, > 0 [m], for forces in the joints, drift ratios and pictures; None if
       unknown
 
@@ -129,11 +129,11 @@ class ShearBuilding(AbstractSuperstructure):
         count = require_whole("ShearBuilding.uniform", "stories", stories, 1)
         require_positive("ShearBuilding.uniform", eta=eta, T=T)
         eta, T = as_float(eta, "ShearBuilding.uniform: eta"), as_float(T, "ShearBuilding.uniform: T")
-        lowest = 2 * math.sin(math.pi / (4 * count + 2))  # ω_1 √(m/k)
+        omega_1 = 2 * math.sin(math.pi / (4 * count + 2))  # lowest ω_1 √(m/k) of equal stories
         mass = eta / count
         ones = np.ones(count)
         heights = None if height is None else as_float(height)[..., None] * ones
-        stiffness = mass * (2 * math.pi / (lowest * T)) ** 2
+        stiffness = mass * (2 * math.pi / (omega_1 * T)) ** 2
         return cls(mass[..., None] * ones, stiffness[..., None] * ones, damping, modes, heights=heights)
 
     @property
@@ -143,7 +143,7 @@ class ShearBuilding(AbstractSuperstructure):
 
     @property
     def modes(self) -> Modes:
-        """The retained modes, with the mass ratio of the others as the residual."""
+        """The retained modes, with the mass ratio of the other modes as the residual."""
         analysis, retained = self._analysis(), self.retained
         residual = analysis.eta[..., retained:].sum(axis=-1) if retained < self.stories else 0.0
         return Modes(
