@@ -1,2 +1,1 @@
-"""Measurements, run by hand: `python -m benchmarks.work_precision`, `.compare`, `.skips`, `.scaling`,
-`.startup`, …"""
+"""Measurements, run by hand: `python -m benchmarks.work_precision`, `.compare`, `.cost`, `.startup`, …"""

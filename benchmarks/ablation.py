@@ -1,9 +1,9 @@
 """Ablation of optimisations: `python -m benchmarks.ablation [piece …]`.
 
-The benchmark switches off one optimisation ("piece") at a time in a separate process, and alternates timings
-between this process and one with all pieces. It reports the shortest time without a piece divided by the
-shortest time with it. Each process compiles its own programs, which gives the CPU seconds of compilation. Run
-nothing else on the machine meanwhile.
+The benchmark switches off one optimisation ("piece") at a time in a separate process. It alternates timings
+between this process and a process with all pieces, and reports the shortest time without the piece divided by
+the shortest time with the piece. Each process compiles its own programs, so that the CPU seconds of the first
+calls are compared as well. Run nothing else on the machine meanwhile.
 
 Writes `benchmarks/results/ablation.json`.
 """
@@ -49,9 +49,9 @@ LANES = 64
 class Piece(NamedTuple):
     """One optimisation."""
 
-    off: Callable[[], None]  # switch it off in this process, before anything is traced
-    modules: tuple[str, ...]  # modules that implement it
-    rows: tuple[str, ...] = ()  # words of the rows that it can change; empty for all rows
+    switch_off: Callable[[], None]  # switches the piece off in this process, before anything is traced
+    modules: tuple[str, ...]  # modules that implement the piece
+    rows: tuple[str, ...] = ()  # only rows with one of these words are timed; empty for all rows
 
 
 def _replace(original: Any, replacement: Any) -> None:
@@ -68,18 +68,18 @@ def _replace(original: Any, replacement: Any) -> None:
 
 
 def _no_fast_forward(name: str) -> None:
-    """Make every plan without a fast-forward."""
-    made = scene.plan_for
+    """Remove a fast-forward from every plan."""
+    plan_for = scene.plan_for
 
-    def without(*given: Any, **named: Any) -> Any:
-        plan = made(*given, **named)
+    def without(*arguments: Any, **options: Any) -> Any:
+        plan = plan_for(*arguments, **options)
         return dataclasses.replace(plan, fast_forwards=tuple(y for y in plan.fast_forwards if y != name))
 
-    _replace(made, without)
+    _replace(plan_for, without)
 
 
 def _no_certificate() -> None:
-    _replace(certificate.certificate, lambda *given, **named: jnp.zeros((), bool))
+    _replace(certificate.certificate, lambda *_, **__: jnp.zeros((), bool))
 
 
 def _no_refill() -> None:
@@ -91,7 +91,7 @@ def _no_nystrom() -> None:
     _replace(tableaus.tableau_for, lambda method, velocities: tableaus.tableau(method))
 
 
-def _no_sines() -> None:
+def _no_own_sines() -> None:
     _replace(_sincos.sincos, lambda psi: (jnp.sin(psi), jnp.cos(psi)))
     _replace(_sincos.sin, jnp.sin)
     _replace(_sincos.cos, jnp.cos)
@@ -107,7 +107,7 @@ PIECES = {
     "lane sorting": Piece(lambda: _replace(scenes._order, lambda *_: None), ("_batch/scenes.py",)),
     "barriers": Piece(lambda: _replace(barrier, lambda values: values), ("_programs/barrier.py",)),
     "Nyström method": Piece(_no_nystrom, ("_engine/tableaus.py",)),
-    "own sine and cosine": Piece(_no_sines, ("_sincos.py",)),
+    "own sine and cosine": Piece(_no_own_sines, ("_sincos.py",)),
 }
 
 
@@ -119,9 +119,9 @@ def _suite() -> Suite:
 
 def _panel(period: float, outputs: tuple[str, ...] | None, points: int = 100) -> Callable[[], Any]:
     pulses = family("rigid" if period == 0 else f"T_s = {period:g} s", points)
-    how = options(1e-8) if outputs else rj.Options()
+    settings = options(1e-8) if outputs else rj.Options()
     motions = rj.Ricker(pulses.a_p, pulses.T_p)
-    return lambda: rj.peak_responses(podium(pulses), motions, options=how)
+    return lambda: rj.peak_responses(podium(pulses), motions, options=settings)
 
 
 def _records(period: float) -> Callable[[], Any]:
@@ -165,46 +165,46 @@ ROWS: dict[str, Callable[[], Callable[[], Any]]] = {
 
 # ---------------------------------------------------------------------------------------------------- workers
 def operations() -> dict[str, int]:
-    """Return the arithmetic operations of one trial per scene, in the compiled program."""
-    operations = {}
+    """Return the number of arithmetic operations per scene and trial step in the compiled program."""
+    counts = {}
     for name, period in (("rigid", 0.0), ("elastic", 0.5)):
         structure = podium(Family(period, np.zeros(0), np.zeros(0)))
-        motion, how = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options()
+        motion, settings = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options()
         structure = structure.split()
-        plan = scene.plan_for(structure, how, history=False)
-        start = functools.partial(scene.prepare, structure, motion, REST, None, how, plan)
-        one, state = jax.jit(start)()
-        side = jax.tree.map(lambda y: jnp.broadcast_to(y, (LANES, *jnp.shape(y))), state)
-        step = lambda lane, one=one, plan=plan: trial(one, plan, lane)[0]
-        made = jax.jit(jax.vmap(step)).lower(side).compile()
-        cost: Any = made.cost_analysis()
-        operations[f"operations, {name}"] = round(cost["flops"] / LANES)
-    return operations
+        plan = scene.plan_for(structure, settings, history=False)
+        start = functools.partial(scene.prepare, structure, motion, REST, None, settings, plan)
+        prepared, state = jax.jit(start)()
+        lanes_state = jax.tree.map(lambda y: jnp.broadcast_to(y, (LANES, *jnp.shape(y))), state)
+        step = lambda lane, prepared=prepared, plan=plan: trial(prepared, plan, lane)[0]
+        program = jax.jit(jax.vmap(step)).lower(lanes_state).compile()
+        cost: Any = program.cost_analysis()
+        counts[f"operations, {name}"] = round(cost["flops"] / LANES)
+    return counts
 
 
 def work(piece: str) -> None:
     """Read rows from the standard input; print their wall times, and the CPU time of the first call [s]."""
     if piece:
-        PIECES[piece].off()
-    made: dict[str, Callable[[], Any]] = {}
+        PIECES[piece].switch_off()
+    prepared_rows: dict[str, Callable[[], Any]] = {}
     for line in sys.stdin:
         name = line.strip()
         if name == "operations":
             print(json.dumps(operations()), flush=True)
             continue
         first = None
-        if name not in made:
-            made[name] = ROWS[name]()
+        if name not in prepared_rows:
+            prepared_rows[name] = ROWS[name]()
             start = time.process_time()
-            made[name]()
+            prepared_rows[name]()
             first = time.process_time() - start
         start = time.perf_counter()
-        made[name]()
+        prepared_rows[name]()
         print(json.dumps([time.perf_counter() - start, first]), flush=True)
 
 
 class Worker:
-    """A process in which one optimisation is switched off; none if its name is ""."""
+    """A process in which one optimisation is switched off, or none for the name ""."""
 
     def __init__(self, piece: str):
         self.folder = tempfile.TemporaryDirectory()
@@ -233,23 +233,23 @@ def lines_of(piece: Piece) -> int:
     return sum(len((root / name).read_text().splitlines()) for name in piece.modules)
 
 
-def ratios(name: str, piece: Piece, whole: Worker) -> dict[str, Any]:
+def ratios(name: str, piece: Piece, complete: Worker) -> dict[str, Any]:
     """Return ratios without/with the piece: times, CPU seconds of first calls, operations of a trial."""
     row: dict[str, Any] = {"piece": name, "lines": lines_of(piece)}
     without = Worker(name)
     try:
-        counts = whole("operations"), without("operations")
+        counts = complete("operations"), without("operations")
         row |= {key: counts[1][key] / counts[0][key] for key in counts[0]}
-        for what in ROWS:
-            if piece.rows and not any(word in what for word in piece.rows):
+        for row_name in ROWS:
+            if piece.rows and not any(word in row_name for word in piece.rows):
                 continue
-            times, firsts = [math.inf, math.inf], [math.nan, math.nan]
+            times, first_calls = [math.inf, math.inf], [math.nan, math.nan]
             for _ in range(RUNS):
-                for k, worker in enumerate((whole, without)):
-                    took, first = worker(what)
-                    times[k] = min(times[k], took)
-                    firsts[k] = FIRSTS.setdefault((what, k and name), first)
-            row |= {what: times[1] / times[0], f"first, {what}": firsts[1] / firsts[0]}
+                for k, worker in enumerate((complete, without)):
+                    seconds, first = worker(row_name)
+                    times[k] = min(times[k], seconds)
+                    first_calls[k] = FIRSTS.setdefault((row_name, k and name), first)
+            row |= {row_name: times[1] / times[0], f"first, {row_name}": first_calls[1] / first_calls[0]}
     finally:
         without.close()
     return row
@@ -264,19 +264,19 @@ def main() -> None:
     )
     parser.add_argument("pieces", nargs="*")
     parser.add_argument("--worker")
-    given = parser.parse_args()
-    if given.worker is not None:
-        work(given.worker)
+    arguments = parser.parse_args()
+    if arguments.worker is not None:
+        work(arguments.worker)
         return
-    whole = Worker("")
+    complete = Worker("")
     rows = {row["piece"]: row for row in stored_rows_if_any("ablation")}
     try:
-        for name in given.pieces or PIECES:
-            rows[name] = ratios(name, PIECES[name], whole)
+        for name in arguments.pieces or PIECES:
+            rows[name] = ratios(name, PIECES[name], complete)
             print(json.dumps(rows[name]), flush=True)
             store_rows("ablation", list(rows.values()))
     finally:
-        whole.close()
+        complete.close()
     columns = {
         key: "" if key == "piece" else "d" if key == "lines" else ".2f" for key in ("piece", "lines", *ROWS)
     }

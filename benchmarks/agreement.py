@@ -6,17 +6,17 @@ rougher than earthquakes (noise of a few samples with offsets, steps, pulses) or
 podiums start with a rotation, some of them with a velocity or deformation as well, and some scenes end early.
 
 Answers at three tolerances are compared with each other. Derivatives with respect to α and the scale of the
-motion are compared with central differences. Differences have settled if three successive values agree, each
-of which is extrapolated from two steps. With `--ways`, answers are also compared with all impacts counted,
-without derivatives, and with `tsit5`. With `--faults FOLDER`, each fault is written to a file, which `python
--m benchmarks.agreement --again FILE` solves again.
+motion are compared with central differences at several steps. Central differences "settle" if three
+successive values, each extrapolated from two steps, agree. With `--ways`, the answers are also compared with
+answers for all impacts counted, without derivatives, and by `tsit5`. With `--faults FOLDER`, each fault is
+written to a file, which `python -m benchmarks.agreement --again FILE` solves again.
 
-A difference that exceeds the limits has one of these names:
+A difference that exceeds the limits gets one of these names:
 
-- tie: two peaks are equal, and the derivative is that of one of them
-- flagged: the estimate (`errors`) admits an error of this size, or the scene is undecided
-- grazing: finite differences do not settle, and an impact of the scene is nearly grazing
-- unsettled: finite differences do not settle without such an impact, because another peak is close
+- tie: two peaks are equal, and the derivative belongs to one of them
+- flagged: the error estimate (`errors`) is of this size, or the scene is undecided
+- grazing: central differences do not settle, and an impact of the scene is nearly grazing
+- unsettled: central differences do not settle without such an impact, because another peak is close
 - converges: the error of a derivative is below ten times the limit, and below the limit at the tightest
   tolerance
 - FAULT: none of these
@@ -152,12 +152,12 @@ def scenes(kind: SceneKind, count: int, seed: int) -> Scenes:
         horizontal = make_records(0.0).scaled(strength * motion_factor)
         vertical = make_records(0.1).scaled(size)
     motion = horizontal if kind.direction == "horizontal" else rj.GroundMotion(horizontal, vertical)
-    turned = (draw(0, 1) < 0.4) | (kind.motion == "rest")
-    theta = np.where(turned, alpha * 10 ** draw(-8, -0.3) * side(), 0.0)
-    rate = np.where(turned & (draw(0, 1) < 0.5), p * alpha * draw(-0.5, 0.5), 0.0)
+    is_rotated = (draw(0, 1) < 0.4) | (kind.motion == "rest")
+    theta = np.where(is_rotated, alpha * 10 ** draw(-8, -0.3) * side(), 0.0)
+    rate = np.where(is_rotated & (draw(0, 1) < 0.5), p * alpha * draw(-0.5, 0.5), 0.0)
     start, end = (np.asarray(y) for y in motion.support)
-    late = np.where(draw(0, 1) < 0.4, (end - start) * draw(0.3, 2.5), (end - start) * 3 + 30 / p)
-    return Scenes(structure, motion, _initial(structure, turned, theta, rate, draw), start + late)
+    duration = np.where(draw(0, 1) < 0.4, (end - start) * draw(0.3, 2.5), (end - start) * 3 + 30 / p)
+    return Scenes(structure, motion, _initial(structure, is_rotated, theta, rate, draw), start + duration)
 
 
 def _top(name: str, draw) -> Any:
@@ -181,26 +181,26 @@ def _top(name: str, draw) -> Any:
 
 
 def _devices(name: str, draw) -> tuple[Any, ...]:
-    """Return a tendon, a damper and an inerter; in a quarter of the scenes each parameter is zero."""
-    some = lambda values: np.where(draw(0, 1) < 0.75, values, 0.0)
+    """Return a tendon, a damper and an inerter; each parameter is zero in a quarter of the scenes."""
+    or_zero = lambda values: np.where(draw(0, 1) < 0.75, values, 0.0)
     if name == "free":
         return ()
     exponent = 1.0 if name == "linear" else draw(0.2, 1)
     return (
-        rj.Tendon(some(10 ** draw(-1, 2)), some(10 ** draw(0, 2))),
-        rj.Damper(some(10 ** draw(-1, 1.7)), exponent),
-        rj.Inerter(some(10 ** draw(-1, 1.5))),
+        rj.Tendon(or_zero(10 ** draw(-1, 2)), or_zero(10 ** draw(0, 2))),
+        rj.Damper(or_zero(10 ** draw(-1, 1.7)), exponent),
+        rj.Inerter(or_zero(10 ** draw(-1, 1.5))),
     )
 
 
-def _initial(podium: rj.Podium, turned, theta, rate, draw) -> rj.State:
+def _initial(podium: rj.Podium, is_rotated, theta, rate, draw) -> rj.State:
     count = getattr(podium.superstructure, "count", 0)
     if not podium.vibrates:
         return rj.State(theta=theta, theta_dot=rate)
     mode_shape = (count,) if isinstance(podium.superstructure, rj.Modes | rj.ShearBuilding) else ()
-    sway = np.asarray(podium.R * np.sin(podium.alpha)) * turned * (draw(0, 1) < 0.5)
-    sway = sway.reshape(-1, *[1] * len(mode_shape))
-    return rj.State(theta, rate, sway * draw(-0.3, 0.3, *mode_shape), sway * draw(-1, 1, *mode_shape))
+    size = np.asarray(podium.R * np.sin(podium.alpha)) * is_rotated * (draw(0, 1) < 0.5)
+    size = size.reshape(-1, *[1] * len(mode_shape))
+    return rj.State(theta, rate, size * draw(-0.3, 0.3, *mode_shape), size * draw(-1, 1, *mode_shape))
 
 
 def _rows(rng: np.random.Generator, steps: bool) -> list[np.ndarray]:
@@ -224,7 +224,7 @@ def solve(batch: Scenes, outputs: tuple[str, ...], rtol: float, method="dopri8",
 
 
 def columns(answers: Any, names: tuple[str, ...], shape: tuple[int, ...], last: int = 0) -> np.ndarray:
-    """Return named answers, shape (columns, *shape, …), with a column for each mode or story.
+    """Return named answers, shape (columns, *shape, …), with one column for each mode or story of an answer.
 
     - `answers`: peaks, sensitivities or errors
     - `names`: names of the answers
@@ -249,19 +249,19 @@ def labels(answers: Any, names: tuple[str, ...]) -> list[str]:
 
 
 class Differences(NamedTuple):
-    """Central differences over ln α and the logarithm of the scale, shape (columns, scenes, parameters)."""
+    """Central differences for ln α and the logarithm of the scale, shape (columns, scenes, parameters)."""
 
     values: np.ndarray
     settled: np.ndarray
-    # One-sided differences if they do not approach each other with smaller steps; else NaN.
+    # Forward and backward differences if they do not approach each other with smaller steps; else NaN.
     sides: tuple[np.ndarray, np.ndarray]
 
 
 def differentiate(batch: Scenes, outputs: tuple[str, ...]) -> Differences:
     """Return derivatives by finite differences of solutions at the tightest tolerance.
 
-    Two successive steps eliminate the error of second order (Richardson extrapolation). Of three successive
-    values that agree best, the median is returned.
+    Richardson extrapolation from two successive steps eliminates the error of second order. The result is the
+    median of the three successive values that agree best.
     """
     h = np.array(STEPS)
     ones = np.ones((len(h), 1))
@@ -279,11 +279,11 @@ def differentiate(batch: Scenes, outputs: tuple[str, ...]) -> Differences:
     central = (forward + backward) / 2
     smaller = central[:, :, 1:]
     extrapolated = smaller + (smaller - central[:, :, :-1]) / ((h[:-1] / h[1:]) ** 2 - 1)[:, None]
-    threes = np.stack([extrapolated[:, :, k : len(h) - 3 + k] for k in range(3)])
-    spread = np.ptp(threes, axis=0)
+    triples = np.stack([extrapolated[:, :, k : len(h) - 3 + k] for k in range(3)])
+    spread = np.ptp(triples, axis=0)
     best = np.argmin(np.where(np.isnan(spread), np.inf, spread), axis=2)[:, :, None]
     at_best = lambda y: np.moveaxis(np.take_along_axis(y, best, axis=2)[:, :, 0], 1, -1)
-    value, size = at_best(np.median(threes, axis=0)), np.abs(centre[:, 0, :, None])
+    value, size = at_best(np.median(triples, axis=0)), np.abs(centre[:, 0, :, None])
     limit = RELATIVE * (np.abs(value) + size) + ABSOLUTE
     # If an answer is smooth, the difference of the two sides decreases with the step.
     gap = np.abs(forward - backward)
@@ -297,15 +297,15 @@ class Difference(NamedTuple):
 
     kind: SceneKind
     scene: int
-    answer: str  # name; of a derivative with the parameter
+    answer: str  # name of the answer, or of its derivative with the parameter
     route: str  # tolerance or method
-    ours: float
-    right: float
+    ours: float  # compared value
+    right: float  # reference value
     name: str  # one of the names at the top of this module
 
     def __str__(self):
         return (
-            f"{self.kind}, scene {self.scene}: {self.answer} at {self.route} is {self.ours:.12g} for "
+            f"{self.kind}, scene {self.scene}: {self.answer} at {self.route} is {self.ours:.12g}, not "
             f"{self.right:.12g} ({self.name})"
         )
 
@@ -314,50 +314,50 @@ def compare(kind: SceneKind, batch: Scenes, with_ways: bool = False) -> list[Dif
     """Return the answers and derivatives of a batch whose errors exceed the limits."""
     outputs, count = OUTPUTS[kind.top], (len(batch.t_end),)
     peaks = {rtol: solve(batch, outputs, rtol, sensitivities=PARAMETERS) for rtol in TOLERANCES}
-    loose, right, tight = (columns(peak, outputs, count) for peak in peaks.values())
+    loose, reference, tight = (columns(peak, outputs, count) for peak in peaks.values())
     # The answer at the tightest tolerance is taken as correct, unless the two others agree on another value.
-    is_outlier = 10 * np.abs(loose - right) < np.abs(tight - right)
-    right = np.where(is_outlier | np.isnan(tight), right, tight)
-    limit = RELATIVE * np.abs(right) + ABSOLUTE
+    is_outlier = 10 * np.abs(loose - reference) < np.abs(tight - reference)
+    reference = np.where(is_outlier | np.isnan(tight), reference, tight)
+    limit = RELATIVE * np.abs(reference) + ABSOLUTE
     differences = differentiate(batch, outputs)
-    slow = np.asarray(peaks[TOLERANCES[-1]].smallest_impact_speed / (batch.podium.p * batch.podium.alpha))
+    speed = np.asarray(peaks[TOLERANCES[-1]].smallest_impact_speed / (batch.podium.p * batch.podium.alpha))
     names = labels(peaks[TOLERANCES[0]], outputs)
     codes = [results.code_of(y.result) for y in peaks.values()]
     answered = np.max(codes, axis=0) <= results.OVERTURNED
     unsettled = {
-        "grazing": ~differences.settled & (slow < GRAZES)[:, None],
+        "grazing": ~differences.settled & (speed < GRAZES)[:, None],
         "unsettled": ~differences.settled,
     }
     deviations: list[Difference] = []
 
-    def add(answers, route, ours, right, is_off, named):
+    def add(answers, route, ours, reference, is_off, masks):
         for index in map(tuple, np.argwhere(is_off).tolist()):
             column, scene, *parameter = index
             answer = answers[column]
             if parameter:
                 answer = f"d {answer}/d ln {PARAMETERS[parameter[0]]}"
-            name = next((name for name, mask in named.items() if mask[index]), "FAULT")
-            deviations.append(Difference(kind, scene, answer, route, ours[index], right[index], name))
+            name = next((name for name, mask in masks.items() if mask[index]), "FAULT")
+            deviations.append(Difference(kind, scene, answer, route, ours[index], reference[index], name))
 
     def judge(route, rtol, values):
-        is_off = ~(np.abs(values - right) <= limit) & answered
+        is_off = ~(np.abs(values - reference) <= limit) & answered
         if is_off.any():
-            named = {name: mask.any(axis=-1) for name, mask in unsettled.items()}
-            flagged = flags(kind, batch, rtol, np.maximum(limit, np.abs(values - right)))
-            add(names, route, values, right, is_off, {"flagged": flagged, **named})
+            masks = {name: mask.any(axis=-1) for name, mask in unsettled.items()}
+            flagged = flags(kind, batch, rtol, np.maximum(limit, np.abs(values - reference)))
+            add(names, route, values, reference, is_off, {"flagged": flagged, **masks})
 
-    slope_limit = RELATIVE * (np.abs(differences.values) + np.abs(right)[..., None]) + ABSOLUTE
+    slope_limit = RELATIVE * (np.abs(differences.values) + np.abs(reference)[..., None]) + ABSOLUTE
     slopes = {rtol: columns(y.sensitivities, outputs, count, last=1) for rtol, y in peaks.items()}
     errors = {rtol: np.abs(y - differences.values) for rtol, y in slopes.items()}
     for rtol, peak in peaks.items():
         judge(f"{rtol:g}", rtol, columns(peak, outputs, count))
         wrong = ~(errors[rtol] <= slope_limit) & answered[:, None]
         if wrong.any():
-            near = [np.abs(slopes[rtol] - side) <= 100 * slope_limit for side in differences.sides]
+            on_side = [np.abs(slopes[rtol] - side) <= 100 * slope_limit for side in differences.sides]
             converges = (errors[rtol] <= 10 * slope_limit) & (errors[TOLERANCES[-1]] <= slope_limit)
             flagged = np.broadcast_to(flags(kind, batch, rtol, limit)[..., None], wrong.shape)
-            named = {"tie": near[0] | near[1], "flagged": flagged, **unsettled, "converges": converges}
-            add(names, f"{rtol:g}", slopes[rtol], differences.values, wrong, named)
+            masks = {"tie": on_side[0] | on_side[1], "flagged": flagged, **unsettled, "converges": converges}
+            add(names, f"{rtol:g}", slopes[rtol], differences.values, wrong, masks)
     if with_ways:
         for route, rtol, requested, method in (
             ("no derivatives", TOLERANCES[1], outputs, "dopri8"),
@@ -369,7 +369,7 @@ def compare(kind: SceneKind, batch: Scenes, with_ways: bool = False) -> list[Dif
 
 
 def flags(kind: SceneKind, batch: Scenes, rtol: float, error: np.ndarray) -> np.ndarray:
-    """Return a mask of answers whose estimated errors allow for `error`, shape (columns, scenes).
+    """Return a mask of answers whose estimated errors cover `error`, shape (columns, scenes).
 
     For the margin, the estimate of the rotation is used.
     """
@@ -408,17 +408,17 @@ def read(path: Path) -> tuple[SceneKind, Scenes]:
 
 
 def table(kind: SceneKind, deviations: list[Difference], count: int) -> list[str]:
-    """Return lines with the numbers of scenes by the name of their difference, and a fault of each answer."""
+    """Return lines with the number of scenes for each name of a difference, and one fault of each answer."""
 
-    def scenes_of(some: list[Difference]) -> str:
-        counts = collections.Counter(name for name, _ in {(y.name, y.scene) for y in some})
-        return ", ".join(f"{number} {name}" for name, number in counts.most_common()) or "all agree"
+    def count_scenes(differences: list[Difference]) -> str:
+        counts = collections.Counter(name for name, _ in {(y.name, y.scene) for y in differences})
+        return ", ".join(f"{count} {name}" for name, count in counts.most_common()) or "all agree"
 
     by_answer: dict[str, list[Difference]] = {}
     for deviation in deviations:
         by_answer.setdefault(deviation.answer, []).append(deviation)
-    lines = [f"{kind}: {count} scenes, {scenes_of(deviations)}"]
-    lines += [f"  {answer}: {scenes_of(some)}" for answer, some in by_answer.items()]
+    lines = [f"{kind}: {count} scenes, {count_scenes(deviations)}"]
+    lines += [f"  {answer}: {count_scenes(members)}" for answer, members in by_answer.items()]
     faults = {y.answer: y for y in deviations if y.name == "FAULT"}
     return lines + [f"  {y}" for y in faults.values()]
 

@@ -1,15 +1,16 @@
-"""Test of the search for overturning boundaries: does it miss windows of overturning?
+"""Test of the search for overturning boundaries: does it miss overturning windows?
 
 `python -m benchmarks.boundaries [number of motions] [structure …] [--records FOLDER] [--store FOLDER]`
 
-For each structure and each motion, plain responses are computed at scales a quarter of `WIDTH` of the range
-apart, from the last scale without uplift to the first wide window of overturning. The width of each window
-is measured. Then the boundary is searched as users do. No window below it may be wider than `certain_width`,
-and the structure must overturn just above it. Half of the synthetic motions have a velocity pulse, and some
-are pulses alone. `--records` uses the records of a folder instead (text with times and accelerations in any
-unit, because the range is in terms of PGA), cut to 1000 samples from 400 before their peak.
+For each structure and each motion, responses are computed at scales in steps of `WIDTH`/4 times the range,
+from the last scale without uplift to the first wide overturning window. The width of each window is measured.
+Then `rockjax.overturning_boundary` searches the boundary. No window below the boundary may be wider than its
+`certain_width`, and the structure must overturn just above it. Half of the synthetic motions have a velocity
+pulse, and some are pulses alone. `--records` uses the records of a folder instead (text with times and
+accelerations in any unit, because the range is relative to PGA), cut to 1000 samples from 400 before their
+peak.
 
-The responses do not depend on the search. `--store` keeps them in a folder, one file for each structure and
+The responses do not depend on the search. `--store` saves them in a folder, one file for each structure and
 motion. The same command continues an interrupted run, and another search can be compared with stored
 responses.
 """
@@ -35,13 +36,13 @@ import rockjax as rj
 from .measure import RESULTS, show, store_rows
 
 WIDTH = 1e-4  # requested width of the search, divided by the range
-SCALE_STEP = 0.25 * WIDTH  # distance of the scales that are evaluated, divided by the range
-OVERTURNING_RUN = 64  # this many successive scales that overturn end the scan of a record
+SCALE_STEP = 0.25 * WIDTH  # step between scales, divided by the range
+OVERTURNING_RUN = 64  # number of successive overturning scales that end the scan of a record
 BLOCK = 4096  # number of scales in a batch
-INSIDE = 200  # number of scales within a step at whose ends the outcome changes
-RANGE = 10.0  # the range of scales ends where PGA is this multiple of g tan α
-COARSE = 256  # number of scales of the search for uplift
-LOOKING = rj.Options(rtol=1e-7, atol=1e-9, method="tsit5", outputs=("margin",))
+INSIDE = 200  # number of scales within a step if the outcome differs between its ends
+RANGE = 10.0  # PGA at the end of the range of scales, divided by g tan α
+COARSE = 256  # number of scales in the search for uplift
+SCAN = rj.Options(rtol=1e-7, atol=1e-9, method="tsit5", outputs=("margin",))
 CLOSE_MARGIN = 0.02  # scenes with a smaller absolute margin are solved again with `SHARP`
 SHARP = rj.Options(rtol=1e-11, atol=1e-13, outputs=("margin",))  # the accuracy of a boundary
 SAMPLES_BEFORE_PEAK, SAMPLES = 400, 1000  # numbers of samples of a record before its peak, and in total
@@ -60,9 +61,9 @@ SHAPES = [
 
 
 def motions(count: int) -> rj.Records:
-    """Return synthetic motions: noise, noise with a pulse, and every fifth a pulse alone.
+    """Return synthetic motions of 10 s at 0.02 s: noise, noise with a pulse, and every fifth a pulse alone.
 
-    They last 10 s, have a sampling interval of 0.02 s, and the noise has a PGA of 1 m/s².
+    The noise has a PGA of 1 m/s².
     """
     pulses = [rj.MavroeidisPapageorgiou(0.15, *SHAPES[k % len(SHAPES)]) for k in range(count)]
     plain = rj.synthetic_motions(count, seed=11, duration=10.0, dt=0.02, pga=1.0)
@@ -85,12 +86,12 @@ def read_records(folder: Path, count: int) -> rj.Records:
 
 
 def overturns(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray) -> np.ndarray:
-    """Return a mask of the scales of record j that overturn; close ones are solved at full accuracy."""
-    results = peaks(podium, records, j, scales, LOOKING)
+    """Return a mask of the scales of record j that overturn; doubtful scales are solved with `SHARP`."""
+    results = peaks(podium, records, j, scales, SCAN)
     overturned = np.array(results.overturned)
-    near = np.flatnonzero(np.abs(np.asarray(results.margin)) < CLOSE_MARGIN)
-    if near.size:
-        overturned[near] = np.asarray(peaks(podium, records, j, scales[near], SHARP).overturned)
+    close = np.flatnonzero(np.abs(np.asarray(results.margin)) < CLOSE_MARGIN)
+    if close.size:
+        overturned[close] = np.asarray(peaks(podium, records, j, scales[close], SHARP).overturned)
     return overturned
 
 
@@ -101,19 +102,19 @@ def peaks(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, op
 
 
 def largest_resting_scale(podium: rj.Podium, records: rj.Records, j: int, end: float) -> float:
-    """Return the largest of some coarse scales at which the columns do not lift.
+    """Return the largest of `COARSE` scales at which the columns do not lift.
 
-    They do not lift at smaller scales either, because without uplift forces are proportional to the scale.
+    Without uplift, forces are proportional to the scale, so columns do not lift at smaller scales either.
     """
     scales = np.linspace(0.0, end, COARSE)
-    uplifted = np.asarray(peaks(podium, records, j, scales, LOOKING).uplifted)
+    uplifted = np.asarray(peaks(podium, records, j, scales, SCAN).uplifted)
     return float(scales[np.argmax(uplifted) - 1] if uplifted.any() else end)
 
 
 def scan_windows(podium: rj.Podium, records: rj.Records, j: int, limit: float) -> dict:
-    """Return the `windows` of overturning of record j, (from, to), found by plain responses.
+    """Scan record j for overturning windows, up to the first wide window, whose end is not searched.
 
-    They end with the first wide window, whose end is not searched.
+    Returns the `windows` as (start, end), the number of scenes and the CPU time.
     """
     start = time.process_time()
     scales = np.arange(largest_resting_scale(podium, records, j, limit), limit, SCALE_STEP * limit)
@@ -132,7 +133,7 @@ def scan_windows(podium: rj.Podium, records: rj.Records, j: int, limit: float) -
 def windows(
     podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray, overturned: np.ndarray
 ) -> list[list[float]]:
-    """Return (start, end) of each window that overturns among ascending scales of record j."""
+    """Return the (start, end) of each overturning window among ascending scales of record j."""
     changes = np.flatnonzero(np.diff(np.concatenate([[False], overturned, [False]]).astype(int)))
     edges = []
     for change in changes:
@@ -177,7 +178,10 @@ def scan_all(
 
 
 def compare_search(name: str, source: str, records: rj.Records, store: Path | None) -> dict:
-    """Return a row of the table, which compares the boundaries of a search with all windows below them."""
+    """Return the table row that compares the boundaries of a search with all windows below them.
+
+    `standing`: number of motions under which the structure stands just above its boundary.
+    """
     podium = STRUCTURES[name]
     limits = RANGE * float(podium.g) * math.tan(float(podium.alpha)) / np.asarray(records.sizes()).max(axis=1)
     truth = scan_all(name, source, records, limits, store)

@@ -3,13 +3,14 @@ errors|intervals`.
 
 `errors [scenes] [--records FOLDER]` solves random structures of ordinary proportions under synthetic records,
 and under the records of a folder (see `benchmarks/boundaries.py`), with a PGA from 0.9 to 8 times the uplift
-threshold. It solves each scene with its error estimate, and again with `REFERENCE_RTOL` as the reference.
-Scenes with another outcome than the reference are counted separately, because their peaks have no error.
+threshold. It solves each scene with an error estimate, and again with `REFERENCE_RTOL` for the reference.
+Scenes whose outcome differs from the reference are counted separately, because an error of their peaks is not
+defined.
 
-`intervals [trials]` counts how often intervals of fragility curves contain the true value. It draws
-capacities from a lognormal distribution, some of them censored, and computes a fit and its 90 % intervals for
-each sample with the functions of `rockjax.fragility`. For stripes, records can survive by chance at levels
-above their capacity. Samples without a fit, with fewer than two different capacities, do not count.
+`intervals [trials]` counts how often confidence intervals of fragility curves contain the true value. It
+draws samples of capacities from a lognormal distribution, some of them censored. For each sample it computes
+a fit and 90 % intervals with the functions of `rockjax.fragility`. For stripes, records can survive by chance
+at levels above their capacity. Samples with fewer than two different capacities have no fit and do not count.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from .measure import report, store_rows
 QUANTITIES = ("peak_rotation", "peak_shear")
 TOLERANCES = (1e-4, 1e-6, 1e-8)
 REFERENCE_RTOL = 1e-13
-ROUNDING = 1e-12  # error of max|θ|/α that may come from the reference
+ROUNDING = 1e-12  # error of the reference in max|θ|/α
 
 
 def podiums(structure: str, n: int, rng: np.random.Generator) -> rj.Podium:
@@ -72,22 +73,22 @@ def compare_errors(source: str, structure: str, records: rj.Records, n: int) -> 
         assert peak.errors is not None
         lifted = np.asarray(reference.uplifted)
         answered = (np.asarray(code_of(peak.result)) <= 2) & (np.asarray(code_of(reference.result)) <= 2)
-        other = np.asarray(peak.overturned) != np.asarray(reference.overturned)
+        flipped = np.asarray(peak.overturned) != np.asarray(reference.overturned)
         undecided = np.asarray(peak.errors.undecided)
-        stands = answered & lifted & ~other & ~np.asarray(reference.overturned)
+        stood = answered & lifted & ~flipped & ~np.asarray(reference.overturned)
         row = {"records": source, "structure": structure, "rtol": rtol, "scenes": n}
-        row |= {"no answer": int((~answered).sum()), "flips": int((answered & other).sum())}
-        row["unflagged"] = int((answered & other & ~undecided).sum())
-        row |= {"undecided": float(np.mean(undecided)), "compared": int(stands.sum())}
+        row |= {"no answer": int((~answered).sum()), "flips": int((answered & flipped).sum())}
+        row["unflagged"] = int((answered & flipped & ~undecided).sum())
+        row |= {"undecided": float(np.mean(undecided)), "compared": int(stood.sum())}
         for name in QUANTITIES:
-            error = np.abs(np.asarray(getattr(peak, name)) - np.asarray(getattr(reference, name)))[stands]
-            estimate = np.asarray(getattr(peak.errors, name))[stands]
+            error = np.abs(np.asarray(getattr(peak, name)) - np.asarray(getattr(reference, name)))[stood]
+            estimate = np.asarray(getattr(peak.errors, name))[stood]
             ratio = np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300)
             for factor in (1, 10, 100):
                 row[f"{name}: over {factor} x"] = float(np.mean(ratio > factor))
             row |= {f"{name}: most": float(np.max(ratio)), f"{name}: median error": float(np.median(error))}
             row[f"{name}: largest error"] = float(np.max(error))
-            # The largest error among those that exceed ten times their estimate.
+            # The largest error of scenes whose error exceeds ten times the estimate.
             row[f"{name}: largest beyond 10 x"] = float(np.max(np.where(ratio > 10, error, 0.0)))
         rows.append(row)
     return rows
@@ -110,7 +111,7 @@ CONFIDENCE = 0.9
 DISPERSION = 0.4
 BATCH = 500
 FRACTILES = (0.1, 0.9)  # probabilities at which the band is tested
-SURVIVAL_CHANCE, SPAN = 0.3, 0.7  # chance of surviving above the capacity, up to this distance in ln(x)
+SURVIVAL_CHANCE, SPAN = 0.3, 0.7  # chance of survival above the capacity, up to a distance of SPAN in ln(x)
 
 _fits = jax.jit(jax.vmap(fit_capacities))
 
@@ -141,8 +142,8 @@ def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
         is_covered.append(
             np.stack([*(_coverage(y, value) for y, value in truth), *_coverage(bounds.probit, z)])
         )
-    share = np.concatenate(is_covered, axis=1)
-    return _row("capacities", count, f"{censored:.0%} censored", share)
+    coverage = np.concatenate(is_covered, axis=1)
+    return _row("capacities", count, f"{censored:.0%} censored", coverage)
 
 
 def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: int = 0) -> dict:
@@ -158,8 +159,8 @@ def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: 
         survives = (rng.random((count, levels)) < survival_chance) & (np.log(x) < log + SPAN)
         return (np.log(x) >= log) & ~survives
 
-    many = 400_000
-    counts = overturned(many).sum(axis=0).astype(float), np.full(levels, float(many))
+    large = 400_000
+    counts = overturned(large).sum(axis=0).astype(float), np.full(levels, float(large))
     truth = fit_counts(jnp.asarray(x), *map(jnp.asarray, counts))
     median, dispersion = (float(y) for y in truth)
     z = ndtri(FRACTILES)
@@ -172,8 +173,8 @@ def stripes(count: int, levels: int, survival_chance: float, trials: int, seed: 
         except ValueError:
             continue
         (a, b), (c, d) = curve["interval"].values
-        share = [a <= median <= b, c <= dispersion <= d]
-        is_covered.append([*share, *_coverage((curve["lower"].values, curve["upper"].values), FRACTILES)])
+        is_inside = [a <= median <= b, c <= dispersion <= d]
+        is_covered.append([*is_inside, *_coverage((curve["lower"].values, curve["upper"].values), FRACTILES)])
     return _row("stripes", count, f"{levels} levels, {survival_chance:.0%} again", np.transpose(is_covered))
 
 
@@ -208,13 +209,13 @@ def intervals(trials: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("what", choices=("errors", "intervals"))
-    parser.add_argument("number", nargs="?", type=int, default=2000, help="scenes of each kind, or trials")
+    parser.add_argument("number", nargs="?", type=int, default=2000, help="scenes per structure, or trials")
     parser.add_argument("--records", type=Path, help="a folder of records, *.dat")
-    given = parser.parse_args()
-    if given.what == "errors":
-        errors(given.number, given.records)
+    arguments = parser.parse_args()
+    if arguments.what == "errors":
+        errors(arguments.number, arguments.records)
     else:
-        intervals(given.number)
+        intervals(arguments.number)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Comparison with other solvers on the same scenes in one run: `python -m benchmarks.compare`.
 
-For each target of the 99th percentile of the error, each solver uses the largest tolerance that reaches it.
-SciPy, heyoka and the Diffrax version solve some evenly spaced scenes, and the target applies to their
-largest error. Times are per scene, of the shortest run. Install the peers with `pip install -e ".[bench]"`.
+For each target of the 99th percentile of the error, each solver uses the largest tolerance that reaches the
+target. SciPy, heyoka and the Diffrax version solve fewer, evenly spaced scenes, and the target applies to the
+largest error. Times are the shortest run, per scene. Install the peers with `pip install -e ".[bench]"`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Solve = Callable[[Family, float], tuple[np.ndarray, np.ndarray]]
 
 
 def loosest(solve: Solve, scenes: Family, target: float) -> float | None:
-    """Return the largest tolerance whose error does not exceed the target; None if there is none.
+    """Return the largest tolerance with which the error does not exceed the target; None if there is none.
 
     The error is the 99th percentile, or the largest error if there are fewer than 400 scenes.
     """
@@ -40,7 +40,7 @@ def loosest(solve: Solve, scenes: Family, target: float) -> float | None:
 
 
 def segments(scenes: Family, rtol: float) -> tuple[np.ndarray, np.ndarray]:
-    """Solve by one vmapped `diffeqsolve` with an event per segment, as in the documentation of Diffrax."""
+    """Solve by one vmapped `diffeqsolve` with an event for each segment, as in the Diffrax documentation."""
     settings = options(rtol, engine="segments")
     peaks = _segments(podium(scenes), rj.Ricker(scenes.a_p, scenes.T_p), settings)
     return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
@@ -54,7 +54,7 @@ def _segments(structure: rj.Podium, motions: rj.Ricker, settings: rj.Options) ->
 
 
 def peers() -> dict[str, tuple[Solve, int, int]]:
-    """Return (solver, number of scenes or 0 for all, number of timed runs) by the name of the peer."""
+    """Return name of a peer → (solver, number of scenes or 0 for all, number of timed runs)."""
     from .peers import heyoka_events, numba_loop, scipy_events
 
     return {

@@ -1,10 +1,10 @@
 """Run time of a scene: `python -m benchmarks.cost motions|restrained|forces|scaling|processors`.
 
-`motions` solves the grid of Fig. 6 with other pulse shapes than Ricker's. `restrained` compares podiums that
-have a tendon and a linear damper with the same podiums without them; accelerations are relative to the
-uplift threshold, so that both rock alike. `forces` compares batches with and without forces in the joints,
+`motions` solves the grid of Fig. 6 with several pulse shapes. `restrained` compares podiums that have a
+tendon and a linear damper with the same podiums without devices; accelerations are relative to the uplift
+threshold, so that both rock alike. `forces` compares batches with and without forces in the joints,
 for pulses and for records. `scaling` measures time and memory from 10³ to 10⁶ scenes. `processors` compares
-the devices of JAX with threads on the CPU, including the differences of their answers; without an
+the devices of JAX with threads on the CPU, including differences between the answers; without an
 accelerator, `processors --host-devices 2` uses two parts of the CPU as devices.
 """
 
@@ -53,11 +53,12 @@ def motions(points: int = 100) -> None:
     for name in FAMILIES:
         for motion, make in MOTIONS.items():
             scenes = family(name, points)
-            structure, motions, how = podium(scenes), make(scenes), options(1e-8)
-            trials = float(np.mean(rj.peak_responses(structure, motions, options=how).stats.steps))
-            each = shortest_time(lambda: rj.peak_responses(structure, motions, options=how)) / len(scenes)  # noqa: B023
-            row = {"family": name, "motion": motion, "us": each * 1e6, "trials": trials}
-            rows.append(row | {"ns a trial": each * 1e9 / trials})
+            structure, motions, settings = podium(scenes), make(scenes), options(1e-8)
+            trials = float(np.mean(rj.peak_responses(structure, motions, options=settings).stats.steps))
+            solve = lambda: rj.peak_responses(structure, motions, options=settings)  # noqa: B023
+            seconds = shortest_time(solve) / len(scenes)
+            row = {"family": name, "motion": motion, "us": seconds * 1e6, "trials": trials}
+            rows.append(row | {"ns a trial": seconds * 1e9 / trials})
             print(rows[-1], flush=True)
     report("motions", rows)
 
@@ -82,8 +83,8 @@ def time_restrained(runs: int = 7) -> None:
         cases[name, True] = plain.replace(restrainers=devices), RATIOS * (1 + PRESTRESS)
 
     def spectrum(case: tuple[rj.Podium, np.ndarray]):
-        how = rj.Options(outputs=("peak_rotation",))
-        return rj.rocking_spectrum(case[0], rj.Ricker, RATIOS, case[1], options=how)
+        settings = rj.Options(outputs=("peak_rotation",))
+        return rj.rocking_spectrum(case[0], rj.Ricker, RATIOS, case[1], options=settings)
 
     def seconds(case: tuple[rj.Podium, np.ndarray]) -> float:
         start = time.perf_counter()
@@ -157,15 +158,15 @@ def scaling() -> None:
     peak_memory = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # [MiB]
     rows = []
     for name in FAMILIES:
-        structure, how = podium(family(name, 2)), options(1e-8)
+        structure, settings = podium(family(name, 2)), options(1e-8)
         for points in (32, 100, 316, 1000):
             scenes = family(name, points)
             motions = rj.Ricker(scenes.a_p, scenes.T_p)
             if points == 32:
-                rj.peak_responses(structure, motions, options=how)  # compiles
+                rj.peak_responses(structure, motions, options=settings)  # compiles
             before = peak_memory()
             batch, _ = broadcast("scaling", structure, motions, jax.tree.map(np.asarray, rj.State()), None)
-            runs = [timed_batch(batch, how) for _ in range(1 if points == 1000 else 3)]
+            runs = [timed_batch(batch, settings) for _ in range(1 if points == 1000 else 3)]
             best, tally = min(runs, key=lambda run: run[0])
             row = {"family": name, "scenes": len(scenes), "us": best / len(scenes) * 1e6}
             rows.append(
@@ -185,11 +186,11 @@ def time_batches(path: str, devices: str) -> None:
     results: dict[str, Any] = {"name": f"{len(local_devices)} × {local_devices[0].device_kind}"}
     device_arguments: dict[str, Any] = {"devices": local_devices} if devices == "devices" else {}
     for name in FAMILIES:
-        structure, how = podium(family(name, 2)), options(1e-8)
+        structure, settings = podium(family(name, 2)), options(1e-8)
         for points in POINTS:
             scenes = family(name, points)
             pulses = rj.Ricker(scenes.a_p, scenes.T_p)
-            solve = lambda: rj.peak_responses(structure, pulses, options=how, **device_arguments)  # noqa: B023
+            solve = lambda: rj.peak_responses(structure, pulses, options=settings, **device_arguments)  # noqa: B023
             results[f"{name} {points} s"] = shortest_time(solve, 2)
             peaks = solve()
             results[f"{name} {points} peaks"] = peaks.peak_rotation
@@ -199,8 +200,8 @@ def time_batches(path: str, devices: str) -> None:
 
 def processors(option: str = "", count: str = "") -> None:
     """Compare CPU threads with the devices of JAX, each in a process with its own environment."""
-    host = {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": count} if option == "--host-devices" else {}
-    sides = {"threads": {"JAX_PLATFORMS": "cpu"}, "devices": host}
+    on_host = {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": count} if option == "--host-devices" else {}
+    sides = {"threads": {"JAX_PLATFORMS": "cpu"}, "devices": on_host}
     with tempfile.TemporaryDirectory() as folder:
         for side, environment in sides.items():
             path = str(Path(folder) / f"{side}.npz")
@@ -217,7 +218,7 @@ def processors(option: str = "", count: str = "") -> None:
             row = {"family": label, "scenes": points**2, "threads [1/s]": points**2 / a}
             row |= {"devices [1/s]": points**2 / b, "ratio": a / b, "difference": float(difference.max())}
             rows.append(row | {"outcomes that differ": int((~same).sum()), "devices": str(second["name"])})
-    if host:
+    if on_host:
         show(rows)
     else:
         report("processors", rows)

@@ -2,18 +2,19 @@
 
 `python -m benchmarks.device_design [force] [stiffness] [damper] [inerter] [building] [vertical] [figures]`.
 
-- force: the least prestress that keeps the rotation below 0.4 α
-- stiffness: the same for given stiffnesses of the tendons, for stiffness alone, and for both together
+- force: the least prestress of tendons that keeps the rotation below 0.4 α
+- stiffness: the least prestress for given stiffnesses of the tendons, the least stiffness without prestress,
+  and prestress and stiffness together for the least force
 - damper: coefficient and exponent for the least rotation, with a limit on the shear
 - inerter: the inertance for the least rotation, and the least inertance for 0.4 α
 - building: width of the columns and prestress under a five-storey building, for the least drift and the least
   base shear, compared with the building on a fixed base
 - vertical: needs `--records FOLDER` with horizontal and vertical components of stations, which
   `rockjax.read_suite(FOLDER).paired()` reads. Every pair is scaled so that its horizontal PGA is a multiple
-  of g tan α. The table has peak rotations with the vertical component divided by those without it. For the
-  shorter pairs it also has the least prestress for 0.4 α with and without the vertical component, compared
-  with a scan over the prestress
-- figures: draws the pictures of `device-design.md` from the other tables
+  of g tan α. The first table compares peak rotations with and without the vertical component. The second
+  table has the least prestress for 0.4 α under the shorter pairs, with and without the vertical component,
+  and the results of a scan over the prestress
+- figures: draws the pictures of `docs/device-design.md` from the tables of the other studies
 
 Every design is simulated again by `rockjax.peak_responses` at rtol = 1e-12. Central differences check that it
 is optimal.
@@ -52,10 +53,10 @@ LIMIT = 0.4  # largest max|θ|/α
 COLUMN, WEIGHT = 1500.0, 1500.0 * 9.80665  # mass [kg] and weight [N] of a column
 RIGID: dict[str, Any] = {"width": 0.45, "height": 3.0, "column_mass": COLUMN, "beam_mass": 30e3}
 ELASTIC: dict[str, Any] = RIGID | {"top_mass": 300e3, "period": 0.5}
-ABOVE = 190e3  # lower bound of a prestress [N]; slightly below it the rotation exceeds the limit
+ABOVE_GAP = 190e3  # lower bound of the prestress [N], above a gap in which the rotation exceeds the limit
 STIFFNESSES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 4.0)  # divided by the critical stiffness
-SHEARS = (0.35, 0.36, 0.38, 0.4)
-LARGEST_INERTANCE = 900e3  # [kg], 600 masses of a column
+SHEARS = (0.35, 0.36, 0.38, 0.4)  # limits of the shear, divided by m_t g
+LARGEST_INERTANCE = 900e3  # [kg], 600 times the mass of a column
 CHECK_OPTIONS = rj.Options(
     rtol=1e-12, atol=1e-14, outputs=("peak_rotation", "margin", "peak_shear"), throw=False, max_steps=100_000
 )
@@ -138,31 +139,30 @@ def fresh_peaks(podium: rj.Podium, motions: Motions, options: rj.Options = CHECK
 
 
 def fresh(problem: Problem, podium: rj.Podium) -> tuple[np.ndarray, np.ndarray, rj.Peak]:
-    """Return the values of the objective, the margins of the targets, and the peak responses."""
-    from_peaks = [
-        item for item in (problem.minimise, *problem.targets) if isinstance(item, AbstractResponses)
-    ]
-    outputs = {*CHECK_OPTIONS.outputs, *(name for item in from_peaks for name in item.outputs)}
+    """Return objective values, target margins and peak responses from a new simulation."""
+    items = [item for item in (problem.minimise, *problem.targets) if isinstance(item, AbstractResponses)]
+    outputs = {*CHECK_OPTIONS.outputs, *(name for item in items for name in item.outputs)}
     tight = CHECK_OPTIONS.replace(outputs=tuple(sorted(outputs)))
     peaks = fresh_peaks(podium, problem.motions, tight)
 
-    def of(item, method: str) -> np.ndarray:
-        read = isinstance(item, AbstractResponses)
-        return np.atleast_1d(item.read(peaks, tight) if read else getattr(item, method)(podium, tight))
+    def evaluate(item, method: str) -> np.ndarray:
+        reads_peaks = isinstance(item, AbstractResponses)
+        values = item.read(peaks, tight) if reads_peaks else getattr(item, method)(podium, tight)
+        return np.atleast_1d(values)
 
-    margins = [of(target, "margins") for target in problem.targets]
-    return of(problem.minimise, "values"), np.concatenate([np.zeros(0), *margins]), peaks
+    margins = [evaluate(target, "margins") for target in problem.targets]
+    return evaluate(problem.minimise, "values"), np.concatenate([np.zeros(0), *margins]), peaks
 
 
 class Check(NamedTuple):
-    """Results of a design that is simulated again."""
+    """Results of a new simulation of a design."""
 
-    margin: float  # the smallest one
+    margin: float  # smallest margin
     rotation: float  # largest max|θ|/α
     shear: float  # largest shear
     motion: int  # index of the motion with the largest rotation
     price: float  # shadow price, by central differences
-    residual: float  # of the optimality conditions, by central differences
+    residual: float  # residual of the optimality conditions, by central differences
 
 
 def check(problem: Problem, answer: optimise.Design) -> Check:
@@ -189,21 +189,23 @@ def check(problem: Problem, answer: optimise.Design) -> Check:
 
 
 def row_of(name: str, problem: Problem) -> dict:
-    """Return the row of a design from ten starts: results of the starts, cost, and checks."""
+    """Return the row of a design from ten starts: results of the starts, cost and checks.
+
+    `same`: number of starts that end within 1e-4 of the best objective.
+    """
     start_time = time.process_time()
     answer = problem.solve()
-    good = [start.objective for start in answer.starts if start.satisfied]
-    same = [abs(y - answer.objective) <= 1e-4 * abs(answer.objective) for y in good]
-    at = {name: low for name, (low, high) in problem.vary.items()}
+    objectives = [start.objective for start in answer.starts if start.satisfied]
+    same = [abs(y - answer.objective) <= 1e-4 * abs(answer.objective) for y in objectives]
     checked = check(problem, answer)
     row = {
         "study": name,
         **answer.variables,
         "objective": answer.objective,
-        "satisfied": len(good),
+        "satisfied": len(objectives),
         "same": sum(same),
         "ends": [start.objective for start in answer.starts],
-        "at bound": [name for name in at if _at_bound(problem, answer, name)],
+        "at bound": [name for name in problem.vary if _at_bound(problem, answer, name)],
         "price": {name: float(np.sum(y)) for name, y in answer.multipliers.items()},
         "evaluations": answer.stats.evaluations,
         "scenes": answer.stats.scenes,
@@ -222,7 +224,7 @@ def _at_bound(problem: Problem, answer: optimise.Design, name: str) -> bool:
 
 
 def tendon_of(podium: rj.Podium, rotation: float) -> dict:
-    """Return parameters and largest force of the tendon of a column, divided by m_c g; empty without one."""
+    """Return the parameters and the largest force of a tendon, divided by m_c g; empty without tendons."""
     if not any(isinstance(device, rj.Tendon) for device in podium.restrainers):
         return {}
     return {
@@ -237,7 +239,7 @@ def least_force(motions: Motions, over_critical: float = 0.0, from_force: float 
     """Return the problem of the least prestress with max|θ| ≤ 0.4 α.
 
     - `motions`: the motions
-    - `over_critical`: stiffness of the tendons divided by the critical one
+    - `over_critical`: stiffness of the tendons divided by the critical stiffness
     - `from_force`: lower bound of the prestress [N]
     """
     plain = rj.Podium.from_dimensions(**RIGID)
@@ -291,7 +293,7 @@ def least_inertance(motions: Motions, law: str | float) -> Problem:
 
 
 def force_rows() -> list[dict]:
-    cases = {"least": 0.0, "above the gap": ABOVE}
+    cases = {"least": 0.0, "above the gap": ABOVE_GAP}
     return [
         row_of(name, least_force(motions(), from_force=start)) | {"suite": suite}
         for suite, motions in SUITES.items()
@@ -316,8 +318,8 @@ def damper_rows() -> list[dict]:
 
 
 def inerter_rows() -> list[dict]:
-    without = float(rj.Podium.from_dimensions(**RIGID).restitution_factor)
-    laws: dict[str, str | float] = {"Eq. C12": "paper", "given": without}
+    factor = float(rj.Podium.from_dimensions(**RIGID).restitution_factor)  # without an inerter
+    laws: dict[str, str | float] = {"Eq. C12": "paper", "given": factor}
     rows = []
     for suite, motions in SUITES.items():
         for name, law in laws.items():
@@ -368,20 +370,20 @@ def building_rows() -> list[dict]:
 
 
 DT = 0.02  # sampling interval of all motions [s]
-PART = (0.01, 0.97)  # retained part of the Arias intensity of the horizontal component
+ARIAS_RANGE = (0.01, 0.97)  # retained range of the Arias intensity of the horizontal component
 RATIOS = (1.5, 2.0, 3.0)  # PGA divided by g tan α
 SIZES = (0.5, 1.0, 2.0)  # size of the columns divided by that of the other studies
-DESIGN = 2.0  # the ratio for designs
-UNMOVED = 1e-3  # smaller max|θ|/α are not compared
+DESIGN_RATIO = 2.0  # ratio for designs
+LEAST_ROTATION = 1e-3  # smaller max|θ|/α are not compared
 SHORT_LENGTH = 2000  # designs use pairs with fewer samples
-SCAN = np.linspace(60e3, 130e3, 701)  # prestress [N], from no satisfied design to all satisfied
+SCAN = np.linspace(60e3, 130e3, 701)  # prestress [N], from no satisfied limit to all satisfied
 SCANNED = "least of the scan [N]", "throughout from [N]", "satisfied between", "changes"
 Pairs = list[rj.GroundMotion]
 
 
 def read(folder: Path) -> rj.Motions:
     """Return the pairs of a folder, resampled to `DT` and cut to the strong motion."""
-    return rj.read_suite(folder).paired().map(lambda pair: pair.resampled(DT).trimmed(*PART))
+    return rj.read_suite(folder).paired().map(lambda pair: pair.resampled(DT).trimmed(*ARIAS_RANGE))
 
 
 def vertical_of(motion: rj.Motion) -> rj.Motion:
@@ -416,7 +418,7 @@ def compare_components(motions: rj.Motions, size: float, ratio: float) -> list[d
     podium = rj.Podium.from_dimensions(**RIGID)
     podium = podium.replace(R=size * podium.R)
     pairs = pairs_of(motions, ratio * float(podium.g * jnp.tan(podium.alpha)))
-    both, alone = (fresh_peaks(podium, list(ms), OPTIONS) for ms in (pairs, horizontal(pairs)))
+    with_vertical, without = (fresh_peaks(podium, list(ms), OPTIONS) for ms in (pairs, horizontal(pairs)))
     return [
         {
             "record": motion.name,
@@ -425,10 +427,10 @@ def compare_components(motions: rj.Motions, size: float, ratio: float) -> list[d
             "V/H": vertical_of(motion).pga / motion.pga,
             "R [m]": float(podium.R),
             "ratio": ratio,
-            "with": float(both.peak_rotation[k]),
-            "without": float(alone.peak_rotation[k]),
-            "overturned with": bool(both.overturned[k]),
-            "overturned without": bool(alone.overturned[k]),
+            "with": float(with_vertical.peak_rotation[k]),
+            "without": float(without.peak_rotation[k]),
+            "overturned with": bool(with_vertical.overturned[k]),
+            "overturned without": bool(without.overturned[k]),
         }
         for k, motion in enumerate(motions)
     ]
@@ -437,8 +439,8 @@ def compare_components(motions: rj.Motions, size: float, ratio: float) -> list[d
 def summary(rows: list[dict]) -> dict:
     """Return statistics of the effect of the vertical component, for pairs that rock and survive with and
     without it."""
-    stood = [row for row in rows if not (row["overturned with"] or row["overturned without"])]
-    pairs = np.array([[row["with"], row["without"]] for row in stood if row["without"] > UNMOVED])
+    surviving = [row for row in rows if not (row["overturned with"] or row["overturned without"])]
+    pairs = np.array([[row["with"], row["without"]] for row in surviving if row["without"] > LEAST_ROTATION])
     logs = np.log(pairs[:, 0] / pairs[:, 1])
     test: Any = wilcoxon(logs)
     return {
@@ -456,7 +458,7 @@ def summary(rows: list[dict]) -> dict:
 
 def scan_prestress(case: list[rj.AbstractExcitation]) -> dict[str, float]:
     """Return results of a scan over the prestress: the least value that satisfies the limit, the value above
-    which all do, the share that does between them, and the number of changes."""
+    which all values satisfy it, the share of satisfying values between the two, and the number of changes."""
     podiums = rj.Podium.from_dimensions(**RIGID, tendon_force=jnp.asarray(SCAN))
     peaks = [rj.peak_responses(podiums, motion, options=OPTIONS) for motion in case]
     satisfied = np.all([(p.peak_rotation <= LIMIT) & ~p.overturned for p in peaks], axis=0)
@@ -471,7 +473,7 @@ def designs(motions: rj.Motions) -> list[dict]:
     podium = rj.Podium.from_dimensions(**RIGID)
     short = rj.Motions(tuple(motion for motion in motions if len(motion) < SHORT_LENGTH))
     print(f"{len(short)} pairs of less than {SHORT_LENGTH} samples", flush=True)
-    pairs = pairs_of(short, DESIGN * float(podium.g * jnp.tan(podium.alpha)))
+    pairs = pairs_of(short, DESIGN_RATIO * float(podium.g * jnp.tan(podium.alpha)))
     cases: dict[str, list[rj.AbstractExcitation]] = {"with": list(pairs), "without": horizontal(pairs)}
     return [row_of(name, least_force(case)) | scan_prestress(case) for name, case in cases.items()]
 
@@ -492,12 +494,12 @@ def vertical(folder: Path) -> None:
 ROTATION_LABEL = r"largest $|\theta|\,/\,\alpha$ of all motions"
 FORCE_LABEL = r"$P_0\,/\,(m_c g)$"
 NAMES = {"records": "ten records", "pulses": "eight pulses"}
-ALL = CHECK_OPTIONS.replace(rtol=1e-8, atol=1e-10)  # the checks have compiled these programs
+DRAWN = CHECK_OPTIONS.replace(rtol=1e-8, atol=1e-10)  # the checks have compiled these programs
 
 
 def rotations(podiums: list[rj.Podium], motions) -> np.ndarray:
     """Return the peak rotations of podiums (rows) under motions (columns)."""
-    return np.stack([np.asarray(fresh_peaks(one, motions, ALL).peak_rotation) for one in podiums])
+    return np.stack([np.asarray(fresh_peaks(y, motions, DRAWN).peak_rotation) for y in podiums])
 
 
 def mark_limit(ax) -> None:
@@ -505,7 +507,7 @@ def mark_limit(ax) -> None:
 
 
 def draw_force() -> Figure:
-    """Draw peak rotations over the prestress, and histories without and with the least prestress."""
+    """Draw peak rotations against the prestress, and histories without and with the least prestress."""
     figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     design, above = (row for row in stored_rows("device-force") if row["suite"] == "records")
@@ -532,7 +534,7 @@ def draw_force() -> Figure:
     grey, red, green = (
         {"color": colour, "ls": "-"} for colour in ("0.6", plots.COLOURS[1], plots.COLOURS[3])
     )
-    cases = ((0.0, grey), (design["tendon_force"], red), (ABOVE, green))
+    cases = ((0.0, grey), (design["tendon_force"], red), (ABOVE_GAP, green))
     for P, line_style in cases:
         podium = rj.Podium.from_dimensions(**RIGID, tendon_force=jnp.asarray(P))
         history = rj.simulate(podium, worst, options=rj.Options(throw=False))(times)
@@ -546,7 +548,7 @@ def draw_force() -> Figure:
 
 
 def draw_stiffness() -> Figure:
-    """Draw the least prestress and the largest force over the stiffness."""
+    """Draw the least prestress and the largest force against the stiffness."""
     figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for k, suite in enumerate(SUITES):
@@ -577,13 +579,13 @@ def draw_stiffness() -> Figure:
 
 
 def draw_damper() -> Figure:
-    """Draw the largest rotation and shear over coefficient and exponent of the dampers, with the designs."""
+    """Draw the largest rotation and shear for coefficients and exponents of the dampers, with the designs."""
     figure = plt.figure(figsize=(6.2, 4.2), layout="constrained")
     ax = figure.subplots()
     sizes, powers = np.geomspace(2e6, 3e7, 10), np.linspace(0.6, 1.0, 5)
-    responses = [[fresh_peaks(_damped(C, power), short_pulses(), ALL) for C in sizes] for power in powers]
-    worst = np.array([[float(np.max(one.peak_rotation)) for one in row] for row in responses])
-    shear = np.array([[float(np.max(one.peak_shear)) for one in row] for row in responses])
+    responses = [[fresh_peaks(_damped(C, power), short_pulses(), DRAWN) for C in sizes] for power in powers]
+    worst = np.array([[float(np.max(response.peak_rotation)) for response in row] for row in responses])
+    shear = np.array([[float(np.max(response.peak_shear)) for response in row] for row in responses])
     filled = ax.contourf(sizes / 1e6, powers, worst, levels=np.arange(0, 0.71, 0.05))
     figure.colorbar(filled, ax=ax, label=r"largest $|\theta|\,/\,\alpha$ of six pulses")
     rows = stored_rows("device-damper")
@@ -615,7 +617,7 @@ def _damped(C: float, power: float) -> rj.Podium:
 
 
 def draw_inerter() -> Figure:
-    """Draw the largest rotation over the inertance for both laws of restitution, with the designs."""
+    """Draw the largest rotation against the inertance for both laws of restitution, with the designs."""
     figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
     rows = stored_rows("device-inerter")
     ratios = np.linspace(0, LARGEST_INERTANCE / COLUMN, 61)
@@ -649,13 +651,13 @@ def draw_inerter() -> Figure:
 
 
 def draw_vertical() -> Figure:
-    """Draw peak rotations with the vertical component divided by those without it."""
+    """Draw peak rotations with the vertical component against peak rotations without it."""
     figure = plt.figure(figsize=(4.6, 4.2), layout="constrained")
     ax = figure.subplots()
     rows = stored_rows("device-vertical")
     for k, ratio in enumerate(sorted({row["ratio"] for row in rows})):
-        some = [row for row in rows if row["ratio"] == ratio]
-        x, y = (np.array([row[name] for row in some]) for name in ("without", "with"))
+        chosen = [row for row in rows if row["ratio"] == ratio]
+        x, y = (np.array([row[name] for row in chosen]) for name in ("without", "with"))
         label = rf"PGA = {ratio:g} $g\tan\alpha$"
         ax.plot(x, y, "osD^"[k], color=plots.COLOURS[k + 1], ms=4, mfc="none", label=label, clip_on=False)
     ax.plot([1e-3, 1], [1e-3, 1], color="0.5", lw=0.8, ls="-", zorder=0)
@@ -696,11 +698,11 @@ COLUMNS = (
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("studies", nargs="*", help=", ".join([*STUDIES, "vertical", "figures"]))
-    parser.add_argument("--records", type=Path, metavar="FOLDER", help="of the study `vertical`")
-    given = parser.parse_args()
-    for name in given.studies or STUDIES:
+    parser.add_argument("--records", type=Path, metavar="FOLDER", help="records of the study `vertical`")
+    arguments = parser.parse_args()
+    for name in arguments.studies or STUDIES:
         if name == "vertical":
-            vertical(given.records)
+            vertical(arguments.records)
             continue
         if name == "figures":
             with plt.style.context(plots.STYLE):

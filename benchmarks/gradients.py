@@ -4,10 +4,10 @@
 value alone. `modes` compares forward with reverse derivatives of many rigid and elastic scenes, batched by
 `jax.vmap`: under pulses with respect to every scalar parameter, and under records (about twenty times fewer
 scenes) with respect to all samples, where the two modes are separate computations. For samples, it compares
-the derivative along a random direction with the component of the gradient along it, relative to the sum of
-the sizes of its terms. Where they differ by more than `CLOSE`, it repeats the forward derivative with samples
-changed by a unit in the last place. `unexplained` counts differences that are more than ten times larger than
-the effect of this change.
+the forward derivative along a random direction with the component of the reverse gradient in this direction,
+relative to the sum of |terms| of that component. Where they differ by more than `CLOSE`, it repeats the
+forward derivative with samples changed by a unit in the last place. `unexplained` counts differences that are
+more than ten times larger than the effect of this change.
 """
 
 from __future__ import annotations
@@ -26,46 +26,45 @@ from .measure import PERIODS, family, options, podium, report, shortest_time, st
 
 def cost() -> None:
     rows = []
-    how = options(1e-8)
+    settings = options(1e-8)
     for name in PERIODS:
         structure = podium(family(name, 2))
         y = jnp.array([0.15, 1.5, 10.0, 3.5, 1.0])
 
         def peak(y, structure=structure):
             varied = structure.replace(alpha=y[0], R=y[1], gamma=y[2])
-            return rj.peak_response(varied, rj.Ricker(y[3], y[4]), options=how).peak_rotation
+            return rj.peak_response(varied, rj.Ricker(y[3], y[4]), options=settings).peak_rotation
 
-        both = jax.value_and_grad(peak)
-        many = y * (1 + 0.2 * jax.random.uniform(jax.random.key(0), (256, 1)))
+        value_and_grad = jax.value_and_grad(peak)
+        points = y * (1 + 0.2 * jax.random.uniform(jax.random.key(0), (256, 1)))
         cases = {
-            "one scene": (peak, both, y),
-            "256 scenes": (jax.vmap(peak), jax.vmap(both), many),
+            "one scene": (peak, value_and_grad, y),
+            "256 scenes": (jax.vmap(peak), jax.vmap(value_and_grad), points),
         }
         for kind, (*functions, point) in cases.items():
             times = [
                 shortest_time(lambda f=jax.jit(f), y=point: jax.block_until_ready(f(y))) for f in functions
             ]
             rows.append(_row(name, kind, *times))
-        # A whole batch through the refilled lanes, on all cores.
+        # A batch in refilled lanes, on all cores.
         pulses = family(name, 40)
         motion, names = rj.Ricker(pulses.a_p, pulses.T_p), ("alpha", "R", "gamma", "a_p", "T_p")
-        times = [
-            shortest_time(lambda n=n: rj.peak_responses(podium(pulses), motion, options=how, sensitivities=n))  # noqa: B023
-            for n in ((), names)
-        ]
+        solve = lambda n: rj.peak_responses(podium(pulses), motion, options=settings, sensitivities=n)  # noqa: B023
+        times = [shortest_time(lambda n=n: solve(n)) for n in ((), names)]  # noqa: B023
         rows.append(_row(name, f"batch of {len(pulses)}", *times))
     report("gradients", rows)
 
 
-def _row(family: str, quantity: str, value: float, both: float) -> dict:
-    times = {"value [ms]": value * 1e3, "with gradient [ms]": both * 1e3, "ratio": both / value}
-    return {"family": family, "kind": quantity} | times
+def _row(family: str, kind: str, value: float, with_gradient: float) -> dict:
+    """Return the row of a table from times of the value alone and with its gradient [s]."""
+    times = {"value [ms]": value * 1e3, "with gradient [ms]": with_gradient * 1e3}
+    return {"family": family, "kind": kind} | times | {"ratio": with_gradient / value}
 
 
 SAMPLES, DT = 60, 0.05  # number of samples and sampling interval of the records [s]
-CLOSE = 1e-12
-PERTURBATIONS = 16  # number of changes of the samples
-PART = 256  # scenes in one call of a program
+CLOSE = 1e-12  # smaller relative differences are rounding
+PERTURBATIONS = 16  # number of random changes of the samples
+BATCH = 256  # number of scenes in one call of a program
 OPTIONS = rj.Options(max_steps=4000, throw=False)
 
 
@@ -74,25 +73,25 @@ def structure_of(y: jax.Array, elastic: bool) -> rj.Podium:
     return rj.Podium(y[0], y[1], y[2], top)
 
 
-def of_pulse(y: jax.Array, elastic: bool) -> jax.Array:
+def peaks_under_pulse(y: jax.Array, elastic: bool) -> jax.Array:
     peak = rj.peak_response(structure_of(y, elastic), rj.Ricker(y[-2], y[-1]), options=OPTIONS)
     return jnp.stack([peak.peak_rotation, peak.peak_rotation_time, peak.peak_shear])
 
 
-def by_numbers(y: jax.Array, elastic: bool) -> tuple[jax.Array, jax.Array]:
-    function = lambda y: of_pulse(y, elastic)
+def slopes_by_parameters(y: jax.Array, elastic: bool) -> tuple[jax.Array, jax.Array]:
+    function = lambda y: peaks_under_pulse(y, elastic)
     return jax.jacfwd(function)(y), jax.jacrev(function)(y)
 
 
-def of_record(y: jax.Array, samples: jax.Array, elastic: bool) -> jax.Array:
+def peaks_under_record(y: jax.Array, samples: jax.Array, elastic: bool) -> jax.Array:
     peak = rj.peak_response(structure_of(y, elastic), rj.Record(samples, DT), options=OPTIONS)
     return jnp.stack([peak.peak_rotation, peak.peak_rotation_time, peak.peak_shear])
 
 
-def by_samples(y: jax.Array, elastic: bool) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Return derivatives along a direction, by forward and by reverse mode, and the sizes of their terms."""
+def slopes_by_samples(y: jax.Array, elastic: bool) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Return derivatives along a direction, by forward and by reverse mode, and the sum of |terms|."""
     y, samples, direction = jnp.split(y, [y.size - 2 * SAMPLES, y.size - SAMPLES])
-    function = lambda samples: of_record(y, samples, elastic)
+    function = lambda samples: peaks_under_record(y, samples, elastic)
     _, forward = jax.jvp(function, (samples,), (direction,))
     terms = jax.jacrev(function)(samples) * direction
     return forward, jnp.sum(terms, axis=1), jnp.sum(jnp.abs(terms), axis=1)
@@ -104,7 +103,7 @@ def structures(n: int, elastic: bool, rng: np.random.Generator) -> list[np.ndarr
     return y + ([rng.uniform(0.1, 1.5, n), rng.uniform(0.0, 0.1, n)] if elastic else [])
 
 
-def numbers(n: int, elastic: bool) -> np.ndarray:
+def random_pulses(n: int, elastic: bool) -> np.ndarray:
     rng = np.random.default_rng([3, elastic])
     y = structures(n, elastic, rng)
     return np.stack([*y, 9.80665 * np.tan(y[0]) * rng.uniform(1.0, 9.0, n), rng.uniform(0.3, 3.0, n)], axis=1)
@@ -124,11 +123,11 @@ def compare_modes(name: str, function, y: np.ndarray) -> dict:
     program = jax.jit(jax.vmap(function))
     start = time.process_time()
 
-    def solved(y: np.ndarray) -> list[np.ndarray]:
-        parts = [program(y[k : k + PART]) for k in range(0, len(y), PART)]
-        return [np.concatenate(list(map(np.asarray, values))) for values in zip(*parts, strict=True)]
+    def solve(y: np.ndarray) -> list[np.ndarray]:
+        batches = [program(y[k : k + BATCH]) for k in range(0, len(y), BATCH)]
+        return [np.concatenate(list(map(np.asarray, values))) for values in zip(*batches, strict=True)]
 
-    forward, reverse, *sizes = solved(y)
+    forward, reverse, *sizes = solve(y)
     size = sizes[0] if sizes else np.abs(forward).max(axis=-1, keepdims=True)
     difference = np.abs(forward - reverse) / np.where(size > 0, size, 1.0)
     over = difference > CLOSE
@@ -143,32 +142,32 @@ def compare_modes(name: str, function, y: np.ndarray) -> dict:
     }
     if sizes:
         bad = np.flatnonzero(over.any(axis=1))
-        moved = _moved(solved, y[bad], forward[bad]) / np.where(size > 0, size, 1.0)[bad]
+        rounding = _rounding_effect(solve, y[bad], forward[bad]) / np.where(size > 0, size, 1.0)[bad]
         row["of these rotation"], row["its time"], row["shear"] = map(int, over.sum(axis=0))
-        row["unexplained"] = int((difference[bad] > np.maximum(CLOSE, 10 * moved)).sum())
+        row["unexplained"] = int((difference[bad] > np.maximum(CLOSE, 10 * rounding)).sum())
     return row | {"cpu s": time.process_time() - start}
 
 
-def _moved(solved, y: np.ndarray, forward: np.ndarray) -> np.ndarray:
-    """Return the change of forward derivatives by a unit in the last place of the samples."""
+def _rounding_effect(solve, y: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    """Return the largest change of forward derivatives if samples change by a unit in the last place."""
     rng = np.random.default_rng(0)
-    most = np.zeros_like(forward)
+    largest = np.zeros_like(forward)
     samples = slice(-2 * SAMPLES, -SAMPLES)
     for _ in range(PERTURBATIONS if len(y) else 0):
-        # Full parts: another size would be another program.
-        near = np.resize(y, (-(-len(y) // PART) * PART, y.shape[1]))
-        near[:, samples] *= 1 + np.finfo(float).eps * rng.integers(-1, 2, near[:, samples].shape)
-        most = np.maximum(most, np.abs(solved(near)[0][: len(y)] - forward))
-    return most
+        # Full batches, because a batch of another size would need another program.
+        changed = np.resize(y, (-(-len(y) // BATCH) * BATCH, y.shape[1]))
+        changed[:, samples] *= 1 + np.finfo(float).eps * rng.integers(-1, 2, changed[:, samples].shape)
+        largest = np.maximum(largest, np.abs(solve(changed)[0][: len(y)] - forward))
+    return largest
 
 
 def modes(count: int = 10_240) -> None:
-    n, few = (max(PART, round(part / PART) * PART) for part in (count / 2, count / 40))
+    n, n_records = (max(BATCH, round(share / BATCH) * BATCH) for share in (count / 2, count / 40))
     kinds = {
-        "rigid, numbers": (lambda y: by_numbers(y, False), numbers(n, False)),
-        "elastic, numbers": (lambda y: by_numbers(y, True), numbers(n, True)),
-        "rigid, samples": (lambda y: by_samples(y, False), random_records(few, False)),
-        "elastic, samples": (lambda y: by_samples(y, True), random_records(few, True)),
+        "rigid, numbers": (lambda y: slopes_by_parameters(y, False), random_pulses(n, False)),
+        "elastic, numbers": (lambda y: slopes_by_parameters(y, True), random_pulses(n, True)),
+        "rigid, samples": (lambda y: slopes_by_samples(y, False), random_records(n_records, False)),
+        "elastic, samples": (lambda y: slopes_by_samples(y, True), random_records(n_records, True)),
     }
     rows = []
     for name, (function, y) in kinds.items():

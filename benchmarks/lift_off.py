@@ -22,11 +22,11 @@ from rockjax._files import write_figure
 
 from .measure import IMAGES, PERIODS, report
 
-FLOORS = (1, 5, 10)  # η/γ: all floors weigh as much as the beam
-BAY, STORY, DEPTH = 6.0, 3.2, 0.6  # [m]: between columns, between floors, of the beam
+FLOORS = (1, 5, 10)  # numbers of floors, equal to η/γ because every floor weighs as much as the beam
+BAY, STORY, DEPTH = 6.0, 3.2, 0.6  # distance of columns, height of stories, depth of the beam [m]
 COLUMNS = (2, 3, 5)
 OUTPUTS = ("peak_rotation", "axial_force", "peak_friction", "impact_friction")
-PRESSED = 0.1  # friction is reported if the least axial force, divided by the dead load, is at least this
+PRESSED = 0.1  # least axial force divided by the dead load from which friction is reported
 STRUCTURES = [(floors, T_s) for floors in FLOORS for T_s in PERIODS.values()]
 
 
@@ -46,9 +46,9 @@ def spectra(podiums: list[rj.Podium], points: int) -> list[xarray.Dataset]:
 
 @dataclasses.dataclass(frozen=True)
 class Surviving:
-    """Scenes of a spectrum that do not overturn, each with the values of its worst joint.
+    """Scenes of a spectrum that do not overturn, with the values at the worst joint of each scene.
 
-    - `share`: least N over the dead load; `impulse`: least share of an impulse [–]
+    - `share`: least N divided by the dead load; `impulse`: least share of an impulse [–]
     - `friction`, `impact`: friction demand of the motion and of the impacts [–]
     - `ratio`: a_p/(g tan α)
     """
@@ -61,15 +61,15 @@ class Surviving:
 
     @classmethod
     def of(cls, data: xarray.Dataset) -> Surviving:
-        stands = ~data["overturned"].values
-        ratio = np.broadcast_to(data["acceleration_ratio"].values[:, None], stands.shape)
-        pick = lambda values: values.transpose("acceleration_ratio", "frequency_ratio").values[stands]
+        survives = ~data["overturned"].values
+        ratio = np.broadcast_to(data["acceleration_ratio"].values[:, None], survives.shape)
+        pick = lambda values: values.transpose("acceleration_ratio", "frequency_ratio").values[survives]
         return cls(
             pick((data["least_axial_force"] / data["dead_load"]).min("joint")),
             pick(data["least_impulse_share"].min("joint")),
             pick(data["peak_friction"].max("joint")),
             pick(data["peak_impact_friction"].max("joint")),
-            ratio[stands],
+            ratio[survives],
         )
 
     def row(self) -> dict[str, Any]:
@@ -86,7 +86,10 @@ class Surviving:
 
 
 def static_distance(floors: int) -> float:
-    """Return h̄ tan α + B [m], the core distance at which a joint of a rigid structure opens at uplift."""
+    """Return the core distance h̄ tan α + B at which a joint of a rigid structure opens at uplift [m].
+
+    h̄ is the height of the centre of mass of beam and floors above the columns.
+    """
     structure = podium(floors, 0.0, np.array([-3.0, 3.0]))
     tan, eta = math.tan(float(structure.alpha)), float(structure.eta)
     height = (10.0 * DEPTH / 2 + eta * (DEPTH + STORY * (floors + 1) / 2)) / (10.0 + eta)
@@ -94,16 +97,15 @@ def static_distance(floors: int) -> float:
 
 
 def needed_distances(points: int, steps: int = 6) -> list[float]:
-    """Return the least core distance ℓ_p [m] with which no joint opens in a surviving scene, for each
-    structure.
+    """Return the least core distance ℓ_p [m] of each structure that keeps joints closed in surviving scenes.
 
-    The forces of the end columns depend on the columns by ℓ_p only, (F8): they are those of two columns at
-    ±ℓ_p. The least N is a decreasing, concave function of 1/ℓ_p; regula falsi finds its root.
+    The positions of columns affect the forces of the end columns only through ℓ_p, (F8), so two columns at
+    ±ℓ_p are solved. The least N is a decreasing, concave function of 1/ℓ_p; regula falsi finds its root.
     """
 
     def least(inverse: np.ndarray) -> np.ndarray:
         ends = [1 / y * np.array([-1.0, 1.0]) for y in inverse]
-        podiums = [podium(*each, x) for each, x in zip(STRUCTURES, ends, strict=True)]
+        podiums = [podium(*structure, x) for structure, x in zip(STRUCTURES, ends, strict=True)]
         return np.array([Surviving.of(data).share.min() for data in spectra(podiums, points)])
 
     low, high = np.full(len(STRUCTURES), 1 / 40), np.full(len(STRUCTURES), 1 / 0.5)
@@ -124,7 +126,7 @@ def main(size: str = "60", restitution: str = "paper") -> None:
     rows = [{"η/γ": floors, "T_s": T_s, "static ℓ_p": static_distance(floors)} for floors, T_s in STRUCTURES]
     for count in COLUMNS:
         positions = BAY * (np.arange(count) - (count - 1) / 2)
-        datasets = spectra([podium(*each, positions, restitution) for each in STRUCTURES], points)
+        datasets = spectra([podium(*structure, positions, restitution) for structure in STRUCTURES], points)
         if restitution == "paper":
             panels = combine_panels(datasets, list(map(float, FLOORS)), list(PERIODS.values()), 0.05)
             write_figure(IMAGES / f"lift-off-{count}.png", plots.lift_off_spectra(panels))

@@ -27,9 +27,9 @@ PERIODS = {"rigid": 0.0, "T_s = 0.1 s": 0.1, "T_s = 0.5 s": 0.5, "T_s = 1 s": 1.
 
 @dataclasses.dataclass(frozen=True)
 class Family:
-    """One podium under symmetric Ricker pulses: a_p [m/s²] and T_p [s] of every scene, shape (n,)."""
+    """One podium under symmetric Ricker pulses with a_p [m/s²] and T_p [s], shape (scenes,)."""
 
-    T_s: float  # 0 is rigid
+    T_s: float  # 0 for a rigid superstructure
     a_p: np.ndarray
     T_p: np.ndarray
     alpha: float = math.atan(0.15)
@@ -104,7 +104,7 @@ _references: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
 
 
 def reference(family: Family) -> tuple[np.ndarray, np.ndarray]:
-    """Return (peaks, overturned) by an implementation that shares no code with rockjax, at rtol 1e-13."""
+    """Return (peaks, overturned) from an implementation that shares no code with rockjax, at rtol = 1e-13."""
     from .peers import numba_loop
 
     key = (family.T_s, family.eta, family.a_p.tobytes(), family.T_p.tobytes())
@@ -122,7 +122,7 @@ def errors(results: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, 
 def difference_quantiles(
     results: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray]
 ) -> dict[str, float]:
-    """Return the quantiles of `errors` for two pairs (peaks, overturned)."""
+    """Compare two pairs (peaks, overturned); return a dictionary like `errors`."""
     same = results[1] == expected[1]
     error = np.abs(results[0] - expected[0])[same]
     return {

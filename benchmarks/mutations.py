@@ -3,8 +3,8 @@
     python -m benchmarks.mutations [WORD ...] [--list] [--every K] [--stages N] [--processes N]
 
 The benchmark copies the project and changes one sign, coefficient, power or comparison at a time in the files
-of `FILES`. For each change it runs the tests in stages until one fails: first the tests of `NEAREST` for the
-changed file, then the stages of `STAGES`. With `--list` it counts the changes and runs no test. With
+of `FILES`. For each change it runs tests in stages until a test fails: first the tests in `NEAREST` for the
+changed file, then the stages in `STAGES`. With `--list` it counts the changes and runs no test. With
 `--every K` it tries every K-th change only.
 """
 
@@ -40,7 +40,7 @@ FILES = [
     }.items()
     for name in names.split()
 ]
-# Files of which only the functions with equations are changed; the others search, check or arrange values.
+# Files in which only these functions, which contain equations, are changed.
 EQUATIONS = {
     "_excitations/piecewise.py": "piece velocity_jump",
     "_oscillators.py": (
@@ -62,7 +62,7 @@ HARMLESS: dict[tuple[str, str, str], str] = {
         "_engine/bounds.py",
         "vertical = 0.0",
         "0.0 → 0.1",
-    ): "a marker: without vertical motion only its type is read",
+    ): "without vertical motion only the type of the number is read",
     ("_restrainers/combined.py", "np.asarray(0.0).dtype", "0.0 → 0.1"): "only the type of the number is read",
 }
 # Test files of each stage, the quickest stage first.
@@ -135,8 +135,8 @@ class Mutant(NamedTuple):
     - `function`, `function_line`: name and first line of the function that contains the change
     - `line`, `text`: number and text of the changed line
     - `change`: the change in words, such as "+ → -"
-    - `node_index`: position of the changed node in `ast.walk` of the function
-    - `apply`: the function that changes this node in place
+    - `node_index`: index of the changed node in `ast.walk` of the function
+    - `apply`: function that changes this node in place
     """
 
     file: str
@@ -193,7 +193,7 @@ def _mutants_of_function(file: str, lines: list[str], function: ast.FunctionDef)
 
 
 def _changes(node: ast.AST, is_exponent: bool) -> Iterator[tuple[str, Callable[[Any], None]]]:
-    """Yield the changes of a node: each in words, and as a function that changes the node in place."""
+    """Yield the possible changes of a node, as (description, function that changes the node in place)."""
 
     def set_field(name: str, value: Any) -> Callable[[Any], None]:
         return lambda target: setattr(target, name, value)

@@ -1,12 +1,12 @@
-"""Simplified methods of practice against the exact answer of rigid blocks.
+"""Simplified methods of practice, compared with exact answers of rigid blocks.
 
 `python -m benchmarks.practice [N]` solves about N scenes (10⁶ by default): blocks of α = 10, 15, 20° and
 2π/p = 2 … 8 s under synthetic motions, half of them with a pulse of 0.6–3.5 s, scaled to
 PGA/(g tan α) = 1.2 … 6. It prints the tables of docs/practice.md and writes benchmarks/results/practice.json.
 
-All blocks of one α share the spectra of a motion: the periods of (P3) to (P5) are inversely proportional to
-p, and both p and the periods are in geometric steps of the same ratio. So every value of a spectrum is exact;
-only the roots between two points of a scan are interpolated.
+All blocks of one α share the response spectra of a motion: the periods of the methods (P3) to (P5) are
+inversely proportional to p, and p and the periods form geometric sequences. All spectral values are therefore
+exact; only the roots between two points of a scan are interpolated.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SIZES = 40  # values of 2π/p
 SHORTEST, LONGEST = 2.0, 8.0  # of 2π/p [s]
 STEPS = {"(P3)": 9, "(P4)": 9, "(P5)": 15, "(P7)": 9}  # steps of a scan between two values of p
 RATIOS = np.geomspace(1.2, 6.0, 28)  # PGA/(g tan α)
-LEAST_STEPS = 1000
+LEAST_STEPS = 1000  # smallest number of steps of a scan
 LEAST_ROTATION = 0.01  # θ/α above which rotations are compared
 DT, DURATION, PGA = 0.02, 20.0, 0.3 * G
 ROTATION_COLUMNS = (
@@ -67,7 +67,7 @@ class Scan:
 
     - `phi`: rotations θ/α of the scan, shape (n,) [–]
     - `periods`: periods of all sizes, ascending, shape (n + steps (SIZES − 1),) [s]
-    - `steps`: position in `periods` of the first rotation, divided by the number of the size
+    - `steps`: number of steps between two sizes; the periods of size k begin at index k·`steps`
     """
 
     phi: np.ndarray
@@ -102,7 +102,7 @@ class Scan:
 
 @dataclasses.dataclass(frozen=True)
 class Answers:
-    """Largest θ/α of a method, 1 for overturning, and number of stable answers, (sizes, ratios)."""
+    """Largest θ/α of a method (1 for overturning) and number of stable answers, shape (sizes, ratios)."""
 
     rotation: np.ndarray
     count: np.ndarray
@@ -121,8 +121,8 @@ class Answers:
         last = falls.shape[-1] - 1 - np.argmax(falls[..., ::-1], axis=-1)
         rows = np.arange(critical.shape[0])[:, None]
         low, high = critical[rows, last], critical[rows, last + 1]
-        part = np.clip((factors - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
-        rotation = np.where(count > 0, phi[last] + part * (phi[last + 1] - phi[last]), 0.0)
+        fraction = np.clip((factors - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
+        rotation = np.where(count > 0, phi[last] + fraction * (phi[last + 1] - phi[last]), 0.0)
         overturns = is_above[..., -1]
         return cls(np.where(overturns, 1.0, rotation), count + overturns)
 
@@ -135,7 +135,7 @@ def blocks(alpha: float) -> list[Block]:
 
 
 def motions(count: int, seed: int = 1) -> rj.Motions:
-    """Return synthetic motions, every other with a pulse."""
+    """Return synthetic motions, half of them with a pulse."""
     rng = np.random.default_rng(seed)
     pulses = [
         rj.MavroeidisPapageorgiou(
@@ -161,8 +161,8 @@ class Slenderness:
         e = first.restitution
         self.unit = G * tan_alpha
         rocking = Scan.of(lambda phi: priestley.period(phi, first.p), STEPS["(P3)"])
-        of_asce = lambda phi: 1 / asce_rocking.frequency(alpha * phi, tan_alpha, G / first.half_height)
-        asce = Scan.of(of_asce, STEPS["(P5)"])
+        asce_period = lambda phi: 1 / asce_rocking.frequency(alpha * phi, tan_alpha, G / first.half_height)
+        asce = Scan.of(asce_period, STEPS["(P5)"])
         self.scans = {"(P3)": rocking, "(P4)": rocking, "(P5)": asce}
         self.damping = {
             "(P3)": priestley.damping(e), "(P4)": fema.damping(e), "(P5)": asce_rocking.damping(e)
@@ -172,7 +172,7 @@ class Slenderness:
     def answers(self, motion: rj.Motion) -> dict[str, Answers]:
         """Return the answers of (P3) to (P5) for a motion at all ratios."""
         factors = RATIOS * self.unit / motion.pga
-        found = {}
+        answers = {}
         for name, scan in self.scans.items():
             values = spectrum(motion, scan.periods, self.damping[name])
             if name == "(P5)":
@@ -182,30 +182,30 @@ class Slenderness:
             else:
                 lengths = np.array([block.half_height * self.alpha for block in self.blocks])
                 critical = lengths[:, None] * scan.phi / scan.windows(values.displacement)
-            found[name] = Answers.of(scan.phi, critical, factors)
-        return found
+            answers[name] = Answers.of(scan.phi, critical, factors)
+        return answers
 
     def displacement_ratio(self, periods: np.ndarray, largest: np.ndarray, motion: rj.Motion) -> np.ndarray:
         """Return the demand of (P7) divided by d_0, shape (sizes, ratios).
 
-        - `periods`, `largest`: periods and the largest S_d up to each of them, at 8 % damping
+        - `periods`: periods [s]; `largest`: largest S_d up to each period, at 8 % damping [m]
         """
         demand = np.array(
-            [np.interp(each.period(SLV), periods, largest) / each.displacement for each in self.mechanisms]
+            [np.interp(y.period(SLV), periods, largest) / y.displacement for y in self.mechanisms]
         )
         return demand[:, None] * RATIOS * self.unit / motion.pga
 
     def exact(self, records: rj.Records, peaks: np.ndarray) -> np.ndarray:
-        """Return the exact max|θ|/α, 1 for overturning, shape (motions, sizes, ratios); nan for scenes that
-        did not finish, which no share counts."""
+        """Return the exact max|θ|/α, shape (motions, sizes, ratios): 1 for overturning, NaN for scenes that
+        did not finish, which the tables omit."""
         R = np.array([block.R for block in self.blocks])[:, None]
         factor = RATIOS * self.unit / peaks[:, None, None]
         picked = records.pick(np.arange(peaks.size)[:, None, None])
-        found = rj.peak_responses(
+        responses = rj.peak_responses(
             rj.Podium(self.alpha, R), picked.scaled(factor), options=options(1e-7), threads=1
         )
-        finished = code_of(found.result) <= OVERTURNED
-        return np.where(finished, np.where(found.overturned, 1.0, found.peak_rotation), np.nan)
+        finished = code_of(responses.result) <= OVERTURNED
+        return np.where(finished, np.where(responses.overturned, 1.0, responses.peak_rotation), np.nan)
 
 
 def rotation_row(name: str, rotation: np.ndarray, count: np.ndarray, exact: np.ndarray) -> dict[str, Any]:
@@ -261,8 +261,8 @@ def main(scenes: int = 10**6) -> None:
     for k, motion in enumerate(suite):
         largest = np.maximum.accumulate(spectrum(motion, periods, SLV.damping).displacement)
         for j, family in enumerate(families):
-            for name, found in family.answers(motion).items():
-                rotation[name][k, j], answers[name][k, j] = found.rotation, found.count
+            for name, method_answers in family.answers(motion).items():
+                rotation[name][k, j], answers[name][k, j] = method_answers.rotation, method_answers.count
             displacement[k, j] = family.displacement_ratio(periods, largest, motion)
     rows = [rotation_row(name, rotation[name], answers[name], exact) for name in rotation]
     at_limit = int(np.flatnonzero(RATIOS <= 2)[-1])

@@ -1,8 +1,8 @@
-"""Records: run time against error, three peaks, complete analyses: `python -m benchmarks.records`.
+"""Records: run time against error, and time of three peaks and of analyses: `python -m benchmarks.records`.
 
 The benchmark solves 20 synthetic records of 2000 samples (dt = 0.01 s), each at 50 scales from 0.5 to 12 g
 tan α, for the podium of Fig. 6 at η/γ = 10. Errors of max|θ|/α are relative to rockjax at rtol = 1e-13,
-which an independent Taylor integrator has confirmed where columns chatter. `--peer FILE` adds another
+which an independent Taylor integrator has confirmed for chattering columns. `--peer FILE` adds another
 implementation: a Python file with a function `sweep(params, "record", scales, ones, rtol=, atol=, cert=,
 track=, parallel=, record=(times, samples))` that solves the scales of one record on all cores.
 
@@ -70,8 +70,8 @@ def by_peer(peer: ModuleType, suite: Suite, scenes: Family, rtol: float) -> Answ
     rows = []
     for samples, scales in zip(suite.samples, suite.scales, strict=True):
         record = DT * np.arange(SAMPLES), samples
-        how = {"rtol": rtol, "atol": 0.01 * rtol, "cert": True, "track": False, "parallel": True}
-        rows.append(peer.sweep(params, "record", scales, np.ones(scales.size), record=record, **how))
+        settings = {"rtol": rtol, "atol": 0.01 * rtol, "cert": True, "track": False, "parallel": True}
+        rows.append(peer.sweep(params, "record", scales, np.ones(scales.size), record=record, **settings))
     return np.stack([row["peak"] for row in rows]), np.stack([row["overturned"] for row in rows])
 
 
@@ -102,7 +102,7 @@ def _ours(suite: Suite, structure: rj.Podium, method: str, rtol: float) -> Answe
 
 
 def side_by_side(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
-    """Return times at rtol = 1e-8 of: the rotation alone, three peaks, a complete analysis, and the peer."""
+    """Return times for the rotation alone, three peaks, a complete analysis and the peer, at rtol = 1e-8."""
     rows = []
     for name, period in PERIODS.items():
         scenes = Family(period, np.zeros(0), np.zeros(0))
@@ -159,18 +159,18 @@ def _module(path: Path) -> ModuleType:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    arguments.add_argument("--peer", type=Path, help="a file with another implementation")
-    given = arguments.parse_args()
-    peer = None if given.peer is None else _module(given.peer)
+    parser.add_argument("--peer", type=Path, help="a file with another implementation")
+    arguments = parser.parse_args()
+    peer = None if arguments.peer is None else _module(arguments.peer)
     suite = Suite()
-    beside = side_by_side(suite, peer)
+    times = side_by_side(suite, peer)
     rows = precision(suite, peer)
-    store_rows("records", [*beside, *rows])
+    store_rows("records", [*times, *rows])
     draw(rows)
-    show(beside)
+    show(times)
     show(rows)
 
 

@@ -1,7 +1,7 @@
 """Limit states with known probabilities, compared with OpenTURNS: `python -m benchmarks.reliability [names]`.
 
-The limit states come from the tests and from otbenchmark (RP…), with its published probabilities. All are
-functions of standard normal variables and the same for both programs. OpenTURNS finds its design point by
+The limit states come from the tests and from otbenchmark (RP…), with the probabilities published there. All
+are functions of standard normal variables and the same for both programs. OpenTURNS finds the design point by
 COBYLA, without derivatives. An evaluation by rockjax may include the derivative.
 """
 
@@ -26,9 +26,9 @@ OURS = ("importance", "line", "subset")
 
 
 class Problem(NamedTuple):
-    G: Callable[[Any], Any]
+    G: Callable[[Any], Any]  # limit state function; failure is G ≤ 0
     dimension: int
-    probability: float
+    probability: float  # P(G ≤ 0)
 
 
 def _four_branches(x):
@@ -87,7 +87,7 @@ PROBLEMS = {
 
 
 class Run(NamedTuple):
-    """Result of a method: probability and number of evaluations of G; NaN if it has no result."""
+    """Result of a method: probability and number of evaluations of G; NaN if the method fails."""
 
     probability: float
     evaluations: float
@@ -116,19 +116,19 @@ def openturns(problem: Problem, method: str, seed: int) -> Run:
         padded = np.concatenate([u, np.repeat(u[-1:], size - len(u), axis=0)])
         return np.asarray(batched(padded))[: len(u), None]
 
-    d = problem.dimension
-    function = ot.PythonFunction(d, 1, func_sample=sample)
-    vector = ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(d)))
+    dimension = problem.dimension
+    function = ot.PythonFunction(dimension, 1, func_sample=sample)
+    vector = ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(dimension)))
     event = ot.ThresholdEvent(vector, ot.LessOrEqual(), 0.0)
     try:
         if method == "subset":
             algorithm = ot.SubsetSampling(event)
-            algorithm.setMaximumOuterSampling(100)  # of a level: 10⁴, its default
+            algorithm.setMaximumOuterSampling(100)  # 10⁴ evaluations per level, as by default
             algorithm.setBlockSize(100)
             algorithm.setMaximumCoefficientOfVariation(COV)
         else:
             solver = ot.Cobyla()
-            solver.setStartingPoint(np.zeros(d))
+            solver.setStartingPoint(np.zeros(dimension))
             form = ot.FORM(solver, event)
             form.run()
             if method == "FORM":
@@ -153,9 +153,9 @@ def main(names: list[str]) -> None:
             runs = np.array(
                 [solve(problem, method, seed) for seed in range(1 if method == "FORM" else SEEDS)]
             )
-            off = np.abs(runs[:, 0] / problem.probability - 1)
+            error = np.abs(runs[:, 0] / problem.probability - 1)
             row = {"problem": name, "d": problem.dimension, "P": problem.probability, "by": solver_name}
-            row |= {"method": method, "evaluations": float(np.mean(runs[:, 1])), "error": float(np.mean(off))}
+            row |= {"method": method, "evaluations": float(runs[:, 1].mean()), "error": float(error.mean())}
             rows.append(row)
             print(row, flush=True)
     report("reliability", rows) if not names else show(rows)

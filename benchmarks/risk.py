@@ -1,11 +1,10 @@
 """Probabilities of failure of rocking structures: `python -m benchmarks.risk subset|sweep|first-order`.
 
-`subset [minutes] [names of cases]` compares repeated subset simulations with counting and prints the table.
-It continues from the stored results, for at most the given minutes of processor time. `sweep MOTIONS STORE`
-counts failures by a sweep: each motion u is one scene for each spectral density S₀. The same command
-continues an interrupted sweep, and `subset` includes its counts in the table. `first-order` uses design
-points. Motions are proportional to √S₀, so the design points for one density give those for all others by
-scaling their distance.
+`subset [minutes] [names of cases]` compares repeated subset simulations with counted failures and prints the
+table. It continues from the stored results, for at most the given minutes of processor time. `sweep MOTIONS
+STORE` counts failures in a sweep, with one scene for each motion and spectral density S₀. The same command
+continues an interrupted sweep, and `subset` includes the counts in the table. `first-order` uses design
+points. Motions are proportional to √S₀, so the distances β of the design points are proportional to 1/√S₀.
 """
 
 from __future__ import annotations
@@ -30,19 +29,19 @@ from rockjax._risk.structure import OPTIONS
 
 from .measure import RESULTS, report, stored_rows_if_any
 
-BATCH = 20_000  # number of scenes of a batch; the time is checked after each
+BATCH = 20_000  # number of scenes in a batch; the time is checked after each batch
 COV = 0.1
-MAX_SCENES = 1_000_000  # largest number of scenes of a repetition
+MAX_SCENES = 1_000_000  # largest number of scenes in a repetition
 
 
 class Case(NamedTuple):
-    """A structure under motions of a spectral density."""
+    """A structure under motions with a spectral density."""
 
     podium: rj.Podium
     S_0: float  # spectral density [m²/s³]
-    scenes: int  # number of scenes for counting failures
+    scenes: int  # number of scenes in which failures are counted
     repetitions: int = 20  # number of repetitions of subset simulation
-    cov: float = COV  # their coefficient of variation
+    cov: float = COV  # requested coefficient of variation of a repetition
 
 
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
@@ -110,19 +109,22 @@ def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
 
 
 def row(name: str, results: dict[str, Any]) -> dict[str, Any]:
-    """Return the row of a case. `held` is the share of repetitions whose interval contains the counted
-    probability."""
+    """Return the row of a case.
+
+    - `said`: mean coefficient of variation that the repetitions report
+    - `held`: share of repetitions whose interval contains the counted probability
+    """
     runs = np.array(results.get("runs", [])).reshape(-1, 5)
     scenes, failures = results.get("batches", 0) * BATCH, results.get("failures", 0)
-    of_sweep = [row for row in stored_rows_if_any("risk-sweep") if row["case"] == name]
-    if of_sweep:  # the sweep has other motions, so its counts can be added
-        scenes, failures = scenes + of_sweep[0]["motions"], failures + of_sweep[0]["failures"]
-    count_batch = failures / scenes if scenes else math.nan
+    sweep_rows = [row for row in stored_rows_if_any("risk-sweep") if row["case"] == name]
+    if sweep_rows:  # the sweep has other motions, so its counts can be added
+        scenes, failures = scenes + sweep_rows[0]["motions"], failures + sweep_rows[0]["failures"]
+    counted = failures / scenes if scenes else math.nan
     low, high = binomtest(failures, scenes).proportion_ci(0.95) if scenes else (math.nan, math.nan)
     p, error, lower, upper, cost = runs.T
     return {
         "case": name,
-        "counted": count_batch,
+        "counted": counted,
         "from": float(low),
         "to": float(high),
         "of": scenes,
@@ -130,7 +132,7 @@ def row(name: str, results: dict[str, Any]) -> dict[str, Any]:
         "mean": float(p.mean()),
         "cov": float(p.std(ddof=1) / p.mean()),
         "said": float(np.mean(error / p)),
-        "held": float(np.mean((lower <= count_batch) & (count_batch <= upper))),
+        "held": float(np.mean((lower <= counted) & (counted <= upper))),
         "scenes": float(cost.mean()),
     }
 
@@ -148,15 +150,15 @@ def subset(minutes: str = "0", *names: str) -> None:
 
 
 COUNTED_CASES = ("block 1e-4", "block 1e-5")
-BLOCKS = 100_000  # number of motions that are drawn at once
+BLOCK_SIZE = 100_000  # number of motions drawn at once
 
 
 def scenes(motions: int) -> rj.Record:
-    """Return motions, scaled to the densities of the cases, shape (motions, densities)."""
+    """Return motions scaled to the densities of `COUNTED_CASES`, shape (motions, densities)."""
     first = motion_of(CASES[COUNTED_CASES[0]])
     samples = np.empty((motions, 1, first.n))
-    for k, start in enumerate(range(0, motions, BLOCKS)):
-        size = min(BLOCKS, motions - start)
+    for k, start in enumerate(range(0, motions, BLOCK_SIZE)):
+        size = min(BLOCK_SIZE, motions - start)
         u = np.random.default_rng([13, k]).standard_normal((size, first.dimension))
         samples[start : start + size, 0] = first.acceleration(jnp.asarray(u))
     # Motions are proportional to √S₀.
@@ -204,16 +206,16 @@ def rows_of(structure: str) -> list[dict]:
     limit = limit_state("benchmark", case.podium, motion_of(case), "overturning")
     points = find_design_points("benchmark", limit, starting_directions(limit, STARTS, SEED))
     rows = []
-    for other, of in CASES.items():
-        if not other.startswith(structure):
+    for other_name, other in CASES.items():
+        if not other_name.startswith(structure):
             continue
-        factor = math.sqrt(case.S_0 / of.S_0)
+        factor = math.sqrt(case.S_0 / other.S_0)
         scaled_points = points._replace(u=points.u * factor, beta=points.beta * factor)
         nearest = float(scaled_points.beta.min())
         rows.append(
             {
-                "case": other,
-                "S_0": of.S_0,
+                "case": other_name,
+                "S_0": other.S_0,
                 "beta": nearest,
                 "one": 2 * float(norm.sf(nearest)),
                 "all": first_order_probability(scaled_points),

@@ -3,11 +3,10 @@
 `probability` finds the slimmest column that overturns with a probability of at most 10⁻³ under a random
 ground motion. `frequency` finds the slimmest column that overturns at most 4·10⁻⁴ times a year on a given
 hazard. `loss` minimises cost plus expected loss. `curves` computes both risks against the slenderness.
-`fresh` repeats `frequency` with new samples of 400 records in each step, and with fixed suites for
-comparison.
+`fresh` repeats `frequency` with six of 400 records drawn anew in each step.
 
-Each design is tested with motions that the search did not use: 200 other records, another seed of subset
-simulation, or counting. Results that are already in the table are not computed again.
+Each design is tested with motions that the search did not use: 200 other records, or subset simulation with
+another seed. Results that are already in the table are not computed again.
 """
 
 from __future__ import annotations
@@ -55,24 +54,25 @@ def cost(podium: rj.Podium):
 
 
 def records(first: int, count: int) -> list[rj.AbstractExcitation]:
-    """Return synthetic near-fault records of 7 s with the numbers from `first` on."""
+    """Return `count` synthetic near-fault records of 7 s, with seeds from `first` on."""
     return [shaking(first + k, n=175, dt=0.04) for k in range(count)]
 
 
-def drawing() -> optimise.Dimensions:
+def initial_column() -> optimise.Dimensions:
     return optimise.Dimensions(width=0.6, **COLUMN)
 
 
-def of_frequency(at_most: float) -> optimise.AnnualFrequency:
+def frequency_target(at_most: float) -> optimise.AnnualFrequency:
     return optimise.AnnualFrequency(at_most, HAZARD, records(0, RECORDS), width=WIDTH)
 
 
-def of_probability(at_most: float) -> optimise.FailureProbability:
+def probability_target(at_most: float) -> optimise.FailureProbability:
     return optimise.FailureProbability(at_most, MOTION, cov=0.1, rays=64)
 
 
-def least(target, vary: dict[str, tuple[float, float]], starts: int = 1, **how: Any) -> optimise.Design:
-    return optimise.design(drawing(), vary, slenderness, target, starts=starts, options=OPTIONS, **how)
+def slimmest(target, vary: dict[str, tuple[float, float]], starts: int = 1, **settings) -> optimise.Design:
+    settings |= {"starts": starts, "options": OPTIONS}
+    return optimise.design(initial_column(), vary, slenderness, target, **settings)
 
 
 def capacities(podium: rj.Podium, motions: list[rj.AbstractExcitation]) -> np.ndarray:
@@ -134,26 +134,26 @@ Row = Callable[[], dict[str, Any]]
 
 def frequency_row() -> dict[str, Any]:
     start_time = time.process_time()
-    answer = least(of_frequency(FREQUENCY), NARROW, STARTS)
+    answer = slimmest(frequency_target(FREQUENCY), NARROW, STARTS)
     return row_of(answer, start_time) | {"limit": FREQUENCY} | sampled_frequency(answer.podium)
 
 
 def probability_row() -> dict[str, Any]:
     start_time = time.process_time()
-    answer = least(of_probability(PROBABILITY), VARY, STARTS)
-    (inner,) = answer.probabilities.values()
-    own = {
-        "verified": inner.probability,
-        "verified from": inner.interval[0],
-        "verified to": inner.interval[1],
+    answer = slimmest(probability_target(PROBABILITY), VARY, STARTS)
+    (estimate,) = answer.probabilities.values()
+    verified = {
+        "verified": estimate.probability,
+        "verified from": estimate.interval[0],
+        "verified to": estimate.interval[1],
     }
-    return row_of(answer, start_time) | {"limit": PROBABILITY} | own | sampled_probability(answer.podium)
+    return row_of(answer, start_time) | {"limit": PROBABILITY} | verified | sampled_probability(answer.podium)
 
 
 def loss_row() -> dict[str, Any]:
     start_time = time.process_time()
-    objective = optimise.ExpectedLoss(cost, LOSS, of_frequency(FREQUENCY))
-    answer = optimise.design(drawing(), NARROW, objective, starts=STARTS, options=OPTIONS)
+    objective = optimise.ExpectedLoss(cost, LOSS, frequency_target(FREQUENCY))
+    answer = optimise.design(initial_column(), NARROW, objective, starts=STARTS, options=OPTIONS)
     risk_of_suite = {"frequency": float(objective.risk.frequency(answer.podium, OPTIONS))}
     return row_of(answer, start_time) | risk_of_suite | sampled_frequency(answer.podium)
 
@@ -162,10 +162,10 @@ def frequency_point(width: float) -> Row:
     """Return a row with λ_f of a column from the suite, and from independent records."""
 
     def row() -> dict[str, Any]:
-        podium = drawing().replace(width=width).podium()
-        own = frequency_of(capacities(podium, records(0, RECORDS)))
-        known = {"width": width, "tan α": float(slenderness(podium)), "frequency": own}
-        return known | sampled_frequency(podium)
+        podium = initial_column().replace(width=width).podium()
+        frequency_of_suite = frequency_of(capacities(podium, records(0, RECORDS)))
+        point = {"width": width, "tan α": float(slenderness(podium)), "frequency": frequency_of_suite}
+        return point | sampled_frequency(podium)
 
     return row
 
@@ -174,7 +174,7 @@ def probability_point(width: float) -> Row:
     """Return a row with P of a column."""
 
     def row() -> dict[str, Any]:
-        podium = drawing().replace(width=width).podium()
+        podium = initial_column().replace(width=width).podium()
         return {"width": width, "tan α": float(slenderness(podium))} | sampled_probability(podium)
 
     return row
@@ -185,12 +185,12 @@ def fresh_row(seed: int) -> Row:
 
     def row() -> dict[str, Any]:
         start_time = time.process_time()
-        drawn = optimise.FreshSamples(records(2000, 400), RECORDS, verify=40 * RECORDS, seed=seed)
-        target = optimise.AnnualFrequency(FREQUENCY, HAZARD, drawn, width=WIDTH)
-        answer = least(target, NARROW, method=optax.adam(0.02), max_iterations=STEPS)
+        samples = optimise.FreshSamples(records(2000, 400), RECORDS, verify=40 * RECORDS, seed=seed)
+        target = optimise.AnnualFrequency(FREQUENCY, HAZARD, samples, width=WIDTH)
+        answer = slimmest(target, NARROW, method=optax.adam(0.02), max_iterations=STEPS)
         (error,) = answer.standard_errors.values()
-        known = {"limit": FREQUENCY, "error": float(error[0])}
-        return row_of(answer, start_time) | known | sampled_frequency(answer.podium)
+        fresh_facts = {"limit": FREQUENCY, "error": float(error[0])}
+        return row_of(answer, start_time) | fresh_facts | sampled_frequency(answer.podium)
 
     return row
 
@@ -211,10 +211,10 @@ COLUMNS = (
 
 def missing(names: list[str], rows: list[dict[str, Any]]) -> Iterator[tuple[str, str, Row]]:
     """Yield the cases that the table does not contain yet."""
-    known = {(row["study"], row["case"]) for row in rows}
+    computed = {(row["study"], row["case"]) for row in rows}
     for study in names:
         for case, row in STUDIES[study].items():
-            if (study, case) not in known:
+            if (study, case) not in computed:
                 yield study, case, row
 
 
@@ -225,22 +225,22 @@ def picture(rows: list[dict[str, Any]]) -> None:
     from rockjax import plots
     from rockjax._files import write_figure
 
-    of = {(row["study"], row["case"]): row for row in rows}
+    designs = {row["study"]: row for row in rows if row["case"] == "ten starts"}
     with plt.style.context(plots.STYLE):
         figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
         axes = figure.subplots(1, 2)
         words = (r"$\lambda_f$ [1/year]", "probability of overturning $P$ [–]")
         for ax, letter, limit, word in zip(axes, "λP", (FREQUENCY, PROBABILITY), words, strict=True):
-            points = [row for (study, case), row in of.items() if study == "curves" and case[0] == letter]
+            points = [row for row in rows if row["study"] == "curves" and row["case"][0] == letter]
             x, y, low, high = (
                 np.array([row[k] for row in points]) for k in ("tan α", "sampled", "from", "to")
             )
             label = "200 other records, 95 %" if letter == "λ" else "subset simulation, 95 %"
             ax.errorbar(x, y, (y - low, high - y), fmt="o-", ms=4, capsize=3, lw=1, label=label)
             if letter == "λ":
-                own = [row["frequency"] for row in points]
-                ax.plot(x, own, "s--", ms=4, lw=1, color=plots.COLOURS[1], label=f"the suite of {RECORDS}")
-            design = of.get((("frequency", "probability")[letter == "P"], "ten starts"))
+                label, by_suite = f"the suite of {RECORDS}", [row["frequency"] for row in points]
+                ax.plot(x, by_suite, "s--", ms=4, lw=1, color=plots.COLOURS[1], label=label)
+            design = designs.get("probability" if letter == "P" else "frequency")
             if design is not None:
                 ax.plot(design["tan α"], limit, "k*", ms=11, label="design, limit")
             ax.axhline(limit, color="0.5", lw=0.8, ls="-", zorder=0)

@@ -1,9 +1,9 @@
 """Time to the first answer of a process: `python -m benchmarks.startup [names of rows]`.
 
-"First" starts without stored programs, and "later" is a further process of the same user. The table has the
-CPU seconds of the process and all its threads, which are reliable on a busy machine too, and the wall time,
-the shortest of several runs. Both are also divided by J, the time of `import jax`. Named rows replace those
-of the stored table.
+"First" starts without stored programs; "later" is a further process of the same user, the shortest of several
+runs. The table has the CPU seconds of all threads of the process, which are reliable on a busy machine too,
+and the wall time. Both are also divided by J, the time of `import jax`. Named rows replace rows of the stored
+table.
 """
 
 from __future__ import annotations

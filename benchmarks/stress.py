@@ -2,16 +2,16 @@
 
     python -m benchmarks.stress [scenes] [seed] [words of groups] [--control] [--every K] [--store FOLDER]
 
-The campaign draws random structures, motions, initial states, tolerances and methods, in groups that one
-program serves. With `--control` it adds restrainers, vertical motion and several modes. It solves each scene
-three times: at the requested tolerance, again for its error estimate, and for the reference at a much smaller
-tolerance. An implementation that shares no code with the project solves a sample of the scenes. With a store
-each batch is a sweep in that folder. The same command continues an interrupted campaign, and repeats the
-report of a finished one.
+The campaign draws random structures, motions, initial states, tolerances and methods, in groups that share
+one compiled program. With `--control`, the groups have restrainers, vertical motion or several modes. Each
+scene is solved at the requested tolerance with an error estimate, and for the reference at a much smaller
+tolerance. An implementation that shares no code with the project solves a sample of the scenes. With
+`--store`, each batch is a sweep in this folder. The same command continues an interrupted campaign, and
+repeats the report of a finished campaign.
 
-The campaign looks for results without a name, NaN, values out of their range, scenes that do not finish,
-outcomes that change without a flag, and errors beyond the estimate, and it counts trials. It prints each
-failure with the line of Python that repeats it.
+The campaign looks for results without a name, NaN, values out of range, scenes that do not finish, outcomes
+that change without a flag, and errors beyond the estimate. It also counts trial steps. It prints examples of
+each failure as lines of Python that repeat the scene.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from .measure import log_uniform, show, some, store_rows
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINER = 1e-3  # tolerance of the reference divided by that of the scene
-TRUTH_STEPS = 50_000  # max_steps of the reference
-ASKED_STEPS = rj.Options().max_steps  # max_steps at the requested tolerance; `--steps` sets fewer
-VIBRATION = 3e5  # radians, see `vibration`: a scene with fewer has to finish
+REFERENCE_STEPS = 50_000  # max_steps of the reference
+REQUESTED_STEPS = rj.Options().max_steps  # max_steps at the requested tolerance; `--steps` sets another limit
+VIBRATION = 3e5  # [rad], see `vibration`; scenes with less vibration must finish
 PER_GROUP = 3  # number of tolerances in each group
-CHUNK = 65536  # scenes in a chunk of a sweep: an interruption loses at most these
+CHUNK = 65536  # number of scenes in a chunk of a sweep, which an interruption loses at most
 Answers = dict[str, np.ndarray]
 SUPERSTRUCTURES = ("none", "rigid", "elastic")
 LAWS = ("paper", "compatible", "given")
@@ -60,13 +60,13 @@ QUANTITIES = ("peak_rotation", "peak_deformation", "peak_shear")
 
 @dataclasses.dataclass(frozen=True)
 class Group:
-    """Scenes that one compiled program serves."""
+    """Kind of scenes that share one compiled program."""
 
     top: str
     law: str
     motion: str
     method: str = "dopri8"
-    added: str = ""  # restrainers, vertical motion
+    added: str = ""  # restrainers or vertical motion, one of `stress_control.ADDED`, or neither
 
     @property
     def name(self) -> str:
@@ -120,7 +120,7 @@ class Batch:
         return rj.peak_responses(self.podium, self.motion, initial=self.initial, options=options)
 
     def answers(self, options: rj.Options, store: Path | None, name: str) -> Answers:
-        """Return the answers as named arrays, from a store if there is one."""
+        """Return the answers as name → array, solved by a sweep if there is a store."""
         if store is None:
             return {name: values for name, values, _ in peak_variables(self.solve(options), options.outputs)}
         data = rj.sweep(
@@ -247,7 +247,7 @@ class Findings:
     undecided: int = 0
     trials: list[np.ndarray] = dataclasses.field(default_factory=list)
     beyond: int = 0  # scenes with a vibration of more than `VIBRATION`
-    within: int = 0  # scenes that do not finish although their vibration is at most `VIBRATION`
+    within: int = 0  # unfinished scenes with a vibration of at most `VIBRATION`
     seconds: float = 0.0
 
     def fail(self, cause: str, failed: np.ndarray, line: Callable[[int], str]) -> None:
@@ -259,18 +259,18 @@ class Findings:
             self.examples.append((cause, line(int(k))))
 
 
-# -------------------------------------------------------------------------- an implementation of its own kind
+# ------------------------------------------------------------------------------- independent implementation
 def against_reference(job: Job) -> tuple[float, float, bool, bool]:
     """Return (error, estimate, whether the outcomes agree, undecided) of one scene."""
     group, rtol, n, seed, k = job
-    of = batch(group, rtol, n, seed)
-    podium, motion, initial = scene(of, k)
-    peak = rj.peak_response(podium, motion, initial=initial, options=of.options.replace(throw=False))
-    # Beyond the end of the scene, so that the certificate is tested as well.
+    scenes = batch(group, rtol, n, seed)
+    podium, motion, initial = scene(scenes, k)
+    peak = rj.peak_response(podium, motion, initial=initial, options=scenes.options.replace(throw=False))
+    # The reference continues beyond the end of the scene, so that the certificate is tested as well.
     end = min(
         float(peak.stats.end_time) + 3 / float(podium.p), float(motion.support[1]) + 30 / float(podium.p)
     )
-    limit = float(of.options.overturn_ratio * podium.alpha)
+    limit = float(scenes.options.overturn_ratio * podium.alpha)
     reference = control.by_scipy(podium, motion, initial, end, limit)
     errors = peak.errors
     assert errors is not None
@@ -280,27 +280,26 @@ def against_reference(job: Job) -> tuple[float, float, bool, bool]:
 
 
 def sample_for_reference(
-    seed: int, number: int, among: list[Group]
+    seed: int, number: int, candidates: list[Group]
 ) -> list[tuple[Group, float, int, int, int]]:
-    """Return scenes that SciPy can solve in seconds: not too stiff and without too many impacts."""
+    """Return scenes that SciPy can solve in seconds: neither stiff nor with many impacts."""
     rng = np.random.default_rng(seed)
     jobs = []
-    chosen = [g for g in among if g.motion in PULSES and g.method == "dopri8"]
+    chosen = [g for g in candidates if g.motion in PULSES and g.method == "dopri8"]
     while len(jobs) < number:
         group, rtol, n = chosen[rng.integers(len(chosen))], float(rng.choice([1e-9, 1e-10])), 64
-        of = batch(group, rtol, n, seed + 1)
+        scenes = batch(group, rtol, n, seed + 1)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            peak = of.solve(of.options.replace(max_steps=3000))
-        fit = np.asarray(peak.stats.steps) < 1000
-        # NaN if impacts were not counted to the end; the number of steps then bounds them.
-        fit &= ~(np.asarray(peak.impacts) >= 100)
-        # SciPy looks for events at its steps, and misses shorter lifts.
-        fit &= np.asarray(peak.peak_rotation) > 1e-6
-        stand, fall = (
-            rng.permutation(np.flatnonzero(fit & (np.asarray(peak.overturned) == y))) for y in (False, True)
-        )
-        jobs += [(group, rtol, n, seed + 1, int(k)) for k in (*stand[:3], *fall[:1])]
+            peak = scenes.solve(scenes.options.replace(max_steps=3000))
+        is_easy = np.asarray(peak.stats.steps) < 1000
+        # `impacts` is NaN if they were not counted to the end; the number of steps then bounds them.
+        is_easy &= ~(np.asarray(peak.impacts) >= 100)
+        # SciPy detects events by changes of sign between steps, and misses shorter lifts.
+        is_easy &= np.asarray(peak.peak_rotation) > 1e-6
+        survives = ~np.asarray(peak.overturned)
+        standing, overturned = (rng.permutation(np.flatnonzero(is_easy & y)) for y in (survives, ~survives))
+        jobs += [(group, rtol, n, seed + 1, int(k)) for k in (*standing[:3], *overturned[:1])]
     return jobs[:number]
 
 
@@ -313,7 +312,7 @@ OUT_OF_STEPS = [NAMES.index(name) for name in ("out_of_steps", "chattering", "to
 def vibration(batch: Batch) -> np.ndarray:
     """Return the vibration on lifted columns, Eq. (31), until the end of each scene [rad].
 
-    If the damping ratio there is above 2, the rate of decay replaces the frequency. Both limit the steps.
+    If the damping ratio of this vibration is above 2, the rate of decay replaces the frequency.
     """
     top, shape = batch.podium.superstructure, np.shape(batch.initial.theta)
     if not isinstance(top, rj.Elastic | rj.Modes):
@@ -331,7 +330,7 @@ def vibration(batch: Batch) -> np.ndarray:
 
 
 def judge(
-    findings: Findings, of: Batch, peak: Answers, reference: Answers, line: Callable[[int], str]
+    findings: Findings, scenes: Batch, peak: Answers, reference: Answers, line: Callable[[int], str]
 ) -> None:
     code, true_code = peak["result"], reference["result"]
     findings.scenes += code.size
@@ -342,8 +341,8 @@ def judge(
         findings.fail(f"steps: {NAMES[kind]}", code == kind, line)
     findings.fail("not finite", code == NAMES.index("not_finite"), line)
     answered, has_reference = code <= 2, true_code <= 2
-    ratio = float(of.options.overturn_ratio)
-    # Of several modes, the largest; NaN where one is.
+    ratio = float(scenes.options.overturn_ratio)
+    # The largest value of all modes; NaN if the value of a mode is NaN.
     values = {name: np.reshape(peak[name], (code.size, -1)).max(axis=-1) for name in QUANTITIES}
     for name, value in values.items():
         findings.fail(f"{name} is not finite", answered & ~np.isfinite(value), line)
@@ -367,7 +366,7 @@ def judge(
     flips = both & (overturned != reference["overturned"].astype(bool))
     findings.flips += int(flips.sum())
     findings.unflagged += int((flips & ~undecided).sum())
-    findings.fail("the class changes without having been flagged", flips & ~undecided, line)
+    findings.fail("the outcome changes without a flag", flips & ~undecided, line)
     findings.undecided += int((undecided & answered).sum())
     compared = both & ~flips
     error = np.abs(rotation - reference["peak_rotation"])[compared]
@@ -381,33 +380,33 @@ def run(
     per_group: int,
     seed: int,
     store: Path | None = None,
-    steps: int = ASKED_STEPS,
+    steps: int = REQUESTED_STEPS,
 ) -> Findings:
     findings = Findings()
     start = time.perf_counter()
     possible = [rtol for rtol in TOLERANCES if rtol >= METHOD_TOLERANCES.get(group.method, 0.0) * 0.99]
-    # Spread over the range, all of them as often over the groups.
+    # Tolerances are spread over the range, and all groups together use each tolerance equally often.
     first = number % len(possible)
     tolerances = sorted(
         {possible[(first + k * len(possible) // PER_GROUP) % len(possible)] for k in range(PER_GROUP)}
     )
     n = -(-per_group // len(tolerances))
     for rtol in tolerances:
-        of = batch(group, rtol, n, seed)
+        scenes = batch(group, rtol, n, seed)
         name = f"{group.name.replace(', ', '-').replace(' ', '-')}-{rtol:g}"
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # scenes without an answer are counted here
-            peak = of.answers(of.options.replace(max_steps=steps), store, f"{name}-asked")
+            peak = scenes.answers(scenes.options.replace(max_steps=steps), store, f"{name}-asked")
             tight = max(FINER * rtol, FINER * METHOD_TOLERANCES.get(group.method, 0.0), 1e-13)
-            finer = of.options.replace(
-                rtol=tight, atol=0.01 * tight, outputs=QUANTITIES, max_steps=TRUTH_STEPS
+            finer = scenes.options.replace(
+                rtol=tight, atol=0.01 * tight, outputs=QUANTITIES, max_steps=REFERENCE_STEPS
             )
-            truth = of.answers(finer, store, f"{name}-truth")
+            truth = scenes.answers(finer, store, f"{name}-truth")
             out = np.isin(peak["result"], OUT_OF_STEPS)
-            beyond = vibration(of) > VIBRATION
+            beyond = vibration(scenes) > VIBRATION
             findings.beyond += int(beyond.sum())
             findings.within += int((out & ~beyond).sum())
-        judge(findings, of, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
+        judge(findings, scenes, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
     findings.seconds = time.perf_counter() - start
     return findings
 
@@ -444,12 +443,12 @@ def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
     return rows
 
 
-def compared_with_reference(seed: int, number: int, among: list[Group]) -> dict[str, Any]:
+def compared_with_reference(seed: int, number: int, candidates: list[Group]) -> dict[str, Any]:
     """Compare random scenes with the independent implementation, in separate processes."""
     if not number:
         return {}
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
-        jobs = sample_for_reference(seed, number, among)
+        jobs = sample_for_reference(seed, number, candidates)
         results = list(tqdm(pool.map(against_reference, jobs, chunksize=4), total=number, unit=" references"))
     rows = np.array(results, float)
     error, estimate, same, undecided = rows.T
@@ -482,11 +481,11 @@ def main() -> None:
         "--references", type=int, default=120, help="scenes for the independent implementation"
     )
     parser.add_argument(
-        "--control", action="store_true", help="restrainers, vertical motion and several modes instead"
+        "--control", action="store_true", help="run groups with restrainers, vertical motion or several modes"
     )
-    parser.add_argument("--store", type=Path, help="a folder of sweeps, to go on from")
+    parser.add_argument("--store", type=Path, help="folder of sweeps, from which a campaign continues")
     parser.add_argument(
-        "--steps", type=int, default=ASKED_STEPS, help="trials a scene as asked for is allowed"
+        "--steps", type=int, default=REQUESTED_STEPS, help="max_steps at the requested tolerance"
     )
     arguments = parser.parse_args()
     scenes, seed, words = int(arguments.scenes), arguments.seed, arguments.words
@@ -498,14 +497,14 @@ def main() -> None:
     per_group = -(-scenes // len(chosen))
     start = time.perf_counter()
     findings: dict[Group, Findings] = {}
-    # Two at a time: one compiles while another runs.
+    # Two groups at a time: one compiles while another runs.
     with ThreadPoolExecutor(2) as pool, tqdm(total=len(chosen), unit=" groups") as bar:
 
-        def one(number: int, group: Group) -> None:
+        def run_group(number: int, group: Group) -> None:
             findings[group] = run(number, group, per_group, seed, arguments.store, arguments.steps)
             bar.update()
 
-        list(pool.map(one, range(len(chosen)), chosen))
+        list(pool.map(run_group, range(len(chosen)), chosen))
     parts = {"all": list(findings.values())}
     for top in control.TOPS if arguments.control else SUPERSTRUCTURES:
         parts[top] = [f for g, f in findings.items() if g.top == top and g.method == "dopri8"]
@@ -516,7 +515,7 @@ def main() -> None:
         parts[motion] = [f for g, f in findings.items() if g.motion == motion and g.method == "dopri8"]
     for method in METHOD_TOLERANCES:
         parts[method] = [f for g, f in findings.items() if g.method == method]
-    rows = table({name: some for name, some in parts.items() if some})
+    rows = table({name: members for name, members in parts.items() if members})
     show(rows)
     failures: dict[str, int] = {}
     for f in findings.values():
@@ -529,12 +528,12 @@ def main() -> None:
         for line in lines[:6]:
             print(f"    {line}")
     compared = chosen if arguments.control else list(groups())
-    beside = compared_with_reference(seed, arguments.references if not words else 0, compared)
+    comparison = compared_with_reference(seed, arguments.references if not words else 0, compared)
     slowest = sorted(findings, key=lambda g: -findings[g].seconds)[:5]
     print("slowest groups:", ", ".join(f"{g.name}: {findings[g].seconds:.0f} s" for g in slowest))
     print(f"{time.perf_counter() - start:.0f} s")
     if not words:
-        store_rows("stress" + "-control" * arguments.control, [*rows, {"failures": failures, **beside}])
+        store_rows("stress" + "-control" * arguments.control, [*rows, {"failures": failures, **comparison}])
 
 
 if __name__ == "__main__":

@@ -41,7 +41,7 @@ def groups() -> Iterator[tuple[str, str, str, str]]:
 
 
 def modes(rng: np.random.Generator, eta: np.ndarray, T_s: np.ndarray, zeta: np.ndarray) -> rj.Modes:
-    """Return modes with periods up to T_s: in some scenes two are equal or one has no mass."""
+    """Return modes with periods up to T_s; in some scenes two periods are equal or a mode has no mass."""
     n = len(eta)
     shares = rng.dirichlet(np.ones(MODES + 1), n)
     shares[rng.random(n) < 0.1, 1] = 0.0
@@ -81,7 +81,7 @@ def restrained_podium(rng: np.random.Generator, podium: rj.Podium, added: str) -
 def with_vertical(
     rng: np.random.Generator, motion: rj.AbstractExcitation, T: np.ndarray, g: np.ndarray
 ) -> rj.GroundMotion:
-    """Return the motion with a vertical component of less than g and with other periods."""
+    """Return the motion with a vertical component that is below g and has other periods."""
     n = len(T)
     size = g * some(rng, rng.uniform(-0.95, 0.95, n), (0.0, -0.999999, 0.999999))
     T = T * log_uniform(rng, 0.1, 3.0, n)
@@ -115,7 +115,7 @@ def _acceleration(motion: rj.AbstractExcitation):
 
 
 def longest_vibration(podium: rj.Podium) -> tuple[np.ndarray, np.ndarray]:
-    """Return the longest period of the modes, and the largest ζ_iω_up/ω_i."""
+    """Return the longest period of the modes [s], and the largest damping ratio ζ_iω_up/ω_i after uplift."""
     top = podium.superstructure
     assert isinstance(top, rj.Modes)
     damping = (

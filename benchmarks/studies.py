@@ -1,12 +1,13 @@
-"""Design studies from random starts: `python -m benchmarks.studies [sqp] [adam] [names] [--runs N]`,
-by sequential quadratic programming, by Adam or by both; `--cap N` limits the iterations of a start.
+"""Design studies from random starts: `python -m benchmarks.studies [sqp] [adam] [names] [--runs N]`.
 
-(a) the slimmest column, (b) the lightest beam, (c) the least shear, (d) a probability, (e) a fit.
+The methods are sequential quadratic programming, Adam or both; `--cap N` limits the iterations of a start.
+The studies are (a) the slimmest column, (b) the lightest beam, (c) the least shear, (d) a probability and
+(e) a fit.
 
-`python -m benchmarks.studies scipy` puts designs by exact gradients beside SciPy's optimisers with finite
-differences and without, which see values only: the scenes they simulate (ours: with their derivatives, which
-cost two to four values each) and the runs that end in a design that breaks a limit, or that is more than 1 %
-worse than the best one known.
+`python -m benchmarks.studies scipy` compares designs by exact gradients with SciPy's optimisers, which use
+finite differences or no derivatives. The table has the number of simulated scenes (a scene with exact
+derivatives costs as much as two to four scenes without), the runs whose design breaks a limit, and the runs
+whose design is more than 1 % worse than the best known design.
 """
 
 from __future__ import annotations
@@ -68,8 +69,8 @@ def pulses(count: int) -> Sequence[rj.AbstractExcitation]:
     return [kind(a, T) for a, T in pairs for kind in (rj.Ricker, rj.OneSine)][:count]
 
 
-def slimmest(seed: int = 0, count: int = 6, starts: int = 1, **how) -> optimise.Design:
-    """Return problem (a): the slimmest 3 m column whose peak rotation stays below 0.4 α under all pulses."""
+def slimmest(seed: int = 0, count: int = 6, starts: int = 1, **more) -> optimise.Design:
+    """Solve problem (a): the slimmest 3 m column whose peak rotation stays below 0.4 α under all pulses."""
     vary = {"width": (0.2, 1.5)}
     start = optimise.Dimensions(
         height=3.0,
@@ -81,32 +82,31 @@ def slimmest(seed: int = 0, count: int = 6, starts: int = 1, **how) -> optimise.
     )
     target = optimise.PeakRotation(0.4, pulses(count))
     return optimise.design(
-        start, vary, _slenderness, target, seed=seed, starts=starts, options=OPTIONS, **how
+        start, vary, _slenderness, target, seed=seed, starts=starts, options=OPTIONS, **more
     )
 
 
 def lightest(
-    seed: int = 0, frequencies: int = 13, ratio: float = 3.2, starts: int = 1, **how
+    seed: int = 0, frequencies: int = 13, ratio: float = 3.2, starts: int = 1, **more
 ) -> optimise.Design:
-    """Return problem (b): the least γ of a rigid frame that symmetric Ricker pulses do not overturn.
+    """Solve problem (b): the least γ of a rigid frame that symmetric Ricker pulses do not overturn.
 
-    The pulses have 3.5 ≤ ω_p/p ≤ 5 and amplitudes up to a multiple of g tan α. A multiple of 3.5 has no
-    solution.
+    The pulses have 3.5 ≤ ω_p/p ≤ 5 and amplitudes up to `ratio` times g tan α. Ratio 3.5 has no solution.
     """
     vary = {"gamma": (0.0, 100.0)}
     frame = rj.Podium(alpha=math.atan(0.15), R=1.5, **_random(np.random.default_rng(seed), vary))
     T_p = 2 * math.pi / (float(frame.p) * np.linspace(3.5, 5.0, frequencies))
     target = optimise.OverturningAcceleration(ratio, rj.Ricker, T_p, ratio=True, max_acceleration_ratio=8.0)
-    return optimise.design(frame, vary, _beam, target, seed=seed, starts=starts, options=OPTIONS, **how)
+    return optimise.design(frame, vary, _beam, target, seed=seed, starts=starts, options=OPTIONS, **more)
 
 
-def infeasible(seed: int = 0, **how) -> optimise.Design:
-    """Return problem (b) with a multiple that has no solution."""
-    return lightest(seed, ratio=3.5, **how)
+def infeasible(seed: int = 0, **more) -> optimise.Design:
+    """Solve problem (b) with a ratio that has no solution."""
+    return lightest(seed, ratio=3.5, **more)
 
 
-def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **how) -> optimise.Design:
-    """Return problem (c): the least peak shear under all records, over slenderness and beam mass.
+def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **more) -> optimise.Design:
+    """Solve problem (c): the least peak shear under all records, by varying column width and beam mass.
 
     1.5 times each record must not overturn the podium.
     """
@@ -121,16 +121,16 @@ def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **how) -> opti
     )
     target = optimise.OverturningScale(1.5, motions, max_scale=3.0)
     return optimise.design(
-        start, vary, optimise.WorstShear(motions), target, seed=seed, starts=starts, options=OPTIONS, **how
+        start, vary, optimise.WorstShear(motions), target, seed=seed, starts=starts, options=OPTIONS, **more
     )
 
 
 def slimmest_for_suite(
-    seed: int = 0, records: int = 50, starts: int = 1, **how
+    seed: int = 0, records: int = 50, starts: int = 1, **more
 ) -> tuple[optimise.Design, float, float]:
-    """Return problem (d), and its smoothed and counted probabilities of overturning.
+    """Solve problem (d): the slimmest column that at most 5 % of a suite overturn.
 
-    The problem is the slimmest column that at most 5 % of a suite overturn.
+    Also returns the smoothed and the counted probability of overturning.
     """
     target = optimise.OverturningProbability(
         0.05, [shaking(k) for k in range(records)], intensity=1.3, smoothing=0.05
@@ -140,13 +140,13 @@ def slimmest_for_suite(
         height=3.0, column_mass=1.5e3, beam_mass=30e3, **_random(np.random.default_rng(seed), vary)
     )
     answer = optimise.design(
-        start, vary, _slenderness, target, seed=seed, starts=starts, options=OPTIONS, **how
+        start, vary, _slenderness, target, seed=seed, starts=starts, options=OPTIONS, **more
     )
     return answer, target.smoothed(answer.podium), target.exact(answer.podium)
 
 
 def measured(seed: int = 0, noise: float = 0.01) -> tuple[rj.Podium, rj.Ricker, np.ndarray, np.ndarray]:
-    """Return a podium, a motion and its rotation history with noise, a share of the largest rotation."""
+    """Return a podium, a motion, times and the rotation with noise, which is a share of the peak rotation."""
     truth = rj.Podium(alpha=0.2, R=1.8, gamma=2.0, restitution=0.93)
     motion = rj.Ricker(4.5, 1.1)
     times = np.arange(-1.5, 7.0, 0.02)
@@ -156,7 +156,7 @@ def measured(seed: int = 0, noise: float = 0.01) -> tuple[rj.Podium, rj.Ricker, 
 
 
 def measured_fit(seed: int = 0, noise: float = 0.01, starts: int = 4) -> optimise.Fit:
-    """Return problem (e): slenderness and restitution factor from a noisy rotation, from a random start."""
+    """Solve problem (e): fit slenderness and restitution factor to a noisy rotation, from a random start."""
     truth, motion, times, theta = measured(seed, noise)
     vary = {"alpha": (0.12, 0.3), "restitution": (0.8, 1.0)}
     first = truth.replace(**_random(np.random.default_rng(seed), vary))
@@ -225,16 +225,16 @@ def row_of(name: str, method: str, runs: list[dict]) -> dict:
     }
 
 
-class Compared(NamedTuple):
+class ComparedProblem(NamedTuple):
     """The least slenderness α with max|θ|/α ≤ `limit` under all pulses."""
 
     vary: dict[str, tuple[float, float]]
-    limit: float  # 1 is overturning itself
+    limit: float  # 1 for overturning
 
     def structure(self, values: np.ndarray) -> optimise.Dimensions:
-        given: dict[str, Any] = {"width": 0.5, "height": 3.0}
-        given |= dict(zip(self.vary, map(float, values), strict=True))
-        return optimise.Dimensions(column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5, **given)
+        sizes: dict[str, Any] = {"width": 0.5, "height": 3.0}
+        sizes |= dict(zip(self.vary, map(float, values), strict=True))
+        return optimise.Dimensions(column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5, **sizes)
 
     def target(self) -> optimise.AbstractTarget:
         return (
@@ -245,16 +245,16 @@ class Compared(NamedTuple):
 MOTIONS = pulses(6)
 ROTATION = OPTIONS.replace(outputs=("peak_rotation",))
 PROBLEMS = {
-    "rotation ≤ 0.4 α, width": Compared({"width": (0.2, 1.5)}, 0.4),
-    "no overturning, width": Compared({"width": (0.2, 1.5)}, 1.0),
-    "no overturning, width and height": Compared({"width": (0.2, 1.5), "height": (2.0, 6.0)}, 1.0),
+    "rotation ≤ 0.4 α, width": ComparedProblem({"width": (0.2, 1.5)}, 0.4),
+    "no overturning, width": ComparedProblem({"width": (0.2, 1.5)}, 1.0),
+    "no overturning, width and height": ComparedProblem({"width": (0.2, 1.5), "height": (2.0, 6.0)}, 1.0),
 }
 
 
 class CountedRotations:
     """Peak rotations divided by α as functions for SciPy, which count their scenes."""
 
-    def __init__(self, problem: Compared):
+    def __init__(self, problem: ComparedProblem):
         self.problem, self.scenes = problem, 0
         self.last: tuple[bytes, np.ndarray] | None = None
 
@@ -271,7 +271,7 @@ class CountedRotations:
         return float(self.problem.structure(values).podium().alpha)
 
 
-def slsqp(problem: Compared, start: np.ndarray) -> tuple[np.ndarray, int]:
+def slsqp(problem: ComparedProblem, start: np.ndarray) -> tuple[np.ndarray, int]:
     counted = CountedRotations(problem)
     # Overturning means a peak rotation of 1, so the limit is slightly smaller.
     limit = problem.limit if problem.limit < 1 else 0.999
@@ -286,7 +286,7 @@ def slsqp(problem: Compared, start: np.ndarray) -> tuple[np.ndarray, int]:
     return np.asarray(answer.x), counted.scenes
 
 
-def evolution(problem: Compared, start: np.ndarray, seed: int) -> tuple[np.ndarray, int]:
+def evolution(problem: ComparedProblem, start: np.ndarray, seed: int) -> tuple[np.ndarray, int]:
     counted = CountedRotations(problem)
     limit = problem.limit if problem.limit < 1 else 0.999
     answer = optimize.differential_evolution(
@@ -302,7 +302,7 @@ def evolution(problem: Compared, start: np.ndarray, seed: int) -> tuple[np.ndarr
     return np.asarray(answer.x), counted.scenes
 
 
-def ours(problem: Compared, start: np.ndarray, seed: int) -> tuple[np.ndarray, int]:
+def ours(problem: ComparedProblem, start: np.ndarray, seed: int) -> tuple[np.ndarray, int]:
     answer = optimise.design(
         problem.structure(start),
         problem.vary,
@@ -314,7 +314,7 @@ def ours(problem: Compared, start: np.ndarray, seed: int) -> tuple[np.ndarray, i
     return np.array(list(answer.variables.values())), answer.stats.scenes
 
 
-def check_design_limit(problem: Compared, values: np.ndarray) -> tuple[bool, float]:
+def check_design_limit(problem: ComparedProblem, values: np.ndarray) -> tuple[bool, float]:
     """Return whether a design satisfies its limit in an accurate simulation, and its α."""
     fine = ROTATION.replace(rtol=1e-11, atol=1e-13)
     podium = problem.structure(values).podium()
@@ -327,7 +327,7 @@ def check_design_limit(problem: Compared, values: np.ndarray) -> tuple[bool, flo
 
 
 def compare_with_scipy(runs: int) -> None:
-    methods: dict[str, Callable[[Compared, np.ndarray, int], tuple[np.ndarray, int]]] = {
+    methods: dict[str, Callable[[ComparedProblem, np.ndarray, int], tuple[np.ndarray, int]]] = {
         "exact gradients, SQP": ours,
         "SLSQP, finite differences": lambda problem, start, seed: slsqp(problem, start),
         "differential evolution": evolution,
@@ -364,22 +364,23 @@ def compare_with_scipy(runs: int) -> None:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    arguments.add_argument("words", nargs="*", help=", ".join(["scipy", *METHODS, *STUDIES]))
-    arguments.add_argument("--runs", type=int, default=10, help="random starts")
-    arguments.add_argument("--cap", type=int, help="iterations of a start")
-    given = arguments.parse_args()
-    if given.words == ["scipy"]:
-        compare_with_scipy(given.runs)
+    parser.add_argument("words", nargs="*", help=", ".join(["scipy", *METHODS, *STUDIES]))
+    parser.add_argument("--runs", type=int, default=10, help="random starts")
+    parser.add_argument("--cap", type=int, help="iterations of a start")
+    arguments = parser.parse_args()
+    if arguments.words == ["scipy"]:
+        compare_with_scipy(arguments.runs)
         return
-    how = {} if given.cap is None else {"max_iterations": given.cap}
+    settings = {} if arguments.cap is None else {"max_iterations": arguments.cap}
     rows = []
-    for name in [word for word in given.words if word in STUDIES] or STUDIES:
-        for method in [word for word in given.words if word in METHODS] or ["sqp"]:
-            chosen = how | {"method": METHODS[method]}
-            rows.append(row_of(name, method, [one_run(name, seed, chosen) for seed in range(given.runs)]))
+    for name in [word for word in arguments.words if word in STUDIES] or STUDIES:
+        for method in [word for word in arguments.words if word in METHODS] or ["sqp"]:
+            solver_options = settings | {"method": METHODS[method]}
+            runs = [one_run(name, seed, solver_options) for seed in range(arguments.runs)]
+            rows.append(row_of(name, method, runs))
             print(rows[-1], flush=True)
     show(rows)
 

@@ -1,7 +1,7 @@
-"""Sweeps: throughput with local processes, overhead of a chunk, memory: `python -m benchmarks.sweeps`.
+"""Sweeps: throughput with local processes, overhead of chunks, memory: `python -m benchmarks.sweeps`.
 
-Each value is the shortest time of several, also divided by the time of a batch of the same scenes in the
-same run. `python -m benchmarks.sweeps large SCENES STORE` runs one large sweep; the same command continues
+Times are the shortest of several, also divided by the time of a batch of the same scenes in the same run.
+`python -m benchmarks.sweeps large SCENES STORE` runs one large sweep; the same command continues
 an interrupted one.
 """
 
@@ -79,22 +79,22 @@ def overhead(folder: Path) -> list[dict]:
     solve_batch = lambda: rj.peak_responses(*scenes[:2], options=options)
     solve_batch()
     sizes = 10_000, 100_000, None
-    best, batch, number = dict.fromkeys(sizes, np.inf), np.inf, {}
+    best, batch, chunk_counts = dict.fromkeys(sizes, np.inf), np.inf, {}
     for _ in range(RUNS):  # the cases alternate, so that other load of the machine affects all of them
         batch = min(batch, timed(solve_batch))
         for chunk in sizes:
             best[chunk] = min(best[chunk], sweep(scenes, folder, chunk=chunk))
             store = Store.open(folder / "a.zarr")
             assert store is not None
-            number[chunk] = store.layout.number
+            chunk_counts[chunk] = store.layout.number
     rows = [{"scenes a chunk": "all, the batch path", "chunks": 1, "s": batch, "over the batch": 0.0}]
     for chunk in sizes:
-        each = scenes.size // number[chunk]
-        label = f"{each} (default)" if chunk is None else str(each)
-        row = {"scenes a chunk": label, "chunks": number[chunk], "s": best[chunk]}
+        size = scenes.size // chunk_counts[chunk]
+        label = f"{size} (default)" if chunk is None else str(size)
+        row = {"scenes a chunk": label, "chunks": chunk_counts[chunk], "s": best[chunk]}
         rows.append(row | {"over the batch": best[chunk] / batch - 1})
-    slope = (best[sizes[0]] - best[None]) / (number[sizes[0]] - number[None])
-    print(f"{slope * 1e3:.0f} ms a chunk")
+    slope = (best[sizes[0]] - best[None]) / (chunk_counts[sizes[0]] - chunk_counts[None])
+    print(f"{slope * 1e3:.0f} ms per chunk")
     return rows
 
 
@@ -134,15 +134,15 @@ print(json.dumps(memory_of(int(sys.argv[1]), Path(sys.argv[2]))))
 
 
 def memory_of(alphas: int, folder: Path) -> dict:
-    """Return the largest resident memory in each tenth of a sweep [MiB]."""
+    """Return the largest resident memory in the first tenth, the last tenth and all of a sweep [MiB]."""
     import psutil
 
     samples: list[tuple[float, float]] = []
-    over = threading.Event()
+    stop = threading.Event()
     process = psutil.Process()
 
     def watch():
-        while not over.wait(0.05):
+        while not stop.wait(0.05):
             samples.append((time.perf_counter(), process.memory_info().rss / 2**20))
 
     thread = threading.Thread(target=watch)
@@ -152,14 +152,14 @@ def memory_of(alphas: int, folder: Path) -> dict:
     )
     thread.start()
     rj.sweep(*scenes, store=folder / "m.zarr", outputs=OUTPUTS, progress=False, chunk=50_000)
-    over.set()
+    stop.set()
     thread.join()
     values = np.array([value for _, value in samples])
-    parts = [float(part.max()) for part in np.array_split(values, 10) if len(part)]
+    largest = [float(tenth.max()) for tenth in np.array_split(values, 10) if len(tenth)]
     return {
         "scenes": scenes.size,
-        "first tenth [MiB]": parts[0],
-        "last tenth [MiB]": parts[-1],
+        "first tenth [MiB]": largest[0],
+        "last tenth [MiB]": largest[-1],
         "most [MiB]": float(values.max()),
     }
 

@@ -1,11 +1,12 @@
-"""Work against error for each method and family.
+"""Work against error for each method and family of scenes.
 
     python -m benchmarks.work_precision pulses|control [points]
 
-`pulses` measures the run time for the families of Fig. 6 and for a scalar Numba loop. `control` solves
-podiums with devices, with several modes and under vertical motion. It counts trial steps and operations of a
-trial, which are the same on every machine, and computes errors relative to a solution at 1e-13. Both store a
-table in `benchmarks/results/` and draw a picture in `docs/images/`. `control draw` draws the stored table.
+`pulses` measures the run time of rockjax and of a scalar Numba loop for the families of Fig. 6. `control`
+solves podiums with devices, with several modes and under vertical motion. It counts trial steps and
+operations per trial step, which do not depend on the machine. Errors are relative to a solution at 1e-13.
+Both commands store a table in `benchmarks/results/` and draw a picture in `docs/images/`. `control draw`
+draws the stored table.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ def draw_control() -> None:
 def draw(
     rows: list[dict[str, Any]], work: str, grid: tuple[int, int], size: Sequence[float], axis: str, name: str
 ) -> None:
-    """Draw the work over the error: a panel for each family, a line for each method."""
+    """Draw the work against the error: a panel for each family, a line for each method."""
     import matplotlib
 
     matplotlib.use("Agg")

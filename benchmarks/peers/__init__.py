@@ -1,1 +1,1 @@
-"""What a user would pick instead: other implementations of the same model, to measure against."""
+"""Other implementations of the same model, for comparison."""

@@ -1,10 +1,9 @@
-"""The model with heyoka: Taylor series in time of an order set by the tolerance, and event detection on the
-series.
+"""Solution by heyoka: Taylor series in time, whose order follows from the tolerance, with event detection.
 
 Each ODE system is compiled once for a tolerance; the podium, the pulse and the side of rocking are runtime
 parameters. Uplift, impact and overturning are terminal events, handled between two propagations; the largest
-rotations are non-terminal events, evaluated through dense output. `solve` is the entry: one scene after
-another on one core.
+rotations are non-terminal events, evaluated by dense output. `solve` solves scenes one after another on one
+core.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ OVERTURNED = -2  # outcome of a propagation that ends at the second terminal eve
 SUPPORT = 2.2  # the pulse is zero beyond ±SUPPORT·T_p
 # Longest step in full contact, divided by T_p. Without it, steps from rest would pass over the pulse.
 STRIDE = 0.25
-# Replace θ, θ̇ = 0 at the start of a phase, because a root of the event function there hides the next one.
+# Values for θ, θ̇ = 0 at the start of a phase, because a root of the event function there hides the next root.
 TINY, FAINT = 1e-40, 1e-20
 
 
@@ -154,7 +153,7 @@ class _Podium:
         return top + self.inertia * v * v + self.lift * (cos - self.cos_alpha)
 
     def stays(self, u: float, w: float) -> bool:
-        """Return True if the energy of free vibration in full contact is too small to lift the columns."""
+        """Return True if free vibration in full contact has too little energy to lift the columns."""
         swing = (self.stiffness + self.damping**2) * (self.stiffness * u * u + w * w)
         return self.ratio**2 * swing < self.q_up**2
 

@@ -1,12 +1,13 @@
 """A scalar loop over the scenes, compiled by Numba and optimised for this model.
 
-- Scenes are solved one after another, each with its own steps, without allocations.
+- Scenes are solved one after another, each with separate steps, without allocations.
 - A small generator writes each Runge–Kutta step as straight-line code with the coefficients of the tableau.
 - Steps have Nyström form: only θ̈ and ü_t are stored per stage, and the stages of θ and u_t use A·A.
 - sin ψ and cos ψ are inlined polynomials (|ψ| < 0.8, error 1e-17).
 - A rigid superstructure has separate code with two states, and its uplift is a root of the pulse.
-- An impact is located by the quintic Hermite polynomial of the step, and then by Newton's method on the
-  length of a repeated step (usually one). A peak is located likewise, if it can exceed the recorded one.
+- An impact is located by the quintic Hermite polynomial of the step, and then by Newton's method for the
+  length of a repeated step (usually one repetition). A peak that may exceed the recorded peak is located in
+  the same way.
 - After an impact the length of the first step follows from the flight time 2θ̇/|θ̈|.
 - A scene ends as soon as its energy, plus the largest energy that the rest of the pulse can add (a closed
   form), proves that the recorded peak is final or that no uplift can follow.
@@ -29,7 +30,7 @@ from scipy.integrate import DOP853
 
 from ..measure import Family, G  # noqa: TID252
 
-REST_VELOCITY = 1e-6  # a slower podium after an impact is at rest [p α]
+REST_VELOCITY = 1e-6  # a podium that is slower after an impact is at rest [p α]
 MAX_STEPS = 2_000_000  # largest number of steps of a phase
 MAX_PHASES = 100_000
 
@@ -48,19 +49,19 @@ class Podium(NamedTuple):
     p: float
     restitution: float
     uplift: float  # demand that lifts the columns
-    feedback: float  # 2η/(1+2γ), effect of the superstructure's force on the demand
+    feedback: float  # 2η/(1+2γ), factor of the superstructure's force in the demand
     omega: float
     omega2: float  # ω_s²
     damping: float  # 2ζω_s
     damped: float  # √(1+4ζ²)
     eta: float  # 0 if rigid; the mass is then in γ
     coupling: float  # the inertia of θ̈ is 1 + coupling sin²ψ, in units of 3γ + ¾(1+λ)
-    gravity: float
-    shaking: float
-    pull: float  # factor of the superstructure's force
-    rotation: float  # R²(4γ+1+λ)
-    translation: float  # 4ηR²
-    weight: float  # 2Rg(η+γ+½)
+    gravity: float  # factor of sin ψ in θ̈
+    shaking: float  # factor of ü_g cos ψ in θ̈
+    pull: float  # factor of the superstructure's force in θ̈
+    rotation: float  # R²(4γ+1+λ), in the kinetic energy
+    translation: float  # 4ηR², in the kinetic energy
+    weight: float  # 2Rg(η+γ+½), in the potential energy
     half_mass: float  # (1+γ+η)/2
 
 
@@ -97,7 +98,7 @@ def _podium(family: Family) -> Podium:
 
 
 class Ricker(NamedTuple):
-    """Return a_p (1 − 2x) exp(−x) with x = (rate·t)²."""
+    """The pulse a_p (1 − 2x) exp(−x) with x = (rate·t)²."""
 
     a_p: float
     rate: float
@@ -347,10 +348,10 @@ def _tuple(names: list[str]) -> str:
 def _step(
     acceleration: Callable, degrees: int, tableau: Tableau, with_error: bool, uses_velocity: bool = True
 ) -> Callable:
-    """step(t, h, y, k, side, pulse, c) → (y, k) at t + h; with_error takes weights and adds the error, 1
-    being allowed.
+    """Generate step(t, h, y, k, side, pulse, c) → (y, k) at t + h.
 
     y = (x0, v0, x1, v1, …) has `degrees` positions; k0_i, k1_i, … are their accelerations at stage i.
+    `with_error` adds the argument `weights` and returns the error as well; errors up to 1 are accepted.
     """
     A, b, c, errors, _ = tableau
     stages, each = len(b), range(degrees)
@@ -407,7 +408,7 @@ def quintic(x0, v0, a0, x1, v1, a1, h, z):
 
 @_jit
 def quintic_root(x0, v0, a0, x1, v1, a1, h):
-    """Return z where this polynomial, negative at the end, falls through zero; −1 if it is not > 0."""
+    """Return z where the polynomial of `quintic` falls through zero, < 0 at z = 1; −1 if it is never > 0."""
     v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
     d = x1 - x0 - v0 - 0.5 * a0
     dv = v1 - v0 - a0
@@ -470,7 +471,7 @@ def cubic_zero(v0, a0, v1, a1, h):
 
 @_jit
 def land(step, shift, z, t, h, y, k, side, pulse, c, rtol):
-    """Return the length of the step that ends at θ = 0, close to z h, and the state at its end."""
+    """Return the length of the step that ends at θ = 0, close to z h, and the state at θ = 0."""
     low, high, dt = 0.0, h, z * h
     new, rate = y, k
     for _ in range(40):
@@ -493,7 +494,7 @@ def land(step, shift, z, t, h, y, k, side, pulse, c, rtol):
 
 @_jit
 def crest(step, z, t, h, y, k, side, pulse, c):
-    """Return the largest |θ| inside a step, close to z h, by Newton's method for θ̇ = 0."""
+    """Return the largest |θ| inside a step, near z h, by Newton's method for θ̇ = 0."""
     dt, top = z * h, 0.0
     for _ in range(6):
         new, rate = step(t, dt, y, k, side, pulse, c)
@@ -536,7 +537,7 @@ def highest_demand(step, z, sign, t, h, y, k, pulse, c):
 
 @_jit
 def lift(step, t, h, y, k, sign, q0, d0, q1, d1, pulse, c, rtol):
-    """Return the length of the step that ends at uplift, and the state at its end."""
+    """Return the length of the step that ends at uplift, and the state at uplift."""
     c2, c3 = cubic(q0, d0 * h, q1, d1 * h)
     low, high = 0.0, 1.0
     for _ in range(60):
@@ -608,7 +609,7 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
         if up or max(abs(q), abs(q1)) > 0.5 * c.uplift:
             sign = math.copysign(1.0, q1 if up else q + q1)
             q0, d0, qtop, dtop = sign * q, sign * d, sign * q1, sign * d1
-            if not up and d0 > 0.0 and dtop < 0.0:  # the demand may exceed the limit inside the step only
+            if not up and d0 > 0.0 and dtop < 0.0:  # the demand may exceed the limit only inside the step
                 c2, c3 = cubic(q0, d0 * dt, qtop, dtop * dt)
                 x = d0 * dt / (sqrt(c2 * c2 - 3.0 * c3 * d0 * dt) - c2)  # the cubic's maximum
                 if q0 + x * (d0 * dt + x * (c2 + x * c3)) > 0.95 * c.uplift:
@@ -641,7 +642,7 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
 # --------------------------------------------------------------------------------------------------- the loop
 @functools.cache
 def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
-    """Return the function sweep(a_p, T_p, c, rtol, atol, peak, overturned), which fills the last two."""
+    """Return the function sweep(a_p, T_p, c, rtol, atol, peak, overturned); it fills peak and overturned."""
     tableau = _tableau(method)
     order = float(tableau.order)
     accelerations = rigid_rocking if rigid else elastic_rocking
@@ -714,7 +715,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                 x0, v0, a0 = 0.0 if first else side * y[0], side * y[1], side * k[0]
                 x1, v1, a1 = side * y1[0], side * y1[1], side * k1[0]
                 landing = x1 < 0.0
-                if not landing and v0 < 0.0 and v1 > 0.0:  # θ may change its sign inside the step only
+                if not landing and v0 < 0.0 and v1 > 0.0:  # θ may change sign twice inside the step
                     z = cubic_zero(v0, a0, v1, a1, dt)
                     if quintic(x0, v0, a0, x1, v1, a1, dt, z) < 1e-3 * c.alpha:
                         low, klow = step(t, z * dt, y, k, side, pulse, c)
@@ -729,7 +730,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                             h = 0.1 * dt
                             most = 1.0
                             continue
-                        y = landed(y, 0.0)  # back at once
+                        y = landed(y, 0.0)  # full contact again at once
                         side = 0.0
                         h = max(full, 1e-6 * T_p)
                         break

@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 
 from ..measure import Family, G  # noqa: TID252
 
-REST_VELOCITY = 1e-6  # a slower podium after an impact is at rest [p α]
+REST_VELOCITY = 1e-6  # a podium that is slower after an impact is at rest [p α]
 MAX_PHASES = 10_000
 
 
@@ -85,7 +85,7 @@ class Podium:
         return energy + 0.5 * self.eta * (w**2 + (self.omega * stretch) ** 2)
 
     def well(self, peak: float) -> float:
-        """Return the energy that is needed to reach a rotation."""
+        """Return the potential energy of a rotation."""
         return (
             2
             * self.R
@@ -95,7 +95,7 @@ class Podium:
         )
 
     def contact_energy(self) -> float:
-        """Return the energy of an elastic superstructure that can lift the columns without motion."""
+        """Return the energy of an elastic superstructure from which vibration alone can lift the columns."""
         force = self.omega * math.sqrt(1 + 4 * self.zeta**2) * 2 * self.eta / (1 + 2 * self.gamma)
         return 0.5 * self.eta * (self.uplift / force) ** 2
 
@@ -204,7 +204,7 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
             ]
             if not dips:
                 break
-            until = dips[0]  # θ changed its sign inside a step; end a step at this extreme
+            until = dips[0]  # θ changed sign inside a step; end a step at this extreme
             first = first and min(first, 0.5 * (until - t))
         t, y, fresh = s.t[-1], s.y[:, -1].copy(), False
         if len(s.t_events[1]):
@@ -226,9 +226,9 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
 
 
 def solve(family: Family, rtol: float, method: str = "DOP853") -> tuple[np.ndarray, np.ndarray]:
-    """Return the same for all scenes, one after another; atol = rtol/100 in units of α, p α, 2R sin α, …
+    """Return (max|θ|/α, at most 1; overturned) of all scenes, solved one after another.
 
-    Peak rotation max|θ|/α, capped at 1, and overturned; `method` is "DOP853" or "LSODA".
+    `method` is "DOP853" or "LSODA"; atol is rtol/100 in units of α, p α, 2R sin α, ….
     """
     podium = Podium(family)
     scenes = zip(family.a_p.tolist(), family.T_p.tolist(), strict=True)
