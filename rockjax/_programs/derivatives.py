@@ -286,6 +286,6 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
 def _traced(program: StoredProgram, structure: Any, history: int | None, primals, tangents, varied):
     """Differentiate the traced program: for arrays, such as samples, for initial states, and inside other
     transformations."""
-    traced = lambda *leaves: program.traced(*jax.tree.unflatten(structure, leaves), history=history)
+    traced = lambda *leaves: program.through_jit(*jax.tree.unflatten(structure, leaves), history=history)
     of_varied = _of_some(traced, primals, varied)
     return jax.jvp(of_varied, [primals[i] for i in varied], [tangents[i] for i in varied])

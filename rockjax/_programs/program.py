@@ -107,7 +107,7 @@ class StoredProgram:
         if key[1] is not None and key not in self._ready and _runs_on_one_cpu():
             submit(make)
 
-    def traced(self, *arguments: Any, **keywords: Any) -> Any:
+    def through_jit(self, *arguments: Any, **keywords: Any) -> Any:
         """Call the function through `jax.jit`."""
         passed, static = self._split(arguments, keywords)
         return self._jit(static)(*passed)

@@ -14,10 +14,11 @@ if TYPE_CHECKING:
 
 
 class Outcome(NamedTuple):
-    """Result of the test of an assumption on a set of scenes.
+    """Result of testing an assumption on a set of scenes.
 
-    - `violated`: (n,) for each scene
-    - `worst`: the worst value; `text`: description of the result, with `{}` for this value
+    - `violated`: whether each scene violates the assumption, (n,)
+    - `worst`: the worst value
+    - `text`: description of the result, with `{}` in place of the worst value
     """
 
     violated: np.ndarray
@@ -29,9 +30,9 @@ class Assumption(NamedTuple):
     """An assumption.
 
     - `id`, `text`: number and text
-    - `conservative`: whether results are on the safe side where it does not hold
-    - `test`: function (problem, scenes of a set) → outcome, or why it is not tested
-    - `invalidates`: whether a violation makes a check that passes not valid
+    - `conservative`: whether results are on the safe side if the assumption does not hold: "no" or "depends"
+    - `test`: function (problem, scenes of a set) → outcome, or a text that states why there is no test
+    - `invalidates`: whether a violation turns the result PASS into NOT VALID
     """
 
     id: str
@@ -42,7 +43,7 @@ class Assumption(NamedTuple):
 
 
 def opens(data: xarray.Dataset) -> np.ndarray:
-    """Return whether a joint opens or the beam lifts off at an impact, (n,)."""
+    """Return for each scene whether a joint opens or the beam lifts off at an impact, (n,)."""
     return (data["least_axial_force"].values.min(axis=-1) < 0) | (
         data["least_impulse_share"].values.min(axis=-1) < 0
     )

@@ -1,7 +1,7 @@
 """Contents of a report: a page of sections, and the blocks that sections consist of.
 
-The evaluation of a problem file writes them; `page.py` and the formats show them. Numbers are in SI, and all
-numbers in texts are `Quantity` parts, so that they follow the units of the page.
+`sections` builds the blocks from an evaluation; `page.py` and the formats show them. Numbers are in SI. In
+texts they are `Quantity` parts, so that they follow the units of the page.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 from .tables import Column, Formula, Link, Quantity, Table, Text, Word, checked_text
 from .units import unit_of_kind
 
-# Results of a check, with the state of the word and its sign on the page.
+# Result of a check → state of the word, and sign on the page.
 RESULTS = {
     "PASS": ("pass", "✓"),
     "FAIL": ("fail", "✗"),
@@ -57,9 +57,9 @@ class Equation:
     """A row of `Equations`.
 
     - `formula`: the equation in symbols
-    - `numbers`: its right-hand side with numbers; "" without
-    - `result`: the result; None without
-    - `label`: number of the equation, such as "F8"; "" without
+    - `numbers`: right-hand side with numbers, or ""
+    - `result`: the result, or None
+    - `label`: number of the equation, such as "F8", or ""
     """
 
     formula: Formula
@@ -70,7 +70,7 @@ class Equation:
 
 @dataclasses.dataclass(frozen=True)
 class Equations:
-    """Equations below each other, at least one."""
+    """One or more equations, one below the other."""
 
     rows: tuple[Equation, ...]
 
@@ -83,11 +83,11 @@ class Equations:
 class Figure:
     """A picture.
 
-    - `svg`: the result of `pictures.to_svg`, which holds `title` and `description`
-    - `caption`: text below it
+    - `svg`: result of `pictures.to_svg` with the same `title` and `description`
+    - `caption`: text below the picture
     - `title`: short title
-    - `description`: for readers who cannot see it, with the number that matters
-    - `is_narrow`: whether it is a drawing that is not stretched to the width of the page
+    - `description`: text for readers who cannot see the picture, with its most important number
+    - `is_narrow`: whether the picture is not stretched to the width of the page
     """
 
     svg: str
@@ -117,8 +117,8 @@ class Limit:
 
     - `sign`: "≤" (at most) or "≥" (at least)
     - `quantity`: the limit [SI]
-    - `unit`: unit in which the file gives it; the page names it where it differs from its own; None: SI
-    - `note`: where it comes from, such as a key of the file
+    - `unit`: unit of the limit in the file, which is shown if the page has another unit; None for SI
+    - `note`: source of the limit, such as a key of the file
     """
 
     sign: str
@@ -141,18 +141,18 @@ class SummaryRow:
     - `id`: id of the check, such as "C1"
     - `name`: quantity that is checked
     - `scope`: set and statistic, such as "design, largest of 11"
-    - `value`: its value with the numerical error, or a word that replaces it
-    - `limit`: the limit, or a word where there is none
+    - `value`: value with the numerical error, or a word that replaces it
+    - `limit`: the limit, or a word if there is none
     - `utilisation`: U, of kind "utilisation", or a word such as "> 1" or "no value"
     - `result`: one of `RESULTS`
     - `governs`: motion, story and time
     - `sensitivities`: the largest d ln U/d ln y
-    - `spread`: U of the whole set with each parameter ± spread
-    - `reason`: why there is no result; it replaces the three texts above
+    - `spread`: range of U of the whole set with each input changed by ± spread
+    - `reason`: why there is no result, instead of the three texts above
     - `section`: number of the section with the details, 1 … 13
     - `assumptions`: names of the violated assumptions, such as "A7", which are anchors in section 10
     - `flags`: other short marks beside the result
-    - `clause`: what asks for the check
+    - `clause`: clause that asks for the check
     - `is_target`: whether it is a design target
 
     Raises `ValueError` for an unknown result, and for a missing id or text.
@@ -251,12 +251,12 @@ Block: TypeAlias = Paragraph | Verbatim | Equations | Figure | Pair | Summary | 
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """A section of the page; its anchor is "s" and its number.
+    """A section of the page. The anchor is "s" with the number.
 
     - `number`: 1 … 13
-    - `title`: its heading
+    - `title`: heading
     - `blocks`: at least one block
-    - `is_numbered`: whether the number is shown; the annex has none
+    - `is_numbered`: whether the heading shows the number
     """
 
     number: int
@@ -279,7 +279,7 @@ class Section:
 class Page:
     """The content of a report.
 
-    - `title`: title of the project: the first heading
+    - `title`: title of the project, the first heading
     - `head`: label → text, such as "Project", "Revision", "Author", "Date"
     - `verdict`: first sentence, which states whether all checks pass
     - `notices`: paragraphs below the verdict, such as violated assumptions
@@ -289,7 +289,7 @@ class Page:
     - `origin`: label → text in a second block, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages
 
-    Raises `ValueError` if two sections, tables, rows or parts of figures have one number, name or id, for
+    Raises `ValueError` if two sections, tables, rows or parts of figures share a number, name or id, for
     links without a target, and for empty texts.
     """
 
@@ -321,9 +321,9 @@ class Page:
                 figures = (block,) if isinstance(block, Figure) else (block.left, block.right)
                 for figure in figures:
                     figure_ids += re.findall(r'\bid="([^"]*)"', figure.svg)
-        for what, values in {"names of tables": names, "anchors": [*anchors, *figure_ids]}.items():
+        for noun, values in {"names of tables": names, "anchors": [*anchors, *figure_ids]}.items():
             if repeated := sorted(name for name, times in Counter(values).items() if times > 1):
-                raise ValueError(f"Page: {what} must differ, got {', '.join(repeated[:5])} more than once")
+                raise ValueError(f"Page: {noun} must differ, got {', '.join(repeated[:5])} more than once")
         if dead := sorted(set(_targets(self)) - set(anchors)):
             raise ValueError(f"Page: no section, check or row has the anchor {', '.join(dead)}")
 

@@ -1,4 +1,4 @@
-"""Cells for numbers that may be words, and names of tables."""
+"""Cells for numbers that a word may replace, and names of tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def number(value: Any, kind: str, error: Any = None, word: str = "none", note: str = "") -> Quantity | Word:
-    """Return a number as a cell; where it is not finite, a word in its place."""
+    """Return a cell with a number, or with a word if the number is not finite."""
     value = float(value)
     if not math.isfinite(value):
         return Word(word, "none", note=note)
@@ -23,8 +23,8 @@ def number(value: Any, kind: str, error: Any = None, word: str = "none", note: s
     return Quantity(value, kind, error, note=note)
 
 
-def of_scene(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | Word:
-    """Return a peak of a scene as a cell. Peaks of a scene that overturned are those until then."""
+def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | Word:
+    """Return a cell with a peak of scene `k`, until overturning if the scene overturned."""
     code = int(data["result"].values[k])
     if code > results.OVERTURNED:
         return Word(results.NAMES[code].replace("_", " "), "unanswered")
@@ -35,5 +35,5 @@ def of_scene(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = N
 
 
 def slug(name: str) -> str:
-    """Return a name for a table or picture from the name of a set of motions."""
+    """Convert the name of a set or check to a part of the name of a table or picture."""
     return re.sub(r"[^a-z0-9-]", "-", name.lower())

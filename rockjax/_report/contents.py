@@ -23,7 +23,7 @@ USUAL_UNITS = ("kN", "m", "deg", "g", "mm")
 
 
 def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -> Units:
-    """Return the units of a page: those given, or of `[report]`, or the usual ones."""
+    """Return the units of a page: the given units, else those of `[report]`, else the usual ones."""
     problem = evaluation.problem
     return Units.parse(units or problem.report.units or USUAL_UNITS, float(problem.podium.g))
 
@@ -31,8 +31,8 @@ def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -
 def page_of(evaluation: Evaluation, units: Units | None = None, command: str = "") -> Page:
     """Return the page of an evaluation.
 
-    - `units`: units of its drawings and texts; by default those of the problem file
-    - `command`: the command that made it, for the head of the page
+    - `units`: units of drawings and texts; by default those of the problem file
+    - `command`: the command that made the report, for the head of the page
     """
     units = units or units_of(evaluation)
     problem = evaluation.problem
@@ -65,12 +65,12 @@ def page_of(evaluation: Evaluation, units: Units | None = None, command: str = "
 
 
 def tables_of(evaluation: Evaluation) -> dict[str, Table]:
-    """Return name → table, of all tables of the page."""
+    """Return all tables of the page: name → table."""
     return {table.name: table for table in page_of(evaluation).tables()}
 
 
 def date_of(evaluation: Evaluation) -> str:
-    """Return the date of the page: of the file, of SOURCE_DATE_EPOCH, or today."""
+    """Return the date of the page: from the file, else from SOURCE_DATE_EPOCH, else today."""
     if evaluation.problem.project.date:
         return evaluation.problem.project.date
     epoch = os.environ.get("SOURCE_DATE_EPOCH")
@@ -80,7 +80,7 @@ def date_of(evaluation: Evaluation) -> str:
 
 
 def _notices(evaluation: Evaluation):
-    """Yield what the reader must know, one text each."""
+    """Yield the notices below the verdict."""
     problem = evaluation.problem
     texts = {assumption.id: assumption.text for assumption in ASSUMPTIONS}
     violated: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""Entries of `[[checks]]` and `[[targets]]`: keys that all of them have, and the entries."""
+"""Entries of `[[checks]]` and `[[targets]]`, and the keys that all kinds share."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class CheckKeys(models.Keys):
     statistic: Literal["max", "mean", "median", "p84"] = key("max", "Statistic over the motions of the set.")
     unit: str | None = key(None, "Unit of the limit; by default the SI unit.")
     vertical: bool = key(False, "Whether the motions must have a vertical component.")
-    limit: Bound | None = key(None, "Limit, in `unit` or by a key such as 'joints.friction'.")
+    limit: Bound | None = key(None, "Limit in `unit`, or a key that holds it, such as 'joints.friction'.")
     at_least: Bound | None = key(None, "Limit of a kind that needs a minimum.")
     at_most: Bound | None = key(None, "Limit of the other kinds.")
 
@@ -33,10 +33,10 @@ class CheckKeys(models.Keys):
 class Entry:
     """An entry of `[[checks]]` or `[[targets]]`.
 
-    - `id`: its identifier; `kind`: name of its kind; `keys`: its table
-    - `arguments`: the keys that only its kind has, as objects: a class of pulses, a random motion …
-    - `motions`: name of its set of motions, or None
-    - `quantity`: what its value measures, one of `units.KINDS`; `limit`: its limit [SI], 1 without
+    - `id`: identifier; `kind`: name of the kind; `keys`: table of the entry
+    - `arguments`: values of the keys of this kind, as objects: a class of pulses, a random motion …
+    - `motions`: name of the set of motions, or None
+    - `quantity`: what the value measures, one of `units.KINDS`; `limit`: limit [SI], 1 if the kind has none
     - `is_target`: whether it is a design target
     """
 

@@ -1,4 +1,4 @@
-"""Evaluation of the checks of a problem: values, utilisations and the words for their results."""
+"""Evaluation of the checks of a problem: values, utilisations and results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .scenes import Needs, Scenes, Silent
 from .store import Store
 
 ROUNDING = 8 * np.finfo(float).eps  # least relative error of a value
-PARTS = ("risk", "methods", "spread")  # what `skip` can leave out
+PARTS = ("risk", "methods", "spread")  # valid names in `skip`
 
 
 def evaluate(
@@ -34,11 +34,11 @@ def evaluate(
     """Evaluate all checks of a problem (host).
 
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
-    - `skip`: what is left out: `"risk"` (annual frequency, median capacity, failure probability),
+    - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
       `"methods"` (the simplified methods) and `"spread"` (changed parameters)
     - `store`: path of a file (.nc) that keeps the answers of scenes, so that a later call does not solve them
       again; None for no file
-    - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`; None for none
+    - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`, or None
 
     Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for invalid files and other names in `skip`.
     """
@@ -61,7 +61,7 @@ def evaluate(
 
 
 def needs_of_sets(problem: Problem) -> dict[str, Needs]:
-    """Return set of motions → what its checks need of their scenes."""
+    """Return for each set of motions the outputs, blocks and oscillators that its checks need."""
     needed = {name: Needs({}, {}) for name in problem.motions}
     for entry in problem.checks:
         kind = KINDS[entry.kind]
@@ -72,33 +72,33 @@ def needs_of_sets(problem: Problem) -> dict[str, Needs]:
 
 
 def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
-    """Return a check. A check that fails to run is not made, with the message as its reason."""
+    """Evaluate an entry. If that fails, the result is NOT MADE, with the error message as the reason."""
     kind = KINDS[entry.kind]
     reason = kind.missing(entry, scenes.problem)
     if isinstance(kind, ByOthers):
         return Check(entry, kind, "BY OTHERS", reason)
-    if not reason and kind.part in skip:
-        reason = f"Left out by --skip {kind.part}."
+    if not reason and kind.skip_name in skip:
+        reason = f"Left out by --skip {kind.skip_name}."
     if reason:
         return Check(entry, kind, "NOT MADE", reason)
     try:
-        return _made(entry, kind, scenes)
+        return _computed(entry, kind, scenes)
     except (ValueError, RuntimeError, OSError, NotImplementedError) as error:
         return Check(entry, kind, "NOT MADE", f"{type(error).__name__}: {error}")
 
 
-def _made(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
-    """Return a check that can be made."""
+def _computed(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
+    """Evaluate an entry that has all inputs."""
     values = kind.values(entry, scenes)
     value, error, governing = statistic_of(values, entry.keys.statistic, kind.is_minimum)
-    utilisations = utilisations_of(value, error, entry.limit, kind.is_minimum, values.reach)
+    utilisations = utilisations_of(value, error, entry.limit, kind.is_minimum, values.error_factor)
     violated = _violated(kind, entry, scenes)
-    without = sorted({name for name in values.unanswered if name})
-    result = decide(utilisations, bool(without), bool(violated))
+    causes = sorted({name for name in values.unanswered if name})
+    result = decide(utilisations, bool(causes), bool(violated))
     reason = values.remark
-    if without and result == "UNDECIDED":
+    if causes and result == "UNDECIDED":
         count = sum(map(bool, values.unanswered))
-        reason = f"{count} of {len(values.unanswered)} scenes have no decided answer: {', '.join(without)}"
+        reason = f"{count} of {len(values.unanswered)} scenes have no decided answer: {', '.join(causes)}"
     check = Check(
         entry,
         kind,
@@ -114,15 +114,15 @@ def _made(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         values,
     )
     slopes = _sensitivities(check, scenes)
-    # A motion that hardly rocks may rule the derivative of a mean, which then says nothing.
+    # A motion that hardly rocks may dominate the derivative of a mean, which is then meaningless.
     is_mean, spread = check.statistic == "mean", scenes.problem.report.spread
     is_smooth = not is_mean or all(abs(y) * spread <= 1 for y in slopes.values())
     return dataclasses.replace(
         check,
         sensitivities=slopes if is_smooth else {},
         no_slopes=Check.no_slopes if is_smooth else "not smooth",
-        spread=_spread(check, scenes) if scenes.with_spread and kind.repeats else {},
-        laws=_laws(check, scenes) if kind.repeats else {},
+        spread=_spread(check, scenes) if scenes.with_spread and kind.is_repeated else {},
+        laws=_laws(check, scenes) if kind.is_repeated else {},
     )
 
 
@@ -147,7 +147,7 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[floa
 
 
 def _quantile(y: np.ndarray, share: float) -> float:
-    """Return a quantile by linear interpolation; infinite if a neighbour that counts is infinite."""
+    """Return a quantile by linear interpolation; infinite if a value with a nonzero weight is."""
     ordered = np.sort(y)
     position = share * (len(ordered) - 1)
     low, high = math.floor(position), math.ceil(position)
@@ -158,25 +158,26 @@ def _quantile(y: np.ndarray, share: float) -> float:
 
 
 def utilisations_of(
-    value: float, error: float, limit: float, is_minimum: bool, reach: float = SAFETY
+    value: float, error: float, limit: float, is_minimum: bool, error_factor: float = SAFETY
 ) -> tuple[float, float, float]:
-    """Return the utilisation with the value decreased by `reach` times its error, as it is, and increased."""
+    """Return the least, estimated and largest utilisation within `error_factor` errors of the value."""
 
-    def of(y: float) -> float:
+    def utilisation(y: float) -> float:
         if not is_minimum:
             return y / limit if math.isfinite(y) else math.inf
         if y == math.inf:
             return 0.0
         return limit / y if y > 0 else (math.inf if limit > 0 else 0.0 if y >= limit else math.inf)
 
-    every = [of(value + sign * reach * error) if math.isfinite(value) else of(value) for sign in (-1, 0, 1)]
+    shifts = (-error_factor * error, 0.0, error_factor * error) if math.isfinite(value) else (0.0,) * 3
+    every = [utilisation(value + shift) for shift in shifts]
     return min(every), every[1], max(every)
 
 
 def decide(utilisations: tuple[float, float, float], has_no_answer: bool, is_violated: bool) -> str:
-    """Return the word for a result.
+    """Return the result of a check, such as "PASS".
 
-    - `utilisations`: least, estimated and largest utilisation within ten times the error
+    - `utilisations`: least, estimated and largest utilisation, from `utilisations_of`
     - `has_no_answer`: whether a scene of the set is undecided or has no answer
     - `is_violated`: whether an assumption does not hold
     """
@@ -189,20 +190,20 @@ def decide(utilisations: tuple[float, float, float], has_no_answer: bool, is_vio
 
 
 def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
-    """Return the numbers of the assumptions that do not hold in the scenes that the check rests on."""
-    data = kind.tested(entry, scenes)
+    """Return the numbers of the assumptions that do not hold in the scenes behind a check."""
+    data = kind.tested_scenes(entry, scenes)
     outcomes = {} if data is None else {y.id: y.test(scenes.problem, data) for y in INVALIDATING}
     return tuple(name for name, y in outcomes.items() if isinstance(y, Outcome) and y.violated.any())
 
 
 def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
-    """Return d ln U/d ln y of the governing motion; for a mean, of the mean of all motions."""
+    """Return input → d ln U/d ln y for the governing motion, or for the mean of all motions."""
     if check.governing is None or not math.isfinite(check.value) or check.value == 0:
         return {}
     assert check.values is not None
     of_all = check.statistic == "mean"
     motions = tuple(range(len(check.values.values))) if of_all else (check.governing,)
-    functions = {k: check.kind.traced(check.entry, scenes, k) for k in motions}
+    functions = {k: check.kind.value_function(check.entry, scenes, k) for k in motions}
     known = {k: function for k, function in functions.items() if function is not None}
     if not known:
         return {}
@@ -217,14 +218,14 @@ def _utilisation(check: Check, scenes: Scenes, law: str | None = None, change: s
     values = check.kind.values(check.entry, scenes, law, change)
     value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum)
     limit, is_minimum = check.entry.limit, check.kind.is_minimum
-    return utilisations_of(value, error, limit, is_minimum, values.reach), values
+    return utilisations_of(value, error, limit, is_minimum, values.error_factor), values
 
 
 def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:
     """Return input → U of the set with the input decreased and increased."""
-    found = {change: _utilisation(check, scenes, change=change)[0][1] for change in scenes.changes}
+    changed = {change: _utilisation(check, scenes, change=change)[0][1] for change in scenes.changes}
     names = dict.fromkeys(change[:-1] for change in scenes.changes)
-    return {name: (found[f"{name}-"], found[f"{name}+"]) for name in names}
+    return {name: (changed[f"{name}-"], changed[f"{name}+"]) for name in names}
 
 
 def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:

@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 class Check:
     """A check with its result.
 
-    - `id`, `name`, `kind`, `clause`: of the problem file; `is_target`: whether it is a design target
-    - `motions`, `statistic`: name of its set, and statistic over the set
+    - `id`, `name`, `kind`, `clause`: as in the problem file; `is_target`: whether it is a design target
+    - `motions`, `statistic`: name of the set of motions, and statistic over the set
     - `result`: `"PASS"`, `"FAIL"`, `"UNDECIDED"`, `"NOT VALID"`, `"NOT MADE"` or `"BY OTHERS"`
-    - `reason`: why it has no value, or which scenes have no answer; "" otherwise
+    - `reason`: why there is no value, or which scenes have no answer; "" otherwise
     - `violated`: numbers of the assumptions that do not hold, such as `"A7"`
-    - `limit`, `value`, `error`: in SI; the value is ±inf where it is a word, and NaN where there is none
-    - `word`: what replaces the value, such as "overturned at 5.85 s"; "" for a number
-    - `utilisation`: value/limit, or limit/value for a minimum [–]; inf where the columns overturn
-    - `governing`: number of the governing motion or pulse, or None; `place`: storey or joint, and time
+    - `limit`, `value`, `error`: [SI]; the value is ±inf if a word replaces it, and NaN if the check has none
+    - `word`: word that replaces the value, such as "overturned at 5.85 s"; "" for a number
+    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn
+    - `governing`: index of the governing motion or pulse, or None; `place`: storey, joint or time
     - `values`: the values of all motions
-    - `sensitivities`: d ln U/d ln y for every input y and the factor on the motions; empty without, and
-      `no_slopes` says why
-    - `spread`: input → U of the whole set with the input decreased and increased; empty without
+    - `sensitivities`: d ln U/d ln y for every input y and the factor on the motions; empty for the reason
+      `no_slopes`
+    - `spread`: input → U of the whole set with the input decreased and increased; empty if not computed
     - `laws`: law of impact → (U, result)
     """
 
@@ -95,8 +95,8 @@ class Evaluation:
     - `problem`: the problem; `scenes`: its solved scenes
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
     - `assumptions`: set of motions → number of the assumption → its `Outcome`, or why it is not tested
-    - `skipped`: what was left out
-    - `make_tables`: returns the tables of an evaluation
+    - `skipped`: names of the parts that were left out
+    - `make_tables`: function that returns the tables of an evaluation
     """
 
     problem: Problem
@@ -108,7 +108,7 @@ class Evaluation:
 
     @property
     def is_verified(self) -> bool:
-        """True if every check passes; those that others make do not count."""
+        """True if every check passes; checks that others make do not count."""
         return all(check.is_verified for check in self.checks)
 
     @property
@@ -118,7 +118,7 @@ class Evaluation:
 
     @property
     def tables(self) -> dict[str, Table]:
-        """Name → table, of all tables of the report."""
+        """All tables of the report: name → table."""
         return self.make_tables(self)
 
 
@@ -140,8 +140,8 @@ def verdict(words: list[str]) -> str:
         "NOT MADE": ("was not made", "were not made"),
     }
     parts = [f"{n} {phrases[word][n != 1]}" for word, n in count.items() if n or word == "PASS"]
-    of = f"of {len(own)} checks" if len(own) > 1 else "of one check"
-    return f"Not verified: {of} {', '.join(parts)}.{by_others}"
+    total = f"{len(own)} checks" if len(own) > 1 else "one check"
+    return f"Not verified: of {total} {', '.join(parts)}.{by_others}"
 
 
 def _checks(count: int) -> str:

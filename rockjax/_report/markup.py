@@ -38,8 +38,7 @@ SCROLLS = Markup('<div class="scroll" tabindex="0" role="group" aria-label="tabl
 
 
 def safe(text: str) -> Markup:
-    """Return a string as HTML. Lines end as on Unix, and U+FFFD replaces characters that HTML does not
-    allow."""
+    """Return a string as HTML, with Unix line ends and U+FFFD for characters that HTML does not allow."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n")
     return escape(_CONTROL.sub("\N{REPLACEMENT CHARACTER}", lines))
 
@@ -67,7 +66,7 @@ def _part(part: Part, units: Units) -> Markup:
 
 
 def emphasised(content: Markup, tone: Tone) -> Markup:
-    """Return HTML in bold letters in the colour of a tone."""
+    """Return HTML in bold and in the colour of a tone."""
     name = CLASSES[tone]
     return (
         Markup('<b class="{}">{}</b>').format(name, content) if name else Markup("<b>{}</b>").format(content)
@@ -87,7 +86,7 @@ def small(content: Text, units: Units) -> Markup:
 def value(cell: Cell, units: Units, *, unit: bool = True) -> Markup:
     """Return the content of a cell: its first line, its error and its note.
 
-    `unit`: whether a number has its unit; in columns of one kind the heading has it
+    `unit`: whether to add the unit to a number; in columns of one kind, the heading has the unit
     """
     if isinstance(cell, Formula):
         return formula(cell)
@@ -105,7 +104,7 @@ def value(cell: Cell, units: Units, *, unit: bool = True) -> Markup:
 
 
 def table(content: Table, units: Units) -> Markup:
-    """Return a table as HTML, with scope of the headings, caption, and units in the headings of columns."""
+    """Return a table as HTML, with a caption and with units in the headings of columns."""
     is_number = [
         all(isinstance(row[k], Quantity) for row in content.rows) or column.kind is not None
         for k, column in enumerate(content.columns)

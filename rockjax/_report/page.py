@@ -1,6 +1,6 @@
-"""The page of a report: one HTML file without scripts and without requests.
+"""The page of a report: one HTML file without scripts and network requests.
 
-The template is `page.html.jinja`, the style `page.css`. The same page gives the same bytes.
+The template is `page.html.jinja`, the style `page.css`. Equal pages give equal bytes.
 """
 
 from __future__ import annotations
@@ -33,11 +33,10 @@ _LARGEST_U = 1.5  # utilisation at the right end of the bar
 def render(page: Page, units: Units) -> str:
     """Return the HTML of a page.
 
-    - `page`: its content [SI]
+    - `page`: content of the page [SI]
     - `units`: units in which numbers are shown
 
-    All texts are escaped. Limits are in the unit of the page, and below it in the unit in which they were
-    given, if that is another one.
+    All texts are escaped. If the problem file gives a limit in another unit than the page, both are shown.
     """
     in_units = {
         name: functools.partial(function, units=units)
@@ -69,7 +68,7 @@ def css_string(text: str) -> str:
 
 
 def _limit(limit: Limit | Word, units: Units) -> Markup:
-    """Return the limit of a check, with the number of the file if its unit is another one."""
+    """Return the limit of a check, also in the unit of the problem file if that differs."""
     if isinstance(limit, Word):
         return markup.value(limit, units)
     quantity = limit.quantity
@@ -92,7 +91,7 @@ def _breakable(content: str) -> str:
 
 
 def _utilisation(cell: Quantity | Word, units: Units) -> Markup:
-    """Return a utilisation with its bar, in which a line marks 1; a word without a bar."""
+    """Return a utilisation with a bar, on which a line marks 1; a word has no bar."""
     if isinstance(cell, Word):
         return Markup('<span class="nb">{}</span>').format(markup.text(cell.text, units))
     share = 100 * min(max(cell.value, 0.0), _LARGEST_U) / _LARGEST_U

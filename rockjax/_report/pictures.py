@@ -41,20 +41,20 @@ _METADATA = re.compile(r"\s*<metadata>.*?</metadata>|\s*<style\b.*?</style>|\s*<
 _FAMILY = re.compile(r"font-family: [^;\"]*")
 _REFERENCE = re.compile(r'(\bid="|url\(#|\bxlink:href="#)')
 _COLOUR = re.compile(r"\b(fill|stroke): (#[0-9a-f]{6})(?:; \1-opacity: ([0-9.]+))?")
-_DECIMALS = {"m": 2, "cm": 1, "mm": 0}  # of dimensions in drawings
-_MARKED_FLOORS = 12  # with more, masses are written once for equal floors
+_DECIMALS = {"m": 2, "cm": 1, "mm": 0}  # decimals of dimensions in drawings
+_MARKED_FLOORS = 12  # with more floors, equal neighbours share one note of their mass
 
 
 def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
     """Return a figure as SVG for a page, and close it.
 
     - `figure`: a matplotlib figure
-    - `prefix`: start of all ids in it, unique on the page: lower-case letters, digits and "-"
-    - `title`: short title; `description`: for readers who cannot see it
+    - `prefix`: start of all ids in the SVG, unique on the page: lower-case letters, digits and "-"
+    - `title`: short title; `description`: text for readers who cannot see the figure
 
     Text stays text; black becomes the colour of the page's text and greys become shades of it; the colours of
-    `VARIABLES` become variables of its style. The same figure gives the same string. Raises `ValueError` for
-    another prefix.
+    `VARIABLES` become variables of its style. Equal figures give equal strings. Raises `ValueError` for an
+    invalid prefix.
     """
     import matplotlib.pyplot as plt
 
@@ -86,7 +86,7 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
 
 
 def _themed(match: re.Match[str]) -> str:
-    """Return a colour of a figure in terms of the page: a variable, or its text's colour with an opacity."""
+    """Replace a colour of a figure by a variable of the page, or by the text's colour with an opacity."""
     name, colour, opacity = match[1], match[2], float(match[3] or 1)
     red, green, blue = colour[1:3], colour[3:5], colour[5:]
     if colour in VARIABLES:
@@ -119,12 +119,12 @@ def elevation_drawing(
 ) -> Figure:
     """Return a drawing of the structure to scale, with dimensions and masses, and of one rotated column.
 
-    - `podium`: a single podium. Distances of columns are unknown without an elevation, and heights of floors
-      if the building has none; these are drawn without dimensions
+    - `podium`: a single podium. Without an elevation, distances of columns are drawn without dimensions; so
+      are floors of a building without heights
     - `units`: units of the numbers
-    - `column_mass`: mass of one column [kg]; None: without masses
+    - `column_mass`: mass of one column [kg]; None omits all masses
     - `columns`: number of columns N of a podium without an elevation
-    - `rotation`: rotation of the single column [rad], drawn to scale, at most α; None: upright
+    - `rotation`: rotation of the single column [rad], drawn to scale, at most α; None for upright
     - `label`: source of the rotation, such as "motion 9"
     """
     import matplotlib.pyplot as plt
@@ -204,7 +204,7 @@ def _lines(podium: Podium, width: float, height: float, columns: int) -> tuple[n
 def _floors(podium: Podium, height: float, columns_mass: float) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return heights of the floors above the beam [m], their masses [kg], and whether heights are known.
 
-    A superstructure that is no building is one mass.
+    A superstructure that is not a `ShearBuilding` is drawn as one mass.
     """
     top = podium.superstructure
     if top is None:
@@ -262,22 +262,22 @@ def _draw_column(ax: Axes, podium: Podium, units: Units, rotation: float | None,
     ax.plot([-gap, width + 2.5 * gap], [0, 0], color="#000000", ls="-", lw=1.6)
     upright = np.array([(0, 0), (width, 0), (width, height), (0, height)])
     pivot = np.array([width, 0])
-    turn = np.array([(math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle))])
-    corners = (upright - pivot) @ turn + pivot
+    rotation_matrix = np.array([(math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle))])
+    corners = (upright - pivot) @ rotation_matrix + pivot
     if angle:
         from matplotlib.patches import Polygon
 
         ax.plot(*np.vstack([upright, upright[:1]]).T, color="#000000", ls="--", lw=0.8)
         ax.add_patch(Polygon(corners, closed=True, facecolor=COLUMN, edgecolor="#000000", lw=1.0, alpha=0.9))
-        sway = 2 * size * (math.sin(alpha) - math.sin(alpha - angle))
+        u_top = 2 * size * (math.sin(alpha) - math.sin(alpha - angle))
         rise = 2 * size * (math.cos(alpha - angle) - math.cos(alpha))
-        _dimension(ax, (0, height + rise + gap), (sway, height + rise + gap), detail(sway))
+        _dimension(ax, (0, height + rise + gap), (u_top, height + rise + gap), detail(u_top))
         write = lambda value, kind: plain_part(Quantity(value, kind), units)
         lines = [
             "column at its largest rotation",
             f"θ = {write(angle, 'angle')} = {write(angle / alpha, 'number')} α",
             *([f"({label})"] if label else []),
-            f"top displaced by {write(sway, 'displacement')},",
+            f"top displaced by {write(u_top, 'displacement')},",
             f"raised by {write(rise, 'displacement')};",
             "true to scale",
         ]
@@ -308,8 +308,8 @@ def _note(ax: Axes, x: float, y: float, text: str) -> None:
 def _dimension(
     ax: Axes, start: tuple[float, float], end: tuple[float, float], text: str, *, is_short: bool = False
 ) -> None:
-    """Draw a dimension line with oblique ticks. Its text is above it, or at its left and upright, unless it
-    is short."""
+    """Draw a dimension line with oblique ticks. The text is above a horizontal line, and left of a vertical
+    one, along the line unless it is short."""
     (x0, y0), (x1, y1) = start, end
     is_vertical = x0 == x1
     ax.plot([x0, x1], [y0, y1], color="#000000", ls="-", lw=0.6, marker=(2, 2, -45), ms=7)

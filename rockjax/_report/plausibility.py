@@ -11,16 +11,16 @@ import numpy as np
 if TYPE_CHECKING:
     from .evaluation import Evaluation
 
-DENSITIES = 300.0, 8000.0  # of columns [kg/m³]
-STRESSES = 0.01e6, 50e6  # mean stress of columns [Pa]
-PERIODS = 0.05, 10.0  # first period of a building [s]
-LARGEST_DRIFT = 0.1  # limit of a drift, as a share of the height of the storey
-LEAST_U = 0.01
-FEW_MOTIONS = 7
+DENSITIES = 300.0, 8000.0  # usual densities of columns [kg/m³]
+STRESSES = 0.01e6, 50e6  # usual mean stress of columns [Pa]
+PERIODS = 0.05, 10.0  # usual first period of a building [s]
+LARGEST_DRIFT = 0.1  # largest usual limit of a drift divided by the storey height [–]
+LEAST_U = 0.01  # least usual utilisation [–]
+FEW_MOTIONS = 7  # usual least number of motions of a mean
 
 
 def warnings_of(evaluation: Evaluation) -> Iterator[str]:
-    """Yield a sentence for each number that is probably a mistake."""
+    """Yield a warning for each number that is probably a mistake."""
     problem = evaluation.problem
     podium, mass, depth = problem.podium, problem.column_mass, problem.joints.contact_depth
     width, height = float(podium.width), float(podium.height)
@@ -54,4 +54,4 @@ def warnings_of(evaluation: Evaluation) -> Iterator[str]:
             yield f"The utilisation of {check.id} is below {LEAST_U:g}; is the unit of its limit right?"
         if check.statistic == "mean" and check.motions and len(problem.motions[check.motions]) < FEW_MOTIONS:
             count = len(problem.motions[check.motions])
-            yield f"{check.id} is a mean over {count} motions; usual are at least {FEW_MOTIONS}."
+            yield f"{check.id} is a mean over {count} motions; at least {FEW_MOTIONS} are usual."

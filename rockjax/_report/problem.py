@@ -30,8 +30,8 @@ WHOLE_NUMBERS = ("columns", "stories", "modes", "superstructure.stories", "super
 class MotionSet:
     """A named set of motions.
 
-    - `name`, `label`: key under `[motions]`, and its label from `[report]`
-    - `members`: records with name and source, or pulses; `names`: one for each
+    - `name`, `label`: key under `[motions]`, and label from `[report]`
+    - `members`: records with name and source, or pulses; `names`: a name for each member
     """
 
     name: str
@@ -48,7 +48,7 @@ class MotionSet:
         return [to_excitation(member) for member in self.members]
 
     def scaled(self, factor: float) -> list[AbstractExcitation]:
-        """Return the motions as excitations, times a factor."""
+        """Return the motions as excitations, multiplied by a factor."""
         return self.excitations if factor == 1 else [y.scaled(factor) for y in self.excitations]
 
     @property
@@ -63,20 +63,20 @@ class MotionSet:
     def hashes(self) -> tuple[str, ...]:
         """SHA-256 of the samples of each motion, or of the parameters of each pulse."""
 
-        def of(member: Any) -> str:
+        def hash_of(member: Any) -> str:
             if not isinstance(member, Motion):
                 leaves = np.array([float(y) for y in jax.tree.leaves(member)])
                 return hashlib.sha256(f"{type(member).__name__} {leaves.tolist()}".encode()).hexdigest()
             own = sha256(member.acceleration)
             return own if member.vertical is None else f"{own}+{sha256(member.vertical.acceleration)}"
 
-        return tuple(map(of, self.members))
+        return tuple(map(hash_of, self.members))
 
 
 @dataclasses.dataclass(frozen=True)
 class Input:
-    """An input of the structure: its key such as `width` or `superstructure.T_s`, its value or values, and
-    the source that the file gives for it, or None."""
+    """An input of the structure: key, such as `width` or `superstructure.T_s`, value or list of values, and
+    the source that the file states, or None."""
 
     key: str
     value: Any
@@ -91,15 +91,16 @@ class Input:
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A problem file as objects (host). Get it by [`rockjax.read_problem`][].
+    """A problem file as objects (host), from [`rockjax.read_problem`][].
 
     - `path`, `sha256`: the file and the hash of its text
-    - `podium`: the structure; `inputs`: its numbers in the file, a tuple of `Input`
+    - `podium`: the structure; `inputs`: the keys of `[structure]`, a tuple of `Input`
     - `motions`: name → `MotionSet`
     - `checks`: the entries of `[[checks]]` and `[[targets]]`
     - `options`: options of the solver
-    - `sources`: key of the file → source; `project`, `joints`, `report`, `fragility`, `risk`: its tables
-    - `text`: the whole file
+    - `sources`: key of the file → source
+    - `project`, `joints`, `report`, `fragility`, `risk`, `structure`: tables of the file
+    - `text`: the text of the file
     """
 
     path: Path
@@ -124,7 +125,7 @@ class Problem:
     def varied(self, factors: Mapping[str, Any]) -> Podium:
         """Return the structure with inputs multiplied by factors; traceable.
 
-        - `factors`: key of an input → factor. A list of values has one factor for all
+        - `factors`: key of an input → factor, which applies to all values of a list
         """
         return podium_with(self.structure, factors)
 
@@ -161,7 +162,7 @@ class Problem:
 
 
 def podium_with(structure: models.ByRatios | models.ByDimensions, factors: Mapping[str, Any]) -> Podium:
-    """Return the podium of a table whose values are multiplied by factors; traceable."""
+    """Return the podium of a table with values multiplied by factors; traceable."""
     changes: dict[str, Any] = {}
     nested: dict[str, dict[str, Any]] = {}
 

@@ -1,4 +1,4 @@
-"""Reading of problem files of reports."""
+"""Read problem files for reports."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ def read_problem(path: str | Path) -> Problem:
 
 
 def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
-    """Return the problem of a table, which may differ from its file by options of the command line.
+    """Return the problem of a table, in which options of the command line may replace values of the file.
 
-    - `table`: contents of the file; `path`: its path, to whose folder other paths are relative
+    - `table`: the table
+    - `path`: path of the file; other paths are relative to its folder
     """
     reader = Reader(path)
     file = reader.check(models.Problem, table)
@@ -92,7 +93,7 @@ def _name(member: Any) -> str:
 
 
 def _inputs(structure: models.Keys) -> Iterator[tuple[str, Any]]:
-    """Yield key and value of every input of a structure; of its inner tables as `table.key`."""
+    """Yield key and value of every input of a structure; keys of inner tables are `table.key`."""
     for name, value in structure.as_arguments().items():
         if isinstance(value, models.Keys):
             yield from ((f"{name}.{inner}", y) for inner, y in value.as_arguments().items())
@@ -116,9 +117,10 @@ def read_checks(
 ) -> Iterator[Entry]:
     """Yield the entries of `[[checks]]` and `[[targets]]`.
 
-    - `reader`: reader of the file; `table`: its contents; `file`: the same, validated
+    - `reader`: reader of the file
+    - `table`, `file`: contents of the file, and the same after validation
     - `podium`: the structure
-    - `parts`: tables that are read, in their order
+    - `parts`: names of the lists of tables to read, in this order
 
     Raises `ValueError`, which names the file, the key and the cause.
     """
@@ -148,10 +150,10 @@ def _entry(
     where: str,
     given: Mapping[str, Any],
 ) -> Entry:
-    """Return an entry with the id and the motions that it gives.
+    """Return an entry; `id` and `motions` are those that it gives, without defaults.
 
     - `reader`, `table`, `file`, `podium`: as for `read_checks`
-    - `where`: its key; `given`: its table
+    - `where`, `given`: key and table of the entry
     """
     name = given.get("kind")
     if name is None:
@@ -171,13 +173,13 @@ def _entry(
 
 
 def _resolve(table: Mapping[str, Any], name: str, value: Any) -> Any:
-    """Return the value of a limit that is a key of the file, such as "joints.friction"; other values
-    unchanged. Raises `ValueError` for a key that holds no number."""
+    """Return the number to which a limit such as "joints.friction" refers; other values are unchanged. Raises
+    `ValueError` if the key has no number."""
     if name not in BOUNDS or not isinstance(value, str):
         return value
-    found: Any = table
+    number: Any = table
     for step in value.split("."):
-        found = found.get(step) if isinstance(found, dict) else None
-    if not isinstance(found, int | float) or isinstance(found, bool) or not math.isfinite(found):
+        number = number.get(step) if isinstance(number, dict) else None
+    if not isinstance(number, int | float) or isinstance(number, bool) or not math.isfinite(number):
         raise ValueError(f"{name} must be a number or a key of this file, got {value!r}")
-    return float(found)
+    return float(number)

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 class Report:
     """A report, from [`rockjax.report`][].
 
-    - `evaluation`: the checks and their scenes; `page`: contents of the page; `units`: its units
+    - `evaluation`: the checks and their scenes
+    - `page`, `units`: contents of the page, and units in which it shows them
     - `written`: files that were written
     """
 
@@ -40,12 +41,12 @@ class Report:
 
     @property
     def json(self) -> str:
-        """All numbers of the page in SI."""
+        """The contents of the page as JSON, with all numbers in SI."""
         return next(iter(self._encoded("json").values())).decode()
 
     @property
     def tables(self) -> dict[str, Table]:
-        """Name → table."""
+        """All tables: name → table."""
         return {table.name: table for table in self.page.tables()}
 
     @property
@@ -63,7 +64,7 @@ class Report:
     def to_xlsx(self, path: str | Path) -> Path:
         """Write a workbook with a sheet for each table. Return its path.
 
-        Raises `ImportError` without XlsxWriter, with the command that installs it.
+        Raises `ValueError`, with the command to install XlsxWriter, if that is missing.
         """
         (content,) = self._encoded("xlsx").values()
         return write_atomically(path, _writer(content))
@@ -101,7 +102,8 @@ def report(
     - `problem`: path of a problem file, a [`rockjax.Problem`][], or an [`rockjax.Evaluation`][]
     - `output`: path of the page, NAME.html. NAME.json (all numbers in SI) and NAME.nc (all scenes) are
       written beside it; scenes that NAME.nc already has are not solved again. None writes nothing
-    - `units`: units of the page, at most one of a kind, such as "kN,m,deg,g,mm"; by default those of the file
+    - `units`: units of the page, at most one for each kind, such as "kN,m,deg,g,mm"; by default those of
+      the file
     - `skip`, `progress`: as for [`rockjax.evaluate`][]
     - `command`: the command that makes the report, for the head of the page
 
@@ -128,10 +130,10 @@ def report(
         evaluation = evaluate(problem, skip=skip, store=store, progress=progress)
     chosen = units_of(evaluation, units)
     with evaluation.scenes.store.saved_on_interruption():
-        made = Report(evaluation, page_of(evaluation, chosen, command), chosen)
+        result = Report(evaluation, page_of(evaluation, chosen, command), chosen)
     if path is None:
-        return made
-    contents = {path: made.html.encode(), path.with_suffix(".json"): made.json.encode()}
+        return result
+    contents = {path: result.html.encode(), path.with_suffix(".json"): result.json.encode()}
     written = [write_atomically(name, _writer(content)) for name, content in contents.items()]
     saved = evaluation.scenes.store.save()
-    return dataclasses.replace(made, written=(*written, *([saved] if saved else [])))
+    return dataclasses.replace(result, written=(*written, *([saved] if saved else [])))

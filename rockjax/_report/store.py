@@ -1,4 +1,4 @@
-"""Stored answers of the scenes of a report, which a repeated report does not solve again."""
+"""Storage of a report's scenes, which a repeated report does not solve again."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 def fingerprint(*values: Any) -> str:
-    """Return a hash of pytrees of numbers and of other values by their `repr`. Equal hashes mean equal
-    answers."""
+    """Return a hash of pytrees and of the versions of the libraries. Leaves that are not numbers are hashed
+    by their `repr`."""
     entries: list[str] = [json.dumps(describe_versions(), sort_keys=True)]
     for value in values:
         leaves, structure = jax.tree.flatten(value)
@@ -41,7 +41,7 @@ WRITE_EVERY = 5.0  # least time between two writings of an unfinished store [s]
 class Store:
     """Datasets by name, each with a fingerprint of its inputs.
 
-    - `path`: file that keeps them, or None
+    - `path`: file of the datasets; None keeps them in memory
     """
 
     def __init__(self, path: Path | None = None):
@@ -51,7 +51,7 @@ class Store:
             self._load(candidate)
 
     def _load(self, path: Path) -> None:
-        """Read the datasets of an earlier run. A file that is damaged, or not of a report, is ignored."""
+        """Read the datasets of an earlier run; ignore a file that is damaged or not of a report."""
         if not path.exists():
             return
         import xarray
@@ -66,17 +66,18 @@ class Store:
         except (OSError, ValueError, KeyError):
             self.data = {}
 
-    def get(self, name: str, mark: str, compute: Callable[[], xarray.Dataset]) -> xarray.Dataset:
-        """Return a dataset; compute it if it is not stored with this fingerprint.
+    def get(self, name: str, inputs_hash: str, compute: Callable[[], xarray.Dataset]) -> xarray.Dataset:
+        """Return a dataset; compute it unless it is stored with the same fingerprint.
 
-        - `name`: name of the dataset, with "." between its parts; `mark`: its fingerprint
-        - `compute`: function that computes it
+        - `name`: name of the dataset, with "." between its parts
+        - `inputs_hash`: fingerprint of the inputs of the dataset
+        - `compute`: function that computes the dataset
         """
         stored = self.data.get(name)
-        if stored is not None and stored.attrs["fingerprint"] == mark:
+        if stored is not None and stored.attrs["fingerprint"] == inputs_hash:
             return stored
         data = compute()
-        data.attrs["fingerprint"] = mark
+        data.attrs["fingerprint"] = inputs_hash
         self.data[name] = data
         self.computed += 1
         if time.monotonic() - self.last_write > WRITE_EVERY:
@@ -106,7 +107,7 @@ class Store:
         self.last_write = time.monotonic()
 
     def save(self) -> Path | None:
-        """Write all datasets to the file, and remove that of an interrupted run. Return the path."""
+        """Write all datasets to the file, and remove the partial file. Return the path."""
         if self.path is None:
             return None
         if self.computed or not self.path.exists():

@@ -1,4 +1,4 @@
-"""Tables of a report: cells, columns, and the one place that formats numbers.
+"""Tables of a report: cells, columns, and the formatting of all numbers.
 
 Values are in SI. All formats (HTML, JSON, CSV, XLSX) read the same `Table`.
 """
@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeAlias
 from . import formulas
 from .units import KINDS, NO_UNIT, Units
 
-# States of words and their looks: good, bad, open (not verified, missing), or plain.
+# State of a word → tone in which it is shown: good, bad, open (not verified, missing), or plain.
 Tone: TypeAlias = Literal["plain", "good", "bad", "open"]
 STATES: dict[str, Tone] = {
     "text": "plain",  # names, sources and other texts
@@ -30,7 +30,7 @@ STATES: dict[str, Tone] = {
     "holds": "good",
     "not tested": "open",
     "unsafe": "bad",
-    "unanswered": "open",  # no answer of the solver
+    "unanswered": "open",  # the solver gave no answer
     "no source": "open",
     "not asked": "plain",
     "none": "plain",  # "no impact", "no derivative"
@@ -46,10 +46,10 @@ class Quantity:
     """A number with a unit.
 
     - `value`: finite number [SI]
-    - `kind`: what it measures, one of `units.KINDS`
+    - `kind`: what the number measures, one of `units.KINDS`
     - `error`: estimate of the numerical error [SI]; None if there is none
-    - `given`: whether it is a number of the input, which is shown without trailing zeros
-    - `note`: a second line below it in tables, such as its time
+    - `given`: whether it is an input, which is shown without trailing zeros
+    - `note`: a second line in the cell, such as the time of the value
 
     Raises `ValueError` for an unknown kind, a value that is not finite (use a `Word`), and an error that is
     negative or not finite.
@@ -76,9 +76,9 @@ class Quantity:
 class Word:
     """A text in a cell: a name, or a word that replaces a number.
 
-    - `text`: what is shown; not empty, not a bare dash, and not the name of a missing number such as "nan"
-    - `state`: its meaning for programs, one of `STATES`
-    - `note`: a second line below it in tables
+    - `text`: shown text; not empty, not a bare dash, and not the name of a missing number such as "nan"
+    - `state`: meaning of the word for programs, one of `STATES`
+    - `note`: a second line in the cell
 
     Raises `ValueError` for such texts and for unknown states.
     """
@@ -104,11 +104,11 @@ class Series:
     """Numbers of one kind in a cell, such as the masses of all stories: shown as "7 × 260, 220".
 
     - `values`: finite numbers [SI], at least one
-    - `kind`: what they measure, one of `units.KINDS`
-    - `given`: whether they are numbers of the input, which are shown without trailing zeros
-    - `note`: a second line below them in tables
+    - `kind`: what the numbers measure, one of `units.KINDS`
+    - `given`: whether they are inputs, which are shown without trailing zeros
+    - `note`: a second line in the cell
 
-    Raises `ValueError` as `Quantity` does, and without values.
+    Raises `ValueError` as `Quantity` does, and if there are no values.
     """
 
     values: tuple[float, ...]
@@ -159,7 +159,7 @@ class Link:
 
 @dataclasses.dataclass(frozen=True)
 class Bare:
-    """A quantity in a text without its unit, for equations with numbers."""
+    """A quantity that a text shows without its unit, such as in an equation."""
 
     quantity: Quantity
 
@@ -174,9 +174,9 @@ _PARTS = (str, Quantity, Strong, Code, Link, Bare, Formula)
 class Column:
     """A column of a table.
 
-    - `head`: its heading, without a unit
-    - `kind`: what its numbers measure, which puts their unit into the heading; None for texts and for mixed
-      kinds, where every cell shows its unit
+    - `head`: heading without a unit
+    - `kind`: what the numbers measure; their unit is added to the heading. None for texts and for numbers of
+      several kinds, each of which is shown with its unit
     - `note`: a second line below the heading
     """
 
@@ -195,16 +195,16 @@ class Column:
 class Table:
     """A table of a report.
 
-    - `name`: name of its file, sheet and entry in JSON: up to 31 lower-case letters, digits and "-"; unique
-      in a report
-    - `caption`: what it shows
-    - `columns`: the columns; the cells of the first are the headings of the rows
+    - `name`: name of the file, sheet and JSON entry, unique in a report: up to 31 lower-case letters, digits
+      and "-"
+    - `caption`: title above the table
+    - `columns`: the columns; the cells of the first column are the headings of the rows
     - `rows`: at least one row, each with a cell for every column; a string is a `Word`
-    - `governing`: numbers of the rows that stand out, from 0
-    - `ids`: an anchor for every row, such as "A7", of letters, digits, "-" and "."; or none at all
+    - `governing`: indices of highlighted rows
+    - `ids`: an anchor for every row, such as "A7", of letters, digits, "-" and "."; empty for no anchors
 
-    Raises `ValueError` for a table without rows, a row of another length, a quantity in the column of another
-    kind, and invalid cells.
+    Raises `ValueError` for a table without rows, a row of another length, a quantity of another kind than the
+    column, and invalid cells.
     """
 
     name: str
@@ -264,7 +264,7 @@ class Table:
         Raises `ValueError` as the constructor does, and for a number in a column without a kind.
         """
         heads = tuple(Column(head, kind) for head, kind in columns.items())
-        made = tuple(
+        cells = tuple(
             tuple(
                 _cell(cell)
                 if isinstance(cell, str | tuple | Quantity | Series | Word | Formula)
@@ -273,7 +273,7 @@ class Table:
             )
             for row in rows
         )
-        return cls(name, caption, heads, made, **options)
+        return cls(name, caption, heads, cells, **options)
 
 
 def shown(quantity: Quantity, units: Units) -> str:
@@ -334,7 +334,7 @@ def plain(text: Text, units: Units) -> str:
 
 
 def plain_part(part: Part, units: Units) -> str:
-    """Return a part of a text without markup; a formula by its LaTeX source."""
+    """Return a part of a text without markup; a formula becomes its LaTeX source."""
     if isinstance(part, Quantity):
         return with_unit(shown(part, units), part.kind, units)
     if isinstance(part, Bare):
@@ -355,7 +355,7 @@ def plain_cell(cell: Cell, units: Units, *, unit: bool = True) -> str:
 
 
 def _significant(value: float, digits: int, error: float | None = None) -> str:
-    """Return a number with at most `digits` significant digits, and none below the first one of `error`."""
+    """Return a number with at most `digits` significant digits, and no digit beyond the first of `error`."""
     exponent = _exponent(value, digits)
     decimals = digits - 1 - exponent if value else 0
     if error:
@@ -367,7 +367,7 @@ def _significant(value: float, digits: int, error: float | None = None) -> str:
 
 
 def _exponent(value: float, digits: int) -> int:
-    """Return the power of ten of a number that is rounded to significant digits; 0 of 0."""
+    """Return the power of ten of a number rounded to significant digits; 0 for zero."""
     return int(f"{value:.{digits - 1}e}".partition("e")[2]) if value else 0
 
 
@@ -402,14 +402,14 @@ def _signed(digits: str) -> str:
 
 
 def _finite(value: Any, name: str) -> float:
-    """Return a finite number as a float. Raises `ValueError` for others."""
+    """Return a finite number as a float. Raises `ValueError` for other values."""
     try:
         number = float(value)
     except (TypeError, ValueError):
         raise ValueError(f"Quantity: {name} must be a number, got {value!r}") from None
     if not math.isfinite(number):
         raise ValueError(
-            f"Quantity: {name} must be finite, got {name} = {number}; use a Word for what is no number"
+            f"Quantity: {name} must be finite, got {name} = {number}; use a Word instead of a missing number"
         )
     return number
 

@@ -1,7 +1,6 @@
 """Units in which reports are shown: one table of kinds, with the factors of their units.
 
-Values are in SI everywhere else. A kind is what a number measures, such as "force"; a unit is shown by its
-symbol.
+Values are in SI everywhere else. A kind is what a number measures, such as "force".
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ NO_UNIT = "–"  # the unit of pure numbers
 
 
 class Kind(NamedTuple):
-    """A kind of numbers."""
+    """A kind of quantity, with its units."""
 
     units: dict[str, float]  # name → size in SI; the first is the SI unit
-    usual: str  # the unit in which it is shown unless another one is chosen
-    article: str = "a"  # for messages
-    digits: int | None = 4  # significant digits on a page; None: a whole number
+    usual: str  # unit on pages unless another one is chosen
+    article: str = "a"  # article before the name of the kind, for messages
+    digits: int | None = 4  # significant digits on a page; None for whole numbers
 
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
@@ -52,7 +51,7 @@ KINDS = {
     "count": Kind({NO_UNIT: 1.0}, NO_UNIT, digits=None),
     "utilisation": Kind({NO_UNIT: 1.0}, NO_UNIT),
 }
-_OF_UNIT = {
+_KIND_OF_UNIT = {
     "1": "number",
     "m": "displacement",
     "m s-2": "acceleration",
@@ -86,13 +85,13 @@ _CHOOSABLE = sorted({unit for kind in KINDS.values() if len(kind.units) > 1 for 
 class Units:
     """The unit of every kind on a page.
 
-    - `names`: units, at most one of a kind; kinds without one keep their usual unit. Lengths have two kinds:
+    - `names`: units, at most one for each kind; other kinds keep their usual unit. Lengths have two kinds:
       dimensions ("length"), and drifts and other movements ("displacement"). A single unit of length applies
-      to both; of two, the larger applies to dimensions and the smaller to displacements, in any order. So
-      ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by 325 mm.
+      to both; of two, the larger applies to dimensions and the smaller to displacements, in any order. For
+      example, ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by 325 mm.
     - `g`: gravity [m/s²], the size of the unit "g"
 
-    Raises `ValueError` for unknown units, with the nearest one, and for two units of a kind.
+    Raises `ValueError` for an unknown unit, with the nearest known one, and for two units of the same kind.
     """
 
     names: tuple[str, ...] = ()
@@ -122,7 +121,7 @@ class Units:
 
     @classmethod
     def parse(cls, text: str | Sequence[str], g: float = STANDARD_GRAVITY) -> Units:
-        """Return the units of a string such as "kN,m,deg,g,mm", or of a list of names.
+        """Parse a string such as "kN,m,deg,g,mm", or a list of names.
 
         Raises `ValueError` as the constructor does.
         """
@@ -131,7 +130,7 @@ class Units:
 
     @classmethod
     def si(cls, g: float = STANDARD_GRAVITY) -> Units:
-        """Return SI units of all kinds: the units of JSON files."""
+        """Return SI units for all kinds, as in JSON files."""
         firsts = {kind: next(iter(entry.units)) for kind, entry in KINDS.items() if len(entry.units) > 1}
         return cls(tuple(unit for kind, unit in firsts.items() if kind != "displacement"), g)
 
@@ -140,33 +139,33 @@ class Units:
         return self._chosen.get(kind, KINDS[kind].usual)
 
     def symbol(self, kind: str) -> str:
-        """Return the unit of a kind as it is shown, such as "°" for "deg"."""
+        """Return the symbol for the unit of a kind, such as "°" for "deg"."""
         return _SYMBOLS.get(self.unit(kind), self.unit(kind))
 
     def factor(self, kind: str) -> float:
-        """Return the size in SI of the unit of a kind: a value in SI is divided by it."""
+        """Return the SI value of one unit of a kind, by which values in SI are divided."""
         return size_of(self.unit(kind), kind, self.g)
 
     def show(self, value: float, kind: str) -> float:
-        """Return a value of a kind, given in SI, in the chosen unit."""
+        """Convert a value of a kind from SI to the chosen unit."""
         return in_unit(value, self.unit(kind), kind, self.g)
 
 
 def in_unit(value: float, unit: str, kind: str, g: float = STANDARD_GRAVITY) -> float:
-    """Return a value of a kind, given in SI, in a unit. `g`: gravity [m/s²]."""
+    """Convert a value of a kind from SI to a unit. `g`: gravity [m/s²]."""
     size = size_of(unit, kind, g)
     # 0.001 is not exact in binary: multiplying by 1000 rounds once, dividing by 0.001 twice.
     return value * round(1 / size) if size in (1e-2, 1e-3) else value / size
 
 
 def size_of(unit: str, kind: str, g: float = STANDARD_GRAVITY) -> float:
-    """Return the size of a unit of a kind in SI. `g`: gravity [m/s²]."""
+    """Return the SI value of a unit of a kind. `g`: gravity [m/s²]."""
     return g if unit == "g" else KINDS[kind].units[unit]
 
 
 def kind_of_unit(unit: str) -> str:
-    """Return the kind of numbers with a unit of outputs and datasets; their lengths are displacements."""
-    return _OF_UNIT.get(unit, "number")
+    """Return the kind for a unit of outputs and datasets; "m" is a displacement."""
+    return _KIND_OF_UNIT.get(unit, "number")
 
 
 def si_unit(kind: str) -> str:
@@ -177,14 +176,14 @@ def si_unit(kind: str) -> str:
 def to_si(
     value: float, unit: str, kind: str, *, g: float = STANDARD_GRAVITY, owner: str = "unit", subject: str = ""
 ) -> float:
-    """Return a value that is given in a unit, in SI.
+    """Convert a value from a unit to SI.
 
     - `value`: the number, in `unit`
-    - `unit`: its unit, as written by a user
-    - `kind`: what it measures, one of `KINDS`
+    - `unit`: unit of the value, as written by a user
+    - `kind`: what the value measures, one of `KINDS`
     - `g`: gravity [m/s²]
-    - `owner`: the key that holds the unit, for messages, such as "checks[5].unit"
-    - `subject`: what has the kind, for messages, such as "peak-drift-ratio"; "the value" by default
+    - `owner`: key of the unit, for messages, such as "checks[5].unit"
+    - `subject`: name of the quantity, for messages, such as "peak-drift-ratio"; "the value" by default
 
     Raises `ValueError` if the unit is unknown or of another kind.
     """
@@ -192,7 +191,7 @@ def to_si(
 
 
 def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = "") -> str:
-    """Return the name of a unit, as written by a user, in `KINDS`.
+    """Return the name in `KINDS` of a unit that a user has written.
 
     Arguments and errors are those of `to_si`.
     """
@@ -206,13 +205,13 @@ def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = ""
 
 
 def _alias(text: str) -> str:
-    """Return the unit of `KINDS` for another spelling; other texts unchanged, without spaces and dots."""
+    """Return the name in `KINDS` of another spelling of a unit; other texts only lose spaces and dots."""
     plain = re.sub(r"[\s·*^]", "", text)
     return _ALIASES.get(plain, plain)
 
 
 def _name(text: str, owner: str) -> str:
-    """Return the name of a unit. Raises `ValueError`, which names the nearest unit, for an unknown one."""
+    """Return the name of a unit. Raises `ValueError` for an unknown unit, with the nearest known one."""
     name = _alias(text)
     known = {unit for kind in KINDS.values() for unit in kind.units}
     if name in known:
@@ -220,4 +219,4 @@ def _name(text: str, owner: str) -> str:
     folded = {unit.casefold(): unit for unit in sorted(known)}
     nearest = difflib.get_close_matches(name.casefold(), folded, 1, 0.5)
     hint = f"did you mean {folded[nearest[0]]!r}?" if nearest else f"known are {', '.join(_CHOOSABLE)}"
-    raise ValueError(f"{owner}: {text!r} is no known unit; {hint}")
+    raise ValueError(f"{owner}: {text!r} is not a known unit; {hint}")

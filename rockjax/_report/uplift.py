@@ -1,5 +1,7 @@
-"""The least factor on a motion that lifts the columns. Before uplift the structure is linear, so one scene
-without uplift gives it."""
+"""Output for the least factor on a motion that lifts the columns.
+
+Before uplift the structure is linear, so one scene without uplift determines the factor.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,9 @@ from rockjax._types import Values
 class UpliftRatio(AbstractOutput):
     """The largest max(±q/q_up − r) [–].
 
-    q is the demand of Eq. (9), q_up its threshold, and r the change of the threshold by vertical motion,
-    (C10). Without uplift it is proportional to the motion, and its inverse is the least factor on the motion
-    that lifts the columns.
+    q is the demand of Eq. (9), q_up its threshold, and r the relative change of the threshold by vertical
+    motion, (C10). Without uplift the ratio is proportional to the motion, and its inverse is the least factor
+    on the motion that lifts the columns.
     """
 
     name = "uplift_ratio"

@@ -133,7 +133,7 @@ def test_a_check_without_its_input_is_not_made(tmp_path, check, reason):
         (PULSES + 'motions = "pulses"\n', "belongs to no set of motions"),
         (PULSES + 'statistic = "mean"\n', "statistic must be left out"),
         (SHARE + 'statistic = "mean"\n', "statistic must be left out"),
-        (FLOORS + 'oscillators = ["pump"]\n', "oscillators must be of pipe, got 'pump'"),
+        (FLOORS + 'oscillators = ["pump"]\n', "oscillators must be some of pipe, got 'pump'"),
         (FLOORS.replace('name = "pipe"', "level = 2"), "oscillators"),
         (FAILURE.replace("n = 61", "n = 1"), r"checks\[0\]\.motion\.n: must be"),
     ],

@@ -61,8 +61,8 @@ def test_a_number_and_its_unit_come_back():
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        ("kN,furlong", "'furlong' is no known unit; known are"),
-        ("kn", "'kn' is no known unit; did you mean 'kN'"),
+        ("kN,furlong", "'furlong' is not a known unit; known are"),
+        ("kn", "'kn' is not a known unit; did you mean 'kN'"),
         ("Mpa", "did you mean 'MPa'"),
         ("kPa,MPa", "stress has two units, kPa and MPa; give one of them"),
         ("m,cm,mm", "at most two different units of length are possible, got m, cm, mm"),

@@ -1,4 +1,4 @@
-"""Formats of a report: a new one is a module with a function `encode`, and its line in `FORMATS`."""
+"""Formats of a report. A new format is a module with a function `encode`, and a line in `FORMATS`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from rockjax._report.units import Units
 
 from . import csv, html, json, xlsx
 
-# Name of a format → function of a page and of the units of its texts, which returns files by name. All of
-# them read the same tables; none computes anything.
+# Name of a format → function (page, units of texts) ↦ files by name. Formats show tables and compute nothing.
 FORMATS: dict[str, Callable[[Page, Units], dict[str, bytes]]] = {
     "html": html.encode,
     "json": json.encode,

@@ -25,10 +25,10 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
 
 
 def _content(table: Table, units: Units) -> bytes:
-    made, target = grid(table, units), io.StringIO(newline="")
+    table_grid, target = grid(table, units), io.StringIO(newline="")
     writer = csv.writer(target)
-    writer.writerow(map(_field, made.heads))
-    writer.writerows([_field(cell) for cell in row] for row in made.rows)
+    writer.writerow(map(_field, table_grid.heads))
+    writer.writerows([_field(cell) for cell in row] for row in table_grid.rows)
     return codecs.BOM_UTF8 + target.getvalue().encode()
 
 

@@ -1,4 +1,4 @@
-"""Tables as rows of numbers and texts, for files of spreadsheets."""
+"""Tables as rows of numbers and texts, for CSV and XLSX files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rockjax._report.tables import (
 )
 from rockjax._report.units import NO_UNIT, Units
 
-NONE = "none"  # for a cell without an error or note
+NONE = "none"  # text of a cell without an error or note
 
 
 class Number(NamedTuple):
@@ -29,7 +29,7 @@ class Number(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """A table with additional columns for units, errors and notes, where there are any."""
+    """A table with additional columns for units, errors and notes, if there are any."""
 
     heads: list[str]
     rows: list[list[Number | str]]

@@ -1,6 +1,6 @@
 """JSON: everything on the page, in SI.
 
-Numbers are not rounded. The page's order is kept: sections, and blocks within them.
+Numbers are not rounded. Sections, and blocks within them, have the order of the page.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from rockjax._report.tables import (
 )
 from rockjax._report.units import Units, si_unit
 
-SCHEMA = "rockjax-report/1"  # incremented by changes that readers of files must follow
+SCHEMA = "rockjax-report/1"  # incremented by changes that break programs which read the file
 
 
 def encode(page: Page, units: Units) -> dict[str, bytes]:
@@ -83,7 +83,7 @@ def document(page: Page, g: float) -> dict[str, Any]:
 
 
 class _Writer:
-    """Conversion of the parts of a page. Texts are in SI units."""
+    """Conversion of the parts of a page, with all texts in SI units."""
 
     def __init__(self, units: Units):
         self.units = units

@@ -32,8 +32,8 @@ def require_library() -> Any:
 def encode(page: Page, units: Units) -> dict[str, bytes]:
     """Return the tables of a page as a workbook.
 
-    Numbers are in the chosen units, not rounded, and shown with the digits of the page. Raises `ValueError`
-    if XlsxWriter is missing.
+    Numbers are in the chosen units, not rounded, and shown with as many digits as on the page. Raises
+    `ValueError` if XlsxWriter is missing.
     """
     target = io.BytesIO()
     options = {"in_memory": True, "strings_to_numbers": False, "strings_to_formulas": False}
@@ -44,12 +44,12 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
     for table in page.tables():
         sheet = workbook.add_worksheet(table.name)
         sheet.write_string(0, 0, plain(table.caption, units)[:_LONGEST], bold)
-        made = grid(table, units)
-        for column, name in enumerate(made.heads):
+        table_grid = grid(table, units)
+        for column, name in enumerate(table_grid.heads):
             sheet.write_string(1, column, name, bold)
-            longest = max(len(_text(row[column])) for row in [made.heads, *made.rows])
+            longest = max(len(_text(row[column])) for row in [table_grid.heads, *table_grid.rows])
             sheet.set_column(column, column, min(max(longest + 2, _WIDTHS[0]), _WIDTHS[1]))
-        for line, row in enumerate(made.rows, 2):
+        for line, row in enumerate(table_grid.rows, 2):
             for column, cell in enumerate(row):
                 if isinstance(cell, Number):
                     style = _number_format(cell.digits)
@@ -68,7 +68,7 @@ def _text(cell: Number | str) -> str:
 
 
 def _number_format(digits: str) -> str:
-    """Return the format of a cell that shows a number like the page does; two digits of an error."""
+    """Return the spreadsheet format that shows a number with these digits; two digits for an error."""
     mantissa, power, _ = digits.partition("·")
     _, point, decimals = re.sub(r"\s", "", mantissa).partition(".")
     if not digits or power:

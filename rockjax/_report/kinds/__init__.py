@@ -1,4 +1,4 @@
-"""The kinds of checks of problem files, which are those of design targets as well: one entry for each."""
+"""All kinds of checks, which are also the kinds of design targets: one entry for each."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ _KINDS: tuple[Kind, ...] = (
         section=7,
         keys=_SCALE,
         is_of_set=True,
-        part="risk",
+        skip_name="risk",
     ),
     AnnualKind(
         "annual-frequency",
@@ -78,7 +78,7 @@ _KINDS: tuple[Kind, ...] = (
         section=7,
         keys=_ANNUAL | _WIDTH,
         is_of_set=True,
-        part="risk",
+        skip_name="risk",
     ),
     ShareKind(
         "overturning-probability",
@@ -96,7 +96,7 @@ _KINDS: tuple[Kind, ...] = (
         keys=_FAILURE,
         needs_motions=False,
         is_of_set=True,
-        part="risk",
+        skip_name="risk",
     ),
     FloorKind(
         "contents-rotation",

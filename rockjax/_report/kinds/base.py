@@ -31,14 +31,14 @@ STATISTICS = {"max": "largest", "mean": "mean", "median": "median", "p84": "84 %
 class Values(NamedTuple):
     """Values of a check for each of its cases, or one value for all of them.
 
-    - `values`: (n,) in SI; ±inf where there is a word instead
+    - `values`: (n,) [SI]; ±inf where a word replaces the number
     - `errors`: (n,) estimated errors, NaN where unknown
-    - `words`: (n,) what replaces a number, such as "overturned at 5.85 s"; "" elsewhere
-    - `places`: (n,) storey or joint and time of the value; "" without
-    - `unanswered`: why a scene or an estimate has no answer, such as "undecided"; "" if it has one
+    - `words`: (n,) words that replace numbers, such as "overturned at 5.85 s"; "" for numbers
+    - `places`: (n,) storey, joint or time of the value; "" if it has none
+    - `unanswered`: why a scene or an estimate has no answer, such as "undecided"; "" if it has an answer
     - `names`: (n,) names of the cases: motions or pulses
-    - `remark`: what else the summary says of the value; "" for nothing
-    - `reach`: a check passes only if value ± `reach` · error satisfies the limit
+    - `remark`: text that the summary adds to the value, or ""
+    - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit
     """
 
     values: np.ndarray
@@ -48,11 +48,11 @@ class Values(NamedTuple):
     unanswered: tuple[str, ...]
     names: tuple[str, ...]
     remark: str = ""
-    reach: float = SAFETY
+    error_factor: float = SAFETY
 
 
 def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
-    """Return the values of a check that has one value; `fields`: further fields of `Values`."""
+    """Return the `Values` of a check that has a single value; `fields`: further fields."""
     return Values(
         np.array([value]), np.array([error]), ("",), ("",), fields.pop("unanswered", ()), (), **fields
     )
@@ -62,14 +62,14 @@ def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
 class Kind(abc.ABC):
     """A kind of check.
 
-    - `name`: in problem files; `title`: on the page
-    - `quantity`: what its value measures, one of `units.KINDS`
+    - `name`: name in problem files; `title`: title on the page
+    - `quantity`: what the value measures, one of `units.KINDS`
     - `is_minimum`: whether the value must be at least the limit
     - `section`: section of the page with the details
-    - `keys`: further keys: name → (type, description)
-    - `needs_motions`: whether it belongs to a set of motions; `has_limit`: whether it has a limit
-    - `is_of_set`: whether it has one value for the set, so that no motion governs and there is no statistic
-    - `part`: the name in `evaluate(skip=…)` that leaves it out; "" without
+    - `keys`: keys that only this kind has: name → (type, description)
+    - `needs_motions`: whether the check needs a set of motions; `has_limit`: whether it has a limit
+    - `is_of_set`: whether the whole set has one value, so that no motion governs and there is no statistic
+    - `skip_name`: name in `evaluate(skip=…)` that leaves the check out; "" if no name does
     """
 
     name: str
@@ -81,13 +81,14 @@ class Kind(abc.ABC):
     needs_motions: bool = True
     has_limit: bool = True
     is_of_set: bool = False
-    part: str = ""
+    skip_name: str = ""
 
     # ------------------------------------------------------------------------------------------------ reading
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
-        """Return the arguments of an entry from the keys of its kind, and from other tables of the file.
+        """Return the arguments of an entry, from the keys of its kind and from other tables of the file.
 
-        - `keys`: table of the entry; `file`: the tables of the file, read by `reader`
+        - `keys`: table of the entry
+        - `reader`, `file`: reader of the problem file, and the tables of the file
         - `podium`: the structure
 
         Raises `ValueError` for keys that contradict each other.
@@ -96,7 +97,7 @@ class Kind(abc.ABC):
         return keys.as_arguments(*CheckKeys.model_fields)
 
     def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
-        """Return what the value of an entry measures."""
+        """Return what the value of an entry measures, one of `units.KINDS`."""
         del keys, file
         return self.quantity
 
@@ -108,7 +109,7 @@ class Kind(abc.ABC):
     def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
         """Return the limit [SI] of an entry, whose value measures `quantity`; 1 for kinds without a limit.
 
-        Raises `ValueError` for none, two, or a unit of another kind.
+        Raises `ValueError` unless the entry has exactly one limit, and for a unit of another kind.
         """
         own = "at_least" if self.is_minimum else "at_most"
         given = {name: getattr(keys, name) for name in BOUNDS if getattr(keys, name) is not None}
@@ -120,7 +121,7 @@ class Kind(abc.ABC):
             raise ValueError(f"{self.name} needs exactly one of limit and {own}, got {len(given)}")
         ((name, value),) = given.items()
         if name not in ("limit", own):
-            raise ValueError(f"{self.name} is a check with limit or {own}, got {name}")
+            raise ValueError(f"{self.name} takes limit or {own}, got {name}")
         if keys.unit is not None:
             value = to_si(value, keys.unit, quantity, g=g, owner="unit", subject=self.name)
         if not self.is_minimum and value <= 0:
@@ -128,7 +129,7 @@ class Kind(abc.ABC):
         return value
 
     def check(self, keys: CheckKeys, uses_motions: bool) -> None:
-        """Raise `ValueError` for a statistic, or motions, that the kind does not have."""
+        """Raise `ValueError` if an entry gives a statistic or motions that do not apply to the kind."""
         if keys.statistic != "max" and (self.is_of_set or not uses_motions):
             raise ValueError(
                 f"statistic must be left out: {self.name} has one value, not one for each motion"
@@ -143,18 +144,18 @@ class Kind(abc.ABC):
         """Return why the check cannot be made, and what would make it possible; "" if it can be made."""
         if entry.keys.vertical and entry.motions and not problem.motions[entry.motions].has_vertical:
             return (
-                f"The motions of {entry.motions} have no vertical component; give one by the keys vertical, "
+                f"The motions of {entry.motions} have no vertical component; give it with the keys vertical, "
                 "vertical_ratio or paired of the set."
             )
         return ""
 
     def outputs(self, entry: Entry) -> tuple[str, ...]:
-        """Return the outputs of the scenes of its set that it needs."""
+        """Return the outputs that the check needs from the scenes of its set."""
         del entry
         return ()
 
     def things(self, entry: Entry) -> Mapping[str, Any]:
-        """Return the things on floors that the scenes of its set need: name → thing."""
+        """Return the blocks or oscillators that the check needs on the floors in the scenes of its set."""
         del entry
         return {}
 
@@ -162,23 +163,23 @@ class Kind(abc.ABC):
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
         """Return the values of the check.
 
-        - `entry`: its keys; `scenes`: solves scenes and keeps their answers
-        - `law`: law of impact instead of that of the structure
+        - `entry`: the entry
+        - `scenes`: solves scenes and stores their answers
+        - `law`: law of impact that replaces the law of the structure; None keeps that law
         - `change`: one of `Scenes.changes`; "" for the structure itself
         """
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
-        """Return the value of one case as a function of the logarithms of the factors on every input and on
-        the motion, (n + 1,), which can be differentiated at zero; None if there is none."""
+    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
+        """Return the value of a case as a differentiable function; None if the kind has no such function."""
         del entry, scenes, case
         return None
 
-    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
-        """Return the scenes in which the assumptions are tested; None without."""
+    def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+        """Return the scenes in which the assumptions are tested; None if there are none."""
         return scenes.peaks(entry.motions) if entry.motions else None
 
     @property
-    def repeats(self) -> bool:
+    def is_repeated(self) -> bool:
         """True if the check is evaluated again for other laws and for changed parameters."""
         return False
 
@@ -194,12 +195,12 @@ class Kind(abc.ABC):
         )
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
-        """Return tables with the details, for its section; checks with equal tables show them once."""
+        """Return tables with the details of a check; a table that several checks return is shown once."""
         del entry, values, scenes
         return []
 
     def notices(self, entry: Entry, scenes: Scenes) -> Iterator[str]:
-        """Yield what the reader of the page must know."""
+        """Yield notices for the top of the page."""
         del entry, scenes
         yield from ()
 
@@ -211,16 +212,17 @@ def with_words(
     values: np.ndarray,
     errors: np.ndarray,
     places: list[str],
-    least: bool,
+    is_minimum: bool,
 ) -> Values:
     """Return values of scenes, with words for scenes that overturned and for joints that open.
 
-    - `scenes`, `entry`: the scenes and the entry; `data`: dataset of the scenes of its set
-    - `values`, `errors`, `places`: (n,)
-    - `least`: whether the value must be at least a limit
+    - `scenes`, `entry`: the scenes and the entry
+    - `data`: dataset of the scenes, with the dim `motion` of length n
+    - `values`, `errors`, `places`: fields of `Values`, (n,)
+    - `is_minimum`: whether the value must be at least the limit
     """
     words, unanswered = [], unanswered_scenes(data)
-    worst = -np.inf if least else np.inf
+    worst = -np.inf if is_minimum else np.inf
     values = np.array(values, float)
     for k, is_overturned in enumerate(np.asarray(data["overturned"])):
         if is_overturned:
@@ -233,7 +235,7 @@ def with_words(
 
 
 def unanswered_scenes(data: Any) -> list[str]:
-    """Return why each scene has no decided answer; "" where it has one."""
+    """Return the reason why each scene has no decided answer; "" for scenes with a decided answer."""
     undecided = np.asarray(data["undecided"], bool) if "undecided" in data else np.zeros(data.sizes["motion"])
     return [
         results.NAMES[int(code)] if code > results.OVERTURNED else "undecided" if is_open else ""

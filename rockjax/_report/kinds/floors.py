@@ -1,4 +1,4 @@
-"""Kinds of checks of things on floors: rotations of contents, and spectra of oscillators."""
+"""Kinds of checks on floors: rotations of contents, and spectral accelerations of oscillators."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._problem import models
 from rockjax._problem.reading import Reader
-from rockjax._report.cells import of_scene, slug
+from rockjax._report.cells import peak_cell, slug
 from rockjax._report.derivatives import LogFunction, of_logs
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class FloorKind(Kind):
-    """A check of things on floors: the largest answer of those that it names, by default of all.
+    """A check of blocks or oscillators on floors: the largest answer of the named ones, by default of all.
 
-    - `table`: the table of the file that holds them; `dim`: their dim in datasets of scenes
-    - `answer`: name of the answer; `head`: heading of its column
+    - `table`: table of the file with the blocks or oscillators; `dim`: dim in datasets of scenes
+    - `answer`: name of the answer; `head`: heading of the column of answers
     """
 
     table: str = ""
@@ -48,7 +48,7 @@ class FloorKind(Kind):
         return f"{self.dim}_{self.answer}"
 
     @property
-    def repeats(self) -> bool:
+    def is_repeated(self) -> bool:
         return True
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
@@ -56,13 +56,13 @@ class FloorKind(Kind):
         chosen = (getattr(keys, self.table) or list(things)) if things else []
         for name in chosen:
             if name not in things:
-                raise ValueError(f"{self.table} must be of {', '.join(things)}, got {name!r}")
+                raise ValueError(f"{self.table} must be some of {', '.join(things)}, got {name!r}")
         checked(self.table, podium, tuple(things[name] for name in chosen))
         return {self.table: {name: things[name] for name in chosen}}
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         if not entry.arguments[self.table]:
-            return f"The file has no [[{self.table}]]; give what stands on the floors."
+            return f"The file has no [[{self.table}]]; give such a table."
         return super().missing(entry, problem)
 
     def things(self, entry: Entry) -> Mapping[str, Any]:
@@ -72,15 +72,15 @@ class FloorKind(Kind):
         name, things = str(entry.motions), list(self.things(entry))
         peaks = scenes.peaks(name, law, change)
         data = peaks.sel({self.dim: things})
-        every = np.array(data[self.variable].values, float)
-        every[self._fallen(data)] = np.inf
-        worst, rows = np.argmax(every, axis=-1), np.arange(len(every))
-        errors = np.full(len(every), np.nan)
+        answers = np.array(data[self.variable].values, float)
+        answers[self._overturned(data)] = np.inf
+        worst, rows = np.argmax(answers, axis=-1), np.arange(len(answers))
+        errors = np.full(len(answers), np.nan)
         if f"{self.variable}_error" in data:
             errors = data[f"{self.variable}_error"].values[rows, worst]
         places = [things[k] for k in worst]
-        found = with_words(scenes, entry, data, every[rows, worst], errors, places, False)
-        words, unanswered = list(found.words), list(found.unanswered)
+        result = with_words(scenes, entry, data, answers[rows, worst], errors, places, False)
+        words, unanswered = list(result.words), list(result.unanswered)
         code = data[f"{self.dim}_result"].values
         for k in rows:
             if words[k] == "joint opens":  # an infinite answer of a scene that did not overturn
@@ -90,15 +90,15 @@ class FloorKind(Kind):
                 unanswered[k] = results.NAMES[int(code[k].max())]
             elif not words[k] and np.isinf(errors[k]):
                 unanswered[k] = "undecided"
-        return found._replace(words=tuple(words), unanswered=tuple(unanswered))
+        return result._replace(words=tuple(words), unanswered=tuple(unanswered))
 
-    def _fallen(self, data: xarray.Dataset) -> np.ndarray:
-        """Return which things overturned, along motions and things; oscillators do not."""
+    def _overturned(self, data: xarray.Dataset) -> np.ndarray:
+        """Return which blocks overturned, (motions, blocks); oscillators never do."""
         if self.dim == "contents":
             return data["contents_overturned"].values
         return np.zeros(data[self.variable].shape, bool)
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction:
+    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction:
         things = tuple(self.things(entry).values())
         options = scenes.problem.options.replace(outputs=("peak_rotation",), throw=False)
         excitation = scenes.motion_set(str(entry.motions)).excitations[case]
@@ -113,7 +113,7 @@ class FloorKind(Kind):
         del values
         name, data = str(entry.motions), scenes.peaks(str(entry.motions))
         things = [str(y) for y in data[self.dim].values]
-        fallen, rows = self._fallen(data), []
+        overturned, rows = self._overturned(data), []
         for k, motion in enumerate(scenes.motion_set(name).names):
             cells = []
             for j in range(len(things)):
@@ -123,8 +123,8 @@ class FloorKind(Kind):
                         f"overturned at {float(data['contents_overturn_time'].values[k, j]):.2f} s",
                         "overturned",
                     )
-                    if fallen[k, j]
-                    else of_scene(data, k, value, self.quantity)
+                    if overturned[k, j]
+                    else peak_cell(data, k, value, self.quantity)
                 )
             rows.append((Word(motion), *cells))
         columns = (Column("Motion"), *(Column(f"{self.head}, {y}", self.quantity) for y in things))

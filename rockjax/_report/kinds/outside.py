@@ -1,4 +1,4 @@
-"""Checks that are known and not in the model, or made by others."""
+"""Checks of effects that the model does not contain, and checks that others make."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .base import Kind, Values
 
 @dataclasses.dataclass(frozen=True)
 class OutsideModel(Kind):
-    """A check that is known and not in the model."""
+    """A check of an effect that the model does not contain; `reason` says why."""
 
     reason: str = ""
 
@@ -30,7 +30,7 @@ class OutsideModel(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class ByOthers(OutsideModel):
-    """A check that others make; `text` and `reference` say which."""
+    """A check that others make; its keys `text` and `reference` name it and its source."""
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         del problem

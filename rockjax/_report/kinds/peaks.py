@@ -1,4 +1,4 @@
-"""Kinds of checks of peaks, made from the outputs."""
+"""Kinds of checks of peaks: one for each peak among the outputs, and some derived from them."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ from .base import Kind, Values, with_words
 
 @dataclasses.dataclass(frozen=True)
 class PeakKind(Kind):
-    """A check of a peak: `variable` is its answer, multiplied by a factor of the structure."""
+    """A check of the answer `variable`, multiplied by a factor that depends on the structure."""
 
     variable: str = ""
-    factor: Callable[[Problem, Podium], Any] = lambda problem, podium: 1.0  # number, or one for each place
+    factor: Callable[[Problem, Podium], Any] = lambda problem, podium: 1.0  # or one for each place
     needs: Callable[[Problem], str] = lambda problem: ""
-    explicit: tuple[tuple[str, float], ...] = ()  # inputs that multiply the value besides: key, exponent
-    convert: Callable[[Podium, Any], Any] | None = None  # podium, value ↦ value, if it is no multiple
+    explicit: tuple[tuple[str, float], ...] = ()  # further factors: key of an input, exponent
+    convert: Callable[[Podium, Any], Any] | None = None  # podium, answer ↦ value: further conversion
 
     @property
-    def repeats(self) -> bool:
+    def is_repeated(self) -> bool:
         return True
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         reason = super().missing(entry, problem) or self.needs(problem)
         variable, output = VARIABLES[self.variable]
         if not reason and not REGISTRY[output].applies(problem.podium):
-            what = "a building with stories" if variable.axis == STORIES else "a structure that has it"
-            return f"The structure has no {variable.description}; it needs {what}."
+            need = "a building with stories" if variable.axis == STORIES else "a structure that has it"
+            return f"The structure has no {variable.description}; it needs {need}."
         return reason
 
     def outputs(self, entry: Entry) -> tuple[str, ...]:
         return (VARIABLES[self.variable][1],)
 
-    def of_array(self, values: Any, problem: Problem, podium: Podium) -> Any:
-        """Return the values of the check from answers whose last axis are places, if they have one."""
+    def to_values(self, values: Any, problem: Problem, podium: Podium) -> Any:
+        """Convert answers to values of the check. Their last axis may be joints, storeys or modes."""
         scaled = values * self.factor(problem, podium)
         return scaled if self.convert is None else self.convert(podium, scaled)
 
@@ -58,34 +58,34 @@ class PeakKind(Kind):
         data = scenes.peaks(str(entry.motions), law, change)
         podium, axis = scenes.podium(law, change), VARIABLES[self.variable][0].axis
         raw = np.asarray(data[self.variable], float)
-        every = np.asarray(self.of_array(raw, problem, podium))
+        all_values = np.asarray(self.to_values(raw, problem, podium))
         name = f"{self.variable}_error"
         error = np.asarray(data[name], float) if name in data else np.full_like(raw, np.nan)
-        moved = np.asarray(self.of_array(raw + error, problem, podium))
+        shifted = np.asarray(self.to_values(raw + error, problem, podium))
         with np.errstate(invalid="ignore"):
-            error = np.abs(moved - every)
+            error = np.abs(shifted - all_values)
         factors = scenes.factors(change)
         for key_, power in self.explicit:
-            every, error = (y * factors.get(key_, 1.0) ** power for y in (every, error))
+            all_values, error = (y * factors.get(key_, 1.0) ** power for y in (all_values, error))
         places = [""] * len(raw)
         if axis is not None:
-            worst = np.argmin(every, axis=-1) if self.is_minimum else np.argmax(every, axis=-1)
+            worst = np.argmin(all_values, axis=-1) if self.is_minimum else np.argmax(all_values, axis=-1)
             rows = np.arange(len(raw))
-            every, error = every[rows, worst], error[rows, worst]
+            all_values, error = all_values[rows, worst], error[rows, worst]
             words = {JOINTS: lambda k: f"{JOINT_NAMES[k]} joint", STORIES: lambda k: f"storey {k + 1}"}
             places = [words.get(axis, lambda k: f"mode {k + 1}")(int(k)) for k in worst]
         if self.variable == "peak_rotation":
             places = [f"{float(t):.3f} s" for t in data["peak_rotation_time"].values]
-        return with_words(scenes, entry, data, every, error, places, self.is_minimum)
+        return with_words(scenes, entry, data, all_values, error, places, self.is_minimum)
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
+    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
         answers, problem = scene_answers(scenes, str(entry.motions), case), scenes.problem
         powers = np.array([dict(self.explicit).get(key, 0.0) for key in (*problem.variables, "motion")])
 
         def value(logs: Any) -> Value:
-            every = self.of_array(answers(logs)[self.variable], problem, varied(problem, logs))
-            every = every * jnp.exp(powers @ logs)
-            return jnp.min(every) if self.is_minimum else jnp.max(every)
+            all_values = self.to_values(answers(logs)[self.variable], problem, varied(problem, logs))
+            all_values = all_values * jnp.exp(powers @ logs)
+            return jnp.min(all_values) if self.is_minimum else jnp.max(all_values)
 
         return value
 
@@ -95,7 +95,7 @@ class NoOverturning(Kind):
     """No motion overturns the columns: max|θ|/α at most `overturn_ratio`."""
 
     @property
-    def repeats(self) -> bool:
+    def is_repeated(self) -> bool:
         return True
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
@@ -142,7 +142,7 @@ def _needs_contact(problem: Problem) -> str:
 
 
 def deck_displacement(podium: Podium, rotation: Any) -> Any:
-    """Return u_b of Eq. (13) at |θ|/α [m]."""
+    """Return the displacement of the deck u_b at a rotation |θ|/α, Eq. (13) [m]."""
     alpha = podium.alpha
     return 2 * podium.R * (jnp.sin(alpha) - jnp.sin(alpha - rotation * alpha))
 
@@ -165,7 +165,7 @@ _TITLES = {
 
 
 def peak_kinds() -> list[Kind]:
-    """Return a kind for each answer that has a peak of a scene."""
+    """Return a kind for each peak among the answers, and kinds for quantities derived from peaks."""
     kinds: list[Kind] = []
     for name, (variable, _) in VARIABLES.items():
         if not variable.until_overturning:

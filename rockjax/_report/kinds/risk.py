@@ -40,32 +40,34 @@ UNTESTED = "assumptions are not tested"
 
 @dataclasses.dataclass(frozen=True)
 class FragilityKind(Kind):
-    """The median of the least overturning intensities of a set, by the table `[fragility]`."""
+    """The median of the least overturning intensities of a set, with the settings of `[fragility]`."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
-        found = super().read(keys, reader, file, podium)
-        return found | {"measure": measure_of_file(file)}
+        arguments = super().read(keys, reader, file, podium)
+        return arguments | {"measure": measure_of_file(file)}
 
     def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
         del keys
         return kind_of_unit(unit_of_measure(measure_of_file(file)[0]))
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
-        """Return the fragility of the set as `rockjax.fragility` does, with the factors on the motions of the
-        capacities as `scale`."""
+        """Return the result of `rockjax.fragility` for the set, with the additional variable `scale`: the
+        factor on each motion at its capacity."""
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
-        about = problem.fragility.model_dump(), measure
-        mark = fingerprint(problem.podium, motions.hashes, problem.options, about)
+        settings = problem.fragility.model_dump(), measure
+        inputs_hash = fingerprint(problem.podium, motions.hashes, problem.options, settings)
         return scenes.store.get(
-            f"fragility.{motions.name}.{measure[0]}", mark, lambda: _fragility(scenes, motions.name, measure)
+            f"fragility.{motions.name}.{measure[0]}",
+            inputs_hash,
+            lambda: _fragility(scenes, motions.name, measure),
         )
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
         del law, change
         return one_value(float(self.curve(entry, scenes)["median_capacity"]))
 
-    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+    def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         factors = just_below(self.curve(entry, scenes)["scale"].values)
         name, measure = str(entry.motions), entry.arguments["measure"][0]
         return scenes.peaks_with_factors(f"boundary.{name}.fragility {measure}", name, factors)
@@ -73,15 +75,15 @@ class FragilityKind(Kind):
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         del values
         curve = self.curve(entry, scenes)
-        kind = kind_of_unit(curve["at"].attrs["units"])
-        names = {"median_capacity": (f"Median overturning {curve.attrs['measure']}", kind)}
+        median_kind = kind_of_unit(curve["at"].attrs["units"])
+        names = {"median_capacity": (f"Median overturning {curve.attrs['measure']}", median_kind)}
         rows = []
-        for name, (title, of) in (names | {"dispersion": ("Dispersion", "number")}).items():
-            rows.append((title, float(curve[name]), of))
+        for name, (title, kind) in (names | {"dispersion": ("Dispersion", "number")}).items():
+            rows.append((title, float(curve[name]), kind))
             confidence, bounds = scenes.problem.fragility.confidence, curve["interval"].sel(quantity=name)
             for bound in ("lower", "upper"):
                 rows.append(
-                    (f"{title}, {confidence:.0%} interval, {bound}", float(bounds.sel(bound=bound)), of)
+                    (f"{title}, {confidence:.0%} interval, {bound}", float(bounds.sel(bound=bound)), kind)
                 )
         name = f"fragility-{slug(str(entry.motions))}"
         return [_table(name, f"Fragility of the set {entry.motions}", rows)]
@@ -89,21 +91,22 @@ class FragilityKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class AnnualKind(FragilityKind):
-    """The annual frequency, from a hazard curve and a fragility curve: that of `[risk]`, or that of a set."""
+    """The annual frequency from a hazard curve and the fragility curve of `[risk]` or of a set."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
-        found = Kind.read(self, keys, reader, file, podium)
-        name = found.pop("hazard", None) or file.risk.hazard
+        arguments = Kind.read(self, keys, reader, file, podium)
+        name = arguments.pop("hazard", None) or file.risk.hazard
         with reader.at("risk"):
             curve = fragility_of(file.risk, lambda name: reader.folder / name)
             if curve is not None:
                 check_structure(curve, podium, file.risk.fragility or "the curve")
-                found["curve"] = curve
+                arguments["curve"] = curve
         if name is None:
-            return found
+            return arguments
         hazard = Hazard.from_file(reader.folder / name, site=file.risk.site).in_si()
-        by_file = "fragility" in file.model_fields_set
-        return found | {"hazard": hazard, "measure": measure_of_file(file) if by_file else _of_hazard(hazard)}
+        has_table = "fragility" in file.model_fields_set
+        measure = measure_of_file(file) if has_table else _of_hazard(hazard)
+        return arguments | {"hazard": hazard, "measure": measure}
 
     def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
         del keys, file
@@ -114,7 +117,7 @@ class AnnualKind(FragilityKind):
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         if "hazard" not in entry.arguments:
-            return "The file has no hazard curve; give risk.hazard, or hazard of the check."
+            return "The file has no hazard curve; give risk.hazard, or the key hazard of the check."
         return super().missing(entry, problem)
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
@@ -122,13 +125,12 @@ class AnnualKind(FragilityKind):
         return super().curve(entry, scenes) if given is None else given
 
     def _annual(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
-        """Return `frequency`, `return_period`, `probability`, `extrapolated`, and `sensitivity` along
-        `parameter`."""
+        """Return `frequency`, `return_period`, `probability`, `extrapolated` and `sensitivity`."""
         import xarray
 
         curve, hazard = self.curve(entry, scenes), entry.arguments["hazard"]
         years = scenes.problem.risk.years
-        mark = fingerprint(hazard, _numbers_of(curve), years)
+        inputs_hash = fingerprint(hazard, _numbers_of(curve), years)
 
         def solve() -> xarray.Dataset:
             annual = annual_frequency(curve, hazard)
@@ -138,15 +140,15 @@ class AnnualKind(FragilityKind):
             data["sensitivity"] = "parameter", np.array(list(map(float, annual.sensitivities.values())))
             return xarray.Dataset(data, coords={"parameter": np.array(list(annual.sensitivities), str)})
 
-        return scenes.store.get(f"annual.{entry.id}", mark, solve)
+        return scenes.store.get(f"annual.{entry.id}", inputs_hash, solve)
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
         del law, change
         remark = "" if entry.motions else f"curve of [risk], {UNTESTED}"
         return one_value(float(self._annual(entry, scenes)["frequency"]), remark=remark)
 
-    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
-        return super().tested(entry, scenes) if entry.motions else None
+    def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+        return super().tested_scenes(entry, scenes) if entry.motions else None
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         data, years = self._annual(entry, scenes), scenes.problem.risk.years
@@ -178,7 +180,7 @@ class ShareKind(Kind):
     """The share of the motions of a set that overturn the columns when all are scaled by a factor."""
 
     @property
-    def repeats(self) -> bool:
+    def is_repeated(self) -> bool:
         return True
 
     def outputs(self, entry: Entry) -> tuple[str, ...]:
@@ -195,15 +197,15 @@ class ShareKind(Kind):
         share = float(np.mean(data["overturned"].values))
         return one_value(share, 0.0, unanswered=tuple(unanswered_scenes(data)))
 
-    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+    def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         return self._scenes(entry, scenes)
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         del values
         data, names = self._scenes(entry, scenes), scenes.motion_set(str(entry.motions)).names
         rows = [
-            (Word(name), Word("overturned" if fallen else "survives", "overturned" if fallen else "holds"))
-            for name, fallen in zip(names, data["overturned"].values, strict=True)
+            (Word(name), Word(*(("overturned",) * 2 if is_overturned else ("survives", "holds"))))
+            for name, is_overturned in zip(names, data["overturned"].values, strict=True)
         ]
         factor = float(entry.arguments.get("intensity", 1.0))
         caption = f"Motions of the set {entry.motions} × {factor:g}, check {entry.id}"
@@ -215,14 +217,14 @@ class FailureKind(Kind):
     """The probability that a random motion overturns the columns, by sampling."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
-        found = super().read(keys, reader, file, podium)
-        if "motion" in found:
-            given = found["motion"].as_arguments()
+        arguments = super().read(keys, reader, file, podium)
+        if "motion" in arguments:
+            given = arguments["motion"].as_arguments()
             if "envelope" in given:
                 given["envelope"] = Envelope(**given["envelope"].as_arguments())
-            found["motion"] = GaussianMotion(**given)
+            arguments["motion"] = GaussianMotion(**given)
         ratio = file.options.overturn_ratio
-        return found | ({"limit": ("rotation", ratio)} if ratio is not None and ratio < 1 else {})
+        return arguments | ({"limit": ("rotation", ratio)} if ratio is not None and ratio < 1 else {})
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         del problem
@@ -239,11 +241,11 @@ class FailureKind(Kind):
         def solve() -> xarray.Dataset:
             scenes.say(f"samples of {entry.id}")
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # the check says what has not converged
-                found = failure_probability(podium, motion, **settings)
+                warnings.simplefilter("ignore", RuntimeWarning)  # the check reports this
+                result = failure_probability(podium, motion, **settings)
             names = ("probability", "standard_error", "scenes", "converged")
-            data: dict[str, Any] = {name: float(getattr(found, name)) for name in names}
-            return xarray.Dataset(data | {"interval": ("bound", np.array(found.interval))})
+            data: dict[str, Any] = {name: float(getattr(result, name)) for name in names}
+            return xarray.Dataset(data | {"interval": ("bound", np.array(result.interval))})
 
         return scenes.store.get(f"failure.{entry.id}", fingerprint(podium, motion, settings), solve)
 
@@ -252,7 +254,7 @@ class FailureKind(Kind):
         data = self._data(entry, scenes)
         unanswered = () if float(data["converged"]) else ("estimate not converged",)
         value, error = float(data["probability"]), float(data["standard_error"])
-        return one_value(value, error, unanswered=unanswered, remark=UNTESTED, reach=INTERVAL)
+        return one_value(value, error, unanswered=unanswered, remark=UNTESTED, error_factor=INTERVAL)
 
     def scope(self, entry: Entry, problem: Problem) -> str:
         del entry, problem
@@ -274,20 +276,20 @@ class FailureKind(Kind):
 
 
 def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
-    """Return the intensity measure and the period of capacities: of `[fragility]`; without this table, the
-    factor on the motions."""
+    """Return the intensity measure of `[fragility]` and its period; the factor on the motions if the file has
+    no such table."""
     settings = file.fragility
-    by_file = "fragility" in file.model_fields_set
-    return (settings.measure, settings.measure_period) if by_file else ("scale", None)
+    has_table = "fragility" in file.model_fields_set
+    return (settings.measure, settings.measure_period) if has_table else ("scale", None)
 
 
 def _of_hazard(hazard: Hazard) -> tuple[str, float | None]:
-    found = LABEL.fullmatch(hazard.measure)
-    return ("Sa", float(found["period"])) if found else (hazard.measure, None)
+    match = LABEL.fullmatch(hazard.measure)
+    return ("Sa", float(match["period"])) if match else (hazard.measure, None)
 
 
-def _fragility(scenes: Scenes, name: str, chosen: tuple[str, float | None]) -> xarray.Dataset:
-    """Return the curve of `FragilityKind.curve` for a set, over the chosen measure."""
+def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None]) -> xarray.Dataset:
+    """Compute the curve of `FragilityKind.curve` for a set and an intensity measure (name, period)."""
     from rockjax._motions.motion import Motions
     from rockjax._studies.curve import fragility
     from rockjax._studies.fragility import incremental_dynamic_analysis, levels_of, measure_of
@@ -295,7 +297,7 @@ def _fragility(scenes: Scenes, name: str, chosen: tuple[str, float | None]) -> x
     problem, motions, settings = scenes.problem, scenes.motion_set(name), scenes.problem.fragility
     scenes.say(f"fragility of {name}")
     suite = Motions(motions.members)  # pyright: ignore[reportArgumentType]
-    measure = measure_of(*chosen, suite)
+    measure = measure_of(*named_measure, suite)
     analysis = incremental_dynamic_analysis(
         problem.podium,
         suite,
@@ -311,7 +313,7 @@ def _fragility(scenes: Scenes, name: str, chosen: tuple[str, float | None]) -> x
 
 
 def _numbers_of(curve: Any) -> list[float]:
-    """Return median, dispersion and the other numbers of a curve that annual frequencies depend on."""
+    """Return all numbers of a curve on which annual frequencies depend; median and dispersion come first."""
     if isinstance(curve, Lognormal):
         return list(map(float, curve))
     names = ("median_capacity", "dispersion", "no_damage_limit", "min_intensity", "max_intensity")

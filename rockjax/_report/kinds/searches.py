@@ -53,10 +53,10 @@ class ScaleKind(Kind):
         names = scenes.motion_set(str(entry.motions)).names
         return Values(values, np.asarray(data["error"], float), words, blank, (), names)
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
+    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
         return least_factor_function(scenes, self.event, str(entry.motions), case)
 
-    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+    def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         name = str(entry.motions)
         factors = just_below(least_factors(scenes, name, self.event)["factor"].values)
         return scenes.peaks_with_factors(f"boundary.{name}.{self.event}", name, factors)
@@ -67,12 +67,12 @@ class PulseKind(Kind):
     """The least amplitudes of pulses that overturn the columns, one for each period."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
-        found = super().read(keys, reader, file, podium)
-        require_one(found, "pulse")
-        require_one(found, "T_p", "frequency_ratio")
-        found |= {"pulse": PULSES[found["pulse"]], "T_p": pulse_periods(keys, podium)}
-        found.pop("frequency_ratio", None)
-        return found
+        arguments = super().read(keys, reader, file, podium)
+        require_one(arguments, "pulse")
+        require_one(arguments, "T_p", "frequency_ratio")
+        arguments |= {"pulse": PULSES[arguments["pulse"]], "T_p": pulse_periods(keys, podium)}
+        arguments.pop("frequency_ratio", None)
+        return arguments
 
     def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
         del file
@@ -83,34 +83,34 @@ class PulseKind(Kind):
         return boundary_options(scenes.problem) | {"max_acceleration_ratio": MAX_ACCELERATION_RATIO} | own
 
     def _unit(self, entry: Entry, podium: Podium) -> Value:
-        """Return the size of the unit of the amplitudes [m/s²]."""
+        """Return the unit of the amplitudes in SI [m/s²]."""
         return g_tan_alpha(podium.alpha, podium.g) if entry.arguments.get("ratio") else jnp.ones(())
 
-    def _found(self, entry: Entry, scenes: Scenes) -> np.ndarray:
-        """Return the amplitude of each period in the unit of the limit, inf where none overturns."""
+    def _amplitudes(self, entry: Entry, scenes: Scenes) -> np.ndarray:
+        """Return the least overturning amplitude for each period, in the unit of the limit; inf if none."""
         import xarray
 
         podium = scenes.problem.podium
-        mark = fingerprint(podium, entry.arguments, scenes.problem.options.overturn_ratio)
+        inputs_hash = fingerprint(podium, entry.arguments, scenes.problem.options.overturn_ratio)
 
         def solve() -> xarray.Dataset:
             cases = range(np.size(entry.arguments["T_p"]))
-            found = [float(self._amplitude(entry, scenes, k, podium)) for k in cases]
-            return xarray.Dataset({"amplitude": ("pulse", found)})
+            amplitudes = [float(self._amplitude(entry, scenes, k, podium)) for k in cases]
+            return xarray.Dataset({"amplitude": ("pulse", amplitudes)})
 
-        return scenes.store.get(f"pulses.{entry.id}", mark, solve)["amplitude"].values
+        return scenes.store.get(f"pulses.{entry.id}", inputs_hash, solve)["amplitude"].values
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
         del law, change
-        found = self._found(entry, scenes)
+        amplitudes = self._amplitudes(entry, scenes)
         end = self._settings(entry, scenes)["max_acceleration_ratio"]
-        words = tuple("" if np.isfinite(y) else f"no overturning up to {end:g} g tan α" for y in found)
+        words = tuple("" if np.isfinite(y) else f"no overturning up to {end:g} g tan α" for y in amplitudes)
         pulse = entry.arguments["pulse"].__name__
         names = tuple(f"{pulse}, T_p = {y:.4g} s" for y in np.atleast_1d(entry.arguments["T_p"]))
-        errors = np.where(np.isfinite(found), found * BOUNDARY_ERROR, np.nan)
-        return Values(found, errors, words, ("",) * len(found), (), names)
+        errors = np.where(np.isfinite(amplitudes), amplitudes * BOUNDARY_ERROR, np.nan)
+        return Values(amplitudes, errors, words, ("",) * len(amplitudes), (), names)
 
-    def traced(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction:
+    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction:
         return of_logs(scenes.problem, lambda podium, factor: self._amplitude(entry, scenes, case, podium))
 
     def _amplitude(self, entry: Entry, scenes: Scenes, case: int, podium: Podium) -> Value:
@@ -119,11 +119,11 @@ class PulseKind(Kind):
         settings, pulse = self._settings(entry, scenes), entry.arguments["pulse"]
         return overturning_acceleration(podium, pulse, period, **settings) / self._unit(entry, podium)
 
-    def tested(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
+    def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         podium = scenes.problem.podium
         end = self._settings(entry, scenes)["max_acceleration_ratio"]
         largest = end * float(g_tan_alpha(podium.alpha, podium.g))
-        amplitudes = just_below(self._found(entry, scenes) * float(self._unit(entry, podium)), largest)
+        amplitudes = just_below(self._amplitudes(entry, scenes) * float(self._unit(entry, podium)), largest)
         pulse = entry.arguments["pulse"]
         periods = np.atleast_1d(entry.arguments["T_p"])
         pulses = [pulse(float(a), float(T)) for a, T in zip(amplitudes, periods, strict=True)]

@@ -26,7 +26,7 @@ from . import (
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
 
-# Functions of an evaluation and of the units of drawings, which return the sections of the page.
+# Functions that return a section of the page, for an evaluation and the units of drawings.
 SECTIONS: tuple[Callable[[Evaluation, Units], Section], ...] = (
     summary.section,
     structure.section,

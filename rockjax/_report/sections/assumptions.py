@@ -1,4 +1,4 @@
-"""Section 10: assumptions, and checks that the file does not ask for."""
+"""Section 10: assumptions, and checks that were not made."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
-    """Return the row of an assumption: the worst set decides."""
+    """Return the row of an assumption, with the result of the worst set of motions."""
     texts, violated, tested = [], False, False
     for name, outcomes in evaluation.assumptions.items():
         outcome = outcomes[assumption.id]
@@ -78,19 +78,19 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
 
 
 def decided(check: Check) -> str:
-    """Return the result of a check without regard to assumptions."""
+    """Return the result that a check would have if all assumptions held."""
     return "PASS" if check.result == "NOT VALID" else check.result
 
 
 def _text(name: str, outcome: Outcome) -> str:
     worst = f"{outcome.worst:.3g}" if math.isfinite(outcome.worst) else "without bound"
     count = int(np.sum(outcome.violated))
-    of = f"; violated in {count} of {len(outcome.violated)} scenes" if count else ""
-    return f"{name}: {outcome.text.format(worst)}{of}."
+    share = f"; violated in {count} of {len(outcome.violated)} scenes" if count else ""
+    return f"{name}: {outcome.text.format(worst)}{share}."
 
 
 def _laws(evaluation: Evaluation) -> Table | None:
-    """Return the checks under every law of impact, (A6)."""
+    """Return the table of the checks under every law of impact, (A6)."""
     checks = [check for check in evaluation.checks if check.laws]
     if not checks:
         return None

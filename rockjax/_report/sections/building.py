@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._report.blocks import Paragraph, Section
-from rockjax._report.cells import number, of_scene, slug
+from rockjax._report.cells import number, peak_cell, slug
 from rockjax._report.tables import Column, Table, Word
 from rockjax._report.units import Units
 
@@ -34,7 +34,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
                 (
                     Word(name),
                     Word(label),
-                    of_scene(data, k, data["peak_shear"][k], "number"),
+                    peak_cell(data, k, data["peak_shear"][k], "number"),
                     number(jump, "velocity", word="no impact"),
                 )
             )

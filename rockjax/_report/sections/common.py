@@ -23,8 +23,7 @@ def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
 
 
 def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
-    """Return the set and the index of the motion with the largest rotation that does not overturn; None
-    without scenes."""
+    """Return the set and the index of the surviving scene that rotates most; None if there is none."""
     largest: tuple[float, str, int] | None = None
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
@@ -47,10 +46,10 @@ def drawn(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Fig
 
 
 def details(evaluation: Evaluation, section: int) -> list[Table]:
-    """Return the tables of the checks whose details are in a section; equal tables once."""
-    found: dict[str, Table] = {}
+    """Return the tables of checks whose details belong to a section; a table of several checks once."""
+    tables: dict[str, Table] = {}
     for check in evaluation.checks:
         if check.values is not None and check.kind.section == section:
             for table in check.kind.tables(check.entry, check.values, evaluation.scenes):
-                found.setdefault(table.name, table)
-    return list(found.values())
+                tables.setdefault(table.name, table)
+    return list(tables.values())

@@ -8,7 +8,7 @@ import numpy as np
 
 from rockjax._outputs.base import JOINT_NAMES
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
-from rockjax._report.cells import of_scene, slug
+from rockjax._report.cells import peak_cell, slug
 from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Formula, Table, Word
 from rockjax._report.units import Units
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rockjax._report.evaluation import Evaluation
 
-# Answer → heading; forces are shares of m_c g in the answers and shares of the dead load on the page.
+# Answer → heading. Answers are forces divided by m_c g; the page shows them divided by the dead load.
 _COLUMNS = {
     "least_axial_force": "Least N / dead load",
     "peak_axial_force": "Largest N / dead load",
@@ -66,7 +66,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _table(evaluation: Evaluation, name: str) -> Table:
-    """Return extremes of forces of a set at both joints."""
+    """Return the table of extreme forces in both joints under each motion of a set."""
     data, motions = evaluation.scenes.peaks(name), evaluation.problem.motions[name]
     load = np.asarray(evaluation.problem.podium.dead_load, float)
     columns = [Column("Motion"), Column("Joint"), *(Column(head, "number") for head in _COLUMNS.values())]
@@ -81,7 +81,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
                 if variable.endswith(("impact_friction", "impulse_share")) and not data["impacts"][k]:
                     cells.append(Word("no impact", "none"))
                 else:
-                    cells.append(of_scene(data, k, value, "number"))
+                    cells.append(peak_cell(data, k, value, "number"))
             rows.append((Word(label), Word(joint_name), *cells))
     return Table(
         f"joints-{slug(name)}",
@@ -97,7 +97,7 @@ def _shears(evaluation: Evaluation, names: list[str]) -> Table:
         data = evaluation.scenes.peaks(name)
         k = int(np.argmax(data["peak_foundation_shear"].values))
         label = evaluation.problem.motions[name].names[k]
-        rows.append((Word(name), Word(label), of_scene(data, k, data["peak_foundation_shear"][k], "number")))
+        rows.append((Word(name), Word(label), peak_cell(data, k, data["peak_foundation_shear"][k], "number")))
     columns = (Column("Set"), Column("Motion"), Column("max|V| / total weight", "number"))
     return Table("foundation-shear", "Foundation shear, governing motion of each set", columns, tuple(rows))
 

@@ -12,7 +12,7 @@ from rockjax._motions.motion import Motion
 from rockjax._practice.base import MethodResult
 from rockjax._practice.methods import simplified_methods
 from rockjax._report.blocks import Paragraph, Section
-from rockjax._report.cells import number, of_scene, slug
+from rockjax._report.cells import number, peak_cell, slug
 from rockjax._report.store import fingerprint
 from rockjax._report.tables import Column, Quantity, Table, Word
 from rockjax._report.units import Units, kind_of_unit
@@ -62,7 +62,7 @@ def _results(evaluation: Evaluation, name: str) -> list[MethodResult]:
     return [MethodResult(**entry) for entry in entries]
 
 
-def _tables(evaluation: Evaluation, name: str, found: Any) -> list[Table]:
+def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
     """Return the summary of the methods for a set, and the rotations of each motion beside the exact ones."""
     columns = (
         Column("Method"),
@@ -74,7 +74,7 @@ def _tables(evaluation: Evaluation, name: str, found: Any) -> list[Table]:
         Column("What is known of it"),
     )
     rows = []
-    for result in found:
+    for result in results:
         kind = kind_of_unit(result.unit)
         made = result.governing_demand is not None and result.capacity is not None
         verdict = {
@@ -97,7 +97,7 @@ def _tables(evaluation: Evaluation, name: str, found: Any) -> list[Table]:
             )
         )
     tables = [Table(f"methods-{slug(name)}", f"Simplified methods, set {name}", columns, tuple(rows))]
-    with_rotation = [result for result in found if result.rotation_ratio is not None]
+    with_rotation = [result for result in results if result.rotation_ratio is not None]
     if with_rotation:
         data = evaluation.scenes.peaks(name)
         heads = (
@@ -108,7 +108,7 @@ def _tables(evaluation: Evaluation, name: str, found: Any) -> list[Table]:
         lines = []
         for k, label in enumerate(evaluation.problem.motions[name].names):
             cells = [_rotation(result, k) for result in with_rotation]
-            lines.append((Word(label), of_scene(data, k, data["peak_rotation"][k], "number"), *cells))
+            lines.append((Word(label), peak_cell(data, k, data["peak_rotation"][k], "number"), *cells))
         tables.append(
             Table(f"rotations-{slug(name)}", f"Rotation by the methods, set {name}", heads, tuple(lines))
         )

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import MotionSet
 
-PERIODS = np.geomspace(0.05, 4.0, 60)  # of the spectra drawn [s]
-DAMPING = 0.05  # of the spectra
+PERIODS = np.geomspace(0.05, 4.0, 60)  # periods of the drawn spectra [s]
+DAMPING = 0.05  # damping ratio of the spectra [–]
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
@@ -54,7 +54,7 @@ def _first_period(podium: Any) -> float | None:
 
 
 def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> Table:
-    """Return the motions of a set: name, source, samples, hash and measures."""
+    """Return the table of the motions of a set: name, source, samples, measures and hash."""
     threshold = float(evaluation.problem.podium.uplift_ground_acceleration)
     columns = (
         Column("Motion"),

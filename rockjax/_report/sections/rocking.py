@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._report.blocks import Figure, Paragraph, Section
-from rockjax._report.cells import number, of_scene, slug
+from rockjax._report.cells import number, peak_cell, slug
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.peaks import deck_displacement
 from rockjax._report.pictures import to_svg
@@ -63,9 +63,9 @@ def _table(evaluation: Evaluation, name: str) -> Table:
         row: list[Any] = [
             Word(label),
             Quantity(float(data["uplift_time"][k]), "time") if uplifted else Word("no uplift", "none"),
-            of_scene(data, k, rotation, "number", data["peak_rotation_error"][k]),
+            peak_cell(data, k, rotation, "number", data["peak_rotation_error"][k]),
             Quantity(float(data["peak_rotation_time"][k]), "time") if uplifted else Word("no uplift", "none"),
-            of_scene(data, k, u_b, "displacement"),
+            peak_cell(data, k, u_b, "displacement"),
             _impacts(float(data["impacts"][k])),
         ]
         if factors is not None:

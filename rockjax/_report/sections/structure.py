@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Input
 
-# Meaning and kind of inputs that the table of parameters does not have.
+# Key of an input → meaning and kind, for inputs that the table of parameters does not contain.
 _MEANINGS = {
     "story_masses": ("Storey masses from the bottom", "mass"),
     "story_stiffnesses": ("Storey stiffnesses", "stiffness"),
@@ -93,7 +93,7 @@ def _row(entry: Input) -> tuple[Cell, ...]:
         parameter = STRUCTURE[name]
         meaning = f"{parameter.meaning[:1].upper()}{parameter.meaning[1:]} {parameter.symbol}"
         kind = "count" if parameter.is_integer else kind_of_unit(parameter.unit)
-        kind = "length" if kind == "displacement" else kind  # a dimension
+        kind = "length" if kind == "displacement" else kind  # inputs are dimensions
     return (
         Word(meaning or name),
         Word((Code(f"structure.{entry.key}"),)),
@@ -103,7 +103,7 @@ def _row(entry: Input) -> tuple[Cell, ...]:
 
 
 def value_cell(value: Any, kind: str) -> Cell:
-    """Return an input as a cell: a number, several, or a word."""
+    """Return an input as a cell: a number, a series of numbers, or a word."""
     if isinstance(value, str):
         return Word(value)
     if isinstance(value, list | tuple):
@@ -125,7 +125,7 @@ def _joint_rows(evaluation: Evaluation):
 
 
 def _derived(evaluation: Evaluation) -> Equations:
-    """Return the derived quantities, with numbers and numbers of the equations."""
+    """Return the derived quantities as equations, with numbers inserted."""
     problem, podium = evaluation.problem, evaluation.problem.podium
     width, height = float(podium.width), float(podium.height)
     alpha, g, R = float(podium.alpha), float(podium.g), float(podium.R)
@@ -190,7 +190,7 @@ def _derived(evaluation: Evaluation) -> Equations:
 
 
 def _modes(evaluation: Evaluation) -> list[Any]:
-    """Return the table of modes of a building; empty without one."""
+    """Return the table of modes of a building, or a sentence if there are no modes."""
     podium = evaluation.problem.podium
     oscillators = None if podium.superstructure is None else podium.superstructure.oscillators
     if oscillators is None:
@@ -198,7 +198,7 @@ def _modes(evaluation: Evaluation) -> list[Any]:
     periods, etas, zetas = np.broadcast_arrays(
         np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.eta), np.atleast_1d(oscillators.zeta)
     )
-    lifted = np.asarray(podium.uplifted_frequencies, float)[1:] / (2 * np.pi)  # without that of rocking
+    lifted = np.asarray(podium.uplifted_frequencies, float)[1:] / (2 * np.pi)  # without the rocking mode
     columns = {
         "Mode": "count",
         "Period with a fixed base T_i": "time",
