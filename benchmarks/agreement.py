@@ -41,6 +41,7 @@ import rockjax as rj
 from rockjax import _results as results
 from rockjax._excitations.pulses import PULSES
 
+# Superstructures; "truncated" is a building without its last mode, "unkept" a building without modes.
 TOPS = ("none", "rigid", "elastic", "modes", "building", "truncated", "unkept")
 DEVICES = ("free", "linear", "power")
 DIRECTIONS = ("horizontal", "vertical")

@@ -28,7 +28,7 @@ from scipy.special import ndtri
 
 import rockjax as rj
 from rockjax._lognormal import fit_capacities, fit_counts
-from rockjax._results import code_of
+from rockjax._results import OVERTURNED, code_of
 from rockjax._studies.intervals import Capacities, profile_intervals
 
 from .boundaries import motions, read_records
@@ -72,7 +72,7 @@ def compare_errors(source: str, structure: str, records: rj.Records, n: int) -> 
         peak = rj.peak_responses(podium, motion, options=options(rtol, "errors"))
         assert peak.errors is not None
         lifted = np.asarray(reference.uplifted)
-        answered = (np.asarray(code_of(peak.result)) <= 2) & (np.asarray(code_of(reference.result)) <= 2)
+        answered = np.all([np.asarray(code_of(y.result)) <= OVERTURNED for y in (peak, reference)], axis=0)
         flipped = np.asarray(peak.overturned) != np.asarray(reference.overturned)
         undecided = np.asarray(peak.errors.undecided)
         stood = answered & lifted & ~flipped & ~np.asarray(reference.overturned)

@@ -69,6 +69,7 @@ OPTIONS = rj.Options(max_steps=4000, throw=False)
 
 
 def structure_of(y: jax.Array, elastic: bool) -> rj.Podium:
+    """Return the podium with the parameters y = (α, R, γ, η), followed by (T_s, ζ) if elastic."""
     top = rj.Elastic(y[3], y[4], y[5]) if elastic else rj.Rigid(y[3])
     return rj.Podium(y[0], y[1], y[2], top)
 

@@ -1,4 +1,5 @@
-"""Simplified methods of practice, compared with exact answers of rigid blocks.
+"""Simplified methods of practice, compared with exact answers of rigid blocks. (P…) are equations and methods
+of docs/practice.md.
 
 `python -m benchmarks.practice [N]` solves about N scenes (10⁶ by default): blocks of α = 10, 15, 20° and
 2π/p = 2 … 8 s under synthetic motions, half of them with a pulse of 0.6–3.5 s, scaled to
@@ -82,12 +83,12 @@ class Scan:
         - `steps`: number of steps between two sizes
         """
         ratio = (LONGEST / SHORTEST) ** (1 / (steps * (SIZES - 1)))
-        fine = 1 - np.geomspace(1 - LOWEST, 1 - HIGHEST, 20001)
+        dense_phi = 1 - np.geomspace(1 - LOWEST, 1 - HIGHEST, 20001)
         first, last = period(np.array([LOWEST, HIGHEST]))
         count = math.ceil(math.log(last / first) / math.log(ratio))
         assert count >= LEAST_STEPS
         periods = last * ratio ** np.arange(-count, steps * (SIZES - 1) + 1)
-        phi = np.exp(np.interp(np.log(periods[: count + 1]), np.log(period(fine)), np.log(fine)))
+        phi = np.exp(np.interp(np.log(periods[: count + 1]), np.log(period(dense_phi)), np.log(dense_phi)))
         for _ in range(3):  # secant steps to the rotations of these periods
             change = 1e-6 * (1 - phi)
             slope = (period(phi + change) - period(phi)) / change
@@ -112,7 +113,7 @@ class Answers:
         """Return the answers of all sizes and ratios.
 
         - `phi`: rotations of the scan, shape (n,) [–]
-        - `critical`: factor on the motion at which each rotation is a root, shape (sizes, n)
+        - `critical`: factor on the motion for which each rotation is an answer of the method, (sizes, n)
         - `factors`: factors on the motion, shape (ratios,)
         """
         is_above = factors[:, None] > critical[:, None, :]
@@ -159,7 +160,7 @@ class Slenderness:
         self.blocks = blocks(alpha)
         first, tan_alpha = self.blocks[0], math.tan(alpha)
         e = first.restitution
-        self.unit = G * tan_alpha
+        self.unit = G * tan_alpha  # unit of PGA in `RATIOS` [m/s²]
         rocking = Scan.of(lambda phi: priestley.period(phi, first.p), STEPS["(P3)"])
         asce_period = lambda phi: 1 / asce_rocking.frequency(alpha * phi, tan_alpha, G / first.half_height)
         asce = Scan.of(asce_period, STEPS["(P5)"])

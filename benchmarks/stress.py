@@ -251,6 +251,7 @@ class Findings:
     seconds: float = 0.0
 
     def fail(self, cause: str, failed: np.ndarray, line: Callable[[int], str]) -> None:
+        """Count failures of a cause; `line` returns the Python line that repeats a scene."""
         count = int(failed.sum())
         if not count:
             return

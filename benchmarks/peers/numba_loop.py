@@ -127,7 +127,10 @@ def remaining_pulse(t, pulse):
 
 @_jit
 def _level(r, low, high, x, rising):
-    """Return x in [low, high] with |1 − 2x| exp(−x) = r, by Newton's method within a bracket."""
+    """Return x in [low, high] with |1 − 2x| exp(−x) = r, by Newton's method within this bracket.
+
+    `x`: first estimate; `rising`: whether the left side increases with x.
+    """
     sign = 1.0 if high <= 0.5 else -1.0
     for _ in range(200):
         f = sign * (1.0 - 2.0 * x) * exp(-x) - r
@@ -569,15 +572,16 @@ def lift(step, t, h, y, k, sign, q0, d0, q1, d1, pulse, c, rtol):
 
 # ----------------------------------------------------------------------------------------------- full contact
 @_inline
-def new_length(h, error, order, most):
-    return h * min(most, max(0.2, 0.9 * (error + 1e-30) ** (-1.0 / order)))
+def new_length(h, error, order, max_factor):
+    return h * min(max_factor, max(0.2, 0.9 * (error + 1e-30) ** (-1.0 / order)))
 
 
 @_jit
 def contact_of_rigid(step, step_error, order, t, t_end, h, y, times, pulse, c, rtol, atol, well, stuck):
     """Solve full contact of a rigid superstructure from t on.
 
-    Returns (time of uplift, next step, state, sign of the demand); the sign is 0 if the scene is over.
+    Returns (time of uplift, next step, state, sign of the demand); the sign is 0 if the scene is over. With
+    `stuck`, after repeated uplifts at one time, the time advances slightly.
     """
     if stuck:
         t += 1e-9 * math.pi / pulse.rate
@@ -591,7 +595,7 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
     z = (y[2], y[3])
     k = elastic_contact(t, z, 0.0, pulse, c)
     q, d = contact_demand(t, z, k, pulse, c)
-    most = 5.0
+    max_factor = 5.0
     for _ in range(MAX_STEPS):
         if t >= t_end:
             break
@@ -602,7 +606,7 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
         z1, k1, error = step_error(t, dt, z, k, 0.0, pulse, c, contact_weights(z, rtol, atol, c))
         if not error <= 1.0:
             h = new_length(dt, error, order, 1.0)
-            most = 1.0
+            max_factor = 1.0
             continue
         q1, d1 = contact_demand(t + dt, z1, k1, pulse, c)
         up = abs(q1) > c.uplift
@@ -620,13 +624,13 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
             if up:
                 dt, z1 = lift(step, t, dt, z, k, sign, q0, d0, qtop, dtop, pulse, c, rtol)
                 if dt >= 0.999 * h or error > 0.5:
-                    h = new_length(dt, error, order, most)
+                    h = new_length(dt, error, order, max_factor)
                 return t + dt, h, (0.0, 0.0, z1[0], z1[1]), sign
         t = t_end if last else t + dt
         z, k, q, d = z1, k1, q1, d1
         if dt >= 0.999 * h or error > 0.5:
-            h = new_length(dt, error, order, most)
-        most = 5.0
+            h = new_length(dt, error, order, max_factor)
+        max_factor = 5.0
         remaining = remaining_pulse(t, pulse)
         if remaining >= 0.0:
             root = sqrt(0.5 * c.eta * (z[1] * z[1] + c.omega2 * z[0] * z[0])) + sqrt(c.half_mass) * remaining
@@ -698,7 +702,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
             k = accelerations(t, y, side, pulse, c)
             if bounced and side * k[0] < 0.0:
                 h = min(h, 2.2 * abs(y[1] / k[0]))
-            most = 5.0
+            max_factor = 5.0
             first = True
             landing = False
             for _ in range(MAX_STEPS):
@@ -709,7 +713,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                 y1, k1, error = step_error(t, dt, y, k, side, pulse, c, weights(y, rtol, atol, c))
                 if not error <= 1.0:
                     h = new_length(dt, error, order, 1.0) if error > 1.0 else 0.1 * dt
-                    most = 1.0
+                    max_factor = 1.0
                     continue
                 full = dt
                 x0, v0, a0 = 0.0 if first else side * y[0], side * y[1], side * k[0]
@@ -728,7 +732,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                     if z < 0.0:
                         if dt > 1e-10 * (1.0 + abs(t)) and dt > 1e-9 / c.p:
                             h = 0.1 * dt
-                            most = 1.0
+                            max_factor = 1.0
                             continue
                         y = landed(y, 0.0)  # full contact again at once
                         side = 0.0
@@ -752,8 +756,8 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                 y, k = y1, k1
                 first = False
                 if full >= 0.999 * h or error > 0.5:
-                    h = new_length(full, error, order, most)
-                most = 5.0
+                    h = new_length(full, error, order, max_factor)
+                max_factor = 5.0
                 if landing:
                     v = c.restitution * y[1]
                     if h < 1e-3 / c.p:

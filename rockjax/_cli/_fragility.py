@@ -47,8 +47,8 @@ def fragility(
 ) -> None:
     """Compute a fragility curve: the probability of overturning against the intensity of records.
 
-    Every record is scaled to all levels, and its least overturning intensity is found (incremental dynamic
-    analysis). A lognormal curve is fitted, with confidence intervals. Prints median, dispersion and
+    Every record is scaled to all intensity levels, and its least overturning intensity is found (incremental
+    dynamic analysis). A lognormal curve is fitted, with confidence intervals. Prints median, dispersion and
     sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
     OUTPUT-fragility.png and OUTPUT-ida.png. Contents of floors in the problem file have fragility curves too:
     a printed table, a group of OUTPUT.nc and OUTPUT-contents.png. Ctrl-C saves nothing.
@@ -73,15 +73,15 @@ def fragility(
     options = request_joints(podium, request.options())
     suite = _suite(request, synthetic, inputs or [])
     measure = _measure(settings, suite)
-    x = levels_of(podium, suite, measure, settings.intensity, settings.levels)
+    levels = levels_of(podium, suite, measure, settings.intensity, settings.levels)
     report.note(
-        f"{len(suite)} records of up to {max(map(len, suite))} samples × {x.size} levels, with boundaries"
+        f"{len(suite)} records of up to {max(map(len, suite))} samples × {levels.size} levels, and boundaries"
     )
     with report.progress(None, "scenes") as bar:  # the total is not known in advance
         analysis = rj.incremental_dynamic_analysis(
             podium,
             suite,
-            x,
+            levels,
             measure=measure,
             names=make_unique(suite.names),
             sensitivities=settings.sensitivities,
@@ -94,7 +94,7 @@ def fragility(
                 podium,
                 contents,
                 suite,
-                x,
+                levels,
                 damage_states=settings.damage_states,
                 overturned=settings.overturned,
                 measure=measure,
@@ -118,13 +118,14 @@ def _finish(
     """Fit the curve, report it and write the files; `contents`: fragility curves of contents, or None."""
     import numpy as np
 
+    from rockjax._results import OVERTURNED
     from rockjax._units import displayed_or_empty
 
     name, unit = analysis.attrs["measure"], displayed_or_empty(analysis["intensity"].attrs["units"])
     unit_suffix = f" {unit}" if unit else ""
     low, high = (float(analysis["intensity"][k]) for k in (0, -1))
     count, overturning = analysis.sizes["record"], int(analysis["capacity"].notnull().sum())
-    failed = int((analysis["result"] > 2).sum())
+    failed = int((analysis["result"] > OVERTURNED).sum())
     report.say(
         f"{count} records at "
         f"{analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{unit_suffix}: "
@@ -195,7 +196,7 @@ def _report_contents(report: Report, data: xarray.Dataset, unit_suffix: str) -> 
 
 
 def _curve(report: Report, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:
-    """Return the curve with intervals, without them if they cannot be computed, or None if no curve fits."""
+    """Return the curve; it has no confidence intervals if they cannot be computed. None if no curve fits."""
     import rockjax as rj
 
     try:

@@ -79,8 +79,9 @@ class Report:
     def say_scenes(self, data: xarray.Dataset, total: int) -> dict[str, Any]:
         """Print how many of `total` scenes overturned and failed; return these facts."""
         from rockjax._responses.peak import UNTIL_OVERTURNING
+        from rockjax._results import OVERTURNED
 
-        overturned, failed = float(data["overturned"].mean()), int((data["result"] > 2).sum())
+        overturned, failed = float(data["overturned"].mean()), int((data["result"] > OVERTURNED).sum())
         until = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
         self.say(f"{total} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
         return {"scenes": total, "overturned": overturned, "without_answer": failed}
