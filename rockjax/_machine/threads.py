@@ -12,7 +12,7 @@ from typing import Any
 
 import jax
 
-TABLES = "xarray", "dask.array"  # for its first Dataset, xarray imports dask.array if it is installed
+TABLES = "xarray", "dask.array"  # xarray imports dask.array, if installed, for the first Dataset
 
 # The thread pool, once it exists. It starts another thread if none is idle, up to 1024, so waiting threads do
 # not block others. All threads finish their work before the process ends.
@@ -22,8 +22,8 @@ if hasattr(os, "register_at_fork"):
 
 
 def submit(work: Callable, *arguments: Any) -> Future:
-    """Run `work(*arguments)` in another thread, with the floating-point precision of this thread, because
-    JAX has a separate setting for each thread."""
+    """Run `work(*arguments)` in another thread, with the floating-point precision of this thread; each
+    thread has its own precision setting in JAX."""
     x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
 
     def run() -> Any:

@@ -25,7 +25,7 @@ class Fema(Priestley):
         "Not reliable: it has the flaws of Priestley et al. (1978), and design spectra S_d = S_a T²/4π² grow "
         "with T and never tend to the ground displacement. In a survey of a million scenes of rigid blocks "
         "(November 2026) its rotation was too small in 11 %, it missed 15 % of the overturnings, and it had "
-        "several answers in 16 %; the largest is given."
+        "several answers, of which the largest is used, in 16 %."
     )
 
     def damping(self, restitution: float) -> float:

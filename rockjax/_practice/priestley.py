@@ -79,7 +79,8 @@ class Priestley(AbstractMethod):
     verdict_known = (
         'Not reliable either way: "fundamentally flawed and should be abandoned" (Makris & Konstantinidis '
         "2003). In a survey of a million scenes of rigid blocks (November 2026) its rotation was too small "
-        "in 14 %, it missed 16 % of the overturnings, and had several answers in 15 %; the largest is given."
+        "in 14 %, it missed 16 % of the overturnings, and it had several answers, of which the largest is "
+        "used, in 15 %."
     )
 
     def damping(self, restitution: float) -> float:

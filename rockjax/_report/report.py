@@ -104,11 +104,11 @@ def report(
       written beside it; scenes that NAME.nc already has are not solved again. None writes nothing
     - `units`: units of the page, at most one for each kind, such as "kN,m,deg,g,mm"; by default those of
       the file
-    - `skip`, `progress`: as for [`rockjax.evaluate`][]
+    - `skip`, `progress`: as for [`rockjax.evaluate`][]; unused for an `Evaluation`
     - `command`: the command that makes the report, for the head of the page
 
-    Returns a [`rockjax.Report`][]. Raises `ValueError` for an invalid file, for unknown units, and for an
-    `output` that is not .html (print the page from a browser to get a PDF), before anything is solved.
+    Returns a [`rockjax.Report`][]. Raises `ValueError` before anything is solved for an invalid file, for
+    unknown units, and for an `output` that is not .html (print the page from a browser to get a PDF).
     """
     path = None if output is None else Path(output)
     if path is not None and path.suffix.lower() not in (".html", ".htm"):

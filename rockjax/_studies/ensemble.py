@@ -56,8 +56,8 @@ def ensemble(
 ) -> Ensemble:
     """Compute peak responses of random variants of a podium under random motions (host).
 
-    All scenes form one batch. They are independent, so the bounds of [`rockjax.Ensemble`][] hold for every n.
-    The bounds hold for the given motions; they do not include the uncertainty from choosing these motions.
+    All scenes form one batch. They are independent, so the confidence bounds of [`rockjax.Ensemble`][] hold
+    for every n. The bounds do not include the uncertainty from choosing the motions.
 
     - `podium`: podium with scalar parameters; the scenes are variants of it
     - `motions`: one motion, or several (`Motions`, `Records`, a list); then each scene draws one of them with
@@ -70,7 +70,7 @@ def ensemble(
       parameter's name
     - `initial`: initial state; by default at rest
     - `t_end`: end of each scene [s]; by default as for [`rockjax.peak_responses`][]
-    - `options`: options of the scenes; with the output `"errors"`, scenes are flagged as undecided
+    - `options`: options of the scenes; the output `"errors"` is needed to find undecided scenes
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
     Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is an ensemble with the unsolved scenes marked as
@@ -310,9 +310,9 @@ class Ensemble:
         - `probability`: probabilities of not exceeding the quantiles, in (0, 1), shape (q,)
         - `confidence`: confidence level of each interval, in (0, 1)
 
-        Returns a Dataset over `probability` with `quantile`, `lower` and `upper`. Quantiles above the share
-        of scenes that survive are +∞. Bounds are ±∞ where n is too small for them. Raises `ValueError` for
-        invalid inputs.
+        Returns a Dataset over `probability` with `quantile`, `lower` and `upper`. A quantile of a peak is +∞ if
+        its probability exceeds the share of surviving scenes. Bounds are ±∞ if n is too small. Raises
+        `ValueError` for invalid inputs.
         """
         import xarray
 

@@ -177,7 +177,7 @@ class AnnualKind(FragilityKind):
 
 @dataclasses.dataclass(frozen=True)
 class ShareKind(Kind):
-    """The share of the motions of a set that overturn the columns when all are scaled by a factor."""
+    """The share of a set's motions that overturn the columns, with all motions scaled by one factor."""
 
     @property
     def is_repeated(self) -> bool:
@@ -204,7 +204,7 @@ class ShareKind(Kind):
         del values
         data, names = self._scenes(entry, scenes), scenes.motion_set(str(entry.motions)).names
         rows = [
-            (Word(name), Word(*(("overturned",) * 2 if is_overturned else ("survives", "holds"))))
+            (Word(name), Word("overturned", "overturned") if is_overturned else Word("survives", "holds"))
             for name, is_overturned in zip(names, data["overturned"].values, strict=True)
         ]
         factor = float(entry.arguments.get("intensity", 1.0))
@@ -241,7 +241,7 @@ class FailureKind(Kind):
         def solve() -> xarray.Dataset:
             scenes.say(f"samples of {entry.id}")
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # the check reports this
+                warnings.simplefilter("ignore", RuntimeWarning)  # the check reports "not converged"
                 result = failure_probability(podium, motion, **settings)
             names = ("probability", "standard_error", "scenes", "converged")
             data: dict[str, Any] = {name: float(getattr(result, name)) for name in names}
@@ -276,8 +276,8 @@ class FailureKind(Kind):
 
 
 def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
-    """Return the intensity measure of `[fragility]` and its period; the factor on the motions if the file has
-    no such table."""
+    """Return name and period of the intensity measure in `[fragility]`; without this table, the measure is
+    the factor on the motions."""
     settings = file.fragility
     has_table = "fragility" in file.model_fields_set
     return (settings.measure, settings.measure_period) if has_table else ("scale", None)
