@@ -310,8 +310,8 @@ class Ensemble:
         - `probability`: probabilities of not exceeding the quantiles, in (0, 1), shape (q,)
         - `confidence`: confidence level of each interval, in (0, 1)
 
-        Returns a Dataset over `probability` with `quantile`, `lower` and `upper`. A quantile of a peak is +∞ if
-        its probability exceeds the share of surviving scenes. Bounds are ±∞ if n is too small. Raises
+        Returns a Dataset over `probability` with `quantile`, `lower` and `upper`. A quantile of a peak is +∞
+        if its probability exceeds the share of surviving scenes. Bounds are ±∞ if n is too small. Raises
         `ValueError` for invalid inputs.
         """
         import xarray
