@@ -1,9 +1,8 @@
 """Ablation of optimisations: `python -m benchmarks.ablation [piece …]`.
 
 The benchmark switches off one optimisation ("piece") at a time in a separate process. It alternates timings
-between this process and a process with all pieces, and reports the shortest time without the piece divided by
-the shortest time with the piece. Each process compiles its own programs, so that the CPU seconds of the first
-calls are compared as well. Run nothing else on the machine meanwhile.
+between this process and a process with all pieces, and reports the ratio of the shortest times without and
+with the piece, and of CPU seconds of first calls, which compile. Run nothing else on the machine meanwhile.
 
 Writes `benchmarks/results/ablation.json`.
 """

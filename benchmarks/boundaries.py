@@ -7,8 +7,7 @@ from the last scale without uplift to the first wide overturning window. The wid
 Then `rockjax.overturning_boundary` searches the boundary. No window below the boundary may be wider than its
 `certain_width`, and the structure must overturn just above it. Half of the synthetic motions have a velocity
 pulse, and some are pulses alone. `--records` uses the records of a folder instead (text with times and
-accelerations in any unit, because the range is relative to PGA), cut to 1000 samples from 400 before their
-peak.
+accelerations in any unit, because the range is relative to PGA), cut to 1000 samples around the peak.
 
 The responses do not depend on the search. `--store` saves them in a folder, one file for each structure and
 motion. The same command continues an interrupted run, and another search can be compared with stored
@@ -178,10 +177,8 @@ def scan_all(
 
 
 def compare_search(name: str, source: str, records: rj.Records, store: Path | None) -> dict:
-    """Return the table row that compares the boundaries of a search with all windows below them.
-
-    `standing`: number of motions under which the structure stands just above its boundary.
-    """
+    """Return the table row that compares the boundaries of a search with all windows below them. `standing`
+    is the number of motions under which the structure stands just above the boundary."""
     podium = STRUCTURES[name]
     limits = RANGE * float(podium.g) * math.tan(float(podium.alpha)) / np.asarray(records.sizes()).max(axis=1)
     truth = scan_all(name, source, records, limits, store)

@@ -4,8 +4,7 @@ errors|intervals`.
 `errors [scenes] [--records FOLDER]` solves random structures of ordinary proportions under synthetic records,
 and under the records of a folder (see `benchmarks/boundaries.py`), with a PGA from 0.9 to 8 times the uplift
 threshold. It solves each scene with an error estimate, and again with `REFERENCE_RTOL` for the reference.
-Scenes whose outcome differs from the reference are counted separately, because an error of their peaks is not
-defined.
+Scenes whose outcome differs from the reference are counted separately; their peaks are not compared.
 
 `intervals [trials]` counts how often confidence intervals of fragility curves contain the true value. It
 draws samples of capacities from a lognormal distribution, some of them censored. For each sample it computes

@@ -189,10 +189,7 @@ def check(problem: Problem, answer: optimise.Design) -> Check:
 
 
 def row_of(name: str, problem: Problem) -> dict:
-    """Return the row of a design from ten starts: results of the starts, cost and checks.
-
-    `same`: number of starts that end within 1e-4 of the best objective.
-    """
+    """Return the row of a design from ten starts. `same` counts starts within 1e-4 of the best objective."""
     start_time = time.process_time()
     answer = problem.solve()
     objectives = [start.objective for start in answer.starts if start.satisfied]

@@ -56,7 +56,6 @@ def cost() -> None:
 
 
 def _row(family: str, kind: str, value: float, with_gradient: float) -> dict:
-    """Return the row of a table from times of the value alone and with its gradient [s]."""
     times = {"value [ms]": value * 1e3, "with gradient [ms]": with_gradient * 1e3}
     return {"family": family, "kind": kind} | times | {"ratio": with_gradient / value}
 

@@ -86,10 +86,8 @@ class Surviving:
 
 
 def static_distance(floors: int) -> float:
-    """Return the core distance h̄ tan α + B at which a joint of a rigid structure opens at uplift [m].
-
-    h̄ is the height of the centre of mass of beam and floors above the columns.
-    """
+    """Return the core distance h̄ tan α + B [m] at which a joint of a rigid structure opens at uplift; h̄ is
+    the height of the centre of mass of beam and floors above the columns."""
     structure = podium(floors, 0.0, np.array([-3.0, 3.0]))
     tan, eta = math.tan(float(structure.alpha)), float(structure.eta)
     height = (10.0 * DEPTH / 2 + eta * (DEPTH + STORY * (floors + 1) / 2)) / (10.0 + eta)

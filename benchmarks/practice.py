@@ -1,5 +1,4 @@
-"""Simplified methods of practice, compared with exact answers of rigid blocks. (P…) are equations and methods
-of docs/practice.md.
+"""Simplified methods (P…) of docs/practice.md, compared with exact answers of rigid blocks.
 
 `python -m benchmarks.practice [N]` solves about N scenes (10⁶ by default): blocks of α = 10, 15, 20° and
 2π/p = 2 … 8 s under synthetic motions, half of them with a pulse of 0.6–3.5 s, scaled to

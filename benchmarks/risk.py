@@ -109,11 +109,8 @@ def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
 
 
 def row(name: str, results: dict[str, Any]) -> dict[str, Any]:
-    """Return the row of a case.
-
-    - `said`: mean coefficient of variation that the repetitions report
-    - `held`: share of repetitions whose interval contains the counted probability
-    """
+    """Return the row of a case. `said` is the mean reported coefficient of variation, `held` the share of
+    repetitions whose interval contains the counted probability."""
     runs = np.array(results.get("runs", [])).reshape(-1, 5)
     scenes, failures = results.get("batches", 0) * BATCH, results.get("failures", 0)
     sweep_rows = [row for row in stored_rows_if_any("risk-sweep") if row["case"] == name]

@@ -2,8 +2,7 @@
 
 "First" starts without stored programs; "later" is a further process of the same user, the shortest of several
 runs. The table has the CPU seconds of all threads of the process, which are reliable on a busy machine too,
-and the wall time. Both are also divided by J, the time of `import jax`. Named rows replace rows of the stored
-table.
+and the wall time. Both are also divided by J, the time of `import jax`. Named rows replace stored rows.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Design studies from random starts: `python -m benchmarks.studies [sqp] [adam] [names] [--runs N]`.
 
 The methods are sequential quadratic programming, Adam or both; `--cap N` limits the iterations of a start.
-The studies are (a) the slimmest column, (b) the lightest beam, (c) the least shear, (d) a probability and
-(e) a fit.
+Studies: (a) the slimmest column, (b) the lightest beam, (c) the least shear, (d) a probability, (e) a fit.
 
 `python -m benchmarks.studies scipy` compares designs by exact gradients with SciPy's optimisers, which use
 finite differences or no derivatives. The table has the number of simulated scenes (a scene with exact

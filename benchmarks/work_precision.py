@@ -5,8 +5,7 @@
 `pulses` measures the run time of rockjax and of a scalar Numba loop for the families of Fig. 6. `control`
 solves podiums with devices, with several modes and under vertical motion. It counts trial steps and
 operations per trial step, which do not depend on the machine. Errors are relative to a solution at 1e-13.
-Both commands store a table in `benchmarks/results/` and draw a picture in `docs/images/`. `control draw`
-draws the stored table.
+Both store a table in `benchmarks/results/` and draw it in `docs/images/`; `control draw` only draws it.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 Each ODE system is compiled once for a tolerance; the podium, the pulse and the side of rocking are runtime
 parameters. Uplift, impact and overturning are terminal events, handled between two propagations; the largest
-rotations are non-terminal events, evaluated by dense output. `solve` solves scenes one after another on one
-core.
+rotations are non-terminal events, evaluated by dense output. `solve` solves one scene after another.
 """
 
 from __future__ import annotations

@@ -6,8 +6,7 @@
 - sin ψ and cos ψ are inlined polynomials (|ψ| < 0.8, error 1e-17).
 - A rigid superstructure has separate code with two states, and its uplift is a root of the pulse.
 - An impact is located by the quintic Hermite polynomial of the step, and then by Newton's method for the
-  length of a repeated step (usually one repetition). A peak that may exceed the recorded peak is located in
-  the same way.
+  length of a repeated step (usually one repetition). Peaks that may exceed the recorded peak are located too.
 - After an impact the length of the first step follows from the flight time 2θ̇/|θ̈|.
 - A scene ends as soon as its energy, plus the largest energy that the rest of the pulse can add (a closed
   form), proves that the recorded peak is final or that no uplift can follow.
@@ -127,10 +126,8 @@ def remaining_pulse(t, pulse):
 
 @_jit
 def _level(r, low, high, x, rising):
-    """Return x in [low, high] with |1 − 2x| exp(−x) = r, by Newton's method within this bracket.
-
-    `x`: first estimate; `rising`: whether the left side increases with x.
-    """
+    """Return x in [low, high] with |1 − 2x| exp(−x) = r, by Newton's method from `x`; `rising`: whether the
+    left side increases with x."""
     sign = 1.0 if high <= 0.5 else -1.0
     for _ in range(200):
         f = sign * (1.0 - 2.0 * x) * exp(-x) - r

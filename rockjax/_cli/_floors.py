@@ -20,8 +20,7 @@ from ._run import Report, command
     accuracy(rtol=1e-8, method="dopri8"),
 )
 def floors(request: Request, report: Report, output: Output = "rockjax-floors") -> None:
-    """Compute floor response spectra of the deck and of stories, and for comparison spectra of the ground and
-    of the same building fixed at its base.
+    """Compute floor response spectra of deck and stories, of the ground, and of the building on a fixed base.
 
     The picture shows medians if the set has several motions. Writes OUTPUT.nc and OUTPUT.png.
 
