@@ -1,7 +1,8 @@
-"""Blocks on floors, independent of the package: the motion of `tests.restrained`, own equations of a block.
+"""Blocks and oscillators on floors, independent of the package: the motion of `tests.restrained`, own
+equations of a block and of an oscillator.
 
-The floor's acceleration and its jumps come from the states between the events of the podium. The block is
-integrated with SciPy's DOP853 from event to event.
+The floor's acceleration and its jumps come from the states between the events of the podium. Blocks and
+oscillators are integrated with SciPy's DOP853 from event to event.
 """
 
 import dataclasses
@@ -68,6 +69,34 @@ def floor_accelerations(m: _Motion, weights, s, found, clip, t: float) -> tuple[
     modes = rate[2 + m.n : 2 + 2 * m.n] + m.h(inside)
     weights = np.asarray(weights)
     return float(weights @ modes) + (1 - weights.sum()) * deck, up
+
+
+def oscillators_on_floors(frame: Frame, periods, zeta: float, end, horizontal, vertical, *, floors, **scene):
+    """Return max|x| of oscillators on each floor, and when the podium overturned. A floor is the pair of the
+    weights of the modes and "horizontal" or "vertical"."""
+    watch = Stretches(frame)
+    answer = restrained.simulate(frame, end, horizontal, vertical, watch=watch, **scene)
+    m, omega = _Motion(frame, horizontal, vertical), 2 * math.pi / np.asarray(periods)
+    count, largest = omega.size, []
+    turns = [_event(lambda t, y, *_, k=k: y[count + k], 0, False) for k in range(count)]
+
+    def flow(t, y, weights, row, stretch: tuple[Any, Any, Any]):
+        a = floor_accelerations(m, weights, *stretch, t)[row]
+        return np.concatenate([y[count:], -a - 2 * zeta * omega * y[count:] - omega**2 * y[:count]])
+
+    for weights, direction in floors:
+        y, sizes, row = np.zeros(2 * count), np.zeros(count), int(direction == "vertical")
+        for k, stretch in enumerate(watch.stretches):
+            across, up = watch.jumps.get(k, (0.0, 0.0))
+            y[count:] -= up if row else (1 - sum(weights)) * across
+            times, arguments = stretch[1].t[[0, -1]], (weights, row, stretch)
+            piece = solve_ivp(flow, times, y, events=turns, args=arguments, **TIGHT)
+            y = piece.y[:, -1].copy()
+            for j in range(count):
+                tops = [abs(state[j]) for state in piece.y_events[j]]
+                sizes[j] = max(sizes[j], *tops, abs(y[j]))
+        largest.append(sizes)
+    return np.array(largest), answer.overturn_time
 
 
 def block_on_floor(frame: Frame, block: Block, end, horizontal, vertical=lambda t: 0.0, *, weights, **scene):

@@ -271,9 +271,11 @@ def frame_of(podium: rj.Podium) -> Frame:
         gamma += float(top.eta)
     elif isinstance(top, rj.Elastic):
         rows = ((float(top.eta), float(top.T_s), float(top.zeta)),)
-    elif isinstance(top, rj.Modes):
-        rows = tuple(tuple(map(float, row)) for row in zip(top.eta, top.T, top.zeta, strict=True))
-        residual = float(top.residual)
+    elif isinstance(top, rj.Modes | rj.ShearBuilding):
+        modes: Any = top.resolved()
+        columns = modes.eta, modes.T_s, np.broadcast_to(modes.zeta, modes.eta.shape)
+        rows = tuple(tuple(map(float, row)) for row in zip(*columns, strict=True))
+        residual = float(modes.residual or 0.0)
     for device in podium.restrainers:
         if isinstance(device, rj.Tendon):
             numbers |= {"tau": float(device.prestress), "kappa": float(device.stiffness)}

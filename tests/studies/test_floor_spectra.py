@@ -9,6 +9,8 @@ import pytest
 import rockjax as rj
 from rockjax import plots
 from rockjax._oscillators import Load, largest
+from tests import restrained
+from tests.reference_contents import oscillators_on_floors
 from tests.reference_floors import largest_displacements
 from tests.scenes import shaking
 
@@ -62,6 +64,10 @@ def test_full_contact_passes_the_ground_motion_on():
     np.testing.assert_allclose(S_a[[2, 0], 0], [2.311311812234842, 2.647223664261477], rtol=1e-11)
     np.testing.assert_allclose(S_a[1, 1], 1.394454688752405, rtol=1e-11)
     assert (found["remaining_ratio"] <= 1).all()
+    early = spectrum(FRAME, rj.OneSine(1.0, 0.8), [0.5, 1.5], damping=[0.0, 0.02, 0.05], t_end=0.8)
+    for name in ("relative_displacement", "absolute_acceleration", "peak_time"):  # with the next turns
+        np.testing.assert_allclose(early[name], found[name], rtol=1e-9)
+    assert (early["remaining_ratio"] == 1).any()
     record = rj.Motion(np.asarray(shaking(peak=0.7).acceleration), 0.02)
     of_record = spectrum(FRAME, record, [0.1, 1.0])["pseudo_acceleration"][0, 0]
     exact = rj.intensity_measures(record, periods=(0.1, 1.0))["Sa"]
@@ -99,6 +105,10 @@ def test_an_elastic_top_in_full_contact_has_its_closed_form():
     assert found["peak_velocity_jump"].sel(level="1") == 0
     assert (found["remaining_ratio"].sel(level="deck") <= 1).all()
     assert np.isfinite(found["remaining_ratio"].sel(level="1")).all()
+    early = spectrum(TOP, rj.OneSine(0.5 * factor, 0.8), [0.2, 0.5], damping=[0.02, 0.05], level=1, t_end=0.8)
+    bound = early["relative_displacement"] * np.maximum(1.0, early["remaining_ratio"])
+    assert (S_d <= bound[0] * (1 + 1e-9)).all()
+    assert (bound[0] < 40 * S_d).all()
 
 
 def test_spectra_of_a_pulse_agree_with_the_reference():
@@ -180,6 +190,32 @@ def test_random_scenes_agree_with_an_independent_integrator(seed):
     e = float(podium.restitution_factor)
     exact = largest_displacements(alpha, R, gamma, eta, T_s, 0.05, e, a_p, T_p, end, periods, zeta, on_top)
     np.testing.assert_allclose(found["relative_displacement"][0, 0], exact, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("a_p", "overturns"), [(2.2, False), (3.0, True)])
+def test_floors_of_a_building_agree_with_an_independent_integrator(a_p, overturns):
+    """Stories, weights of modes and the vertical direction, also until the podium overturns."""
+    building = rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0], modes=2)
+    podium, periods = FRAME.replace(superstructure=building), np.array([0.08, 0.4, 1.5])
+    pulse = restrained.one_sine(a_p, 0.9)
+    motion = rj.GroundMotion(rj.OneSine(a_p, 0.9), rj.OneSine(0.4 * a_p, 0.9))
+    more: Any = {"damping": 0.03, "t_end": 2.0}
+    weights, levels, stories = np.array([0.7, -0.4]), ["deck", 1, 3], np.asarray(building.story_weights)
+    spectra = [
+        spectrum(podium, motion, periods, level=levels, **more),
+        spectrum(podium, motion, periods, weights=weights, **more),
+        spectrum(podium, motion, periods, direction="vertical", **more),
+    ]
+    horizontal = np.zeros(2), stories[0], stories[2], weights
+    floors = [*((row, "horizontal") for row in horizontal), (np.zeros(2), "vertical")]
+    motions = pulse, lambda t: 0.4 * pulse(t)
+    scene: Any = {"floors": floors, "breaks": (0.0, 0.9)}
+    frame = restrained.frame_of(podium)
+    exact, overturn_time = oscillators_on_floors(frame, periods, 0.03, 2.0, *motions, **scene)
+    found = np.concatenate([each["relative_displacement"].values[:, 0] for each in spectra])
+    np.testing.assert_allclose(found, exact, rtol=1e-6)
+    assert np.isfinite(overturn_time) == overturns
+    np.testing.assert_allclose(spectra[0]["overturn_time"], overturn_time, rtol=1e-9)
 
 
 def test_sizes_and_mirrors_change_nothing_else():
