@@ -42,9 +42,9 @@ class AnnualFrequency(AbstractScaleTarget):
     λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
     overturning intensities, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f). If fewer than two
     motions overturn the columns, λ_f is the frequency with which `max_intensity` is exceeded, and its
-    derivative is zero. Raises `ValueError` for a hazard in other units or for another measure, and for a
-    `max_intensity` that is exceeded `at_most` times a year or more often, because λ_f might then never be
-    small enough.
+    derivative is zero. Raises `ValueError` for a hazard that is not in SI units or not of these measures, and
+    for a `max_intensity` that is exceeded `at_most` times a year or more often, because λ_f might then never
+    be small enough.
     """
 
     at_most: Any
@@ -97,7 +97,7 @@ class AnnualFrequency(AbstractScaleTarget):
             )
         self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
         self.width, self.name = float(width), name
-        # Motions have unit intensity, so that the scale factor of a motion equals its intensity.
+        # Motions are scaled to unit intensity, so that their scale factors are intensities.
         members = single_motions(owner, unscaled, "suite").members
         scaled = [motion.scaled(1 / x) for motion, x in zip(members, intensities, strict=True)]
         members_or_samples = suite.of_records(scaled) if isinstance(suite, FreshSamples) else scaled

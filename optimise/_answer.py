@@ -40,7 +40,7 @@ class Outcome(NamedTuple):
 class Effort(NamedTuple):
     """Cost of a design.
 
-    - `evaluations`: number of evaluated design points, with derivatives
+    - `evaluations`: number of design points at which values and derivatives were computed
     - `scenes`: number of simulated scenes; the search for one overturning amplitude counts as one scene
     - `iterations`: total number of iterations; `seconds`: wall time, including compilation [s]
     """
@@ -109,7 +109,7 @@ class Design(Module):
 
 
 def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
-    """Return the headline, the table of variables and the table of targets, each with a heading row."""
+    """Return the headline, and the tables of variables and of targets, which start with a heading row."""
     state = "satisfied" if design.satisfied else "not satisfied"
     remark = f" ({UNTIL_OVERTURNING})" if design.minimised in design.overturned else ""
     result = NAMES[int(design.result._value)]
@@ -133,7 +133,7 @@ def check_design(owner: str, design) -> None:
 
 
 def table(design: Design) -> str:
-    """Return a design as text: variables, targets with worst margins and shadow prices, and its cost."""
+    """Return a design as text: variables, worst margins and shadow prices of targets, cost of the search."""
     check_design("table", design)
     headline, variables, targets = _tabulate(design)
     text = [f"Design: {headline}"]
@@ -234,34 +234,34 @@ def build_design(
     pairs = zip(search.ends, search.evaluations, strict=True)
     outcomes = tuple(_outcome(variables, end, evaluation) for end, evaluation in pairs)
     best = min(range(len(outcomes)), key=lambda k: _rank_outcome(outcomes[k], bool(search.sizes)))
-    final, best_end, evaluation = outcomes[best], search.ends[best], search.evaluations[best]
-    ends = np.cumsum([0, *search.sizes.values()])
-    spans = [slice(first, end) for first, end in itertools.pairwise(ends)]
+    best_outcome, best_end, evaluation = outcomes[best], search.ends[best], search.evaluations[best]
+    offsets = np.cumsum([0, *search.sizes.values()])
+    spans = [slice(first, end) for first, end in itertools.pairwise(offsets)]
     estimates = estimate_samples(best_end.x)
     margins = evaluation.c.copy()
     unverified = [k for k, estimate in estimates.probabilities.items() if not estimate.converged]
     if unverified:
         for k in unverified:
             margins[spans[k]] = np.nan
-        result = result_of_code(UNVERIFIED) if final.satisfied else final.result
-        final = final._replace(margin=np.nan, satisfied=False, result=result)
-        outcomes = (*outcomes[:best], final, *outcomes[best + 1 :])
-    prices = search.scale * best_end.multipliers if final.satisfied else np.full(ends[-1], np.nan)
+        result = result_of_code(UNVERIFIED) if best_outcome.satisfied else best_outcome.result
+        best_outcome = best_outcome._replace(margin=np.nan, satisfied=False, result=result)
+        outcomes = (*outcomes[:best], best_outcome, *outcomes[best + 1 :])
+    prices = search.scale * best_end.multipliers if best_outcome.satisfied else np.full(offsets[-1], np.nan)
     lower_and_upper = np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist()
     bounds = dict(zip(variables.names, zip(*lower_and_upper, strict=True), strict=True))
     minimised = "distance from the start" if objective is None else objective.describe()
-    # Built from the user's structure, in which plain numbers have not been turned into arrays.
+    # Start from `given`, because `variables.base` has arrays in place of the user's numbers.
     structure = make_variables(given, bounds).structure(best_end.x)
     names = list(search.sizes)
     return Design(
         podium=as_podium(structure),
         structure=structure,
-        variables=final.variables,
-        objective=final.objective,
-        satisfied=final.satisfied,
+        variables=best_outcome.variables,
+        objective=best_outcome.objective,
+        satisfied=best_outcome.satisfied,
         margins={name: margins[span] for name, span in zip(search.sizes, spans, strict=True)},
         multipliers={name: prices[span] for name, span in zip(search.sizes, spans, strict=True)},
-        result=final.result,
+        result=best_outcome.result,
         history=tuple(search.history),
         stats=search.effort,
         starts=outcomes,
@@ -290,13 +290,13 @@ def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
         code = STALLED
     values = variables.values(end.x)
     values_by_name = dict(zip(variables.names, map(float, values), strict=True))
-    worst = float(np.min(evaluation.c, initial=np.inf))
+    worst_margin = float(np.min(evaluation.c, initial=np.inf))
     objective, result = float(np.max(evaluation.f)), result_of_code(code)
-    return Outcome(values_by_name, objective, worst, satisfied, result, end.iterations)
+    return Outcome(values_by_name, objective, worst_margin, satisfied, result, end.iterations)
 
 
 def _rank_outcome(outcome: Outcome, has_targets: bool) -> tuple[int, float]:
-    """Return a sort key: satisfied outcomes first by objective, others by margin, non-finite ones last."""
+    """Return a sort key: satisfied outcomes by objective, violated ones by margin, then non-finite ones."""
     if not np.isfinite([outcome.objective, outcome.margin if has_targets else 0.0]).all():
         return (2, 0.0)
     return (0, outcome.objective) if outcome.satisfied else (1, -outcome.margin)

@@ -1,4 +1,4 @@
-"""Design charts: values of a design variable at which a structure survives a pulse, against its period."""
+"""Design charts: values of a design variable with which a structure survives pulses, by pulse period."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ def design_chart(
         boundary_tables.append(boundaries)
         least_safe.append(_least_safe(boundaries, scanned.starts_surviving, low))
         scene_counts.append(scanned.scenes)
-    width = max(table.shape[1] for table in boundary_tables)
-    pad = lambda table: np.pad(table, ((0, 0), (0, width - table.shape[1])), constant_values=np.nan)
+    boundary_count = max(table.shape[1] for table in boundary_tables)
+    pad = lambda table: np.pad(table, ((0, 0), (0, boundary_count - table.shape[1])), constant_values=np.nan)
     unit = parameter(podium, name).unit
     safe_attrs = {"units": unit, "long_name": f"smallest {name} above which all values survive"}
     boundary_attrs = {"units": unit, "long_name": f"{name} where survival changes"}
@@ -120,7 +120,7 @@ def design_chart(
 
 
 def _least_safe(boundaries: np.ndarray, starts_surviving: np.ndarray, low: float) -> np.ndarray:
-    """Return the last boundary at each period, `low` if there is none, NaN if the upper bound overturns."""
+    """Return the smallest safe value at each period: the last boundary, `low` without boundaries, or NaN."""
     counts = np.sum(np.isfinite(boundaries), axis=1)
     # An odd number of changes means that survival differs between the two ends of the range.
     survives_at_end = starts_surviving ^ (counts % 2 == 1)

@@ -23,10 +23,10 @@ def design_command(
     quiet: bool = False,
     suffix: str = ".png",
 ) -> tuple[Design, list[Path], rj.Interrupted | None]:
-    """Solve a design problem and write OUTPUT.json, OUTPUT-convergence.png and, with motions,
-    OUTPUT-response.png.
+    """Solve a design problem; write the design and its pictures.
 
-    - `problem`: the design problem; `output`: OUTPUT, the prefix of the files
+    - `problem`: the design problem; `output`: prefix OUTPUT of the files OUTPUT.json, OUTPUT-convergence.png
+      and, if the problem has motions, OUTPUT-response.png
     - `quiet`: whether to hide the progress bar; `suffix`: file extension of the pictures
 
     Returns the design, the paths of the written files, and the `rockjax.Interrupted` error of an interrupted
@@ -77,7 +77,7 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
 
 def joint_peaks(problem: Problem, design: Design) -> Any:
     """Return the peaks in the joints under all motions of a problem, for warnings; None if the podium has no
-    elevation or the problem no motions."""
+    elevation or there are no motions."""
     from types import SimpleNamespace
 
     from rockjax._cli._joints import OUTPUTS, VARIABLES
@@ -98,13 +98,13 @@ def design_record(design) -> dict[str, Any]:
 
     podium = design.podium
     superstructure = podium.superstructure
-    ratios = {
+    podium_values = {
         name: float(getattr(podium, name))
         for name in ("alpha", "R", "gamma", "lam", "g", "restitution_factor")
     }
-    ratios |= {"width": float(podium.width), "height": float(podium.height)}
+    podium_values |= {"width": float(podium.width), "height": float(podium.height)}
     if superstructure is not None:
-        ratios |= {f"superstructure.{name}": value for name, value in vars(superstructure).items()}
+        podium_values |= {f"superstructure.{name}": value for name, value in vars(superstructure).items()}
     return {
         "result": result_name(design.result),
         "satisfied": design.satisfied,
@@ -113,7 +113,7 @@ def design_record(design) -> dict[str, Any]:
         "variables": design.variables,
         "units": design.units,
         "bounds": design.bounds,
-        "podium": ratios,
+        "podium": podium_values,
         "margins": design.margins,
         "multipliers": design.multipliers,
         "failing": design.failing,

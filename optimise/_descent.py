@@ -61,7 +61,7 @@ class Rules(NamedTuple):
 
     @property
     def accepted_violation(self) -> float:
-        """Accepted violation of the margin aimed at, with which the targets themselves still hold [–]."""
+        """Largest accepted shortfall from the margin aimed at; the targets themselves then still hold [–]."""
         return 0.5 * self.shift
 
 
@@ -69,8 +69,8 @@ class Iterate(NamedTuple):
     """One iteration of one start.
 
     - `start`: index of the start; `iteration`: index of the iteration
-    - `x`: scaled variables before the step (n,); `objective`: largest value at `x`; `margin`: worst margin
-      at `x` [–]
+    - `x`: scaled variables before the step (n,); `objective`: largest objective value at `x`; `margin`:
+      worst margin at `x` [–]
     - `residual`: residual of the optimality conditions (NaN for gradient steps)
     - `radius`: radius of the trust region (for gradient steps, the factor on the step)
     - `penalty`: penalty ν of the violation (for gradient steps, ρ of the augmented Lagrangian)
@@ -118,14 +118,14 @@ def scale_evaluation(evaluation: Evaluation, rules: Rules) -> Evaluation:
 
 
 def rank(evaluation: Evaluation) -> tuple[float, float]:
-    """Return the sort key of an evaluation: its violation, then its largest value."""
+    """Return the sort key of an evaluation: its violation, then its largest objective value."""
     return (evaluation.violation, float(np.max(evaluation.f)))
 
 
 def objective_scale(evaluations: list[Evaluation]) -> float:
     """Return the typical change of the objective between the bounds, from its slopes at the starts.
 
-    If all slopes are zero, return the largest absolute value, or 1 if the values are zero as well.
+    If all slopes are zero, return the largest absolute objective value, or 1 if this is zero as well.
     """
     slopes = [float(np.max(np.abs(e.f_slope))) for e in evaluations]
     slopes = [slope for slope in slopes if slope > 0]

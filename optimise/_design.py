@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 MAX_REFINEMENTS = 3  # rounds that correct designs in which verification finds a small violation
 SAMPLED_TOLERANCE = 1e-4  # smallest tolerance with sampled probabilities, whose scatter is larger
-MAX_CORRECTIONS = 3  # restarts of a search after independent samples
+MAX_CORRECTIONS = 3  # rounds that continue a search after independent samples
 MAX_CHECKED_ENDS = 4  # ends at which independent samples are taken in one round
 MAX_SAMPLE_VIOLATION = 0.2  # largest violation in an independent sample that is corrected [–]
 
@@ -64,12 +64,12 @@ def design(
     - `targets`: targets to satisfy; targets on the same motions share their simulations
     - `method`: `"sqp"`, sequential quadratic programming; or an `optax.GradientTransformation`, with `"adam"`
       short for `optax.adam(0.02)`. A transformation takes `max_iterations` steps on an augmented Lagrangian
-      in scaled variables, and `"sqp"` continues from the best point. A transformation also accepts
-      `FreshSamples` in place of suites, then without `"sqp"` afterwards
+      in scaled variables, and `"sqp"` continues from the best point. `FreshSamples` in place of
+      suites need a transformation, and `"sqp"` does not follow
     - `starts`: number of starting points, ≥ 1: `podium` and a Latin hypercube drawn at random from `seed`
     - `options`: options of the simulations; `outputs` and `throw` are replaced as needed
     - `tolerance`: tolerance of the optimality conditions, in scaled variables, and margin aimed at, in
-      [1e-10, 1e-2]; raised to 1e-4 if a target is a `FailureProbability` [–]
+      [1e-10, 1e-2]; at least 1e-4 if a target is a `FailureProbability` [–]
     - `max_iterations`: limit for every start, by default 60 for `"sqp"`, 100 steps of a gradient
       transformation, or 300 with `FreshSamples`
     - `progress`: `True` for a progress bar, or any object with a method `update(iterations)`
@@ -106,7 +106,7 @@ def design(
         default = MAX_ITERATIONS if transformation is None else GRADIENT_STEPS
         max_iterations = FRESH_ITERATIONS if has_fresh_samples else default
     points = _points(variables, starts, seed)
-    # The total of the bar: the first evaluation, one per iteration, and verification.
+    # The bar counts the first evaluation, every iteration and the verification.
     with bar_of(max_iterations + 2, "evaluations", progress) as bar:
         evaluate = Evaluator(problem, sampled_targets, options, points, tolerance, bar)
         search: DescentSearch | FreshSearch
@@ -116,7 +116,7 @@ def design(
             search = DescentSearch(transformation, evaluate, points, tolerance, max_iterations)
         is_interrupted = search.run()
     effort = evaluate.effort(search.iterations, time.perf_counter() - start_time)
-    sizes = _names(targets, evaluate.sizes)
+    sizes = _margin_counts(targets, evaluate.sizes)
     answer = build_design(
         podium, variables, objective, search.search_result(sizes, effort), search.estimate_samples
     )
@@ -311,7 +311,7 @@ def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
 
 
 def _points(variables: Variables, starts: int, seed: int) -> np.ndarray:
-    """Return the starting points: the given structure and a Latin hypercube."""
+    """Return the starting points: the user's structure and a Latin hypercube."""
     rng = np.random.default_rng(seed)
     n = len(variables.names)
     strata = (
@@ -327,7 +327,7 @@ def _best(evaluations: list[Evaluation]) -> int:
     return min(range(len(keys)), key=keys.__getitem__)
 
 
-def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, int]:
+def _margin_counts(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, int]:
     """Return target name → number of margins; repeated names are numbered."""
     names: dict[str, int] = {}
     for target, size in zip(targets, sizes, strict=True):
@@ -342,7 +342,7 @@ def _names(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, i
 def _small_violation(end: End, verified: Evaluation, limit: float) -> float:
     """Return the verified violation of an end if further descents can correct it, 0 otherwise.
 
-    They can if the violation is at most `limit` and the search found the targets satisfied.
+    Descents can correct a violation up to `limit` if the search found the targets satisfied.
     """
     if end.result in (INFEASIBLE, NOT_FINITE) or not verified.is_finite:
         return 0.0

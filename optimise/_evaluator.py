@@ -35,7 +35,7 @@ BOOTSTRAP_SAMPLES = 200  # resamples from which standard errors are estimated
 class DesignProblem(Module):
     """Objective values and target margins as a differentiable function of the design variables.
 
-    Targets and objectives ("items") that read responses to motions share one suite without repetitions.
+    Targets and objectives ("items") that read responses share one suite, in which equal suites appear once.
 
     - `variables`: the design variables; `objective`: None for the nearest design; `targets`: the targets
     - `suite`: all motions whose responses are read, None if there are none
@@ -55,9 +55,9 @@ class DesignProblem(Module):
     def __call__(
         self, x: Float[Array, " n"], options: rj.Options
     ) -> tuple[Float[Array, " k"], list[Float[Array, " m"]], Int[Array, " items"]]:
-        """Return objective values (k,), margins (m,) of every target, and counts of overturned scenes.
+        """Return objective values (k,), margins (m,) of every target, and overturned scenes of every item.
 
-        The count (items,) is 0 for items that do not depend on peaks until overturning.
+        The number of overturned scenes is 0 for items that do not depend on peaks until overturning.
         """
         podium = self.variables.podium(x)
         peaks = None if self.suite is None else self.suite.responses(podium, options, self.outputs)
@@ -181,7 +181,7 @@ def fresh_samples_of(item: Any) -> FreshSamples | None:
 
 
 def _with_records(target: Any, records: rj.Records) -> Any:
-    """Return a target with a given batch of fresh samples as its suite."""
+    """Return a target with a batch of fresh samples as its suite."""
     return eqx.tree_at(lambda t: t.suite, target, target.suite.with_records(records))
 
 
@@ -198,7 +198,7 @@ def options_as_arrays(options: rj.Options) -> rj.Options:
 
 
 class Evaluator:
-    """Evaluator of one point of every start in one batch; stores the best point of each and counts the cost.
+    """Evaluate one point of every start in one batch, store the best point of each start and count the cost.
 
     Points are ranked by their violation of the margin aimed at, and then by their objective.
 

@@ -61,7 +61,7 @@ class Explorer:
     """Sliders for a structure and its ground motion, and the response.
 
     - `widget`: widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
-    - `values`: name → value in user units; exactly the given value until its slider is moved
+    - `values`: name → value in user units; exactly the initial value until the slider moves
     - `structure`, `podium`, `excitation`, `peak`: structure, motion and peak response for these values
     - `picture`: picture of the response as PNG, twice as wide as on the page
     """
@@ -155,8 +155,8 @@ def explore(
     - `options`: options of the simulations; `outputs` and `throw` are replaced as needed
 
     The picture shows the initial response in grey and the present one in colour. Only the first picture
-    compiles. Raises `ValueError` for unknown names, and for ranges that are invalid or do not contain
-    the present value.
+    compiles a program. Raises `ValueError` for unknown names, and for ranges that are invalid or do not
+    contain the present value.
     """
     if not isinstance(structure, Structure):
         raise ValueError(
@@ -207,7 +207,7 @@ def _outputs(options: rj.Options) -> tuple[str, ...]:
 def _motion_names(
     structure: Structure, excitation: rj.AbstractExcitation, names: tuple[str, ...]
 ) -> list[str]:
-    """Return those of `names` that are scalar fields of the motion and not parameters of the structure."""
+    """Return the names that belong to scalar fields of the motion, but not to parameters of the structure."""
     fields = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
     parameters = STRUCTURE if isinstance(structure, rj.Podium) else DIMENSIONS
     scalars = [name for name, y in fields.items() if eqx.is_inexact_array(y) and y.ndim == 0]
@@ -288,7 +288,7 @@ class _Grid(NamedTuple):
 
     @classmethod
     def containing(cls, low: float, high: float, value: float) -> _Grid:
-        """Return a grid with a round step and some hundred positions.
+        """Return a grid with a round step and about `SLIDER_POSITIONS` positions.
 
         The step is divided by up to 10^MAX_REFINEMENTS if this makes `value` a position.
         """
@@ -328,7 +328,7 @@ def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.Float
 
 
 class _Drawing:
-    """Figure of the initial and the present response. A call updates the curves of the present one."""
+    """Figure of the initial and the present response. Calling it redraws the present response."""
 
     def __init__(self, first: _Answer, structure: Structure):
         from matplotlib.backends.backend_agg import FigureCanvasAgg

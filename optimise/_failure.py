@@ -119,7 +119,7 @@ class _Check(NamedTuple):
 
 
 class RayTarget:
-    """A target with the rays of a search, which are sampled at its first structure (host).
+    """A target with rays, which are sampled at the first structure of a search (host).
 
     - `scenes`: number of scenes simulated so far; `checks`: independent samples taken so far
     - `is_verifying`: whether a design is being verified; margins then have no safety margin
@@ -161,7 +161,7 @@ class RayTarget:
         return SAFETY_FACTOR * math.sqrt(2) * self.target.cov
 
     def _ratio(self, podium: rj.Podium) -> float:
-        """Return the ratio of the independent sample at the nearest structure, 1 if there is none."""
+        """Return the ratio of the independent sample at the nearest structure, 1 before any sample."""
         if not self.checks:
             return 1.0
         parameters = _parameters(podium)

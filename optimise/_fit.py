@@ -38,12 +38,12 @@ class Fit(Module):
 
     - `podium`: the fitted podium; `structure`: the fitted structure, of the same type as the argument
     - `variables`: name → value; `errors`: name → standard error, from the Jacobian and the scatter of the
-      residuals. All are inf if the measurement does not determine every variable; at a bound they are only
-      indicative
+      residuals. All errors are inf if the measurement does not determine every variable; errors at a bound
+      are only indicative
     - `covariance`: covariance matrix of the variables, in user units, in the order of `variables`
     - `rms`: root mean square of the residuals [rad]; `residuals`: measured minus fitted θ [rad]
-    - `starts`: rms of every start [rad]; `best`: index of the returned start; `converged`: whether the solver
-      converged on the last window of this start
+    - `starts`: rms of the fit of every start [rad]; `best`: index of the returned start; `converged`: whether
+      the solver converged on the last window of this start
     - `units`: name → unit
     - `seconds`: wall time, with compilation [s]
     """
@@ -140,17 +140,17 @@ def fit(
     peak = jnp.asarray(float(np.max(np.abs(theta))) or 1.0)
     rng = np.random.default_rng(seed)
     n = len(variables.names)
-    given_point = np.asarray(variables.start())
+    user_point = np.asarray(variables.start())
     draws = rng.uniform(size=(starts * DRAWS_PER_START, n))
-    draws[0] = given_point
+    draws[0] = user_point
     windows = [_window_weights(times, theta, fraction) for fraction in WINDOWS]
     draw_costs = np.asarray(_costs(scene, jnp.asarray(draws), jnp.asarray(windows[0]), peak))
-    # The first start begins at the given structure, every other one at its draw with the least cost.
+    # The first start begins at the user's structure, every other start at its draw with the least cost.
     chosen = [
         k * DRAWS_PER_START + int(np.argmin(draw_costs[k * DRAWS_PER_START : (k + 1) * DRAWS_PER_START]))
         for k in range(starts)
     ]
-    z = _from_unit_interval(jnp.clip(jnp.asarray(draws[chosen]).at[0].set(given_point), EDGE, 1 - EDGE))
+    z = _from_unit_interval(jnp.clip(jnp.asarray(draws[chosen]).at[0].set(user_point), EDGE, 1 - EDGE))
     has_converged = None
     for window in windows:
         z, has_converged = _solve_window(scene, z, jnp.asarray(window), peak, jnp.asarray(tolerance))
@@ -204,9 +204,9 @@ class _Scene(Module):
         )
         theta = response(self.times).theta
         last_time = jnp.where(jnp.isfinite(response.overturn_time), response.overturn_time, self.times[-1])
-        side = jnp.sign(response(jnp.minimum(last_time, response.stats.end_time), left=True).theta)
+        sign = jnp.sign(response(jnp.minimum(last_time, response.stats.end_time), left=True).theta)
         is_overturned = self.times > last_time
-        theta = jnp.where(is_overturned, side * podium.alpha, jnp.where(jnp.isfinite(theta), theta, 0.0))
+        theta = jnp.where(is_overturned, sign * podium.alpha, jnp.where(jnp.isfinite(theta), theta, 0.0))
         return jnp.where(has_answer(response), self.theta - theta, jnp.inf)
 
 

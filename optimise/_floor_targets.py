@@ -17,7 +17,7 @@ from ._targets import AbstractTarget, Name, check_limit
 
 
 class AbstractFloorTarget(AbstractTarget):
-    """A target on contents or oscillators on floors, under every motion of a suite."""
+    """A target on `things`, contents or oscillators on floors, under every motion of a suite."""
 
     limit: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
@@ -55,9 +55,9 @@ class ContentsRotation(AbstractFloorTarget):
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them
     - `contents`: one or several [`rockjax.Contents`][]; `name`: name of the target in reports
 
-    The margin of each block is (limit − s)/limit with s = max|φ|/α_c. For a block that overturns, s = 1 − M,
-    where M < 0 is the overturning margin of the block. If the columns overturn, margins are at most the
-    overturning margin of the columns. Raises `ValueError` for a limit or contents that are invalid.
+    A block with rotation φ and slenderness angle α_c has the margin (limit − s)/limit with s = max|φ|/α_c, or
+    s = 1 − M if the block overturns, with its overturning margin M < 0. If the columns overturn, margins are
+    at most the overturning margin of the columns. Raises `ValueError` for an invalid limit or contents.
     """
 
     limit: Any
@@ -85,7 +85,7 @@ class FloorSpectrum(AbstractFloorTarget):
     - `oscillators`: one or several [`rockjax.Oscillator`][]; `name`: name of the target in reports
 
     The margin of each oscillator is (limit − PSA)/limit. If the columns overturn, margins are at most the
-    overturning margin of the columns. Raises `ValueError` for a limit or oscillators that are invalid.
+    overturning margin of the columns. Raises `ValueError` for an invalid limit or oscillators.
     """
 
     limit: Any

@@ -75,14 +75,14 @@ class FreshSamples:
         return [self._draw(SAMPLE, k, index) for index in range(self.verify // self.batch)]
 
     def _draw(self, *stream: int) -> rj.Records:
-        """Return the batch of a random stream, given by a sequence of integers."""
+        """Return the batch of the random stream that a sequence of integers identifies."""
         rng = np.random.default_rng([self.seed, *stream])
         if isinstance(self.motions, rj.GaussianMotion):
             u = rng.standard_normal((self.batch, self.motions.dimension))
-            records, which = records_from_samples(self.motions, jnp.asarray(u)), np.arange(self.batch)
+            records, rows = records_from_samples(self.motions, jnp.asarray(u)), np.arange(self.batch)
         else:
-            records, which = self.motions, rng.integers(len(self.motions), size=self.batch)
-        return dataclasses.replace(records, which=which.astype(np.int32), scale=jnp.ones(self.batch))
+            records, rows = self.motions, rng.integers(len(self.motions), size=self.batch)
+        return dataclasses.replace(records, which=rows.astype(np.int32), scale=jnp.ones(self.batch))
 
     def __repr__(self):
         source = f"{len(self.members)} records" if self.members else "Gaussian motions"

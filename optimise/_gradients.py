@@ -1,6 +1,7 @@
 """Steps of an Optax gradient transformation on an augmented Lagrangian, for all starts in one batch.
 
-With the largest objective value f, margins c and multipliers μ, the transformation follows the gradient of
+With the largest objective value f, margins c above the margins aimed at and multipliers μ, the
+transformation follows the gradient of
 
     f + Σ_j (max(0, μ_j − ρ_j c_j)² − μ_j²)/(2ρ_j),
 
@@ -37,7 +38,7 @@ MIN_SLOPE = 1e-2  # lower limit of the root-mean-square slope |∇c_j| in ρ_j
 def transformation_of(method: str | optax.GradientTransformation) -> optax.GradientTransformation | None:
     """Return the gradient transformation of a method, None for `"sqp"`.
 
-    Raises `ValueError` if `method` is neither a known name nor a gradient transformation, and for
+    Raises `ValueError` if `method` is neither `"sqp"`, `"adam"` nor a transformation, and for
     transformations that evaluate the objective themselves, such as line searches.
     """
     if isinstance(method, str) and method == "sqp":

@@ -66,7 +66,7 @@ class AbstractWorst(AbstractObjective, AbstractResponses):
 class WorstRotation(AbstractWorst):
     """The largest peak rotation max|θ|/α under a motion or a list of motions [–].
 
-    Where the columns overturn, it is overturn_ratio − M with the overturning margin M < 0.
+    Where the columns overturn, the value is overturn_ratio − M with the overturning margin M < 0.
     """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
@@ -177,7 +177,7 @@ class OfPodium(AbstractObjective):
 class ExpectedLoss(AbstractObjective):
     """Annual cost of the columns plus expected annual loss by overturning: function(podium) + loss · λ_f.
 
-    - `function`: function of the podium that returns the annual cost of building it [currency]
+    - `function`: function of the podium that returns its annual cost [currency]
     - `loss`: loss by one overturning, > 0 [currency]
     - `risk`: an `optimise.AnnualFrequency`, which gives the annual frequency of overturning λ_f [1/year]; its
       `at_most` is ignored. The same object may also be a target

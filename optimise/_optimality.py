@@ -16,7 +16,7 @@ EvaluatedPoints = list[tuple[Vector, Evaluation]]
 class Optimality(NamedTuple):
     """Multipliers of the margins and residual of the optimality conditions.
 
-    The step of unit curvature minimises the linear models plus half the squared length of the step.
+    The step of unit curvature minimises the merit of the linear models plus half its squared length.
 
     - `multipliers`: multipliers of the margins (m,)
     - `residual`: largest entry of this step, like the norm of a projected gradient; 0 exactly where the merit

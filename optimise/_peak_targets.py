@@ -97,7 +97,7 @@ def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
 
 
 def _is_peak(output: AbstractOutput) -> bool:
-    """Return whether an output has an answer with the name of the output that is a peak."""
+    """Return whether the answer with the name of an output is a peak."""
     return any(answer.name == output.name and answer.until_overturning for answer in output.variables)
 
 
@@ -132,8 +132,8 @@ def limited_by_overturning(margins: Margins, peaks: rj.Peak) -> Margins:
 
 
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Return whether the scene of each of `count` values overturned, and −M > 0 with the overturning margin M
-    (1 where the scene did not overturn) [–]."""
+    """Return two vectors for `count` values: whether the scene overturned, and −M > 0 with the overturning
+    margin M (1 where the scene did not overturn) [–]."""
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     repeat = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
     return repeat(peaks.overturned), repeat(depth)
@@ -227,8 +227,8 @@ class LeastAxialForce(AbstractResponseTarget):
     - `excitations`: a motion or a list of them; `name`: name in reports
 
     The margins of the bottom and the top joint are min N/N_0 − at_least, with the dead load N_0 of the mean
-    column. Where the columns overturn, they are at most the overturning margin. Without an elevation of the
-    podium, the target applies to the mean column. Raises `ValueError` for other fractions.
+    column. Where the columns overturn, margins are at most the overturning margin. Without an elevation of
+    the podium, the target applies to the mean column. Raises `ValueError` for other fractions.
     """
 
     at_least: Any

@@ -81,7 +81,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
 
 
 def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
-    """Plot θ/α before and after the design under a ground motion, and this motion; return the figure.
+    """Plot θ/α before and after the design under a ground motion, and the motion itself; return the figure.
 
     - `before`: the podium before the design; `design`: a result of [`optimise.design`][]
     - `excitation`: the ground motion

@@ -82,7 +82,7 @@ Positive = models.Positive
 _SET = "Name of a set of motions."
 _WIDTH = "Narrowest overturning window that is found, divided by the range searched [–]."
 _HAZARD = "File of a hazard curve, relative to the folder of this file."
-_END = "End of the search, in SI units of the hazard."
+_HIGHEST = "Highest intensity searched, in SI units of the hazard."
 
 
 # Kinds of `[[targets]]`, whose keys are in `rockjax/_report/kinds`: kind → class.
@@ -126,7 +126,7 @@ class LossKeys(models.Keys):
     loss: Positive = key(..., "Loss by one overturning, in the unit of the cost.")
     hazard: str = key(..., _HAZARD)
     motions: str = key(..., _SET)
-    max_intensity: Positive | None = key(None, _END)
+    max_intensity: Positive | None = key(None, _HIGHEST)
     width: Positive | None = key(None, _WIDTH)
 
 
@@ -173,7 +173,7 @@ class Problem(NamedTuple):
     """Design problem of a file: the arguments of [`optimise.design`][], and the sets of motions by name.
 
     - `podium`, `vary`, `minimise`, `targets`, `options`: arguments of [`optimise.design`][]
-    - `settings`: those of its arguments `starts`, `seed`, `tolerance`, `max_iterations` that the file sets
+    - `settings`: name → value of `starts`, `seed`, `tolerance` and `max_iterations`, where the file sets them
     - `motions`: name → set of motions
     """
 
@@ -340,7 +340,7 @@ class _Reader(Reader):
                 self.fail(
                     f"{where}.vertical", f"the motions of {entry.keys.motions} have no vertical component"
                 )
-        arguments.pop("curve", None)  # a given fragility curve belongs to one structure
+        arguments.pop("curve", None)  # a fragility curve in the file belongs to one structure
         with self.at(where):
             measure, period = arguments.pop("measure", ("scale", None))
             if entry.kind == "median-capacity" and measure != "scale":

@@ -96,7 +96,7 @@ class SampledTargets:
         return self._cache[key]
 
     def _create_ray_targets(self) -> dict[int, RayTarget]:
-        """Return the sampled targets with their rays, which are sampled at the first structure once."""
+        """Return the sampled targets with rays; the first call samples the rays at the first structure."""
         for k, target in self.targets.items():
             if k not in self._ray_targets:
                 assert self._first_podium is not None
@@ -115,8 +115,8 @@ class SampledTargets:
     def check(self, x: Vector) -> tuple[bool, bool]:
         """Take independent samples at a point.
 
-        Returns whether any sample is new, and whether a new one differs from the estimate of the search by
-        more than the scatter between two samples.
+        Returns whether any sample is new, and whether a new sample differs from the estimate of the search
+        by more than the scatter between two samples.
         """
         if self._parameters is None:
             return False, False

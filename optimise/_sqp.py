@@ -1,10 +1,10 @@
 """Sequential quadratic programming with an exact penalty, a trust region and cuts from rejected steps.
 
 The merit is max_i f_i + ν·(largest violation). The penalty of the *largest* violation is exact for finite ν.
-Where no point satisfies all margins, it leads to a point with the least violation.
+Where no point satisfies all margins, the merit leads to a point with the least violation.
 
 Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning).
-The linear models of a rejected trial are kept as cuts: if the function is the maximum of several branches,
+The linear models of a rejected trial are stored as cuts: if the function is the maximum of several branches,
 the cut models the branch that takes over. Objective cuts are lowered and margin cuts raised until they agree
 with the values at the present point. Cuts far from this point are dropped. Every rejected step shrinks the
 region, so a descent at a jump ends with the result `stalled`.
@@ -314,10 +314,10 @@ def _step_and_penalty(
     most_feasible = solve(model, 1e-8 * np.eye(len(lower)), 0.0, 1.0, lower, upper)
     if most_feasible is None:
         return step, penalty
-    target = current.violation - 0.3 * (current.violation - most_feasible.violation)
+    target_violation = current.violation - 0.3 * (current.violation - most_feasible.violation)
     if most_feasible.violation <= 1e-10:
-        target = 1e-10
-    while step is not None and step.violation > target + 1e-10 and penalty < LARGEST_PENALTY:
+        target_violation = 1e-10
+    while step is not None and step.violation > target_violation + 1e-10 and penalty < LARGEST_PENALTY:
         penalty *= 10
         step = solve(model, merit.curvature, merit.weight, penalty, lower, upper)
     return step, penalty
@@ -329,12 +329,12 @@ def _lagrangian_slope(trial: Evaluation, step: Step, current: Evaluation) -> Vec
 
 
 def _update_bfgs(B: np.ndarray, s: Vector, y: Vector, is_initial: bool) -> tuple[np.ndarray, bool]:
-    """Return Powell's damped BFGS update of B, and whether it is the identity again.
+    """Return Powell's damped BFGS update of B, and whether it resets B to the identity.
 
     - `B`: curvature (n, n), positive definite; `s`: step (n,); `y`: change of the Lagrangian's slope (n,)
-    - `is_initial`: whether B is still the identity; it is then scaled before the update
+    - `is_initial`: whether B is still the identity, which is then scaled before the update
 
-    Eigenvalues are kept in [1e-4, 1e4], because the slope jumps at kinks.
+    Eigenvalues are limited to [1e-4, 1e4], because the slope jumps at kinks.
     """
     if is_initial and s @ y > 0:
         B = np.clip(s @ y / (s @ s), 1e-2, 1e2) * np.eye(len(s))

@@ -114,7 +114,7 @@ class FreshSearch:
     def errors(self, k: int) -> Vector:
         """Return the standard errors (m,) of the margins of a start; 0 for targets with fixed motions.
 
-        They combine the scatter of the independent sample and that of the last steps.
+        The errors combine the scatter of the independent sample and the scatter of the last steps.
         """
         ends = self.ends
         standard_errors = np.zeros(ends[-1])
@@ -153,12 +153,7 @@ class FreshSearch:
         if steps.is_excluded[k] or not tail:
             code = INTERRUPTED if self.is_interrupted and not steps.is_excluded[k] else NOT_FINITE
             return End(self.x[k], np.full(len(evaluation.c), np.nan), code, count, evaluation)
-        mean = Evaluation(
-            *(
-                np.mean(parts, axis=0)
-                for parts in zip(*(tail_evaluation for _, tail_evaluation in tail), strict=True)
-            )
-        )
+        mean = Evaluation(*(np.mean(values, axis=0) for values in zip(*(e for _, e in tail), strict=True)))
         c = mean.c - steps.target_margins[k]
         current = Evaluation(mean.f / steps.scale, c, mean.f_slope / steps.scale, mean.c_slope)
         multipliers = optimality(self.x[k], current, [], 1.0, EXACT_PENALTY, self.tolerance).multipliers

@@ -37,7 +37,7 @@ class Suite(Module):
     def of(
         cls, excitations: AnyMotions | FreshSamples, owner: str = "Suite", name: str = "excitations"
     ) -> Suite:
-        """Return the suite of given motions.
+        """Return a suite of motions.
 
         - `excitations`: a motion, several motions, or fresh samples, whose first batch is used
         - `owner`, `name`: function and argument that error messages name
@@ -63,7 +63,7 @@ class Suite(Module):
         return len(self.order)
 
     def merged_with(self, other: Suite) -> Suite:
-        """Return the suite of the motions of both, in this order."""
+        """Return a suite of the motions of this suite and then of `other`."""
         groups, indices = list(self.groups), [list(group) for group in self._indices()]
         for group, other_indices in zip(other.groups, other._indices(), strict=True):
             k = next((k for k, existing in enumerate(groups) if _can_merge(existing, group)), len(groups))
@@ -126,16 +126,16 @@ class Suite(Module):
     def peaks(
         self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...], names: tuple[str, ...]
     ) -> dict[str, np.ndarray]:
-        """Return answers for all motions, as name → array, on all cores (host, without derivatives).
+        """Simulate all motions on all cores; return name → answers (host, without derivatives).
 
         - `podium`: the structure; `options`: options of the simulations
         - `outputs`: the requested outputs, as in `rockjax.Options`; `names`: names of the answers
         """
         options = options.replace(outputs=outputs, throw=False)
-        parts = [rj.peak_responses(podium, group, options=options) for group in self.groups]
+        answers = [rj.peak_responses(podium, group, options=options) for group in self.groups]
         order = list(self.order)
         return {
-            name: np.concatenate([np.asarray(getattr(part, name)) for part in parts])[order] for name in names
+            name: np.concatenate([np.asarray(getattr(y, name)) for y in answers])[order] for name in names
         }
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
@@ -159,7 +159,7 @@ def _order(indices: list[list[int]]) -> tuple[int, ...]:
 
 
 def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
-    """Return motions of one type as one, with arrays stacked along a first axis; records as a table."""
+    """Stack the arrays of motions of one type along a new first axis; records become a table."""
     if isinstance(motions[0], rj.Record):
         table = rj.Records.of(motions)
         return table.scaled(np.ones(len(table)))

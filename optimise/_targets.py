@@ -75,8 +75,8 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
 
 
 def severity(peaks: rj.Peak, options: rj.Options) -> Margins:
-    """Return max|θ|/α; where the columns overturn, overturn_ratio − M with the overturning margin M < 0. It
-    increases with the speed of the fall [–]."""
+    """Return max|θ|/α; where the columns overturn, overturn_ratio − M with the overturning margin M < 0,
+    which increases with the speed of the fall [–]."""
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
@@ -206,8 +206,8 @@ def _with_coarse_width(target: SearchedTarget) -> SearchedTarget:
 class AbstractScaleTarget(AbstractTarget):
     """Base class of targets on overturning scales, the least factors with which motions overturn the columns.
 
-    `accepts_fresh_samples`: whether it depends on the distribution of the scales, so that the suite may be
-    `FreshSamples`.
+    `accepts_fresh_samples`: whether the target depends on the distribution of the scales, so that its
+    suite may be `FreshSamples`.
     """
 
     max_scale: eqx.AbstractVar[Any]
@@ -294,8 +294,8 @@ class MedianCapacity(AbstractScaleTarget):
     - `width`: verification finds every overturning window wider than this fraction of `max_scale` [–]
 
     The median belongs to a lognormal distribution fitted by maximum likelihood, as in
-    [`rockjax.fragility`][]. If fewer than two motions overturn the columns, it is `max_scale`, with zero
-    derivative. The margin is median/at_least − 1. Raises `ValueError` for arguments out of range.
+    [`rockjax.fragility`][]. If fewer than two motions overturn the columns, the median is `max_scale`,
+    with zero derivative. The margin is median/at_least − 1. Raises `ValueError` for arguments out of range.
     """
 
     at_least: Any
@@ -326,8 +326,8 @@ class OverturningProbability(AbstractResponseTarget):
     - `at_most`: 0 < at_most < 1 [–]; `suite`: the motions; `intensity`: factor on all motions, > 0 [–]
     - `smoothing`: bandwidth h > 0 of the smoothed probability P = mean Φ(−M/h) over overturning margins M [–]
 
-    The fraction of n motions changes in jumps of 1/n and has no useful derivative; P is smooth. The margin is
-    the quantile m of the smoothed margins with mean Φ((m − M)/h) = at_most. It has the sign of at_most − P,
+    The overturned fraction of n motions jumps by 1/n and has no useful derivative; P is smooth. The margin is
+    the quantile m of the smoothed margins with mean Φ((m − M)/h) = at_most. It has the sign of at_most − P
     and changes even where P is almost 0 or 1. Motions with |M| < h bias P; `exact` counts overturned scenes
     instead. Raises `ValueError` for arguments out of range.
     """
@@ -367,8 +367,8 @@ def _smoothed_quantile(values: Margins, share, width) -> Float[Array, ""]:
     def halve(_, bracket):
         low, high = bracket
         middle = 0.5 * (low + high)
-        below = jnp.mean(norm.cdf((middle - constant) / width)) < share
-        return jnp.where(below, middle, low), jnp.where(below, high, middle)
+        is_below = jnp.mean(norm.cdf((middle - constant) / width)) < share
+        return jnp.where(is_below, middle, low), jnp.where(is_below, high, middle)
 
     half_width = -width * norm.ppf(jnp.minimum(share, 1 - share))
     bracket = (jnp.min(constant) - half_width, jnp.max(constant) + half_width)

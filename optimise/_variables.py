@@ -46,10 +46,10 @@ class Dimensions(Module):
     - `damper_coefficient`: coefficient C of the damper of each column [N(s/m)^ν]; `damper_exponent`: exponent
       ν of the damper [–]
     - `inertance`: inertance b of the inerter of each column [kg]
-    - `stories`: number of equal stories of a building, or None
+    - `stories`: number of stories of a building with equal stories, otherwise None
     - `story_masses`: masses of the floors [kg]; `story_stiffnesses`: stiffnesses of the stories [N/m];
       `story_heights`: heights of the stories [m]
-    - `modes`: number of modes of the building that are kept; None keeps all
+    - `modes`: number of modes of the building in the model; None means all
     - `positions`: positions of the columns along the motion [m]; `beam_depth`, `top_height`,
       `residual_height`: as in `rockjax.Podium.from_dimensions` [m]
     - `end_radius`: radius of round ends of the columns [m]
@@ -148,22 +148,22 @@ class Variables(Module):
 
     def values(self, x: Float[Array, " n"] | np.ndarray) -> Float[Array, " n"]:
         """Return the variables in user units (n,); x = 0 and x = 1 give exactly the bounds."""
-        log, numpy = np.asarray(self.logarithmic), array_module(self, x)
+        is_log, numpy = np.asarray(self.logarithmic), array_module(self, x)
         lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
-        low, high = (numpy.log(numpy.where(log, bound, 1.0)) for bound in (lower, upper))
-        values = numpy.where(log, numpy.exp(low * (1 - x) + high * x), lower * (1 - x) + upper * x)
+        low, high = (numpy.log(numpy.where(is_log, bound, 1.0)) for bound in (lower, upper))
+        values = numpy.where(is_log, numpy.exp(low * (1 - x) + high * x), lower * (1 - x) + upper * x)
         # Rounding may move values out of the bounds. Differentiating the clip would halve slopes at a bound.
         clipped = numpy.clip(values, lower, upper)
         return clipped if numpy is np else values + jax.lax.stop_gradient(clipped - values)
 
     def scaled(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Return the scaled variables (n,) of values in user units, which are clipped to the bounds."""
-        log, numpy = np.asarray(self.logarithmic), array_module(self, values)
+        is_log, numpy = np.asarray(self.logarithmic), array_module(self, values)
         lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
         values = numpy.clip(values, lower, upper)
-        low, high, value = (numpy.log(numpy.where(log, v, 1.0)) for v in (lower, upper, values))
-        width = numpy.where(log, high - low, upper - lower)
-        return numpy.where(log, value - low, values - lower) / width
+        low, high, value = (numpy.log(numpy.where(is_log, v, 1.0)) for v in (lower, upper, values))
+        width = numpy.where(is_log, high - low, upper - lower)
+        return numpy.where(is_log, value - low, values - lower) / width
 
     def structure(self, x: Float[Array, " n"] | np.ndarray) -> Structure:
         """Return the structure at scaled variables, in the form of `base`."""
@@ -324,9 +324,9 @@ def parameter(base: Structure, name: str) -> Parameter:
 
 
 def _row_entry(name: str) -> tuple[Parameter | None, int]:
-    """Return the row of dimensions that `story_mass_2` or a similar name belongs to, and its position 2.
+    """Return the row of dimensions and the position that a name such as `story_mass_2` denotes.
 
-    Return (None, 0) for a name that does not belong to a row.
+    Return (None, 0) for a name that denotes no position in a row.
     """
     row, _, position = name.rpartition("_")
     is_in_row = row in ROWS_OF_DIMENSIONS and position.isdecimal()
