@@ -14,7 +14,7 @@ from rockjax._types import Flag, Value, Vector
 
 from .coefficients import Coefficients, divided_by_inertia, summed
 from .hermite import Quintic, crossing, is_long, quintic, third_at_end
-from .model import acceleration, steady_for
+from .model import acceleration, steady_step
 from .ratio import safe_ratio
 from .runge_kutta import Acceleration, Step
 from .runge_kutta import step as runge_kutta
@@ -54,7 +54,7 @@ class StepOutcome(NamedTuple):
     accepted: Flag
     retry_fraction: Value  # fraction of this step that is tried next; inf if no shorter step is needed
     lands: Flag  # the step ends on an event, apart from the short time `after`
-    after: Value  # time from the end of the step to the event or breakpoint there [s]; has its derivative
+    after: Value  # time from the end of the step to the event or breakpoint there [s], with its derivative
     false_uplift: Flag  # the columns return to full contact, as this step does not confirm their uplift
     largest: tuple[Any, ...]  # largest value of each output in the step; None if the output has no maximum
 
@@ -77,7 +77,7 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
         return acceleration(c, state.sigma, ground_at(t), x, v)
 
     # A step ends at the next breakpoint at the latest. It covers a whole hop (the motion from one impact to
-    # the next) if it is accurate enough.
+    # the next) if the tolerance allows.
     time_resolution = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     edge = scene.excitation.breakpoint(state.piece)
     # A breakpoint just before the end of the scene is ignored. The step then ends with the scene, and its end
@@ -142,7 +142,7 @@ def _length(
         h = jnp.where(jnp.isinf(state.trial_limit), _to_impact(state, theta_ddot, jerk, h), h)
     restraint = scene.c.restraint
     if restraint is not None and restraint.steep:
-        steady = jax.lax.stop_gradient(steady_for(scene.c, restraint, theta_dot, theta_ddot))
+        steady = jax.lax.stop_gradient(steady_step(scene.c, restraint, theta_dot, theta_ddot))
         h = jnp.where(state.sigma == 0, h, jnp.minimum(h, steady))
     return h, h >= remaining
 
@@ -157,8 +157,8 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
     angle, rate, curvature, jerk = (state.sigma * y for y in (theta, theta_dot, theta_ddot, jerk))
     path = barrier(Quintic(angle, h * rate, h**2 * curvature / 2, h**3 * jerk / 6, zero, zero))
     hits = (angle > 0) & (path.value(one) < 0)
-    # No impact is earlier than this. Without this bound an unconverged search could choose a step of almost
-    # no length again and again.
+    # `earliest` is a lower bound on the time of the impact. Without it an unconverged search could choose a
+    # step of almost no length again and again.
     earliest = safe_ratio(angle, sum((jnp.abs(c) for c in path[1:]), zero), hits)
     return jnp.where(hits, h * crossing(path, earliest, one), h)
 
@@ -166,7 +166,7 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
     """Return d³θ/dt³ at the start of the step [rad/s³].
 
-    It is used to predict the next impact: always under records, under pulses if an output needs every impact.
+    It predicts the next impact: always under records, under pulses only if an output needs every impact.
     """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)

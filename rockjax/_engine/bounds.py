@@ -21,7 +21,7 @@ from .state import LoopState, Scene
 T = TypeVar("T")
 
 
-def every(flags: Flags) -> Flag:
+def all_true(flags: Flags) -> Flag:
     """Return whether a flag holds for all modes or stories."""
     return jnp.all(flags, axis=-1) if flags.ndim else flags
 
@@ -70,7 +70,7 @@ class Bounds:
 
         The energy can never exceed `energy_after` again. If the bound on |q| in full contact is below the
         uplift threshold, the columns never lift again, and the modes vibrate independently. Vertical motion
-        adds its full impulse while the columns rock, and reduces weights, (C19), (C20).
+        raises the bounds on the energy, (C19), and on the demand, (C20).
         """
         self = cls()
         self._shared_results = {}
@@ -146,8 +146,8 @@ class Bounds:
         return self.beam if self.c.vibration is None else self.springs(jnp.ones_like(self.c.eta))
 
     def carried(self, weights: Values) -> Value:
-        """Bound Σ w_i F_i + (Σ w_i − 1) a_b: the springs' forces, and that of the residual mass, which moves
-        with the beam [m/s²]."""
+        """Bound Σ w_i F_i + (Σ w_i − 1) a_b [m/s²]: the forces of the springs and of the residual mass,
+        which moves with the beam."""
         springs = self.springs(weights)
         if present(self.c.modal).residual is None:
             return springs
@@ -178,5 +178,5 @@ class Bounds:
 
 
 def _nonzero(mass: Values) -> Values:
-    """Return the mass with zeros replaced by a positive value, to divide by."""
+    """Return the mass as a divisor, with zeros replaced by the smallest positive number."""
     return jnp.maximum(mass, jnp.finfo(mass.dtype).tiny)

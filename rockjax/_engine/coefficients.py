@@ -44,10 +44,10 @@ class Restraint(NamedTuple):
     """Constants of the restrainers."""
 
     restrainers: tuple[AbstractRestrainer, ...]
-    slip: Value  # infinite slopes of forces are rounded where |elongation rate|/(Rp) is smaller
+    slip: Value  # |elongation rate|/(Rp) below which infinite slopes of forces are rounded
     well: Value  # θ_w: |θ| at the top of the potential well [rad]
     apparent_mass: Value | None  # μ; None if there are no inerters
-    restrained_frequency: Value | None  # of rocking against the tendons alone [rad/s]; None if there are none
+    restrained_frequency: Value | None  # frequency of rocking against tendons alone [rad/s]; None without any
 
     @property
     def steep(self) -> bool:
@@ -80,7 +80,7 @@ class Coefficients(NamedTuple):
     sin_alpha: Value
     cos_alpha: Value
     p: Value
-    restitution: Value  # e of Eq. (27) or its alternatives
+    restitution: Value  # restitution factor e, Eq. (27) or another law
     uplift: Value  # uplift threshold q_up, Eq. (9)
     two_R: Value
     inertia: Value  # 3γ + ¾(1+λ), Eq. (24)
@@ -156,7 +156,7 @@ def coefficients(
         cos_alpha=jnp.cos(podium.alpha),
         p=p,
         restitution=podium.restitution_factor,
-        # Reaching the threshold exactly is not uplift; the margin keeps rounding from deciding it.
+        # A demand equal to the threshold causes no uplift; the margin prevents uplift due to rounding.
         uplift=podium.uplift_acceleration * (1 + 64 * jnp.finfo(R.dtype).eps),
         two_R=2 * R,
         inertia=3 * gamma + 0.75 * (1 + lam),

@@ -13,7 +13,7 @@ from .model import elongation
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the inertia of Eq. (24) for a superstructure that moves with the beam, with inerters, (C21)."""
+    """Return the inertia of Eq. (24) for a superstructure fixed to the beam, including inerters, (C21)."""
     total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
     if mass is None:
         return total
@@ -33,8 +33,8 @@ def _apparent_mass(c: Coefficients) -> Value | None:
 
 
 def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the potential energy per N m_c, zero in full contact [m²/s²]: gravity, Eq. (19), and
-    restrainers, (C3)."""
+    """Return the potential energy per mass N m_c of all columns, zero in full contact [m²/s²]: gravity,
+    Eq. (19), and restrainers, (C3)."""
     s, cos = sincos(0.5 * theta)
     # cos ψ − cos α is computed as 2 sin(|θ|/2) sin(α − |θ|/2), which has no cancellation at small rotations.
     stored = c.weight * 2 * sigma * s * (c.sin_alpha * cos - c.cos_alpha * sigma * s)
@@ -64,8 +64,8 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
         return total
     s, _ = sincos(sigma * c.alpha - x[0])
     deformation = x[1] - c.two_R * (sigma * c.sin_alpha - s)
-    top = v[1] ** 2 + (c.two_R * v[0] * s) ** 2  # v̇_t = v̇_b, Eqs. (15), (17)
-    return total + summed(0.5 * c.etas * (top + c.vibration.omega2 * deformation**2))
+    speed2 = v[1] ** 2 + (c.two_R * v[0] * s) ** 2  # u̇_t² + v̇_t², where v̇_t = v̇_b, Eqs. (15), (17)
+    return total + summed(0.5 * c.etas * (speed2 + c.vibration.omega2 * deformation**2))
 
 
 def vertical_impulse(c: Coefficients, max_sin_psi: Value) -> Value:
@@ -75,7 +75,7 @@ def vertical_impulse(c: Coefficients, max_sin_psi: Value) -> Value:
 
 
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
-    """Bound the energy per N m_c at all later times, if it is `now` and `impulse` is the remaining ∫|ü_g| dt.
+    """Bound the energy at all later times from its value `now` and the remaining `impulse` ∫|ü_g| dt.
 
     The ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t] per N m_c. By Cauchy–Schwarz this is at most
     2C|ü_g|√T with C² = (1+2γ)²/(2(1+λ+4γ)) + η/2, so √E grows at most at the rate C|ü_g|. Damping and impacts

@@ -27,8 +27,8 @@ MAX_RADIANS = 50_000
 
 
 class Nodes(NamedTuple):
-    """Accepted steps of a scene. Node k is the state after k steps, and after the impact if step k ends on
-    one."""
+    """Accepted steps of a scene. Node k is the state after k steps; if step k ends with an impact, the state
+    after the impact."""
 
     t: Float[Array, " n"]  # times [s]; inf for unused nodes
     x: tuple[Float[Array, " n ..."], ...]  # positions
@@ -36,8 +36,8 @@ class Nodes(NamedTuple):
     sigma: Float[Array, " n"]  # modes
     piece: Array  # pieces of the excitation
     impact_time: Float[Array, " n"]  # time of the impact [s]; NaN unless the node is an impact
-    event_time: Float[Array, " n"]  # the times `t`, with the derivatives of events and breakpoints there [s]
-    used: Index  # number of nodes; may exceed the capacity n
+    event_time: Float[Array, " n"]  # equal to `t`, with the derivative of the event or breakpoint there [s]
+    used: Index  # number of appended nodes; may exceed the capacity n
 
 
 def blank_nodes(state: LoopState, capacity: int) -> Nodes:
@@ -158,9 +158,9 @@ def solve_scene(
     - `scene`, `plan`, `state`, `max_steps`: as in `run`
     - `capacity`: number of nodes to store; a scene that needs more ends with HISTORY_FULL; None stores none
     - `reversible`: whether to integrate twice: first to record the decisions, then to replay them in a loop
-      that has derivatives in reverse mode, too
+      that also has derivatives in reverse mode
 
-    Returns the final state, the final state from which to take integers and flags, and the nodes or None.
+    Returns the final state for floats, the final state for integers and flags, and the nodes or None.
     """
     if not reversible:
         if capacity is None:
@@ -217,8 +217,8 @@ def replay(
     Rounding differs between compilations, so a step might be accepted in one computation and rejected in
     the other; states and cotangents would then belong to different times. Recorded decisions prevent this.
 
-    There are two levels of checkpoints, √`max_steps` steps apart, which store only the state before a
-    step: more levels or more data per step would double the compilation time.
+    There are two levels of checkpoints, √`max_steps` steps apart. Each stores only the state before a step.
+    More levels or more data per step would double the compilation time.
     """
     initial = state
 

@@ -46,7 +46,7 @@ class Guard(NamedTuple):
     rising_at_end: Flag  # the guard increases at the end
     turned: Flag  # the guard has a turning point: its slopes at start and end have opposite signs
     turn: Value  # z of the turning point; 1 if there is none
-    top: Value  # value at the turning point; at the end of the step if there is none
+    turn_value: Value  # value at the turning point; at the end of the step if there is none
     end_value: Value  # value at the end
     breaks_before_turn: Flag  # the guard is broken at the turning point
     breaks_after_turn: Flag  # the guard is broken at the end, but not at the turning point
@@ -85,23 +85,23 @@ def watch(
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | starts_at_zero
     rising_at_end = constant(at_end.c1) > 0
     turned = rising != rising_at_end
-    # Without the barrier every kernel would compute these flags again.
+    # Without the barrier, every kernel that uses these flags would compute them again.
     rising, rising_at_end, turned = barrier((rising, rising_at_end, turned))
     turn, dips = turning_point_or_dip(fixed, turned, rising)
     turn = jnp.where(turned, turn, one)
     end_value = constant(at_end.c0)
-    top = jnp.where(turned, fixed.value(turn), end_value)
-    turn, top = barrier((turn, top))
+    turn_value = jnp.where(turned, fixed.value(turn), end_value)
+    turn, turn_value = barrier((turn, turn_value))
     overturn_angle = constant(scene.overturn_angle)
     uplift = constant(scene.c.uplift)
 
     def is_broken(value):
         return jnp.where(rocking, (value < 0) | (value >= overturn_angle), jnp.abs(value) > uplift)
 
-    breaks_before_turn = turned & is_broken(top)
+    breaks_before_turn = turned & is_broken(turn_value)
     breaks_after_turn = is_broken(end_value) & ~breaks_before_turn
     breaks_before_turn, breaks_after_turn = barrier((breaks_before_turn, breaks_after_turn))
-    broken_value = jnp.where(breaks_before_turn, top, end_value)
+    broken_value = jnp.where(breaks_before_turn, turn_value, end_value)
     margin = constant(_margin(scene, rocking, path, broken_value, broken_value < 0))
     break_point = crossing(
         margin, jnp.where(breaks_after_turn & turned, turn, 0.0), jnp.where(breaks_before_turn, turn, one)
@@ -123,7 +123,7 @@ def watch(
         rising_at_end,
         turned,
         turn,
-        top,
+        turn_value,
         end_value,
         breaks_before_turn,
         breaks_after_turn,

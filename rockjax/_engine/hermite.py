@@ -19,7 +19,7 @@ from rockjax._types import Flags, Value, Values
 
 # Iterations of the safeguarded Newton searches. Derivatives of peaks need turning points accurate to about
 # 1e-6. Crossings may be less accurate, since they only propose the end of the next trial.
-_TO_TURN, _TO_CROSS = 5, 4
+_TURN_ITERATIONS, _CROSSING_ITERATIONS = 5, 4
 
 
 class Quintic(NamedTuple):
@@ -116,12 +116,11 @@ def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, 
 
 
 def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-    """Return the turning point of a quantity over a step, or its dip, and whether it turns twice.
+    """Return the turning point of a quantity over a step, or its dip, and whether the quantity turns twice.
 
     If the slopes at both ends have opposite signs (`turned`), the first result z is the turning point.
-    Otherwise the slope has the same sign at both ends (positive if `rising`) but may change sign in between.
-    z is then the zero of the curvature, where this would happen; if the slope has the other sign there, the
-    quantity turns twice, once before and once after this z.
+    Otherwise the slope has the same sign at both ends (positive if `rising`), and z is the dip, a zero of the
+    curvature. If the slope has the other sign at z, the quantity turns twice, once before and once after z.
     """
     return turning_point_of_slope(derivative(polynomial), jnp.abs(polynomial.c0), turned, rising)
 
@@ -159,7 +158,8 @@ def _first_zero(f: Sequence[Values]) -> Values:
         divided = [*f[1:], jnp.zeros_like(f[0])]
         f = [jnp.where(at_rest, b, a) for a, b in zip(f, divided, strict=True)]
     lo, hi = jnp.zeros_like(f[0]), jnp.ones_like(f[0])
-    return _safeguarded_newton(f, lo, hi, _parabola_root(f[0], f[1], sum(f[1:], f[0])), _TO_TURN)
+    guess = _parabola_root(f[0], f[1], sum(f[1:], f[0]))
+    return _safeguarded_newton(f, lo, hi, guess, _TURN_ITERATIONS)
 
 
 def _parabola_root(first: Values, slope: Values, last: Values) -> Values:
@@ -178,14 +178,14 @@ def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
     length = hi - lo
     above, below = polynomial.value(lo), polynomial.value(hi)
     guess = lo + length * _parabola_root(above, polynomial.slope(lo) * length, below)
-    return _safeguarded_newton(polynomial, lo, hi, guess, _TO_CROSS)
+    return _safeguarded_newton(polynomial, lo, hi, guess, _CROSSING_ITERATIONS)
 
 
 def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_after: Flags, dips: Flags) -> Flags:
     """Return whether the slope changes sign more than once in a step.
 
     - `polynomial`: the quantity over the step
-    - `rising`, `rising_after`: whether it rises at the start and at the end
+    - `rising`, `rising_after`: whether the quantity rises at the start and at the end
     - `dips`: second result of `turning_point_or_dip`
 
     The sign of the slope is also checked at three points inside the step.

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import diffrax
 
-# Method and name of the Diffrax class. Names avoid the slow import of Diffrax; the flat engine reads stored
-# tableaus instead.
+# Methods, and names of their Diffrax classes. Diffrax is imported only when needed, since its import is slow;
+# the flat engine reads stored tableaus instead.
 METHODS = {"tsit5": "Tsit5", "dopri8": "Dopri8", "dopri5": "Dopri5", "bosh3": "Bosh3", "kvaerno5": "Kvaerno5"}
 EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
 

@@ -26,10 +26,10 @@ from rockjax._types import Value, Values, Vector
 from .coefficients import Coefficients, ModalConstants, Restraint, present, summed, weighted
 
 # Longest step divided by |θ̇/θ̈|, while the columns slow down and while they speed up.
-SLOWING, GATHERING = 0.75, 3.0
+MAX_SLOWING_STEP, MAX_SPEEDING_STEP = 0.75, 3.0
 
 
-def steady_for(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_ddot: Value) -> Value:
+def steady_step(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_ddot: Value) -> Value:
     """Return the longest step over which θ̇ keeps its order of magnitude [s].
 
     - `c`, `restraint`: constants of the podium and of its restrainers
@@ -37,15 +37,15 @@ def steady_for(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_dd
 
     Forces with an infinite slope at θ̇ = 0 need such steps. The step is proportional to |θ̇/θ̈|, the time
     until the columns stop or since they were at rest. Step lengths then decrease geometrically towards an
-    instant with θ̇ = 0, and the method keeps its order there. Derivatives stay accurate too, although the
-    step-size control does not see their error.
+    instant with θ̇ = 0, and the method keeps its order there. Derivatives stay accurate too, although
+    the step-size control does not estimate their error.
     """
-    speed, change = jnp.abs(theta_dot), jnp.abs(theta_ddot)
+    speed, speed_rate = jnp.abs(theta_dot), jnp.abs(theta_ddot)
     slip_speed = restraint.slip / (2 * c.sin_alpha)  # |θ̇|/p below which the slope is rounded
-    fraction = jnp.where(theta_dot * theta_ddot < 0, SLOWING, GATHERING)
+    fraction = jnp.where(theta_dot * theta_ddot < 0, MAX_SLOWING_STEP, MAX_SPEEDING_STEP)
     from_rest = 0.5 * jnp.sqrt(slip_speed / c.alpha) / c.p  # after an uplift θ̇ ~ t²
-    span = fraction * (speed + slip_speed * c.p) / jnp.where(change > 0, change, 1.0)
-    span = jnp.where(change > 0, span, jnp.inf)
+    span = fraction * (speed + slip_speed * c.p) / jnp.where(speed_rate > 0, speed_rate, 1.0)
+    span = jnp.where(speed_rate > 0, span, jnp.inf)
     return jnp.where(speed > 0, span, jnp.minimum(span, from_rest))
 
 
@@ -76,11 +76,11 @@ def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, 
 
 
 def _restraint(
-    c: Coefficients, restraint: Restraint, device: Elongation, theta_dot: Value
+    c: Coefficients, restraint: Restraint, extension: Elongation, theta_dot: Value
 ) -> tuple[Value, Value | float]:
     """Return the moment that the restrainers subtract from the right side of Eq. (24), and the inertia that
     they add, (C8)."""
-    stretch, lever = device
+    stretch, lever = extension
     rate = lever * theta_dot / c.p
     resisting = (
         c.p**2 * lever * sum(each.force(stretch, rate, restraint.slip) for each in restraint.restrainers)
@@ -95,7 +95,7 @@ def restraint_bound(c: Coefficients, restraint: Restraint, theta: Value, theta_d
     """Bound the moment of the restrainers in Eq. (24), (C20).
 
     - `c`, `restraint`: constants of the podium and of its restrainers
-    - `theta`, `theta_dot`: largest |θ| [rad], inside the well, and largest |θ̇| [rad/s]
+    - `theta`, `theta_dot`: largest |θ| [rad], at most `restraint.well`, and largest |θ̇| [rad/s]
     """
     s, _ = sincos(0.5 * theta)
     lever = 2 * c.sin_alpha
@@ -193,15 +193,15 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     """
     resisting, added, gravity, ground = 0.0, 0.0, _weight(c, ground), horizontal(ground)
     if c.restraint is not None:
-        s, cos, device = _angles(c, sigma, x[0])
-        resisting, added = _restraint(c, c.restraint, device, v[0])
+        s, cos, extension = _angles(c, sigma, x[0])
+        resisting, added = _restraint(c, c.restraint, extension, v[0])
         resisting = barrier(resisting)
     else:
         s, cos = sincos(sigma * c.alpha - x[0])
     modes = c.vibration
     if modes is None:
-        rocks = -jnp.abs(sigma)
-        return (rocks * plus(gravity * s + c.ground * ground * cos, resisting) / plus(c.inertia, added),)
+        moment = -jnp.abs(sigma) * plus(gravity * s + c.ground * ground * cos, resisting)
+        return (moment / plus(c.inertia, added),)
     s, cos = barrier((s, cos))
     u_b, u_b_dot = c.two_R * (sigma * c.sin_alpha - s), c.two_R * v[0] * cos
     springs = modes.omega2 * (x[1] - u_b) + modes.damping * (v[1] - u_b_dot)  # V_i/m_i, Eq. (7)
@@ -213,8 +213,7 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
 
 
 def plus(value: Any, addend: Value | float) -> Any:
-    """Return the sum of an array and an addend. If the addend is a Python float, it is 0.0, and nothing is
-    added."""
+    """Return value + addend. A Python float as addend is always 0.0 and adds nothing."""
     return value if isinstance(addend, float) else value + addend
 
 
@@ -252,7 +251,7 @@ def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
     - `grounds`: ground acceleration and its first two derivatives in time
     - `states`: (x, v) and its first two derivatives in time
 
-    Eq. (9) is linear, so it also maps derivatives. Under vertical motion the quotient rule is applied.
+    Eq. (9) is linear, so it also holds for derivatives. Under vertical motion the quotient rule is applied.
     """
     if not isinstance(grounds[0], Shaking):
         return tuple(uplift_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))  # pyright: ignore[reportReturnType]

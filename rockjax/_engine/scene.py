@@ -52,8 +52,8 @@ def plan_for(
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
     outputs = (rotation, *others, *extra_outputs)
-    # A history stores every step, so neither bounces nor samples are skipped. Skipping samples takes Nyström
-    # steps of order 8, so samples are not skipped either if the user has chosen a method of order 6 or less.
+    # A history stores every step, so neither bounces nor samples are skipped. Samples are skipped with steps
+    # of order 8, but not if the user has chosen a method of order 6 or less.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
     names = allowed(outputs, eligible)
     return Plan(
@@ -99,9 +99,9 @@ def _closer(options: Options, closer: Value | float, usual: Value | float) -> Va
 def _estimate_factor(plan: Plan, options: Options) -> Value | None:
     """Return the factor on error estimates of unusually low order.
 
-    The order of an estimate is usually one lower than that of the method; then the result is None. If it is n
-    orders lower still, the estimate is too large by the factor rtol^(−n/order) at steps of the longest
-    length that the tolerance allows.
+    The order of an estimate is usually one lower than that of the method; then the result is None. If the
+    estimate has another n orders less, it is too large by the factor rtol^(−n/order) at steps of the
+    longest length that the tolerance allows.
     """
     missing_order = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (missing_order / plan.tableau.order) if missing_order else None
@@ -151,7 +151,7 @@ def _landing_fraction(options: Options) -> Value:
 def _rest_speed(c: Coefficients, options: Options) -> Value:
     """Return the speed below which columns come to rest after an impact [rad/s].
 
-    The closer solution lets them rest some impacts later, which reveals the error of the rest velocity.
+    In the closer solution the columns rest some impacts later. This shows the error of the rest velocity.
     """
     relative = options.rtol if options.rest_velocity is None else options.rest_velocity
     e = jnp.clip(c.restitution, 0.0, 1.0)
@@ -223,7 +223,7 @@ def _scene(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest_speed=rest_speed,
         estimate_factor=_estimate_factor(plan, options),
-        pass_below=_closer(options, 0.0, 1.0),  # the closer solution skips no sample, which shows their error
+        pass_below=_closer(options, 0.0, 1.0),  # the closer solution skips no sample, to show their error
         log_restitution=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         min_impact_speed=constant(rest_speed / jnp.maximum(c.restitution, jnp.finfo(rest_speed.dtype).tiny)),
         landing_fraction=_landing_fraction(options),

@@ -143,8 +143,8 @@ def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Cal
     scene, t0 = mode.scene, state.t
     start = mode.scaled((state.x, state.v))
     a0 = mode.rates(t0, state.x, state.v)
-    fresh = mode.rocking & (state.x[0] == 0)
-    returns = fresh & (state.v[0] * a0[0] < 0)
+    starts_at_zero = mode.rocking & (state.x[0] == 0)
+    returns = starts_at_zero & (state.v[0] * a0[0] < 0)
     hop = jnp.where(returns, -0.5 * state.v[0] / jnp.where(returns, a0[0], 1.0), jnp.inf)
     first_step = jnp.minimum(jnp.minimum(0.05 * scene.max_excited_step, hop), stop - t0)
     controller = diffrax.PIDController(
@@ -230,7 +230,7 @@ class _Path(NamedTuple):
         - `quantity`: (t, x, v) ↦ the quantity
         - `record`: largest value so far
 
-        If a maximum inside the segment may exceed the record, the segment is solved again up to it.
+        If a maximum inside the segment may exceed the record, the segment is solved again up to this maximum.
         """
         values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)
@@ -380,16 +380,16 @@ def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes
     )
     count = path.solution.stats["num_accepted_steps"]
     rejected = state.rejected + jnp.maximum(count, 1).astype(state.steps.dtype)
-    again = state._replace(trial_limit=retry_until, rejected=rejected)
-    after = jax.tree.map(lambda yes, no: jnp.where(missed, yes, no), again, advanced)
+    repeated = state._replace(trial_limit=retry_until, rejected=rejected)
+    after = jax.tree.map(lambda yes, no: jnp.where(missed, yes, no), repeated, advanced)
     if nodes is not None:
         ts = path.solution.ts
-        inner = jnp.where((ts < end.t) & (ts > state.t) & ~missed, ts, jnp.inf)
+        inner_times = jnp.where((ts < end.t) & (ts > state.t) & ~missed, ts, jnp.inf)
         xs, vs = jax.vmap(path.mode.natural)(path.solution.ys)
-        nodes = _append(nodes, state, inner, xs, vs)
+        nodes = _append(nodes, state, inner_times, xs, vs)
         t, x, v = _row(advanced)
-        struck = jnp.where(end.hit, end.t, jnp.nan)
-        nodes = _append(nodes, advanced, jnp.where(missed, jnp.inf, t), x, v, struck)
+        impact_time = jnp.where(end.hit, end.t, jnp.nan)
+        nodes = _append(nodes, advanced, jnp.where(missed, jnp.inf, t), x, v, impact_time)
         full = (nodes.used >= nodes.t.shape[0]) & (after.code == results.RUNNING)
         after = after._replace(
             code=jnp.where(full, results.HISTORY_FULL, after.code).astype(state.code.dtype)

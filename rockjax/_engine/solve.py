@@ -2,7 +2,7 @@
 
 The Jacobian with respect to scalar parameters is computed together with the value, in forward mode. Forward
 and reverse mode both use this Jacobian, so `jax.grad` costs as much as `jax.jacfwd`. For arrays (the samples
-of a record) the loop itself is differentiated; its form bounds the memory that reverse mode needs.
+of a record) the loop itself is differentiated, in a form that bounds the memory of reverse mode.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def answers(
     """Return the outputs of a finished scene by name, in two dicts: floats, and integers and flags.
 
     - `scene`, `plan`, `state`: the prepared scene, its static choices, and its final state
-    - `final`: final state from which to take integers and flags; None for `state`
+    - `final`: final state for integers and flags; None for `state`
     """
     floats = {
         "overturn_time": state.overturn_time,

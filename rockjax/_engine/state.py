@@ -1,4 +1,4 @@
-"""Data types of the integration loop: the plan, the scene, the loop state, and the record of a step.
+"""Data types of the integration loop: the plan, the scene, the loop state, and the result of a trial.
 
 The time of an event or breakpoint depends on the parameters. The loop works with the value of this time,
 held constant under differentiation and called the stamp, and carries the derivative separately.
@@ -73,10 +73,10 @@ class Scene(NamedTuple):
     log_restitution: Value  # −ln e
     min_impact_speed: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
     estimate_factor: Value | None  # factor on error estimates of unusually low order; None for no factor
-    pass_below: Value  # a sample is skipped up to this error, divided by the tolerance
-    landing_fraction: Value  # a step ends on an event closer to its end than this fraction of its length
+    pass_below: Value  # largest error with which a sample is skipped, divided by the tolerance
+    landing_fraction: Value  # a step ends on an event if their distance is at most this fraction of the step
     split_fraction: Value  # length of the first of two steps to a breakpoint, divided by the distance to it
-    unsplit_limit: Value  # a step longer than this multiple of the distance to a breakpoint is not split
+    unsplit_limit: Value  # a proposed step above this multiple of the distance to a breakpoint is not split
     rtol: Value  # relative tolerance
     atol: Value  # absolute tolerance, in natural units
     max_step: Value  # longest step [s]
@@ -106,7 +106,7 @@ class LoopState(NamedTuple):
     overturn_time: Value  # time of overturning [s], else NaN
     impacts: Index  # number of impacts
     min_impact_speed: Value  # least |θ̇| before an impact so far [rad/s]
-    min_impact_speed_before_peak: Value  # least |θ̇| before the impacts up to the largest rotation [rad/s]
+    min_impact_speed_before_peak: Value  # least |θ̇| before an impact until the largest rotation [rad/s]
     steps: Index  # number of accepted steps
     rejected: Index  # number of rejected steps
     may_skip: Flag | None = None  # the next sample may be skipped; None if this scene never skips samples
@@ -137,12 +137,12 @@ def differentiated_fields(state: LoopState) -> dict[str, Any]:
 
 
 class Decision(NamedTuple):
-    """All discrete choices of an accepted step, with which it can be repeated even if rounding differs."""
+    """All discrete choices of an accepted step. They repeat the step even if rounding differs."""
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at the next breakpoint or at the end of the scene
     lands: Flag  # the step ends on an event
-    false_uplift: Flag  # the columns return to full contact
+    false_uplift: Flag  # the step does not confirm the uplift, and the columns return to full contact
     mode: Value  # mode after the step
 
 

@@ -1,10 +1,9 @@
-"""One trial step of one scene. An accepted trial advances the automaton; a rejected trial shortens the next.
+"""One trial step of one scene. An accepted trial advances the scene; a rejected trial shortens the next.
 
-A trial takes a Runge–Kutta step. A quintic through both ends of the step describes the guard: σθ while
-rocking, the demand q in full contact. If the guard breaks inside the step, the next trial is shortened to
-end there. Once a trial ends on the event (a Taylor expansion covers the remaining small fraction of the
-step), the event is applied. Events are therefore as accurate as the solver. A rejected trial changes only
-the limit and the step length of the next one.
+A trial takes a Runge–Kutta step. The guard (σθ while rocking, the demand q in full contact) is a quintic
+through both ends of the step. An event occurs where the guard leaves its limits. If this happens inside the
+step, the next trial is shortened to end there. Once a trial ends on the event (a Taylor expansion covers the
+remaining small fraction of the step), the event is applied. Events are therefore as accurate as the solver.
 
 Times, step lengths and roots are held constant under differentiation (`stop_gradient`). The constant value of
 a time is called its stamp; the derivative of an event's time is carried separately. An event is
@@ -60,7 +59,7 @@ def step(
     A rigid podium in full contact goes directly to its next uplift. Samples of a record that need no
     trial are skipped before the trial (`past_all`), unless decisions are replayed.
 
-    Returns the new state and the record of the step.
+    Returns the new state and the result of the trial.
     """
     if plan.follows_contact:
         return trial(scene, plan, state, replayed)
@@ -89,7 +88,7 @@ def trial(
     - `state`: state at the start of the step
     - `replayed`: recorded decision of an accepted step, which is repeated; None for a free choice
 
-    Returns the new state and the record of the step.
+    Returns the new state and the result of the trial.
     """
     ground_at = scene.excitation.piece(state.piece)
     attempted = attempt(scene, plan, state, ground_at, replayed)
@@ -114,17 +113,17 @@ def _classify(
     maxima of the outputs."""
     constant = jax.lax.stop_gradient
     c, h, time_resolution, rocking = scene.c, trial.h, trial.time_resolution, state.sigma != 0
-    near = jnp.maximum(scene.landing_fraction * h, time_resolution)
-    in_time = state.t + h + guard.time_past_end <= constant(trial.stop) + time_resolution
+    max_distance = jnp.maximum(scene.landing_fraction * h, time_resolution)
+    is_before_stop = state.t + h + guard.time_past_end <= constant(trial.stop) + time_resolution
     margin = guard.margin_at_end.value(guard.time_past_end)
     slope = guard.margin_at_end.slope(guard.time_past_end)
-    is_near = jnp.abs(constant(safe_ratio(margin, slope, guard.converges))) <= near
+    has_small_residual = jnp.abs(constant(safe_ratio(margin, slope, guard.converges))) <= max_distance
     lands = (
         guard.converges
-        & (jnp.abs(guard.time_past_end) <= near)
-        & is_near
+        & (jnp.abs(guard.time_past_end) <= max_distance)
+        & has_small_residual
         & ~guard.breaks_before_turn
-        & in_time
+        & is_before_stop
     )
     # Events at the end of the scene or just before it are ignored, except overturning, so that the outputs at
     # the end have the derivative of the scene's end, not of the event.
@@ -138,8 +137,8 @@ def _classify(
     lands &= ~is_ignored
     if replayed is not None:
         lands = replayed.lands
-    # Events and breakpoints vary with the parameters. `before` and `after` are the times from the stamps
-    # of the step's start and end to the event or breakpoint there, with their derivatives.
+    # Times of events and breakpoints depend on the parameters. `before` and `after` are the times from the
+    # stamp to the event or breakpoint, at the start and at the end of the step, with derivatives.
     newton_correction = safe_ratio(margin, slope, lands)
     before = state.event_time - constant(state.event_time)
     after = jnp.where(
@@ -158,7 +157,8 @@ def _classify(
     )
     # If the demand turns just below the threshold, the step is shortened to end at that turning point.
     turns_in_contact = ~rocking & guard.turned & ~guard.breaks_before_turn
-    maximum_fraction = view.cut_at_turn(turns_in_contact & (jnp.abs(guard.top) > NEAR_UPLIFT * c.uplift))
+    is_near_uplift = jnp.abs(guard.turn_value) > NEAR_UPLIFT * c.uplift
+    maximum_fraction = view.cut_at_turn(turns_in_contact & is_near_uplift)
     for maximum in maxima:
         if maximum is not None:
             fractions = maximum.retry_fraction
@@ -186,8 +186,8 @@ def _advance(
     outcome: StepOutcome,
     replayed: Decision | None,
 ) -> tuple[LoopState, StepInfo]:
-    """Return the state after an accepted step, with the automaton's transition and updated records of the
-    outputs, and the record of the step."""
+    """Return the state after an accepted step, with the transition at its end and the updated records of the
+    outputs, and the result of the trial."""
     constant = jax.lax.stop_gradient
     trial, guard = view.trial, view.guard
     h, sigma, rocking = trial.h, state.sigma, state.sigma != 0
@@ -213,12 +213,12 @@ def _advance(
     x, v, mode = barrier((x, v, mode))
     uplifts = accepted & ~rocking & (mode != 0)
 
-    # Skipped bounces put the columns to rest. The velocity just after the impact is still nonzero.
+    # If bounces are skipped, `v` is zero. Outputs need the velocity just after the impact.
     theta_dot_after, _ = after_impact(scene, sigma, at_impact[1][0], guard.end_value)
     impact = Impact(scene.c, sigma, now, ground, *at_impact, (theta_dot_after, *v[1:]), mode)
     end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact, shaken)
-    followed = zip(plan.outputs, state.records, state.notes, outcome.largest, strict=True)
-    updated = [output.update(end, record, note, largest) for output, record, note, largest in followed]
+    rows = zip(plan.outputs, state.records, state.notes, outcome.largest, strict=True)
+    updated = [output.update(end, record, note, largest) for output, record, note, largest in rows]
     records, notes = (tuple(pair[k] for pair in updated) for k in (0, 1))
     raises_peak = records[0] > state.peak
     impacts = hit.astype(jnp.int32) + skipped.impacts + (0 if shaken is None else shaken.strikes)
@@ -248,9 +248,9 @@ def _advance(
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
     if not plan.to_the_end:
         code = jnp.where(certificate(scene, plan, advanced, piece, ground), results.SETTLED, code)
-    # The state returns from the event to the stamp with the field after the event. If the event coincides
-    # with a breakpoint, but the two times have different derivatives, the field of the old piece applies
-    # between.
+    # The state is moved from the event back to the stamp with the equation of motion after the event. If the
+    # event coincides with a breakpoint, but their times have different derivatives, the old piece of the
+    # excitation applies between them.
     breakpoint_shift = jnp.where(piece > state.piece, trial.stop - constant(trial.stop), shift)
     x, v = restart(scene, stamp, shift - breakpoint_shift, x, v, mode, state.piece)
     x, v = past_breakpoint(scene, stamp, breakpoint_shift, x, v, mode, (state.piece, piece))
@@ -275,8 +275,8 @@ def _times(
 
 
 def _shaken(scene: Scene, state: LoopState, passed: Flag, mode: Value, x: Vector, v: Vector, ground):
-    """Return the effect of a velocity jump of the ground at the end of the piece, or of no jump unless
-    `passed`; None if the motion has no jumps at all."""
+    """Return the effect of the ground's velocity jump at the end of the piece, with a jump of zero unless
+    `passed`. Return None if the ground's velocity never jumps."""
     jump = scene.excitation.velocity_jump(state.piece)
     if jump is None:
         return None

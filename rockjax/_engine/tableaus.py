@@ -99,11 +99,11 @@ def nystrom() -> Tableau:
     velocities = np.array([223 / 7938, 0, *middle, 223 / 7938, 0])
     # Weights of order 6, for the error estimate.
     middle = 1610737 / 44674560, 10023263 / 33505920, -497221 / 12409600, 10023263 / 78180480
-    sixth = np.array([7987313 / 109941300, 0, *middle, 1610737 / 402071040, 0, 0])
+    positions_sixth = np.array([7987313 / 109941300, 0, *middle, 1610737 / 402071040, 0, 0])
     middle = 1610737 / 40207104, 10023263 / 23454144, -497221 / 6204800, 10023263 / 23454144
     last = 1610737 / 40207104, -4251941 / 54970650, 3 / 20
     velocities_sixth = np.array([7987313 / 109941300, 0, *middle, *last])
-    errors = velocities - velocities_sixth, positions - sixth
+    errors = velocities - velocities_sixth, positions - positions_sixth
     return Tableau(8, 6, c, np.zeros((9, 9)), stages, velocities, positions, *errors, fsal=True)
 
 

@@ -56,9 +56,9 @@ def transition(
     acceleration has brought the demand above the threshold.
     """
     c, rocking = scene.c, sigma != 0
-    rests = halted | ~rocking
-    x = (jnp.where(hit | rests, 0.0, x[0]), *x[1:])
-    v = (jnp.where(rests, 0.0, v[0]), *v[1:])
+    in_contact = halted | ~rocking
+    x = (jnp.where(hit | in_contact, 0.0, x[0]), *x[1:])
+    v = (jnp.where(in_contact, 0.0, v[0]), *v[1:])
     q = uplift_demand(c, ground, x, v)
     theta_dot_after, mode_after = after_impact(scene, sigma, v[0], q, to_rest)
     v = (jnp.where(hit, theta_dot_after, v[0]), *v[1:])
@@ -69,7 +69,7 @@ def transition(
 
 def contact_mode(c: Coefficients, q: Value) -> Value:
     """Return the mode that follows full contact under the demand q [m/s²]: the columns lift if |q| exceeds
-    the threshold of Eq. (9), and stay in contact if it is equal."""
+    the threshold of Eq. (9), and stay in contact if |q| equals it."""
     return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
 
 
@@ -119,8 +119,8 @@ def jolt(
     """
     c, at_rest = scene.c, (x[0] == 0) & (v[0] == 0)
     side = jnp.where(at_rest, -jnp.sign(horizontal(jump)), sigma)
-    under = lambda ground: acceleration(c, side, ground, x, v)
-    change = jax.tree.map(jnp.subtract, under(jump), under(jax.tree.map(jnp.zeros_like, jump)))
+    response = lambda ground: acceleration(c, side, ground, x, v)
+    change = jax.tree.map(jnp.subtract, response(jump), response(jax.tree.map(jnp.zeros_like, jump)))
     v = tuple(map(jnp.add, v, change))
     lifts = at_rest & (side * v[0] > scene.rest_speed)
     strikes = ~at_rest & (x[0] == 0) & (side * v[0] < 0)

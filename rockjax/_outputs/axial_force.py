@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import every
+from rockjax._engine.bounds import all_true
 from rockjax._engine.coefficients import present
 from rockjax._outputs.maxima import END_ZONE_CUBIC, Maximum
 from rockjax._types import Flag, Values
@@ -45,7 +45,7 @@ class AxialForce(AbstractJointOutput):
     def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
         tension, compression = map(self.worst, halves(jax.lax.stop_gradient(record)))
         g = bounds.c.g
-        return every((bounds.least_axial >= -tension * g) & (bounds.most_axial <= compression * g))
+        return all_true((bounds.least_axial >= -tension * g) & (bounds.most_axial <= compression * g))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         tension, compression = (self.nan_if_weightless(ended, self.worst(y)) for y in halves(record))

@@ -7,7 +7,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.bounds import Bounds, all_true
 from rockjax._outputs.maxima import END_ZONE_QUINTIC, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
@@ -49,7 +49,7 @@ class PeakDeformation(AbstractOutput):
         return step.largest(step.deformations, record, END_ZONE_QUINTIC, lands=step.refines)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        return every(bounds.deformations() < record)
+        return all_true(bounds.deformations() < record)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         return {self.name: jnp.atleast_1d(record) if self.has_mode_axis else record}

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.bounds import Bounds, all_true
 from rockjax._engine.coefficients import Coefficients, present
 from rockjax._outputs.maxima import END_ZONE_QUINTIC, Maximum
 from rockjax._structures import Podium
@@ -44,7 +44,7 @@ class PeakDrift(AbstractStoryOutput):
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         frequencies = jnp.sqrt(present(bounds.c.vibration).omega2)
         bound = jax.vmap(lambda weights: bounds.modal_sum(weights / frequencies))(_weights(bounds.c))
-        return every(bound < record)
+        return all_true(bound < record)
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         return self.in_all_stories(jnp.full_like(ended.t, jnp.nan if self.elastic else 0.0))

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import Bounds, every
+from rockjax._engine.bounds import Bounds, all_true
 from rockjax._engine.coefficients import present
 from rockjax._engine.model import beam_absolute, floor_accelerations
 from rockjax._outputs.maxima import Maximum
@@ -60,7 +60,7 @@ class PeakFloorAcceleration(AbstractStoryOutput):
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         if not self.elastic:
             return _BEAM.is_final(bounds, record)
-        return every(jax.vmap(bounds.carried)(present(present(bounds.c.modal).floors)) < record)
+        return all_true(jax.vmap(bounds.carried)(present(present(bounds.c.modal).floors)) < record)
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         return {self.name: record} if self.elastic else self.in_all_stories(record * ended.scene.c.g)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import every
+from rockjax._engine.bounds import all_true
 from rockjax._engine.coefficients import present
 from rockjax._engine.hermite import turning_point_of_slope
 from rockjax._outputs.maxima import END_ZONE_CUBIC, Cubic, Maximum
@@ -80,7 +80,7 @@ class PeakFriction(AbstractJointOutput):
         return maximum._replace(value=jnp.minimum(maximum.value, 1.0))
 
     def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
-        return every(bounds.friction <= friction_of(jax.lax.stop_gradient(self.worst(record))))
+        return all_true(bounds.friction <= friction_of(jax.lax.stop_gradient(self.worst(record))))
 
     def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
         return {self.name: self.nan_if_weightless(ended, friction_of(self.worst(record)))}
@@ -116,7 +116,7 @@ class FrictionUse(AbstractJointOutput):
     def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
         ratio_excess = bounds.friction - self.limit
         excess = ratio_excess * jnp.where(ratio_excess < 0, bounds.least_axial, bounds.most_axial)
-        return every(excess <= self._worst_excess(jax.lax.stop_gradient(record)))
+        return all_true(excess <= self._worst_excess(jax.lax.stop_gradient(record)))
 
     def _worst_excess(self, record: Values) -> Values:
         return jnp.maximum(*map(self.worst, halves(record)))

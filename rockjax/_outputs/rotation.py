@@ -49,7 +49,7 @@ class PeakRotation(AbstractEventOutput):
         return jnp.minimum(jnp.abs(start.initial.theta), start.scene.overturn_angle), start.t
 
     def over_step(self, step: Step, record: Value) -> Maximum:
-        top = step.guard.top
+        top = step.guard.turn_value
         may_raise = step.refines & step.has_peak & (top > record * (1 - NEAR_RECORD))
         return Maximum(top, step.cut_at_turn(may_raise))
 

@@ -1,8 +1,8 @@
 """Fast-forwards: parts of a scene that are skipped without trial steps.
 
-Each module has one fast-forward. It calls the method `over_rest`, `over_sample` or `over_bounces` of every
-output in the plan. The method returns the record of the output after the skipped part, or whether the record
-stays the same. A fast-forward may be used only if every output in the plan implements its method.
+Each module contains one fast-forward, which calls the method `over_rest`, `over_sample` or `over_bounces` of
+every output in the plan. The method returns the record of the output after the skipped part, or whether the
+record stays the same. A fast-forward may be used only if every output implements its method.
 
 | name | module | skipped part |
 |---|---|---|

@@ -92,9 +92,9 @@ def _bounces_to_rest(
 
     # The duration of all hops is 2w · inertia / (moment · (1 − e)).
     momentum, loss = 2 * speed * c.inertia, 1 - c.restitution
-    present_loss, remaining = restoring_moment(ground) * loss, scene.excitation.breakpoint(piece) - t
-    span = jnp.minimum(AHEAD * momentum / jnp.where(present_loss > 0, present_loss, 1.0), remaining)
-    span = jnp.where((present_loss > 0) & jnp.isfinite(span), span, 0.0)
+    divisor, remaining = restoring_moment(ground) * loss, scene.excitation.breakpoint(piece) - t
+    span = jnp.minimum(AHEAD * momentum / jnp.where(divisor > 0, divisor, 1.0), remaining)
+    span = jnp.where((divisor > 0) & jnp.isfinite(span), span, 0.0)
     max_ground = scene.excitation.at_most(piece, t, span, ground)
     if max_ground is None:
         return None

@@ -21,7 +21,7 @@ from rockjax._types import Index
 def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopState, StepInfo]:
     """Advance a rigid podium in full contact to its next uplift.
 
-    Returns the state after the uplift and the record of the step. A scene without a further uplift ends.
+    Returns the state after the uplift and the `StepInfo`. A scene without a further uplift ends.
     """
     constant = jax.lax.stop_gradient
     c, t, excitation = scene.c, state.t, scene.excitation
@@ -36,17 +36,17 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         return lambda t: uplift_demand(c, ground_at(t), state.x, state.v)
 
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
-    # The time of the uplift has the derivative of the time at which the demand crosses the threshold, or of
-    # the breakpoint at which it jumps above the threshold. A crossing at a breakpoint belongs to the piece
-    # before.
+    # The derivative of the uplift's time is that of the time at which the demand crosses the threshold, or of
+    # the breakpoint at which the demand jumps above the threshold. If the demand crosses it at a breakpoint,
+    # the piece before the breakpoint applies.
     edge = excitation.breakpoint(excitation.before(piece))
     on_edge = constant(edge) == stamp
     jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)
     jumps = on_edge & (jnp.abs(constant(jump)) > 1e-9 * constant(c.uplift))
-    crossed = demand_on(excitation.before(piece, (on_edge & ~jumps).astype(jnp.int32)))
-    ground, slope = jax.jvp(crossed, (stamp,), (jnp.ones_like(stamp),))
-    time_past_end = safe_ratio(-side * ground - c.uplift, -side * slope, lifts & ~jumps)
-    now = jnp.where(jumps, edge, stamp - (time_past_end - constant(time_past_end)))
+    demand_at = demand_on(excitation.before(piece, (on_edge & ~jumps).astype(jnp.int32)))
+    demand, slope = jax.jvp(demand_at, (stamp,), (jnp.ones_like(stamp),))
+    newton_correction = safe_ratio(-side * demand - c.uplift, -side * slope, lifts & ~jumps)
+    now = jnp.where(jumps, edge, stamp - (newton_correction - constant(newton_correction)))
     now = jnp.where(lifts, now, stamp)
     mode = jnp.where(lifts, side, 0.0)
     x, v = restart(scene, stamp, now - constant(now), state.x, state.v, mode, piece)

@@ -1,9 +1,9 @@
 """Fast-forward from one sample of a record to the next without a trial.
 
 Under a record, steps end on every sample and are far shorter than the tolerance requires. Between most
-samples rigid columns rock on, and no event occurs. A Nyström step without a search for events then skips the
-trial. The error of the step must be small enough, and the rotation must be monotone and stay inside the well,
-so that the guard cannot break. All other samples get a trial.
+samples rigid columns rock on, and no event occurs. A Nyström step without a search for events then replaces
+the trial, if the error of the step is small enough and the rotation is monotone, does not change its sign
+and stays below the overturning angle. All other samples get a trial.
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 
 
 def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
-    """Return whether the rotation is monotone up to the next sample and stays inside the well.
+    """Return whether the rotation is monotone up to the next sample, without an impact or overturning.
 
-    θ̇ must have the same sign at both ends. As θ̈ is nearly linear between two samples, θ̇ has this sign all
-    the time if θ̈ does not change its sign, or is too small to stop the columns.
+    θ̇ must have the same sign at both ends. As θ̈ is nearly linear between two samples, θ̇ has this sign
+    throughout if θ̈ does not change its sign, or is too small to stop the columns.
     """
     angle, theta_dots, theta_ddots = jax.lax.stop_gradient(
         (state.sigma * end.x[0], (state.v[0], end.v[0]), (a[0], end.a[0]))
