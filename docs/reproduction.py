@@ -343,8 +343,8 @@ The paper does not give the damping ratio of the spectra; the default of rockjax
 
 ### Eq. (6): the third term
 
-Eq. (6) is the virtual work at incipient uplift. Its first term contains the columns, and its third term is $2B(m_b+m_c)g$, so
-the columns occur twice and the top mass is missing. With $m_t$ in place of $m_c$, Eqs. (8) and (9) follow. For $\gamma=10$, $\eta=100$
+Eq. (6) is the virtual work at incipient uplift. Its first term contains the columns' weight and its third term is $2B(m_b+m_c)g$, so
+the columns count twice and the top mass is missing. With $m_t$ in place of $m_c$, Eqs. (8) and (9) follow. For $\gamma=10$, $\eta=100$
 and an undeformed superstructure, the equation as printed gives @printed@ $g\tan\alpha$; with $m_t$ it gives @corrected@ $g\tan\alpha$.
 
 Eq. (24) shows which is correct. At $\theta=\dot\theta=0$ its $\ddot\theta$ vanishes at the demand of (9), for each of three tested
@@ -353,10 +353,10 @@ columns down, so they do not lift yet. rockjax uses (9).
 
 ### Eqs. (26) and (27): two different assumptions
 
-In Eq. (26) the top mass keeps its horizontal velocity through an impact. In Eq. (27) it moves with the beam. The two contradict each
-other unless $\eta=0$. The [model](model.md#impact) derives the restitution that is compatible with (26).
+In Eq. (26) the top mass keeps its horizontal velocity through an impact. In Eq. (27) it moves with the beam. The equations contradict
+each other unless $\eta=0$. The [model](model.md#impact) derives the restitution that is compatible with (26).
 
-The test is a stiff superstructure. A podium ($\gamma=10$, $\eta=100$, $\tan\alpha=0.15$, $R=1.5$ m, $\zeta=0.05$) is
+A stiff superstructure shows the difference. A podium ($\gamma=10$, $\eta=100$, $\tan\alpha=0.15$, $R=1.5$ m, $\zeta=0.05$) is
 released from $\theta_0=\alpha/2$ with an undeformed superstructure. After the first impact the superstructure
 oscillates against the beam until damping stops it. The energy before the impact has then been multiplied by the square of an
 effective velocity factor, which is measured halfway to the second impact.
@@ -370,22 +370,22 @@ The compatible restitution is 0.613 at the impact and 0.956 after the oscillatio
 tends to that of the rigid superstructure, and the restitution of the paper does not. Therefore "$T_s=0$" means `Rigid` in rockjax, not a
 very small period. The restitution of the paper is the default; `restitution="compatible"` selects the other one.
 
-### Section 4: the figures quoted in the text
+### Section 4: the numbers quoted in the text
 
 The paper takes $T_s=0$, $\gamma=110$, $R=1.5$ m, $\tan\alpha=0.15$ and a symmetric Ricker pulse with $T_p=1$ s.
 
 @readings@
 
-The equations of the paper do not lead to its figures. With a pulse period of 0.80 s ($\omega_p/p=3.55$) they would, to the printed
+The equations of the paper do not lead to its numbers. With a pulse period of 0.80 s ($\omega_p/p=3.55$) they would, to the printed
 digits. The change of the model that comes closest is to apply the factor of the equivalent block twice: $p^2$ is multiplied by
-$\left(\frac{1+2\gamma}{1+3\gamma}\right)^2$, so $R$ is divided by the factor once more. This agrees less with the two figures, but better
+$\left(\frac{1+2\gamma}{1+3\gamma}\right)^2$, so $R$ is divided by the factor once more. This agrees less with the two numbers, but better
 with two other remarks of the section: that overturning needs about 0.9 g (6 times $g\tan\alpha$) or more for $3<\omega_p/p<4$, and that
 it is "essentially impossible" above $\omega_p/p=5$. The least overturning acceleration, searched up to 12 times $g\tan\alpha$, is:
 
 @spectrum@
 
 According to the equations of the paper, the frame still overturns at $\omega_p/p=5$ and 5.5. The text does not reveal which reading
-produced the figures. rockjax solves the equations as printed.
+produced the numbers. rockjax solves the equations as printed.
 
 ### Sections 3 to 5, claim by claim
 
@@ -414,9 +414,9 @@ The two pulses of Eq. (32), as in Fig. 4:
 According to the paper, the lengths of the specimen are a sixth of the lengths of a building with 3 m columns. Accelerations are equal,
 so times are divided by $\sqrt6$. The ground motion is an antisymmetric Ricker pulse of 0.20 g and 0.30 s. The paper does not
 state the slenderness, the masses, the period and damping of the superstructure, or the measured motion of the shaking table, which was the
-input of its model. The curves of Fig. 5 therefore cannot be reproduced, and "matches quite well" cannot be checked. The table assumes the
-other parameters of Section 4 with $\eta/\gamma=5$. It compares the peak rotations of the model and of the building, whose pulse has a
-period of $\sqrt6\cdot0.30$ s. By similarity the two must agree.
+input of its model. The curves of Fig. 5 therefore cannot be reproduced, and the paper's "matches quite well" cannot be checked. The table
+assumes the other parameters of Section 4 with $\eta/\gamma=5$. It compares the peak rotations of the model and of the building, whose pulse
+has a period of $\sqrt6\cdot0.30$ s. By similarity the two must agree.
 
 @specimen@
 

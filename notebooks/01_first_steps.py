@@ -17,8 +17,8 @@
 # response, the history with its pictures, and a rocking spectrum. The last sections are about units, results
 # and options.
 #
-# A podium structure stands on free columns. In a strong earthquake they lift off at one edge and rock. If the
-# rotation $\theta$ reaches the slenderness $\alpha$ of a column, the structure overturns.
+# A podium structure stands on free columns, which lift off at one edge and rock in a strong earthquake. If
+# the rotation $\theta$ reaches the slenderness $\alpha$ of a column, the structure overturns.
 
 # %%
 import os
@@ -108,7 +108,7 @@ figure = plots.response(data)
 # energy and makes the building sway.
 #
 # In the phase plane, impacts are jumps towards rest. The dashed curves are the separatrices of the rigid
-# frame. Outside them it would overturn even without further ground motion.
+# frame. Outside these curves the frame would overturn even without further ground motion.
 
 # %%
 ax = plots.phase_portrait(data)

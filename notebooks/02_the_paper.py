@@ -111,11 +111,11 @@ print(f"rockjax, Eq. (9)     {podium.uplift_demand / unit:8.4f} g tan α")
 # %% [markdown]
 # ## Second contradiction: Eqs. (26) and (27) at an impact
 #
-# In Eq. (26) the top mass keeps its velocity at an impact. In the velocity factor $e$ of Eq. (27) it moves
-# with the beam. With (26), the angular momentum about the new edges leads to another factor. rockjax provides
-# both: `"paper"`, the default, and `"compatible"`.
+# In Eq. (26) the top mass keeps its velocity at an impact; Eq. (27), the velocity factor $e$, assumes that it
+# moves with the beam. With (26), the angular momentum about the new edges leads to another factor. rockjax
+# provides both factors: `"paper"`, the default, and `"compatible"`.
 #
-# Which of them is correct for a very stiff building? The podium is released from $\alpha/2$. After the first
+# Which factor is correct for a very stiff building? The podium is released from $\alpha/2$. After the first
 # impact the building vibrates until damping stops it. The energy has then been multiplied by the square of an
 # effective velocity factor.
 
@@ -161,7 +161,7 @@ legend = ax.legend()
 # As $T_s\to0$, the compatible restitution tends to that of the rigid building. The restitution of the paper
 # does not: it dissipates much less energy. Therefore "$T_s=0$" means `Rigid` in rockjax, not a small period.
 #
-# ## Third contradiction: the figures quoted in Section 4
+# ## Third contradiction: the numbers quoted in Section 4
 #
 # For a rigid building, $\gamma+\eta=110$ and a Ricker pulse of 1 s, the text states "3.5 times the uplift
 # acceleration to overturn" and "$\theta/\alpha=0.29$ at 2.5 times". The equations lead to other values.

@@ -108,9 +108,9 @@ for place, impacts in zip(at_two.boundaries.values, at_two.impacts.values, stric
     print(f"{place:.6f} ({impacts})", end="  ")
 
 # %% [markdown]
-# At longer pulses the windows near the lowest boundary are wide: the podium may survive a stronger pulse
-# although a weaker one overturns it. A design must not rely on such windows; its amplitudes must stay below
-# the lowest boundary.
+# Under longer pulses the windows near the lowest boundary are wide: the podium may survive a stronger pulse
+# although a weaker one overturns it. A design must not rely on such windows: the amplitudes of its motions
+# must stay below the lowest boundary.
 
 # %%
 x = np.linspace(1.5, 2.1, 5 if REDUCED else 121)

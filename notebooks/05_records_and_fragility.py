@@ -117,8 +117,9 @@ print(f"windows of survival above the least overturning intensity: {with_windows
 # %% [markdown]
 # ## Fragility
 #
-# A lognormal distribution is fitted to the capacities by maximum likelihood. Records that do not overturn are
-# censored at the highest level. The confidence band follows from the profile likelihood.
+# A lognormal distribution is fitted to the capacities (the least overturning intensities) by maximum
+# likelihood. Records that do not overturn the podium are censored at the highest level. The confidence band
+# follows from the profile likelihood.
 
 # %%
 fragility = rj.fragility(analysis)
@@ -153,7 +154,7 @@ ratio = np.log(shifted.median_capacity.item() / fragility.median_capacity.item()
 print(f"from two analyses: {ratio:+.3f} % per %")
 
 # %% [markdown]
-# The two agree only if no capacity jumps from one branch of the boundary to another. A jump shifts the
+# Both values agree only if no capacity jumps from one branch of the boundary to another. A jump shifts the
 # median, and derivatives do not include it.
 #
 # ## Next

@@ -114,8 +114,8 @@ for ax in axes:
 # %% [markdown]
 # ## A gradient through many impacts
 #
-# The scene lies among the bands of survival at $\omega_p/p=2$ and has many impacts. Finite differences need a
-# step that is neither too large nor too small; the gradient needs none.
+# This scene lies among the bands of survival at $\omega_p/p=2$ and has many impacts. Finite differences need
+# a step that is neither too large nor too small; the gradient needs none.
 
 
 # %%
@@ -195,8 +195,8 @@ print(f"just above:  peak {value:.6f} α, derivative {slope_of_peak:12.2f} per r
 #
 # The picture shows the peak rotation over the amplitude, and its derivative with respect to $\alpha$. The
 # peak has a kink or a jump at amplitudes at which another maximum becomes the largest. At a grazing impact
-# the derivative is large and valid only in a small neighbourhood. Within the bands it grows towards each
-# boundary.
+# the derivative is large and valid only in a small neighbourhood. Within the bands the derivative grows
+# towards each boundary.
 
 # %%
 amplitude = np.linspace(1.9, 2.6, 60 if REDUCED else 2000)

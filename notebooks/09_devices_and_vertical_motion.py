@@ -89,7 +89,7 @@ plots.rotation_bar(axes)
 # %% [markdown]
 # ## Sensitivities to the devices
 #
-# One reverse pass computes the derivatives of the peak with respect to all parameters of the devices.
+# One call computes the derivatives of the peak with respect to all parameters of the devices.
 
 # %%
 value, slope = jax.value_and_grad(

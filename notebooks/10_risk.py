@@ -33,8 +33,8 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small samples, for
 # ## From a fragility curve to an annual frequency
 #
 # A hazard curve is the annual rate at which an intensity is exceeded; a fragility curve is the probability
-# that columns overturn at this intensity. The integral of both has a closed form between the points of the
-# hazard curve.
+# that columns overturn at this intensity. The integral over the fragility and the hazard has a closed form
+# between the points of the hazard curve.
 
 # %%
 hazard = rj.Hazard([0.5, 1, 2, 4, 8, 16], [3.5e-2, 1.2e-2, 3.4e-3, 7.5e-4, 1.2e-4, 1.1e-5])

@@ -87,9 +87,8 @@ axes[0].legend()
 # %% [markdown]
 # ## A cabinet and a bookshelf on each floor
 #
-# Both are light blocks that rock and do not slide. Their rotation is a fraction of the angle at which they
-# overturn, and 1 if they overturn. `friction_demand` is the friction coefficient that keeps them from
-# sliding.
+# Both are light blocks that rock and do not slide. Their rotations are divided by the angle at which they
+# overturn; 1 means overturning. `friction_demand` is the friction coefficient that keeps them from sliding.
 
 # %%
 stories = (1, 8) if REDUCED else tuple(range(1, 9))
@@ -120,9 +119,9 @@ axes[0].legend()
 
 # %% [markdown]
 # The cabinets on the fifth and sixth story overturn in the building with a fixed base and stand on the
-# podium. The bookshelves overturn on every story but the first of the podium. The impacts add short periods
-# to the motions of the stories, but the podium removes the long periods, which overturn large blocks. Most
-# friction demands are below common friction coefficients.
+# podium. The bookshelves overturn on every story except the first one on the podium. The impacts add short
+# periods to the motions of the stories, but the podium removes the long periods, which overturn large blocks.
+# Most friction demands are below common friction coefficients.
 #
 # ## Next
 #
