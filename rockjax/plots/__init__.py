@@ -1,7 +1,7 @@
 """Plots. Functions with an argument `ax` return an `Axes`, most others a `Figure`.
 
-New figures have the style `STYLE`; the user's settings and axes are unchanged. Only `save_animation` writes a
-file.
+New figures have the style `STYLE`; the user's settings and the style of the user's axes are unchanged. Only
+`save_animation` writes a file.
 """
 
 import lazy_loader as _lazy_loader

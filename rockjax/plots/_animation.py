@@ -99,13 +99,13 @@ def save_animation(
     if path.suffix not in (".gif", ".mp4"):
         raise ValueError(f"plots.save_animation: the name must end in .gif or .mp4, got {path.name!r}")
     program = _ffmpeg() if path.suffix == ".mp4" else ""
-    film = animation(response, **options)
+    podium_animation = animation(response, **options)
     try:
         with plt.rc_context({"animation.ffmpeg_path": program} if program else {}):
             writer = FFMpegWriter(fps=fps) if program else PillowWriter(fps=fps)
-            return write_atomically(path, lambda name: film.save(name, writer=writer, dpi=dpi))
+            return write_atomically(path, lambda name: podium_animation.save(name, writer=writer, dpi=dpi))
     finally:
-        plt.close(film.figure)
+        plt.close(podium_animation.figure)
 
 
 def _ffmpeg() -> str:
@@ -131,7 +131,7 @@ def _displacement(data: xarray.Dataset) -> np.ndarray:
 
 
 class _Stage:
-    """The figure and its artists, which `show` moves to a time."""
+    """Figure of an animation, in which `show` draws one frame."""
 
     def __init__(
         self, data: xarray.Dataset, times, columns: int, exaggerate: float, speed: float, moving_ground: bool
@@ -152,21 +152,20 @@ class _Stage:
         spacing = max(0.9 * self.height, 2.5 * self.width)
         self.foot_positions = spacing * (np.arange(columns) - 0.5 * (columns - 1))
         self.half_beam = 0.5 * spacing * (columns - 1) + 0.8 * self.width
-        self.depth = 0.09 * self.height
+        self.beam_depth = 0.09 * self.height
 
         self.figure = plt.figure(figsize=(5.2, 5.6), layout="constrained")
-        scene, history = self.figure.subplots(2, 1, height_ratios=(4, 1))
-        self._build(scene, attributes)
+        frame_axes, history_axes = self.figure.subplots(2, 1, height_ratios=(4, 1))
+        self._build(frame_axes, attributes)
         notes = ["to scale" if exaggerate == 1 else f"motion × {exaggerate:g}"]
         notes += [] if speed == 1 else [f"{speed:g} × real time"]
-        scene.text(
-            0.98, 0.98, "\n".join(notes), transform=scene.transAxes, ha="right", va="top", color="0.35"
-        )
-        self.clock = scene.text(0.02, 0.98, "", transform=scene.transAxes, va="top")
-        history.axhline(0, color="0.7", lw=0.6)
-        history.plot(t, theta / self.alpha, color=COLOURS[2], ls="-", lw=1.0)
-        (self.cursor,) = history.plot([], [], "o", color=COLOURS[1], ms=5)
-        history.set(xlabel=TIME, ylabel=ROTATION, xlim=(times[0], times[-1]))
+        corner = {"transform": frame_axes.transAxes, "va": "top"}
+        frame_axes.text(0.98, 0.98, "\n".join(notes), ha="right", color="0.35", **corner)
+        self.clock = frame_axes.text(0.02, 0.98, "", **corner)
+        history_axes.axhline(0, color="0.7", lw=0.6)
+        history_axes.plot(t, theta / self.alpha, color=COLOURS[2], ls="-", lw=1.0)
+        (self.cursor,) = history_axes.plot([], [], "o", color=COLOURS[1], ms=5)
+        history_axes.set(xlabel=TIME, ylabel=ROTATION, xlim=(times[0], times[-1]))
         # Solve the layout once instead of for every frame.
         self.show(0)
         self.figure.draw_without_rendering()
@@ -196,14 +195,14 @@ class _Stage:
         top_height = 0.45 * self.height if self.box is not None else 0.0
         if self.floors:
             top_height = self.floors[-1].level + self.floors[-1].depth
-        top = self.height + self.depth + top_height + float(np.max(lift))
+        highest = self.height + self.beam_depth + top_height + float(np.max(lift))
         soil = self.width * 0.6
-        x = max(self.half_beam + max_shift + 0.1 * self.height, 0.55 * (top + soil))
+        x = max(self.half_beam + max_shift + 0.1 * self.height, 0.55 * (highest + soil))
         # The soil is wider than the picture, so that it can move; hatching makes the motion visible.
         soil_end = x + float(np.max(np.abs(self.ground)))
         self.corners = np.array([(-soil_end, 0), (soil_end, 0), (soil_end, -soil), (-soil_end, -soil)])
         self.soil = add_polygon("0.93", edgecolor="0.4", hatch="///")
-        ax.set(xlim=(-x, x), ylim=(-soil, 1.12 * top), aspect="equal", xlabel="[m]", ylabel="[m]")
+        ax.set(xlim=(-x, x), ylim=(-soil, 1.12 * highest), aspect="equal", xlabel="[m]", ylabel="[m]")
 
     def _beam_displacement(self, k):
         """Return the displacement (u_b, v_b) of the beam relative to the ground at frames k [m], Eq. (13)."""
@@ -216,18 +215,18 @@ class _Stage:
         """Draw frame k and return the artists that moved."""
         theta, ground = self.theta[k], self.ground[k]
         u, v = (float(y) for y in self._beam_displacement(k))
-        half, side = 0.5 * self.width, -1 if theta < 0 else 1
+        half, sign = 0.5 * self.width, -1 if theta < 0 else 1
         upright = np.array([(-half, 0), (half, 0), (half, self.height), (-half, self.height)]) - (
-            side * half,
+            sign * half,
             0,
         )
         # A positive rotation is clockwise, about the right edge.
         rotation_matrix = np.array([(np.cos(theta), -np.sin(theta)), (np.sin(theta), np.cos(theta))])
         for foot, patch in zip(self.foot_positions, self.columns, strict=True):
-            patch.set_xy(upright @ rotation_matrix + (foot + side * half + ground, 0))
+            patch.set_xy(upright @ rotation_matrix + (foot + sign * half + ground, 0))
         base, beam_x = self.height + v, u + ground
-        self.beam.set_xy(_box(beam_x, base, self.half_beam, self.depth))
-        base += self.depth
+        self.beam.set_xy(_box(beam_x, base, self.half_beam, self.beam_depth))
+        base += self.beam_depth
         if self.box is not None:
             self.box.set_xy(_box(beam_x, base, 0.8 * self.half_beam, 0.45 * self.height))
         self._show_floors(k, beam_x, base)
@@ -242,9 +241,9 @@ class _Stage:
             self.floors, self.floor_shifts[:, k], self.slabs, self.column_lines, strict=True
         ):
             deflection = lower_shift + (shift - lower_shift) * (3 - 2 * z) * z**2
-            for line, side in zip(column_lines, (-0.75, 0.75), strict=True):
+            for line, offset in zip(column_lines, (-0.75, 0.75), strict=True):
                 line.set_data(
-                    beam_x + side * floor.width * self.half_beam + deflection,
+                    beam_x + offset * floor.width * self.half_beam + deflection,
                     base + foot + (floor.level - foot) * z,
                 )
             slab.set_xy(_box(beam_x + shift, base + floor.level, floor.width * self.half_beam, floor.depth))
@@ -274,9 +273,9 @@ def _floors(data: xarray.Dataset, height: float) -> list[_Floor]:
     if "drift" in data:
         shifts = data["drift"].values.cumsum(axis=1).T
         heights = getattr(podium_of(data.attrs).superstructure, "heights", None)
-        stories = np.full(len(shifts), 0.6 * height) if heights is None else np.asarray(heights)
-        depth = 0.15 * float(np.min(stories))
-        levels = np.cumsum(stories) - depth
+        story_heights = np.full(len(shifts), 0.6 * height) if heights is None else np.asarray(heights)
+        depth = 0.15 * float(np.min(story_heights))
+        levels = np.cumsum(story_heights) - depth
         return [_Floor(*pair, depth, 0.75) for pair in zip(shifts, map(float, levels), strict=True)]
     if not vibrates(data.attrs):
         return []

@@ -111,7 +111,7 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
     return ax
 
 
-def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tuple[float, float]]]:
+def _windows(x: np.ndarray, boundaries: np.ndarray, highest: float) -> list[list[tuple[float, float]]]:
     """Return polygons of survival above the minimum.
 
     At each x, windows extend from every second boundary to the next boundary. A window is connected to the
@@ -122,7 +122,7 @@ def _windows(x: np.ndarray, boundaries: np.ndarray, top: float) -> list[list[tup
         starts, ends = row[1::2], row[2::2]
         ends = np.append(ends, np.full(starts.size - ends.size, np.nan))
         windows.append(
-            [(a, top if np.isnan(b) else b) for a, b in zip(starts, ends, strict=True) if np.isfinite(a)]
+            [(a, highest if np.isnan(b) else b) for a, b in zip(starts, ends, strict=True) if np.isfinite(a)]
         )
     polygons = []
     for k in range(x.size - 1):
@@ -155,8 +155,8 @@ def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, 
     return curve
 
 
-def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour: Any) -> None:
-    """Draw triangles at ends of a curve beyond which no acceleration up to `top` overturns."""
+def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, highest: float, colour: Any) -> None:
+    """Draw triangles at ends of a curve beyond which no acceleration up to `highest` overturns."""
     is_finite = np.isfinite(minimum)
     ends = is_finite & (np.r_[True, is_finite[:-1]] != np.r_[is_finite[1:], True])
     if ends.any():
@@ -164,7 +164,7 @@ def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, top: float, colour:
         ax.plot(x[ends], minimum[ends], color=colour, **mark)
         _add_legend_entry(
             ax,
-            f"ends: none beyond, up to {top:g}",
+            f"ends: none beyond, up to {highest:g}",
             lambda label: ax.plot([], [], color="0.4", label=label, **mark),
         )
 

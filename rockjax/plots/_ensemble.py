@@ -73,7 +73,7 @@ def quantile_quantile(
 ) -> Axes:
     """Plot the quantiles of an answer in two ensembles against each other, at equal probabilities.
 
-    - `ensembles`: dict label → ensemble with two entries; the first has the horizontal axis
+    - `ensembles`: dict label → ensemble with two entries; the first is on the horizontal axis
     - `ax`: axes to draw into
     - `output`, `component`: as for `Ensemble.quantiles`
     - `confidence`: confidence level of the intervals of the marked quantiles
@@ -92,11 +92,11 @@ def quantile_quantile(
     count = min(MAX_POINTS, *(y.size for y in members.values()))
     q = (np.arange(count) + 0.5) / count
     curve = np.stack([y.quantiles(output, q, component=component)["quantile"] for y in members.values()])
-    finite = np.isfinite(curve).all(axis=0)
-    low, high = _limits(curve[:, finite], output, members)
+    is_drawn = np.isfinite(curve).all(axis=0)
+    low, high = _limits(curve[:, is_drawn], output, members)
     ax.plot([low, high], [low, high], ":", color="0.5", lw=1, label="equal distributions")
-    until = "" if finite.all() else f" up to {finite.mean():.0%}"
-    ax.plot(*curve[:, finite], color=COLOURS[2], ls="-", lw=1, label=f"quantiles{until}")
+    until = "" if is_drawn.all() else f" up to {is_drawn.mean():.0%}"
+    ax.plot(*curve[:, is_drawn], color=COLOURS[2], ls="-", lw=1, label=f"quantiles{until}")
     marked = [
         y.quantiles(output, MARKED, component=component, confidence=confidence) for y in members.values()
     ]
@@ -155,6 +155,6 @@ def _heading(member: Ensemble, output: str, component: int | None) -> str:
     if output == "peak_rotation":
         return r"peak rotation $\max|\theta|\,/\,\alpha$"
     answer = member.data[output]
-    worst = answer.ndim > 1 and component is None
-    which = "" if answer.ndim == 1 else ", worst" if worst else f", {answer.dims[1]} {component}"
-    return f"{answer.attrs['long_name']}{which} [{displayed(answer.attrs['units'])}]"
+    is_worst = answer.ndim > 1 and component is None
+    suffix = "" if answer.ndim == 1 else ", worst" if is_worst else f", {answer.dims[1]} {component}"
+    return f"{answer.attrs['long_name']}{suffix} [{displayed(answer.attrs['units'])}]"

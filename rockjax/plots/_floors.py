@@ -39,9 +39,9 @@ def floor_spectrum(
     - `quantity`: `"pseudo_acceleration"`, `"absolute_acceleration"` or `"relative_displacement"`
     - `damping`: ζ of the oscillators, by default the first
 
-    Several motions are drawn as their median, with a thin line for each motion of the podium; both omit
-    motions that overturn it. Levels without velocity jumps have a mark at their peak acceleration. Raises
-    `ValueError` for another quantity or damping.
+    With several motions, curves are medians over the motions. The podium also has a thin line for each
+    motion; its curves omit motions that overturn it. Levels without velocity jumps have a mark at their peak
+    acceleration. Raises `ValueError` for another quantity or damping.
     """
     if quantity not in LABELS:
         raise ValueError(f"plots.floor_spectrum: quantity must be one of {tuple(LABELS)}, got {quantity!r}")

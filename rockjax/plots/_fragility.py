@@ -34,8 +34,8 @@ def _with_unit(name: str, unit: str) -> str:
 
 @on_axes
 def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot intensity against peak rotation, one curve for each record, with points at levels that it
-    survives.
+    """Plot intensity against peak rotation, one curve for each record, with points at levels that do not
+    overturn.
 
     At the limit state, crosses mark the least overturning intensities, and dashes mark the boundaries of
     survival windows above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
@@ -112,7 +112,7 @@ def fragility(
     ax.plot(x, dataset["probability"], color=colour, label=name)
     values = dataset["capacity"].values
     capacity = np.sort(values[np.isfinite(values)])
-    # Mid-points of the steps of the empirical distribution.
+    # Crosses lie at the mid-heights of the steps of the empirical distribution.
     fraction = (np.arange(capacity.size) + 0.5) / values.size
     ax.plot(capacity, fraction, "x", ms=5, color=colour, label="first overturning of the records")
     observed, levels = dataset["observed"].values, dataset["intensity"].values

@@ -47,8 +47,8 @@ def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
 
 
 def time_limits(data: xarray.Dataset) -> tuple[float, float]:
-    """Return the limits of the time axis [s]. It ends after 1.2 times the time until the last impact or at a
-    later peak, uplift or overturning; without impacts, it ends with the history."""
+    """Return the limits of the time axis [s]. The upper limit is 1.2 times the time until the last impact, or
+    a later peak, uplift or overturning; without impacts, the end of the history."""
     t, impacts = data["time"].values, data["impact_times"].values
     if not impacts.size:
         return t[0], t[-1]
@@ -105,8 +105,8 @@ def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
     neighbours = data["theta"].values[
         np.clip(np.searchsorted(data["time"].values, time) + np.array([-1, 0]), 0, data.sizes["time"] - 1)
     ]
-    side = np.sign(neighbours[np.argmax(np.abs(neighbours))])
-    ax.plot(time, side * peak, "o", mfc="none", color=COLOURS[0], label=rf"peak {peak:.3g} $\alpha$")
+    sign = np.sign(neighbours[np.argmax(np.abs(neighbours))])
+    ax.plot(time, sign * peak, "o", mfc="none", color=COLOURS[0], label=rf"peak {peak:.3g} $\alpha$")
 
 
 def _draw_phases(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
@@ -248,9 +248,9 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
         podium = podium.replace(superstructure=Rigid(podium.eta))
     c = coefficients(podium)
     potential_energy = potential(c, jnp.where(theta < 0, -1.0, 1.0), jnp.asarray(theta))
-    depth = potential(c, jnp.ones(()), jnp.asarray(saddle_rotation(podium))) - potential_energy
+    potential_difference = potential(c, jnp.ones(()), jnp.asarray(saddle_rotation(podium))) - potential_energy
     spin = spin_with_inerters(c, jnp.ones(()), jnp.asarray(theta))
-    return np.sqrt(np.maximum(2 * np.asarray(depth / spin), 0.0))
+    return np.sqrt(np.maximum(2 * np.asarray(potential_difference / spin), 0.0))
 
 
 def saddle_rotation(podium: Podium) -> float:
@@ -263,7 +263,7 @@ def saddle_rotation(podium: Podium) -> float:
 def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot the restoring moment, `Response.restoring_moment`, divided by its value at uplift against θ/α.
 
-    In full contact (θ = 0) it is −q/q_up ∈ [−1, 1] of Eq. (9). During rocking it is the sum of three moments
+    In full contact (θ = 0) the ratio is −q/q_up ∈ [−1, 1], Eq. (9). In rocking it is the sum of three moments
     about the edges: of the weights, sin ψ/sin α (1 at θ = 0, 0 at θ = α), of the vertical inertia, Eq. (15),
     and of restrainers. The thick line is the static moment of weights and tendons.
     """
@@ -274,13 +274,13 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     limit = max(1.0, float(np.nanmax(np.abs(ratio))))
     theta = np.linspace(0, limit, 201) * alpha
     podium = podium_of(data.attrs)
-    weights, label = np.sin(alpha - theta) / np.sin(alpha), r"weights alone, $\sin\psi\,/\,\sin\alpha$"
+    moments, label = np.sin(alpha - theta) / np.sin(alpha), r"weights alone, $\sin\psi\,/\,\sin\alpha$"
     if podium.restrainers:
         slope = np.asarray(
             jax.vmap(functools.partial(potential_slope, coefficients(podium)))(jnp.asarray(theta))
         )
-        weights, label = slope / slope[0], "weights and tendons at rest"
-    backbone = np.concatenate([-theta[::-1], theta]) / alpha, np.concatenate([-weights[::-1], weights])
+        moments, label = slope / slope[0], "weights and tendons at rest"
+    backbone = np.concatenate([-theta[::-1], theta]) / alpha, np.concatenate([-moments[::-1], moments])
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     ax.axvline(0, color="0.7", lw=0.6, zorder=0)
     ax.plot(*backbone, color="0.7", ls="-", lw=4, label=label)

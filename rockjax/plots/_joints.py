@@ -1,6 +1,6 @@
 """Plots of the forces in the joints, for one scene over time, and for the pulses of a spectrum.
 
-They show whether joints stay closed and do not slide, as the model assumes.
+The plots show whether joints stay closed and do not slide, as the model assumes.
 """
 
 from __future__ import annotations
@@ -89,13 +89,13 @@ def _end_columns(data: xarray.Dataset) -> dict[str, int]:
 
 
 def _mark_least(data: xarray.Dataset, ax: Axes) -> None:
-    """Mark the least ratio of force to dead load. The label gives the exact peak if it was requested, else
-    the least sample."""
+    """Mark the least sampled ratio of force to dead load. The label gives the exact ratio if that output was
+    requested, else the sampled ratio."""
     forces, loads = data["joint_axial_force"].values, data["dead_load"].values
     ratios = np.where(np.isnan(forces), np.inf, forces) / loads
     k, column, joint = np.unravel_index(np.argmin(ratios), ratios.shape)
-    exact = data["least_axial_force"].values if "least_axial_force" in data else forces[k, column]
-    label = f"least, {np.min(exact / loads):.2f} of the dead load".replace("-", "−")
+    least_forces = data["least_axial_force"].values if "least_axial_force" in data else forces[k, column]
+    label = f"least, {np.min(least_forces / loads):.2f} of the dead load".replace("-", "−")
     ax.plot(data["time"].values[k], forces[k, column, joint], "o", mfc="none", color=COLOURS[0], label=label)
 
 
@@ -121,7 +121,7 @@ def friction_demand(
     """Plot the friction demand |T|/N of the worst column over time at both joints, and at impacts.
 
     A dotted line marks tan α, which heavy frames rarely exceed. Times at which a joint would be open are
-    shaded; close to them the demand grows without bound and leaves the axes.
+    shaded; near these times the demand grows without bound and leaves the axes.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
     - `ax`: axes to draw into
@@ -155,8 +155,8 @@ def friction_demand(
         )
     if not is_closed.all():
         at_top = {"transform": ax.get_xaxis_transform(), "clip_on": False}
-        opening, ones = times[~is_closed], np.ones(np.sum(~is_closed))
-        ax.plot(opening, ones, "v", color=COLOURS[0], ms=5, label="impact that opens a joint", **at_top)
+        opening_times, ones = times[~is_closed], np.ones(np.sum(~is_closed))
+        ax.plot(opening_times, ones, "v", color=COLOURS[0], ms=5, label="impact that opens a joint", **at_top)
     _shade_open_joints(data, ax)
     highest = max(ax.dataLim.y1, *limits, 0.0)
     if not np.all(demand.values < np.inf):

@@ -105,7 +105,7 @@ def _describe_devices(attributes: Mapping[str, Any]) -> str:
 
 
 def mass_label(panels: xarray.Dataset, ratio: float) -> str:
-    """Return the description of the mass of the superstructure from η/γ."""
+    """Return the label of a superstructure's mass with the ratio η/γ."""
     if ratio == 0:
         return "solitary block" if _is_block(panels) else "no superstructure"
     if math.isinf(ratio):
@@ -115,7 +115,7 @@ def mass_label(panels: xarray.Dataset, ratio: float) -> str:
 
 
 def period_label(panels: xarray.Dataset, ratio: float, T_s: float) -> str:
-    """Return the description of the superstructure: its period, or its mass if it has no period."""
+    """Return the label of a superstructure: its period, or its mass if it has no period."""
     if T_s > 0:
         return rf"$T_s = {T_s:g}$ s"
     return r"rigid, $T_s = 0$" if ratio else mass_label(panels, ratio)

@@ -1,4 +1,4 @@
-"""Plot of record spectra: responses to records of structures of all sizes."""
+"""Plot of record spectra: responses of structures of all sizes to records."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ def record_spectrum(dataset: xarray.Dataset) -> Figure:
     """
     p, names = dataset["p"].values, dataset["record"].values
     figure = plt.figure(figsize=(5.6, 5.6), layout="constrained")
-    demand, displacement = figure.subplots(2, 1, sharex=True)
+    upper, lower = figure.subplots(2, 1, sharex=True)
     is_coloured = len(names) <= MAX_COLOURS
     for k, name in enumerate(names):
         style = {
             "color": COLOURS[k % len(COLOURS)] if is_coloured else "0.7",
             "lw": 1.3 if is_coloured else 0.8,
         }
-        demand.plot(p, dataset["demand"][k], label=str(name) if is_coloured else None, **style)
-        displacement.plot(p, dataset["top_displacement"][k], **style)
+        upper.plot(p, dataset["demand"][k], label=str(name) if is_coloured else None, **style)
+        lower.plot(p, dataset["top_displacement"][k], **style)
     if not is_coloured:
         # The demand is NaN below the searched range; the displacement is NaN if the structure overturns.
         median = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)
-        demand.plot(p, np.where(median > 0, median, np.nan), color=COLOURS[0], label="median")
+        upper.plot(p, np.where(median > 0, median, np.nan), color=COLOURS[0], label="median")
         median_survives = np.sum(~dataset["overturned"].values, axis=0) > len(names) / 2
         values = np.where(dataset["overturned"], np.inf, dataset["top_displacement"])
-        displacement.plot(p, np.where(median_survives, np.median(values, axis=0), np.nan), color=COLOURS[0])
-    demand.axhline(1.0, color="0.4", lw=0.8, ls=(0, (4, 3)))
-    demand.annotate("overturns", (p[0], 1.0), (2, 3), textcoords="offset points", color="0.4", fontsize=8)
-    demand.set(ylabel="PGA / least\noverturning PGA [–]", ylim=(0, None))
-    demand.legend(loc="best")
-    displacement.set(ylabel=r"$\max|u_b|$ of the top [m]", xlabel=r"frequency parameter $p$ [rad/s]")
-    displacement.set(ylim=(0, None), xlim=(p[0], p[-1]))
-    for ax in (demand, displacement):
+        lower.plot(p, np.where(median_survives, np.median(values, axis=0), np.nan), color=COLOURS[0])
+    upper.axhline(1.0, color="0.4", lw=0.8, ls=(0, (4, 3)))
+    upper.annotate("overturns", (p[0], 1.0), (2, 3), textcoords="offset points", color="0.4", fontsize=8)
+    upper.set(ylabel="PGA / least\noverturning PGA [–]", ylim=(0, None))
+    upper.legend(loc="best")
+    lower.set(ylabel=r"$\max|u_b|$ of the top [m]", xlabel=r"frequency parameter $p$ [rad/s]")
+    lower.set(ylim=(0, None), xlim=(p[0], p[-1]))
+    for ax in (upper, lower):
         ax.grid(alpha=0.3)
     return figure

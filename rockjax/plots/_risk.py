@@ -28,8 +28,8 @@ def risk(dataset: xarray.Dataset) -> Figure:
     """
     x, density = dataset["intensity"].values, dataset["density"].values
     # Intensities below `low` and above `high` contribute a thousandth of the rate each.
-    rate = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
-    low, high = np.interp([1e-3, 1 - 1e-3], rate / rate[-1], x)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
+    low, high = np.interp([1e-3, 1 - 1e-3], integral / integral[-1], x)
     figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
     axes[0].loglog(x, dataset["hazard"], color=COLOURS[0])

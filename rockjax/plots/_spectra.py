@@ -69,11 +69,11 @@ def dimensional_axes(
     p = dataset.attrs["p_rad_s"]
     tan_alpha = math.tan(dataset.attrs["alpha_rad"])
     if period:
-        top = ax.secondary_xaxis("top", functions=(lambda r: _period(r, p), lambda T: _period(T, p)))
-        top.set_xlabel(r"$T_p$ [s]")
+        upper = ax.secondary_xaxis("top", functions=(lambda r: _period(r, p), lambda T: _period(T, p)))
+        upper.set_xlabel(r"$T_p$ [s]")
         low, high = ax.get_xlim()
-        top.set_xticks([T for T in (3, 2, 1, 0.8, 0.6, 0.5, 0.4) if low <= _period(T, p) <= high])
-        top.xaxis.set_major_formatter("{x:g}")
+        upper.set_xticks([T for T in (3, 2, 1, 0.8, 0.6, 0.5, 0.4) if low <= _period(T, p) <= high])
+        upper.xaxis.set_major_formatter("{x:g}")
     if acceleration:
         scales: Any = (lambda ratio: ratio * tan_alpha, lambda a: a / tan_alpha)
         right = ax.secondary_yaxis("right", functions=scales)

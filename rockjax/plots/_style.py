@@ -22,7 +22,7 @@ T = TypeVar("T")
 ACCELERATION_RATIO = r"$a_p\,/\,(g\,\tan\alpha)$"
 FREQUENCY_RATIO = r"$\omega_p\,/\,p$"
 ROTATION = r"$\theta\,/\,\alpha$"
-# Colours of Okabe & Ito, distinct for colour-blind readers; line styles distinguish curves in grey.
+# Colours of Okabe & Ito, distinct for colour-blind readers; line styles distinguish curves in greyscale.
 COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 STYLES = ("-", "--", "-.", ":")
 
@@ -61,7 +61,7 @@ STYLE: dict[str, Any] = {
 def in_style():
     """Return a context manager that applies `STYLE`.
 
-    The backend is loaded first. Otherwise the end of the context would reset its interactive mode, and a
+    The backend is loaded first. Otherwise the end of the context would reset the interactive mode, and a
     notebook would not show the figures of later cells.
     """
     plt.draw_if_interactive()
