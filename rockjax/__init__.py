@@ -44,10 +44,10 @@ if _jaxlib.__version__.startswith("0.10.") and "xla_disable_hlo_passes" not in _
     _flag = "--xla_disable_hlo_passes=cse_barrier_expander"
     _os.environ["XLA_FLAGS"] = f"{_os.environ.get('XLA_FLAGS', '')} {_flag}".strip()
 
-# Rocking is chaotic, and rounding at 1e-7 would change results. The default is therefore float64, unless the
-# environment sets another precision.
+# Rocking is chaotic, and rounding errors of 1e-7 (float32) would change results. The default is therefore
+# float64, unless the environment sets another precision.
 if _is_command():
-    # JAX reads the variable when it is imported, and so do the processes of a sweep.
+    # JAX reads the variable on import, also in the worker processes of a sweep.
     _os.environ.setdefault("JAX_ENABLE_X64", "1")
 else:
     import jax as _jax

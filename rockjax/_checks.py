@@ -1,8 +1,8 @@
 """Checks of arguments and their conversion to arrays.
 
-Only concrete values are checked. A value that `jax.jit`, `jax.vmap` or `jax.grad` traces cannot be
-checked; the scene reports a problem in its `result` instead. In all checks, the message begins with `owner`,
-a class or function.
+Only concrete values are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad` traces cannot be checked; if
+one is invalid, the `result` of the scene reports the problem. All messages begin with `owner`, a class or
+function.
 """
 
 import functools
@@ -27,9 +27,9 @@ _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 def as_float(x, what: str = "the value") -> Array:
     """Return `x` as an array of the default floating-point type, see `float_type`.
 
-    A scalar becomes a read-only NumPy array, because the first array of JAX starts its threads, and a
-    process with these threads cannot be forked. Raises `ValueError`, which begins with `what`, for
-    anything but numbers, and for gaps.
+    A scalar becomes a read-only NumPy array, because the first JAX array of a process starts threads, and
+    then the process cannot be forked. Raises `ValueError`, whose message begins with `what`, for anything
+    but numbers, and for gaps (missing values).
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
@@ -59,8 +59,7 @@ def as_numpy_unless_traced(x, what: str = "the value") -> Any:
 
 
 def as_array(x) -> Array:
-    """Return `x` as a JAX array. Unlike `jnp.array`, which compiles a program for each shape, it compiles
-    nothing."""
+    """Return `x` as a JAX array without compilation; `jnp.array` would compile a program for each shape."""
     if isinstance(x, jax.Array):
         return x
     refuse_gaps("the value", x)
@@ -96,8 +95,9 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
     """Raise `ValueError`, which names the gap, if samples contain a value that stands for missing samples,
     such as -999.
 
-    One of the `_SENTINELS` counts as such a value if it is at least three times as large as all other
-    samples, or if one of its runs has at least three samples and one starts or ends with a jump.
+    One of the `_SENTINELS` counts as such a value if it is more than three times as large as all other
+    samples, or if it fills three samples in succession and the samples jump where one of its runs starts
+    or ends.
     """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
@@ -117,7 +117,7 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
 
 
 def require_finite_samples(owner: str, samples: np.ndarray) -> None:
-    """Raise `ValueError` if a sample, along the last axis, is missing or not finite. The message names the
+    """Raise `ValueError` if a sample is missing or not finite; time is the last axis. The message names the
     first such sample and the gap around it."""
     not_finite = ~np.isfinite(samples)
     if not_finite.any():

@@ -24,8 +24,7 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
     path = Path(os.path.expanduser(path))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The name ends with the suffix, from which writers choose the format. The prefix is short,
-        # because names have at most 255 bytes.
+        # Writers choose the format by the suffix. The prefix is short, because names have at most 255 bytes.
         handle, name = tempfile.mkstemp(prefix=".rockjax-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
         raise OSError(f"{path} could not be written: {error.strerror}") from error
@@ -75,8 +74,8 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
 
 
 def as_json(data: Any, ascii: bool = False) -> str:
-    """Return the JSON string of numbers, strings, arrays, lists and dicts. Numbers that are not finite
-    become null. `ascii` escapes all characters that are not ASCII."""
+    """Return numbers, strings, arrays, lists and dicts as JSON. Numbers that are not finite become null.
+    `ascii` escapes all characters that are not ASCII."""
     return json.dumps(_to_json_types(data), indent=2, ensure_ascii=ascii)
 
 

@@ -19,7 +19,7 @@ from rockjax._checks import array_module
 MIN_DISPERSION = 1e-4  # capacities with a smaller dispersion have no fit
 # Counts with a larger dispersion have no fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
 MAX_DISPERSION = 3.0
-MIN_RISE = 1e-9  # a smaller increase of the share of events with the level counts as rounding
+MIN_RISE = 1e-9  # if the share of events rises less with the level, the rise counts as rounding
 
 
 class Lognormal(NamedTuple):
@@ -47,26 +47,26 @@ def fit_capacities(
     - `limit`: lower bounds of the censored capacities, shape (n,)
     - `weights`: weight of each capacity, shape (n,); None for equal weights
 
-    Without censored capacities, ln(median) and dispersion are mean and standard deviation of the logarithms
-    (divided by n, not n − 1). The result is NaN unless at least two capacities differ. The function works
+    Without censored capacities, ln(median) is the mean of the logarithms, and the dispersion their standard
+    deviation with the divisor n. The result is NaN unless at least two capacities differ. The function works
     under `jit`, `vmap` and `grad` with respect to `capacity`.
     """
     is_observed = jnp.isfinite(capacity)
-    w = jnp.ones_like(capacity) if weights is None else weights
+    weight = jnp.ones_like(capacity) if weights is None else weights
     log = jnp.log(jnp.where(is_observed, capacity, limit))
-    w_observed = jnp.where(is_observed, w, 0.0)
-    total = jnp.sum(w_observed)
-    mean = jnp.sum(w_observed * log) / total
-    spread = jnp.sqrt(jnp.sum(w_observed * (log - mean) ** 2) / total)
+    observed_weight = jnp.where(is_observed, weight, 0.0)
+    total = jnp.sum(observed_weight)
+    mean = jnp.sum(observed_weight * log) / total
+    spread = jnp.sqrt(jnp.sum(observed_weight * (log - mean) ** 2) / total)
     has_fit = spread > MIN_DISPERSION
 
-    def loss(y, data):
-        log, w = data
+    def loss(y, data):  # y = (ln median, ln dispersion)
+        log, weight = data
         z = (log - y[0]) / jnp.exp(y[1])
         likelihood = jnp.where(is_observed, norm.logpdf(z) - y[1], norm.logsf(z))
-        return -jnp.sum(w * likelihood) / jnp.sum(w)
+        return -jnp.sum(weight * likelihood) / jnp.sum(weight)
 
-    y, converged = _minimise(loss, jnp.stack([mean, jnp.log(spread)]), (log, w), has_fit)
+    y, converged = _minimise(loss, jnp.stack([mean, jnp.log(spread)]), (log, weight), has_fit)
     return _lognormal_where(converged, jnp.exp(y[0]), jnp.exp(y[1]))
 
 
@@ -86,13 +86,13 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     has_events, has_others = events > 0, events < trials
     lowest = jnp.min(jnp.where(has_events, log, jnp.inf))
     highest = jnp.max(jnp.where(has_others, log, -jnp.inf))
-    # The likelihood is concave in offset and slope of the probit curve. Its maximum has a slope > 0
-    # exactly if the likelihood of the best curve with slope 0 increases with the slope.
+    # The likelihood is concave in offset and slope of the probit curve. It has its maximum at a slope > 0 if
+    # and only if it increases with the slope at the best curve of slope 0.
     centre = jnp.sum(trials * log) / jnp.sum(trials)
     rise = jnp.sum(events * (log - centre)) / (jnp.sum(trials) * (log[-1] - log[0]))
     has_fit = jnp.any(has_events) & jnp.any(has_others) & (lowest < highest) & (rise > MIN_RISE)
 
-    def loss(y, data):
+    def loss(y, data):  # y = (offset, slope)
         z = y[0] + y[1] * (log - centre)
         events, trials = data
         likelihood = events * norm.logcdf(z) + (trials - events) * norm.logsf(z)

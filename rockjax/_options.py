@@ -73,8 +73,8 @@ class Options(Module):
     outputs: tuple[str | AbstractOutput, ...] = eqx.field(static=True, default=PEAKS, converter=_names)
     history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
-    # Factor on the longest step. It is below 1 in the second solution, which estimates errors;
-    # `_engine/scene.py` then also changes the landing on events and the rest velocity.
+    # Factor on the longest step. It is below 1 in the second solution, which estimates errors and in which
+    # `_engine/scene.py` also changes the landing on events and the rest velocity.
     _stride: float = 1.0
 
     def __check_init__(self):
@@ -152,9 +152,9 @@ class Options(Module):
 
 
 def as_compiled(podium: Podium, options: Options) -> Options:
-    """Return the options with defaults for everything that does not affect the compiled program: the order of
-    outputs, outputs that do not apply to the podium, `history` and `throw`. Equivalent requests then share
-    one program."""
+    """Return the options with defaults for everything that does not affect the compiled program, so that
+    equivalent requests share one program. The order of outputs, outputs that do not apply to the podium,
+    `history` and `throw` do not affect the program."""
     parameters, structure = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
     return jax.tree.unflatten(_as_compiled(structure, applicable), parameters)

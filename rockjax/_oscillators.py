@@ -2,8 +2,8 @@
 
 With z = ẋ − λ̄x and λ = −ζω + iω_d, the equation ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex
 unknown instead of two real ones, and a velocity jump Δv of the floor becomes z⁺ = z⁻ − Δv. The solution over
-a piece is exact. Both responses, the relative displacement x and the absolute acceleration 2ζωẋ + ω²x, are
-q = Re(c z) with different complex factors c, so one search finds the largest value of either.
+a piece is exact. The relative displacement x and the absolute acceleration 2ζωẋ + ω²x are responses of the
+form q = Re(c z) with different complex factors c, so one search finds the largest value of either.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 # Least number of pieces per period. Longer pieces are divided, so that few pieces contain a turning point.
 PIECES_PER_PERIOD = 8
-SERIES_TERMS = 18  # terms of power series in s = λh; on pieces of an eighth of a period they suffice
+SERIES_TERMS = 18  # terms of power series in s = λh; enough for pieces of an eighth of a period
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
 LANES = 512  # number of oscillators that are computed together
 NEWTON_STEPS = 5  # iterations for a turning point, starting within a quarter of a piece
@@ -30,9 +30,9 @@ class Load(NamedTuple):
     - `terms`: coefficients c_k of a = Σ c_k (τ/h)^k, with the time τ from the start of the piece, shape
       (n, m+1) [m/s²]
     - `kick`: velocity jump Δv at the start of each piece, shape (n,) [m/s]
-    - `moved`: derivative of the start of each piece with respect to the parameter, shape (n,); zero for a
-      load that is not a derivative
-    - `shift`: Δv times `moved`, shape (n,)
+    - `shift`: Δv times `start_slope`, shape (n,)
+    - `start_slope`: derivative of the start of each piece with respect to the parameter, shape (n,); zero
+      for a load that is not a derivative
     """
 
     start: np.ndarray
@@ -40,7 +40,7 @@ class Load(NamedTuple):
     terms: np.ndarray
     kick: np.ndarray
     shift: np.ndarray
-    moved: np.ndarray
+    start_slope: np.ndarray
 
     @property
     def end(self) -> float:
@@ -69,7 +69,7 @@ class Load(NamedTuple):
         )
         length = self.length[parent] * width
         is_first = index_in_parent == 0
-        at_start = (np.where(is_first, y[parent], 0.0) for y in (self.kick, self.shift, self.moved))
+        at_start = (np.where(is_first, y[parent], 0.0) for y in (self.kick, self.shift, self.start_slope))
         return type(self)(self.start[parent] + index_in_parent * length, length, terms, *at_start)
 
 
@@ -216,8 +216,8 @@ class _Pairs(NamedTuple):
     length: np.ndarray
     terms: np.ndarray
 
-    def select(self, which: np.ndarray) -> Self:
-        return type(self)(*(y[which] for y in self))
+    def select(self, indices: np.ndarray) -> Self:
+        return type(self)(*(y[indices] for y in self))
 
     def state(self, fraction: np.ndarray) -> np.ndarray:
         """Return z at a fraction τ/h of each piece, in [0, 1]."""
@@ -248,22 +248,22 @@ class _Pairs(NamedTuple):
 
 
 def _turning_points(pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of pairs whose response has a turning point, and the fraction τ/h of this point. In
-    each quarter of a piece, at most one turning point is found, where the rate changes its sign."""
+    """Return the indices of pairs whose response has a turning point, and the fraction τ/h of this point. A
+    quarter of a piece has a turning point if the rate has different signs at its ends."""
     quarters = np.linspace(0.0, 1.0, 5)
     tiled = pairs.select(np.tile(np.arange(pairs.length.size), quarters.size))
     fractions = np.repeat(quarters, pairs.length.size)
     rates = tiled.value_and_rates(fractions)[1].reshape(quarters.size, -1)
-    quarter, which = np.nonzero(rates[:-1] * rates[1:] < 0)
-    turning, sign = pairs.select(which), np.sign(rates[quarter, which])
+    quarter, index = np.nonzero(rates[:-1] * rates[1:] < 0)
+    turning, sign = pairs.select(index), np.sign(rates[quarter, index])
     low, high = quarters[quarter], quarters[quarter + 1]
-    fraction = low + 0.25 * rates[quarter, which] / (rates[quarter, which] - rates[quarter + 1, which])
+    fraction = low + 0.25 * rates[quarter, index] / (rates[quarter, index] - rates[quarter + 1, index])
     for _ in range(NEWTON_STEPS):
         _, rate, second = turning.value_and_rates(fraction)
         low, high = np.where(sign * rate > 0, fraction, low), np.where(sign * rate > 0, high, fraction)
         step = fraction - rate / np.where(second == 0, np.inf, second)
         fraction = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
-    return which, fraction
+    return index, fraction
 
 
 class _Peak(NamedTuple):
@@ -287,8 +287,8 @@ def _search(load: Load, oscillators: _Oscillators, factor: np.ndarray, states: _
     size = np.abs(_response(factor, states.starts))
     before = np.abs(_response(factor, states.before))
     best = np.maximum(size.max(axis=0), before.max(axis=0, initial=0.0))
-    # In a piece with a turning point, |q| exceeds its values at the ends by at most h²/8 max|q̈|, and
-    # |q̇| ≤ h max|q̈|. A bound of q̈ + 2ζωq̇ + ω²q, which depends on the load only, therefore bounds max|q̈|.
+    # In a piece with a turning point, |q| is at most h²/8 max|q̈| larger than at the ends, and |q̇| ≤ h max|q̈|.
+    # The load alone determines q̈ + 2ζωq̇ + ω²q, so a bound of this sum also bounds max|q̈|.
     h, omega, sizes = load.length, oscillators.omega, np.abs(load.terms)
     largest_load = (sizes.sum(axis=1) * h**2).max() * np.abs(np.real(factor * oscillators.pole))
     steepest = ((sizes @ np.arange(sizes.shape[1])) * h).max() * np.abs(np.real(factor))
@@ -304,13 +304,13 @@ def _search(load: Load, oscillators: _Oscillators, factor: np.ndarray, states: _
     piece, lane = np.unravel_index(indices, (h.size, omega.size))
     z = states.starts[piece, lane]
     pairs = _Pairs(z, oscillators.pole[lane], factor[lane], h[piece], load.terms[piece])
-    which, fraction = _turning_points(pairs)
-    inner = pairs.select(which).value_and_rates(fraction)[0]
+    index, fraction = _turning_points(pairs)
+    inner = pairs.select(index).value_and_rates(fraction)[0]
     at_ends = _response(factor[lane], states.at_end(piece, lane))
     return _first_peak(
         np.concatenate([_response(factor[lane], z), inner, at_ends]),
-        np.concatenate([lane, lane[which], lane]),
-        np.concatenate([piece, piece[which], piece]),
+        np.concatenate([lane, lane[index], lane]),
+        np.concatenate([piece, piece[index], piece]),
         np.concatenate([np.zeros(piece.size), fraction, np.ones(piece.size)]),
         omega.size,
     )
@@ -390,6 +390,6 @@ def _slope(
     z = np.where(is_free, slope_states.starts[-1] * np.exp(pole * np.where(is_free, peak.fraction, 0.0)), z)
     state = np.where(at_end, states.at_end(k, lanes), states.starts[k, lanes])
     a = np.where(at_end, load.terms[k].sum(axis=1), load.terms[k, 0])
-    moved = np.append(slope.moved, 0.0)[np.where(at_end, k + 1, k)]
-    rate = np.real(factor * (pole * state - a)) * np.where(at_start | at_end, moved, 0.0)
+    start_slope = np.append(slope.start_slope, 0.0)[np.where(at_end, k + 1, k)]
+    rate = np.real(factor * (pole * state - a)) * np.where(at_start | at_end, start_slope, 0.0)
     return np.sign(peak.value) * (np.real(factor * z) + rate)

@@ -48,12 +48,12 @@ class Bar(tqdm):
             self._ended.set()
         super().close()
 
-    def display(self, *arguments: Any, **named: Any) -> Any:
+    def display(self, *arguments: Any, **keywords: Any) -> Any:
         """Display the bar. Before the first update, display the program that is being compiled and the
         elapsed time."""
         program = None if self.n else current_compilation()
         self.bar_format = program and f"compiling {program} [{{elapsed}}]"
-        return super().display(*arguments, **named)
+        return super().display(*arguments, **keywords)
 
     def update(self, n: float | None = 1) -> bool | None:
         if not self.disable and self.desc:
@@ -76,7 +76,7 @@ def bar(total: float | None, unit: str, progress: Any, **settings) -> Any:
 
     - `total`: number of units, or None if it is unknown
     - `unit`: plural noun of the units
-    - `progress`: an object with a method `update`, which is used itself; True for a bar; False for none
+    - `progress`: True for a bar; False for none; an object with a method `update` serves as the bar
     - `settings`: further arguments of `tqdm`
     """
     if hasattr(progress, "update"):

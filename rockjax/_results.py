@@ -86,8 +86,8 @@ def explain(code: int) -> str:
 
 
 def explain_failures(codes) -> str:
-    """Return a message with the number of scenes that did not finish, and cause and cure for each of their
-    results. The message is empty if all scenes finished.
+    """Return a message with the number of scenes that did not finish, and cause and cure for each result of
+    such scenes. The message is empty if all scenes finished.
 
     - `codes`: codes of results, of any shape
     """
@@ -115,8 +115,8 @@ class State(Module):
 
     - `theta`, `theta_dot`: rotation [rad] and its rate [rad/s]
     - `u_t`, `u_t_dot`: displacement of the top mass relative to the ground [m] and its rate [m/s].
-      Without an elastic superstructure they are not used. With several modes they are u_i and u̇_i along
-      the last axis; a scalar applies to all modes, as if all floors had this displacement or rate
+      They have no effect without an elastic superstructure. With several modes, the last axis holds u_i and
+      u̇_i of the modes; a scalar means that all floors have this displacement or rate
     """
 
     theta: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta"), default=0.0)

@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Array
 
 MAX_ROUNDS = 64  # limit of divisions of a bracket
-# Offset: typical distance of evaluated points from the root of the straight line, divided by the length
-# of the bracket.
+# Offset: typical distance of evaluated points from the root of the straight line through the ends, divided by
+# the length of the bracket.
 FIRST_OFFSET = 0.02  # offset in the first round
-OFFSET_FACTOR = 3.0  # offset divided by the last error of this root
+OFFSET_FACTOR = 3.0  # offset divided by the error of the previous root
 MAX_OFFSET = 0.03  # brackets with a larger offset are divided evenly
 
 
@@ -97,7 +97,7 @@ class Brackets(NamedTuple):
     b: np.ndarray  # ends with values ≤ 0
     at_a: np.ndarray  # values at a
     at_b: np.ndarray  # values at b
-    more_at_b: np.ndarray  # another output at b
+    more_at_b: np.ndarray  # second output of `evaluate` at b
 
 
 def narrow_brackets(
@@ -109,8 +109,8 @@ def narrow_brackets(
     """Narrow brackets to the relative width `close`, in at most 64 rounds (host).
 
     - `brackets`: brackets to narrow
-    - `evaluate`: (indices of brackets (m,), points (m, k)) ↦ (values, another output), both of shape (m,
-      k). NaN counts as > 0
+    - `evaluate`: (indices of brackets (m,), points (m, k)) ↦ (values, second output), both of shape (m, k).
+      NaN counts as > 0
     - `close`: width to reach, divided by the absolute value of the position
     - `lanes`: number of points that are evaluated together
 

@@ -1,10 +1,9 @@
 """Sine and cosine from polynomials, with derivative rules.
 
-In float64 the compiler would call scalar library routines; polynomials are computed with vector
-instructions. In the equations of motion the argument ψ = σα − θ stays within ±π/2, where polynomials of
-eight terms are accurate to rounding. For larger arguments, as in a trial step that overshoots and is
-rejected, the error grows smoothly to 1e-8 at |ψ| = 3. The phase of a ground motion may be any number, and
-is first reduced to ±π/2.
+In float64 the compiler would call scalar library routines, whereas polynomials use vector instructions. In
+the equations of motion the argument ψ = σα − θ stays within ±π/2, where polynomials of eight terms are
+accurate to rounding. In a rejected trial step |ψ| may be larger; the error then grows smoothly to 1e-8 at
+|ψ| = 3. The phase of a ground motion may be any number, and is first reduced to ±π/2.
 """
 
 import math
@@ -28,14 +27,14 @@ def _economised(series: list[Fraction], terms: int) -> tuple[float, ...]:
         degree = len(series) - 1
         # The shifted Chebyshev polynomial T*_n(x) = T_n(2x − 1) follows from the recurrence. Subtracting a
         # multiple of T*_n removes the highest power.
-        before, shifted = [Fraction(1)], [Fraction(-1), Fraction(2)]
+        previous, shifted = [Fraction(1)], [Fraction(-1), Fraction(2)]
         for _ in range(degree - 1):
             following = [Fraction(0), *(4 * c for c in shifted)]
             for k, c in enumerate(shifted):
                 following[k] -= 2 * c
-            for k, c in enumerate(before):
+            for k, c in enumerate(previous):
                 following[k] -= c
-            before, shifted = shifted, following
+            previous, shifted = shifted, following
         scaled = [c / _LIMIT**k for k, c in enumerate(shifted)]
         factor = series[-1] / scaled[-1]
         series = [a - factor * c for a, c in zip(series, scaled, strict=True)][:-1]
@@ -89,8 +88,8 @@ def sin(x: Value) -> Value:
 @jax.custom_jvp
 @jax.jit
 def cos(x: Value) -> Value:
-    """Return cos x for any x, as accurately as `sin`, but near the zeros of cos x with an absolute error of
-    one rounding error of the number 1."""
+    """Return cos x for any x, as accurately as `sin`. Near the zeros of cos x, the absolute error is one
+    rounding error of the number 1."""
     turns, sign = _half_turns(x)
     _, c = sincos(_subtract_half_turns(x, turns))
     return sign * c

@@ -1,4 +1,4 @@
-"""Types of arrays that modules share."""
+"""Array types for annotations."""
 
 from __future__ import annotations
 

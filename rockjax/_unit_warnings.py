@@ -13,8 +13,8 @@ from ._machine.environment import switched_off
 class PlausibilityWarning(UserWarning):
     """Warning about a value that suggests a unit error; the message states how the value was understood.
 
-    `warnings.simplefilter("ignore", rockjax.PlausibilityWarning)` silences all of them, and so does
-    `ROCKJAX_PLAUSIBILITY=off` in the environment.
+    `warnings.simplefilter("ignore", rockjax.PlausibilityWarning)`, or `ROCKJAX_PLAUSIBILITY=off` in the
+    environment, silences all such warnings.
     """
 
 

@@ -18,7 +18,7 @@ class Unit(NamedTuple):
     """A unit."""
 
     dimension: str  # name of the physical quantity
-    factor: float  # size in SI units, but rates are per year and return periods in years
+    factor: float  # size in SI units; in 1/year for rates and in years for return periods
 
 
 UNITS = {
@@ -67,7 +67,7 @@ INTENSITY_UNITS = [name for name, unit in UNITS.items() if unit.dimension in _SI
 
 
 def unit_of(text: str | None) -> str | None:
-    """Return the key of `UNITS` for a unit in a string; None if the string is not a known unit.
+    """Return the key in `UNITS` of a unit written as a string; None if the string is not such a unit.
 
     Upper and lower case are equivalent, and `^2`, `²`, `**2`, `/s/s` and `s-2` are understood.
     """

@@ -50,7 +50,7 @@ class AbstractLookahead(Module):
 
     @abc.abstractmethod
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
-        """Return an upper bound of |ü_g| from t on, given |ü_g(t)| = `now` [m/s²]."""
+        """Return an upper bound of |ü_g| from t on [m/s²]; `now` is |ü_g(t)|."""
 
     @abc.abstractmethod
     def highest_time(self, start: Value, end: Value) -> Value:
@@ -112,13 +112,13 @@ class AbstractExcitation(Module):
 
     @property
     def own_dimensions(self) -> dict[str, int]:
-        """Number of dimensions, by name, of the fields that are arrays in a single motion. Further
+        """Name of each field that is an array in a single motion ↦ number of its dimensions there. Further
         leading dimensions belong to a batch."""
         return {}
 
     def past(self, index: Index, passed: Array) -> Index:
-        """Return the index of the next piece if `passed` (the end of this piece is reached), otherwise
-        `index`."""
+        """Return the index of the next piece if `passed`, which means that the end of this piece is reached;
+        otherwise `index`."""
         return index + passed.astype(jnp.int32)
 
     def before(self, index: Index, by: Any = 1) -> Index:

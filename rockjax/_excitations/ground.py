@@ -1,8 +1,8 @@
 """Ground motions with a vertical component: pairs of two excitations.
 
-A piece of the pair is a piece i of the horizontal and a piece j of the vertical component, with the
-single index i·n + j, where n is the number of vertical pieces. If breakpoints of both components
-coincide, both advance to their next pieces together. The columns lift when one of the combined signals
+A piece of the pair combines piece i of the horizontal with piece j of the vertical component. Its index is
+i·n + j, where n is the number of vertical pieces. Where breakpoints of both components coincide, i and j
+advance together. The columns lift when one of the combined signals
 ±ü_g − K v̈_g exceeds a level, (C10); lookaheads find these crossings.
 """
 
@@ -57,8 +57,8 @@ class GroundMotion(AbstractExcitation):
     end of the later one. A call returns the horizontal acceleration.
 
     g + v̈_g must be positive at all times, because otherwise joints could open vertically, which the
-    model excludes. Where it is not, a single scene with concrete values raises `ValueError`; other scenes
-    end with the result `weightless`. Raises `ValueError` for components that are not motions.
+    model excludes. If not, a single scene with concrete values raises `ValueError`, and other scenes end
+    with the result `weightless`. Raises `ValueError` for components that are not motions.
     """
 
     horizontal: AbstractExcitation = eqx.field(converter=_component("horizontal"))
@@ -88,9 +88,9 @@ class GroundMotion(AbstractExcitation):
 
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
-        both = [motion.breakpoints for motion in (self.horizontal, self.vertical)]
-        batch = jnp.broadcast_shapes(*(y.shape[:-1] for y in both))
-        times = jnp.concatenate([jnp.broadcast_to(y, (*batch, y.shape[-1])) for y in both], axis=-1)
+        rows = [motion.breakpoints for motion in (self.horizontal, self.vertical)]
+        batch = jnp.broadcast_shapes(*(y.shape[:-1] for y in rows))
+        times = jnp.concatenate([jnp.broadcast_to(y, (*batch, y.shape[-1])) for y in rows], axis=-1)
         times = jnp.sort(times, axis=-1)
         is_repeated = jnp.concatenate(
             [jnp.zeros_like(times[..., :1], bool), times[..., 1:] == times[..., :-1]], axis=-1
@@ -141,8 +141,8 @@ class GroundMotion(AbstractExcitation):
         return lambda t: Shaking(horizontal(t), vertical(t))
 
     def breakpoint(self, index: Index) -> Value:
-        first, other = self._ends(index)
-        return jnp.where(first <= other, first, other)
+        end_i, end_j = self._ends(index)
+        return jnp.where(end_i <= end_j, end_i, end_j)
 
     def _ends(self, index: Index) -> tuple[Value, Value]:
         i, j = self.parts(index)
@@ -153,16 +153,16 @@ class GroundMotion(AbstractExcitation):
 
     def past(self, index: Index, passed: Array) -> Index:
         i, j = self.parts(index)
-        first, other = jax.lax.stop_gradient(self._ends(index))
+        end_i, end_j = jax.lax.stop_gradient(self._ends(index))
         advances = lambda flag: (passed & flag).astype(index.dtype)
-        return self._combined_index(i + advances(first <= other), j + advances(other <= first))
+        return self._combined_index(i + advances(end_i <= end_j), j + advances(end_j <= end_i))
 
     def before(self, index: Index, by: Any = 1) -> Index:
         i, j = self.parts(index)
-        first = jnp.where(i > 0, self.horizontal.breakpoint(i - 1), -jnp.inf)
-        other = jnp.where(j > 0, self.vertical.breakpoint(j - 1), -jnp.inf)
+        start_i = jnp.where(i > 0, self.horizontal.breakpoint(i - 1), -jnp.inf)
+        start_j = jnp.where(j > 0, self.vertical.breakpoint(j - 1), -jnp.inf)
         retreats = lambda flag, k: (flag & (k > 0) & (jnp.asarray(by) != 0)).astype(index.dtype)
-        return self._combined_index(i - retreats(first >= other, i), j - retreats(other >= first, j))
+        return self._combined_index(i - retreats(start_i >= start_j, i), j - retreats(start_j >= start_i, j))
 
     def velocity_jump(self, index: Index) -> Shaking | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         i, j = self.parts(index)
@@ -170,10 +170,10 @@ class GroundMotion(AbstractExcitation):
         vertical: Any = self.vertical.velocity_jump(j)
         if horizontal is None and vertical is None:
             return None
-        first, other = self._ends(index)
+        end_i, end_j = self._ends(index)
         return Shaking(
-            jnp.where(first <= other, 0.0 if horizontal is None else horizontal, 0.0),
-            jnp.where(other <= first, 0.0 if vertical is None else vertical, 0.0),
+            jnp.where(end_i <= end_j, 0.0 if horizontal is None else horizontal, 0.0),
+            jnp.where(end_j <= end_i, 0.0 if vertical is None else vertical, 0.0),
         )
 
     def tie(self, index: Index) -> tuple[Value, Index]:
@@ -185,9 +185,9 @@ class GroundMotion(AbstractExcitation):
         horizontal piece with the present vertical piece.
         """
         i, j = self.parts(index)
-        first, other = self._ends(index)
-        coincide = jax.lax.stop_gradient((first == other) & jnp.isfinite(first))
-        offsets = [jnp.where(coincide, y, 0.0) for y in (first, other)]
+        end_i, end_j = self._ends(index)
+        coincide = jax.lax.stop_gradient((end_i == end_j) & jnp.isfinite(end_i))
+        offsets = [jnp.where(coincide, y, 0.0) for y in (end_i, end_j)]
         offsets = [y - jax.lax.stop_gradient(y) for y in offsets]
         return offsets[0] - offsets[1], self._combined_index(i + 1, j)
 
@@ -358,7 +358,7 @@ def check_weight(owner: str, motion: AbstractExcitation, g: Number) -> None:
     """Raise `ValueError` unless g + v̈_g is positive at all times; batches and traced numbers pass."""
     if not isinstance(motion, GroundMotion) or any(map(jnp.ndim, motion.vertical.support)) or jnp.ndim(g):
         return
-    # In the common form, because JAX compiles these operations for every number of samples.
+    # The common form is used because JAX compiles these operations for every number of samples.
     lowest, time = (concrete(y) for y in motion.vertical.common_form().lowest())
     gravity = concrete(g)
     if lowest is None or time is None or gravity is None or lowest.ndim or gravity + lowest > 0:

@@ -1,6 +1,6 @@
 """Names of the analytical pulses in problem files and on the command line, without JAX."""
 
-# The name of each pulse, and the name of its class in `pulses.py`.
+# Name of a pulse ↦ name of its class in `pulses.py`.
 PULSE_CLASSES = {
     "ricker": "Ricker",
     "antisymmetric-ricker": "AntisymmetricRicker",

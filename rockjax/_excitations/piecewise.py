@@ -1,4 +1,4 @@
-"""Motions that are polynomials between breakpoints, where their velocity may jump, such as floor motions."""
+"""Motions, such as floor motions, that are polynomials between breakpoints; the velocity may jump there."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ class PiecewiseMotion(AbstractExcitation):
 
     def piece(self, index: Index) -> Callable[[Value], Value]:
         start, end = jax.lax.stop_gradient((self.breakpoint(index - 1), self.breakpoint(index)))
-        inside = (index > 0) & jnp.isfinite(end)
-        middle, half = (jnp.where(inside, y, 1.0) for y in (0.5 * (start + end), 0.5 * (end - start)))
+        is_inside = (index > 0) & jnp.isfinite(end)
+        middle, half = (jnp.where(is_inside, y, 1.0) for y in (0.5 * (start + end), 0.5 * (end - start)))
         row = self.coefficients[jnp.clip(index - 1, 0, self.times.shape[-1] - 1)]
-        row = jnp.where(inside, row, 0.0)
+        row = jnp.where(is_inside, row, 0.0)
         return lambda t: functools.reduce(
             lambda total, k: total * ((t - middle) / half) + row[k], reversed(range(DEGREE)), row[DEGREE]
         )

@@ -26,8 +26,8 @@ from .base import AbstractExcitation, AbstractLookahead
 from .names import PULSE_CLASSES
 
 MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
-# Maximum of |z (z²−3)| e^(−z²/2), at z = √(3−√6). Divided by it, the antisymmetric Ricker pulse has
-# max|ü_g| = a_p, Eq. (32).
+# Maximum of |z (z²−3)| e^(−z²/2), at z = √(3−√6). This divisor gives the antisymmetric Ricker pulse
+# max|ü_g| = |a_p|, Eq. (32).
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
@@ -39,8 +39,7 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     """Return the root of an increasing function in [lo, hi], exact to rounding, on the side with f > 0; hi
     if there is no root.
 
-    Bisections are followed by Newton steps and further bisections, of which there are many only if f is
-    flat at its root.
+    Bisections and Newton steps come first. The final bisections are many only if f is flat at its root.
     """
     is_positive = lambda z: f(z) > 0
     lo = jnp.where((f(lo) <= 0) & is_positive(hi), lo, hi)
@@ -360,5 +359,5 @@ class HalfSine(AbstractPulse):
     velocity = staticmethod(OneSine.velocity)
 
 
-# The pulse classes by their names in problem files and on the command line.
+# Name of a pulse in problem files and on the command line ↦ its class.
 PULSES: dict[str, type[AbstractPulse]] = {name: globals()[kind] for name, kind in PULSE_CLASSES.items()}

@@ -35,10 +35,10 @@ def common_size(count: int, least: int, ratio: int) -> int:
 
 
 def pad_samples(samples, *sizes: int):
-    """Pad samples with zeros, so that the last axes have the given sizes."""
+    """Pad samples with zeros, so that the last axes have the lengths `sizes`."""
     counts_and_sizes = zip(samples.shape[samples.ndim - len(sizes) :], sizes, strict=True)
     padding = [(0, 0)] * (samples.ndim - len(sizes)) + [(0, size - count) for count, size in counts_and_sizes]
-    # NumPy, because JAX would compile for every length.
+    # NumPy is used because JAX would compile for every length.
     return jnp.pad(samples, padding) if isinstance(samples, Tracer) else np.pad(np.asarray(samples), padding)
 
 
@@ -103,7 +103,7 @@ class AbstractSampled(AbstractExcitation):
 
     def locate(self, t: Value) -> Index:
         start, dt, count, _ = self.sampling
-        # With rounding the guess may be wrong by one, so it is compared with the times of samples.
+        # Rounding may make the guess wrong by one, so it is compared with the times of samples.
         guess = jnp.clip(jnp.floor((t - start) / dt), -1, jnp.asarray(count - 1, dt.dtype)).astype(jnp.int32)
         guess = jnp.where(self.breakpoint(guess + 1) <= t, guess + 1, guess)
         guess = jnp.where((guess >= 0) & (self.breakpoint(guess) > t), guess - 1, guess)
@@ -204,8 +204,8 @@ class SampledLookahead(AbstractLookahead):
         def up(_, carry):
             left, right, best = carry
             # A node at an end of the range counts by itself if its parent has a child outside the range.
-            for odd, node in ((left, left), (right, right - 1)):
-                best = jnp.where((left < right) & (odd % 2 == 1) & (size(node) > size(best)), node, best)
+            for edge, node in ((left, left), (right, right - 1)):
+                best = jnp.where((left < right) & (edge % 2 == 1) & (size(node) > size(best)), node, best)
             return (left + left % 2) // 2, (right - right % 2) // 2, best
 
         def down(_, node):

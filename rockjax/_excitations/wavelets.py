@@ -1,7 +1,7 @@
 """Wavelets with a variable number of oscillations.
 
-Unlike the pulses, wavelets have no fixed intervals on which they are monotone. Therefore their lookaheads
-search for crossings with bounds of the derivatives.
+Unlike pulses, wavelets have no fixed intervals on which they are monotone. Therefore their lookaheads use
+bounds of derivatives to search for crossings.
 """
 
 from __future__ import annotations
@@ -118,8 +118,8 @@ class MavroeidisPapageorgiou(AbstractExcitation):
 
     @property
     def support(self) -> tuple[Number, Number]:
-        half = 0.5 * self.gamma / self.f_p
-        return -half, half
+        half_duration = 0.5 * self.gamma / self.f_p
+        return -half_duration, half_duration
 
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
@@ -183,8 +183,8 @@ class Gabor(AbstractExcitation):
 
     @property
     def support(self) -> tuple[Number, Number]:
-        half = 9.2 * self.gamma * self.T_p / (2 * math.pi)
-        return -half, half
+        half_duration = 9.2 * self.gamma * self.T_p / (2 * math.pi)
+        return -half_duration, half_duration
 
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:

@@ -19,11 +19,11 @@ from rockjax._units import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # a larger PGA suggests samples in gal that were read as m/s²
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY  # a smaller PGA also suggests a wrong unit
-# The same, if the unit m/s² comes from the user and not from the file; a smaller PGA suggests samples in g.
+# If the user, not the file, gives the unit m/s², a smaller PGA suggests samples in g.
 LOWEST_USER_PGA = 0.05 * STANDARD_GRAVITY
 SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # range of sampling intervals without a warning [s]
 RAW = "raw"  # metadata["processing"] starts with this word for uncorrected data
-DRIFT = 0.2  # a final velocity above this fraction of PGV suggests a record that is cut or not corrected
+DRIFT = 0.2  # a final velocity above this fraction of PGV suggests a record cut short or uncorrected
 
 
 class RecordWarning(PlausibilityWarning):

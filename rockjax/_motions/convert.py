@@ -55,8 +55,8 @@ def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcita
 
 
 def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
-    """Return several motions as one batched excitation: records as one table, motions of another class as
-    one motion with arrays of parameters."""
+    """Return several motions as one batched excitation: a table of records, or one motion of another class
+    with arrays of parameters."""
     if isinstance(value, Motion):
         return value.record()
     return (
@@ -213,8 +213,8 @@ def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractEx
 
 
 def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], AbstractExcitation]:
-    """Check an argument that makes pulses. A class of pulses is returned unchanged, and a function
-    (a_p, T_p) ↦ excitation as a function that also checks its results."""
+    """Check an argument that makes pulses. Return a class of pulses unchanged; wrap a function (a_p, T_p) ↦
+    excitation so that its results are checked."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return value
     if isinstance(value, AbstractPulse):

@@ -23,8 +23,7 @@ _QUANTITIES = [
     ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
     ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
 ]  # fmt: skip
-# Dimensions of the units that headings of a kind may have. For a kind that is not listed, the dimension has
-# the name of the kind.
+# Kind of a heading ↦ dimensions that its unit may have. A kind that is not listed is itself the dimension.
 _DIMENSIONS = {
     "probability": {"ratio"},
     "rate": {"rate", "ratio"},
@@ -50,8 +49,8 @@ class Heading(NamedTuple):
     """The meaning of a heading.
 
     - `text`: the heading as written in the file
-    - `quantity`: the heading without unit and investigation time. `PGA`, `PGV`, `PGD` and `Sa(1 s)` always
-      have this spelling
+    - `quantity`: the heading without unit and investigation time. `PGA`, `PGV`, `PGD` and `Sa(1 s)` are
+      always spelled like this
     - `kind`: `time`, `index`, `acceleration`, `velocity`, `displacement`, `probability`, `rate`, `return
       period`, `ratio`, `counts`; an empty string if neither words nor unit determine the kind
     - `unit`: a key of `rockjax._units.UNITS`; None if the heading has no unit

@@ -1,7 +1,7 @@
 """Intensity measures of ground motions.
 
-They are exact for motions that are linear between samples, except the significant duration, for which the
-cumulative Arias intensity is interpolated linearly. Sa is the maximum over all times, not only over the
+They are exact for motions that are linear between samples. Only the significant duration is approximate: it
+interpolates the cumulative Arias intensity linearly. Sa is the maximum over all times, not only over the
 samples as in eqsig and pyRotd.
 """
 
@@ -91,8 +91,7 @@ def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: f
 def measure_motion(
     motion: Accelerogram, measure: str, period: float | None, damping: float
 ) -> tuple[float, int]:
-    """Return the intensity measure with a name, and the power of the motion's scale factor to which it is
-    proportional.
+    """Return the value of an intensity measure, and its power n: it is proportional to (scale factor)ⁿ.
 
     - `motion`: ground motion
     - `measure`: `"PGA"`, `"PGV"`, `"PGD"`, `"CAV"`, `"arias_intensity"` or `"Sa"`

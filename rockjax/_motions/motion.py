@@ -133,7 +133,7 @@ class Motion(Accelerogram):
           a constant, 2 a straight line, 3 a parabola
 
         The polynomial is zero at the start and equals the velocity at the end, so that the corrected
-        motion starts and ends at rest. Otherwise it is fitted to the velocity by least squares.
+        motion starts and ends at rest. In between, it is fitted to the velocity by least squares.
 
         Raises `ValueError` for an order that is not a whole number from 1 to 8.
         """

@@ -28,7 +28,7 @@ QUANTITIES = ("velocity", "displacement")
 PERIODS = (0.3, 12.0)  # default range of initial periods [s]; the duration of the record limits it as well
 OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # initial values of γ
 FREQUENCIES = 40  # number of initial frequencies
-STARTS = 4  # number of starting points of the least squares
+STARTS = 4  # number of pulses from which the least squares start
 
 
 class PulseTable(NamedTuple):

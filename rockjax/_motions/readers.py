@@ -169,18 +169,19 @@ def _cell(where: str, row: dict[str, str], name: str) -> float | None:
 def _read_all(
     path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: float, component, pattern
 ) -> Motions:
+    """Read the files in the rows (location for messages, cells) of the folder or table `path`."""
     motions, problems = [], []
     for where, row in rows:
-        own_component = row.get("component", component)
-        own_dt, own_scale = _cell(where, row, "dt"), _cell(where, row, "scale")
+        row_component = row.get("component", component)
+        row_dt, row_scale = _cell(where, row, "dt"), _cell(where, row, "scale")
         try:
             motion = read(
                 row["file"],
                 row.get("units", units),
-                dt if own_dt is None else own_dt,
-                int(own_component)
-                if isinstance(own_component, str) and own_component.isdecimal() and "component" in row
-                else own_component,
+                dt if row_dt is None else row_dt,
+                int(row_component)
+                if isinstance(row_component, str) and row_component.isdecimal() and "component" in row
+                else row_component,
             )
         except ValueError as error:
             problems.append(str(error))
@@ -196,7 +197,7 @@ def _read_all(
             motion.source,
             extra_columns | dict(motion.metadata),
         )
-        factor = scale * (1.0 if own_scale is None else own_scale)
+        factor = scale * (1.0 if row_scale is None else row_scale)
         motions.append(motion.scaled(factor) if factor != 1 else motion)
     if problems:
         hint = (

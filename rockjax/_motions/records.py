@@ -83,7 +83,7 @@ class Records(AbstractSampled):
                 )
         counts = np.array([record.acceleration.size for record in singles], np.int32)
         longest = int(counts.max())
-        # In NumPy, because outside jit every jnp operation would compile separately for every length.
+        # NumPy is used because outside jit every jnp operation would compile separately for every length.
         numpy = array_module(singles)
         rows = [
             numpy.pad(
@@ -174,8 +174,8 @@ class Records(AbstractSampled):
 
 
 class RecordPairs(GroundMotion):
-    """A batch of pairs of records, horizontal and vertical: the same rows of two tables. `sizes` refers
-    to the horizontal table."""
+    """A batch of record pairs: the same rows of a horizontal and a vertical table. `sizes` refers to the
+    horizontal table."""
 
     @classmethod
     def of(cls, pairs: Sequence[GroundMotion]) -> Self:
@@ -209,8 +209,8 @@ class RecordPairs(GroundMotion):
         return self._map_components(lambda records: records.chosen(which, scale))
 
     def _map_components(self, change: Callable[[Records], Records]) -> Self:
-        both = change(self._table), change(cast(Records, self.vertical))
-        return dataclasses.replace(self, horizontal=both[0], vertical=both[1])
+        horizontal, vertical = change(self._table), change(cast(Records, self.vertical))
+        return dataclasses.replace(self, horizontal=horizontal, vertical=vertical)
 
 
 def _pad_end(values, size: int, fill: float):

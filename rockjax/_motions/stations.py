@@ -83,7 +83,7 @@ def _match_depth(motion: M, others: list[M]) -> list[M]:
 
 
 def _orient_upwards(motion: M) -> M:
-    """Return the motion with upwards positive. The sign of a component that points down is changed."""
+    """Return the motion with upwards positive: change the sign if the component points down."""
     if not points_down(_component(motion) or split_name(motion.name)[1]):
         return motion
     return dataclasses.replace(motion, acceleration=-motion.acceleration)

@@ -1,13 +1,13 @@
 """Synthetic ground motions: filtered white noise with an envelope, optionally with a velocity pulse.
 
-The noise has the spectral density of Kanai (1957) and Tajimi (1960), a soil layer of frequency ω_g and
-damping ζ_g that is excited by white noise. The high-pass filter of Clough & Penzien (1993), with ω_f and
-ζ_f, makes velocity and displacement finite:
+Kanai (1957) and Tajimi (1960) filter white noise with a soil layer of frequency ω_g and damping ratio ζ_g.
+The high-pass filter of Clough & Penzien (1993), with ω_f and ζ_f, makes velocity and displacement finite.
+The noise has the spectral density
 
     S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.
 
 The envelope of Saragoni & Hart (1974), in the form of Boore (1983), has its maximum 1 at ε t_n and the
-value η at the end t_n. The pulse is a pulse of Mavroeidis & Papageorgiou (2003).
+value η at the end t_n. The pulse is that of Mavroeidis & Papageorgiou (2003).
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
 
 
 def _at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, displaced: bool) -> np.ndarray:
-    """Return the acceleration minus `weight` times a constant, or times a straight line if `displaced`,
-    so that the velocity (and the displacement) end at zero."""
+    """Return the acceleration minus `weight` times a constant, so that the velocity ends at zero. With
+    `displaced`, subtract `weight` times a straight line, so that the displacement also ends at zero."""
 
     def ends(a):
         motion = Motion(a, dt)
@@ -206,8 +206,9 @@ def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndar
         )
     from_centre = t - min(max(peak * t[-1], half), t[-1] - half)
     is_inside = np.abs(from_centre) <= half
-    w = 2 * math.pi * f_p
-    rate = np.sin(w * from_centre / gamma) * np.cos(w * from_centre + nu) / gamma
-    rate += (1 + np.cos(w * from_centre / gamma)) * np.sin(w * from_centre + nu)
-    window = np.where(is_inside, 1 + np.cos(w * from_centre / gamma), 0.0)
-    return _at_rest(np.where(is_inside, -0.5 * A * w * rate, 0.0), t[1] - t[0], window, displaced=False)
+    omega = 2 * math.pi * f_p
+    phase = omega * from_centre
+    rate = np.sin(phase / gamma) * np.cos(phase + nu) / gamma
+    rate += (1 + np.cos(phase / gamma)) * np.sin(phase + nu)
+    window = np.where(is_inside, 1 + np.cos(phase / gamma), 0.0)
+    return _at_rest(np.where(is_inside, -0.5 * A * omega * rate, 0.0), t[1] - t[0], window, displaced=False)

@@ -26,9 +26,8 @@ from rockjax._types import Number, Value
 class AbstractRestrainer(Module):
     """A device on each column.
 
-    A subclass defines the device by private methods, whose arguments refer to the joints that the device
-    spans; a method that is not defined means no such effect. The arguments of the public methods refer to
-    both joints.
+    A subclass overrides private methods, such as `_force`; by default a device has no such effect. Arguments
+    of private methods refer to the joints that the device spans, those of public methods to both joints.
     """
 
     strengths: ClassVar[tuple[str, ...]] = ()  # names of fields; the device does nothing if all are zero
@@ -114,7 +113,7 @@ class AbstractRestrainer(Module):
 
     @property
     def stores(self) -> bool:
-        """True if the class defines a static force by `_potential`, even if all strengths are zero."""
+        """True if the class defines `_potential`, and thus a static force, even if all strengths are zero."""
         return type(self)._potential is not AbstractRestrainer._potential
 
     @property

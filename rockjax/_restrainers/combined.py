@@ -16,7 +16,7 @@ from rockjax._types import Number
 from . import KINDS
 from .base import AbstractRestrainer
 
-ROUNDS = 40  # iterations of the search for the stability angle; more than needed
+ROUNDS = 40  # Newton steps in the search for the stability angle; more than needed
 
 
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
@@ -76,8 +76,8 @@ def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[Abstrac
     - `weight`: w = γ+η+½ [–]
     - `restrainers`: devices of a column
 
-    Up to α both turn the column back. Therefore the root lies between α and π/2, where V' of (C5)
-    decreases through zero at most once.
+    Up to α, both gravity and restrainers turn the column back. Therefore the root lies between α and π/2,
+    where V' of (C5) decreases through zero at most once.
     """
     with_static_force = [device for device in restrainers if device.stores]
     if not with_static_force:

@@ -12,7 +12,7 @@ from .tendon import Tendon
 
 
 def restrainers_of(
-    owner: str, mass: Number, R: Number, g: Number, force, slope, coefficient, exponent, inertance
+    owner: str, mass: Number, R: Number, g: Number, force, stiffness, coefficient, exponent, inertance
 ) -> tuple[AbstractRestrainer, ...]:
     """Return the restrainers of a column from parameters in SI units.
 
@@ -20,7 +20,7 @@ def restrainers_of(
     - `mass`: mass of the column [kg]
     - `R`: half diagonal of the column [m]
     - `g`: acceleration of gravity [m/s²]
-    - `force`, `slope`: initial force [N] and stiffness [N/m] of the tendon
+    - `force`, `stiffness`: initial force [N] and stiffness [N/m] of the tendon
     - `coefficient`, `exponent`: coefficient [N(s/m)^ν] and exponent ν of the damper
     - `inertance`: inertance of the inerter [kg]
 
@@ -30,16 +30,16 @@ def restrainers_of(
     require_not_negative(
         owner,
         tendon_force=force,
-        tendon_stiffness=slope,
+        tendon_stiffness=stiffness,
         damper_coefficient=coefficient,
         inertance=inertance,
     )
     require(owner, "damper_exponent", exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
-    absent = [isinstance(y, int | float) and y == 0 for y in (force, slope, coefficient, inertance)]
+    absent = [isinstance(y, int | float) and y == 0 for y in (force, stiffness, coefficient, inertance)]
     weight, restrainers = mass * g, []
     if not (absent[0] and absent[1]):
         restrainers.append(
-            Tendon(as_numpy_unless_traced(force) / weight, as_numpy_unless_traced(slope) * R / weight)
+            Tendon(as_numpy_unless_traced(force) / weight, as_numpy_unless_traced(stiffness) * R / weight)
         )
     if not absent[2]:
         speed = array_module(g, R).sqrt(0.75 * g * R)  # Rp

@@ -1,4 +1,4 @@
-"""Inerters."""
+"""Inerters, whose force is proportional to the acceleration of their elongation."""
 
 from __future__ import annotations
 

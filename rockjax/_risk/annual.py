@@ -31,9 +31,9 @@ class AnnualFrequency:
     - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)| [1/year]
     - `extrapolated`: share of `frequency` from intensities outside the points of the hazard curve or, for an
       incremental dynamic analysis, above its highest level [–]
-    - `sensitivities`: d ln λ_f/d ln y for y = `median` and for every parameter of the structure with
-      sensitivities in the fragility; d ln λ_f/dβ for y = `dispersion`. Empty for an incremental dynamic
-      analysis
+    - `sensitivities`: d ln λ_f/d ln y for y = `median` and for every structural parameter y whose
+      sensitivities the fragility contains; d ln λ_f/dβ for y = `dispersion`. Empty for an incremental
+      dynamic analysis
     """
 
     frequency: Float[Array, ""]
@@ -73,8 +73,8 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
     - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][], of
       [`rockjax.read_fragility_model`][] (with its limits) or of [`rockjax.contents_fragility`][] (one curve,
       selected by `contents` and `damage_state`); or a dataset of
-      [`rockjax.incremental_dynamic_analysis`][], whose counted shares of overturned records are used
-      directly, linear between the levels, so that survival windows count
+      [`rockjax.incremental_dynamic_analysis`][], whose shares of overturned records are interpolated
+      linearly between the levels, so that survival windows count
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
 
     The integral is evaluated in closed form on every segment of the hazard curve. For a `Lognormal` the

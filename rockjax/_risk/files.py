@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NRML = "http://openquake.org/xmlns/nrml/0.5"
 MIN_IML = "1e-10"  # minIML written for a curve without a lower limit, as in OpenQuake
-# maxIML written for a curve without an upper limit: this many β above ln m, where 1 − P = 1e-12.
+# For a curve without an upper limit, the ln of maxIML is this many β above ln m; there 1 − P = 1e-12.
 MAX_DEVIATIONS = 7.0
 
 
@@ -387,8 +387,8 @@ def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
 def _limits_to_write(curve: xarray.Dataset, unit: float) -> dict[str, str]:
     """Return the limits of a curve as attributes of NRML; `unit`: factor from OpenQuake's unit to SI."""
     highest = float(curve["median_capacity"]) / unit * math.exp(MAX_DEVIATIONS * float(curve["dispersion"]))
-    own_limits = {key: f"{float(curve[name]) / unit:.15g}" for key, name in LIMITS.items() if name in curve}
-    return {"minIML": MIN_IML, "maxIML": f"{highest:.15g}"} | own_limits
+    stated = {key: f"{float(curve[name]) / unit:.15g}" for key, name in LIMITS.items() if name in curve}
+    return {"minIML": MIN_IML, "maxIML": f"{highest:.15g}"} | stated
 
 
 def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> xarray.Dataset:

@@ -20,7 +20,8 @@ class Filter(Module):
     - `numerator`: (b₂, b₁, b₀) [–, 1/s, 1/s²]
     - `denominator`: (a₁, a₀), both > 0, so that the filter is stable [1/s, 1/s²]
 
-    Differentiable with respect to all coefficients. Raises `ValueError` for coefficients out of range.
+    Motions are differentiable with respect to all coefficients. Raises `ValueError` for coefficients out of
+    range.
     """
 
     numerator: Float[Array, " 3"] = eqx.field(converter=as_float)
@@ -80,7 +81,7 @@ def _denominator(omega: Array, zeta: Array) -> Array:
 def in_series(
     rates: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
-    """Return the system ṡ = A s with output C s, followed by filters.
+    """Return A and C of the system ṡ = A s with output C s, extended by filters of the output.
 
     - `rates`: A (m, m); `output`: C (m,); `filters`: filters in the order in which the output passes them
 

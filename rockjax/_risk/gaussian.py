@@ -123,10 +123,10 @@ class GaussianMotion(Module):
     - `pulse`: a [`rockjax.RandomPulse`][] that is added, or None
     - `filters`: one or more filters ([`rockjax.Filter`][]), which the noise passes after soil and high-pass
 
-    Differentiable with respect to u and to every parameter. [`rockjax.synthetic_motions`][] is a different
-    model: stationary noise is filtered first, then multiplied by Saragoni & Hart's envelope, shifted to end
-    at rest and scaled to a PGA. Here the envelope comes before the filters, so velocity and displacement
-    decay without a correction, and the noise is linear in u, which reliability methods need.
+    Motions are differentiable with respect to u and every parameter. [`rockjax.synthetic_motions`][] is a
+    different model: it filters stationary noise first, and then applies Saragoni & Hart's envelope, a
+    correction to end at rest, and a scale factor for PGA. Here the envelope comes before the filters, so
+    velocity and displacement decay without a correction, and ü_g is linear in u, as reliability methods need.
 
     Raises `ValueError` for parameters outside their ranges.
     """

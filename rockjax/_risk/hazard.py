@@ -69,7 +69,7 @@ class Hazard(Module):
         return jnp.log(self.intensity), jnp.log(self.annual_rate)
 
     def intensity_at(self, annual_rate) -> Float[Array, "*m"]:
-        """Return the intensities [`units`] that are exceeded at the given annual rates [1/year] (host)."""
+        """Return the intensities [`units`] that are exceeded at annual rates [1/year] (host)."""
         rate = np.asarray(annual_rate, float)
         require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
         log_x, log_rate = (np.asarray(y) for y in self.logarithms)

@@ -38,8 +38,8 @@ class Limits(NamedTuple):
     """Intensities at which a fragility curve is cut off or held constant; None for no limit.
 
     - `zero_below`: P(x) = 0 up to this intensity
-    - `constant_below`: below this intensity P(x) keeps the value at the limit; excludes `zero_below`
-    - `constant_above`: above this intensity P(x) keeps the value at the limit
+    - `constant_below`: below this intensity, P(x) equals P at the limit; excludes `zero_below`
+    - `constant_above`: above this intensity, P(x) equals P at the limit
     """
 
     zero_below: Float[ArrayLike, ""] | None = None

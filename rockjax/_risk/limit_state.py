@@ -84,7 +84,7 @@ def evaluate_padded(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:
 
 
 class FunctionLimitState(AbstractLimitState):
-    """Limit state given by a differentiable function G of one u (dimension,)."""
+    """Limit state whose G is a differentiable function of one u (dimension,)."""
 
     def __init__(self, G: Callable, dimension: int):
         super().__init__(dimension)
@@ -97,9 +97,8 @@ class FunctionLimitState(AbstractLimitState):
 
     def _gradients(self, u):
         value, slope = evaluate_padded(u, self._slope)
-        # The derivative of `jnp.min` looks for the entry that equals the minimum. Compiled code may round
-        # that entry differently and not find it, and then the derivative is zero. Evaluation outside jit
-        # finds it.
+        # The derivative of `jnp.min` looks for the entry that equals the minimum. Compiled code may round the
+        # entries differently and find none; then the derivative is zero. Outside jit, the entry is found.
         is_flat = ~slope.any(axis=1)
         if is_flat.any():
             exact = self._value_and_grad(jnp.asarray(u[is_flat]))

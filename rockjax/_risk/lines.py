@@ -1,7 +1,7 @@
 """Crossings of straight lines in standard normal space with the surface of failure, in one batch.
 
-Each line is evaluated at given positions c along it. Intervals between survival and failure are divided
-further. Survival and failure windows wider than the distance between two positions are found.
+G is evaluated at positions c along each line. Intervals with one surviving and one failing end are divided
+further. All survival and failure windows wider than the distance between two positions are found.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from .lines import Division, narrow_crossings
 from .structure import StructureLimitState
 
 SPACING = 0.3  # approximate distance of positions on a ray; the standard deviation of |u| is 0.71
-LOW, HIGH = 1e-7, 1e-9  # probabilities of |u| below and above the scanned part of a ray
+LOW, HIGH = 1e-7, 1e-9  # probabilities that |u| lies below and above the scanned part of a ray
 RANGE_FACTOR = 1.1  # factor by which the scanned range of k is extended on both sides
 MAX_FACTOR = 100.0  # largest factor on u, and the inverse of the smallest
 LOG_TOLERANCE = 0.7  # accepted difference of ln P from its target
@@ -119,7 +119,7 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     size = np.linalg.norm(u, axis=1)
     scan = _RayScan(limit, u / size[:, None], factor)
     scan.narrow(REFINED)
-    # Rays are omitted if the scan has not found the failure window of their sample, because it is narrow.
+    # The scan may miss a narrow failure window that contains the sample of a ray; such rays are omitted.
     before_sample = scan.r < factor * size[scan.line]
     is_failing = (
         scan.fails_at_start
@@ -206,7 +206,7 @@ class _RayScan:
         self.narrow(UNREFINED)
 
     def narrow(self, division: Division) -> None:
-        """Find the crossings between positions, dividing intervals as `division` says."""
+        """Find the crossings between positions; `division` contains the settings."""
         m, r = len(self.directions), self._radii(self.first, self.stop)
         scanned = np.repeat(np.arange(m), r.size), np.tile(r, m), self.G.ravel()
         self.line, self.r, self.survivor, _, enters = narrow_crossings(
@@ -216,7 +216,7 @@ class _RayScan:
         self.fails_at_start = (self.G[:, 0] <= 0).astype(float)  # 1 if a ray fails at its first position
 
     def sharpen(self, rows: np.ndarray) -> None:
-        """Narrow some crossings further, with the division `SHARP`."""
+        """Narrow the crossings with the indices `rows` further, with the settings `SHARP`."""
         if rows.size == 0:
             return
         ends = np.sort(np.stack([self.r[rows], self.survivor[rows]], axis=1), axis=1)
@@ -226,7 +226,7 @@ class _RayScan:
         crossed_line, r, *_ = narrow_crossings(
             self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP
         )
-        # Several crossings would enclose windows far narrower than the resolution; only the first is used.
+        # Windows between several crossings are far narrower than the resolution, so only the first is used.
         first = np.unique(crossed_line, return_index=True)[1]
         self.r[rows[crossed_line[first]]] = r[first]
 

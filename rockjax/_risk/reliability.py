@@ -127,14 +127,14 @@ def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np
     symmetric, and then the second half is not needed.
     """
     count = (starts + 1) // 2
-    drawn = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
-    drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
-    chosen, nearest = [0], np.abs(drawn @ drawn[0])
+    candidates = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
+    candidates /= np.linalg.norm(candidates, axis=1, keepdims=True)
+    chosen, largest_cosine = [0], np.abs(candidates @ candidates[0])
     for _ in range(count - 1):
-        chosen.append(int(np.argmin(nearest)))
-        nearest = np.maximum(nearest, np.abs(drawn @ drawn[chosen[-1]]))
-    half = drawn[chosen]
-    return np.concatenate([half, -half])[:starts]
+        chosen.append(int(np.argmin(largest_cosine)))
+        largest_cosine = np.maximum(largest_cosine, np.abs(candidates @ candidates[chosen[-1]]))
+    directions = candidates[chosen]
+    return np.concatenate([directions, -directions])[:starts]
 
 
 def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int, max_scenes: int) -> None:
@@ -245,10 +245,10 @@ def _to_result(
     slopes: ProbabilitySlopes | None,
 ) -> FailureProbability:
     points = estimator.points
-    first = first_order_probability(points)
+    first_order = first_order_probability(points)
     low, high = estimate.interval
     converged = estimator.converged(estimate, cov) and estimator.has_light_tail()
-    ratio = max(first, 1e-300) / max(estimate.probability, 1e-300)
+    ratio = max(first_order, 1e-300) / max(estimate.probability, 1e-300)
     return FailureProbability(
         probability=estimate.probability,
         standard_error=estimate.standard_error,
@@ -256,10 +256,12 @@ def _to_result(
         method=method,
         scenes=limit.scenes,
         effective_sample_size=estimate.effective,
-        first_order=first,
+        first_order=first_order,
         beta=points.beta,
         disagrees=bool(
-            points.beta.size and not low <= first <= high and not 1 / DISAGREEMENT < ratio < DISAGREEMENT
+            points.beta.size
+            and not low <= first_order <= high
+            and not 1 / DISAGREEMENT < ratio < DISAGREEMENT
         ),
         converged=converged,
         sensitivities={} if slopes is None else slopes.by_name,

@@ -30,7 +30,7 @@ class DesignPoint:
     - `u`: point in standard normal space, shape (dimension,)
     - `beta`: reliability index |u|
     - `record`: the motion that u determines, locally the most likely motion that causes failure
-    - `mode`: number of impacts, before overturning if the scene overturns; −1 if the scene did not finish
+    - `mode`: number of impacts (before overturning, if the scene overturns); −1 if it did not finish
     - `smooth`: True if u is normal to the limit state; otherwise the point is at an edge, where the mode of
       failure changes
     - `sensitivities`: dβ/dy for every parameter y of structure and ground motion, with the location of y as
@@ -118,9 +118,10 @@ def failure_probability(
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
     Scenes are solved in batches on all cores. A rocking structure fails under many moderate motions of no
-    particular shape, far from any design point. The methods around design points may miss them, and then
-    their estimates are too small. If the estimate has not converged, a `RuntimeWarning` is issued, and it has
-    an interval only with `"monte-carlo"`. Ctrl-C raises [`rockjax.Interrupted`][] with the estimate so far.
+    particular shape, far from any design point. Methods that sample around design points may miss these
+    motions, and then underestimate the probability. If the estimate has not converged, a `RuntimeWarning` is
+    issued, and only `"monte-carlo"` gives an interval. Ctrl-C raises [`rockjax.Interrupted`][] with the
+    estimate so far.
 
     With `"line"` the result has `sensitivities`, dP/dy with standard errors for every parameter y of
     structure and ground motion. They need one reverse pass for each crossing of a line with the surface of

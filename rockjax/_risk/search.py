@@ -8,7 +8,7 @@ of failure changes, G jumps, but r is still defined. The searches from all start
    a linear G.
 2. Directions between e and a, at several fractions of the way, are evaluated, and the one with the least r is
    chosen.
-3. The search ends where e and a agree, or where no fraction comes closer, which is an edge at a jump of G.
+3. The search ends where e and a agree, or where no fraction comes closer: at an edge, where G jumps.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .limit_state import AbstractLimitState
 MAX_BETA = 9.0  # largest distance of a design point from the origin; Φ(−9) is 1e-19
 START_FACTOR = 4.0  # length of the rays of starting directions, divided by √d, the typical |u|
 RAY = 24  # number of positions on a full ray
-PARTIAL_RAY = 10  # number of positions on a ray up to a known distance of failure
+PARTIAL_RAY = 10  # number of positions on a ray up to the distance at which the previous ray fails
 NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
 PARTS = 8  # number of equal parts into which a round divides the interval
 # Evaluated fractions of the way to the normal, divided by the previous step's fraction. The best direction
@@ -31,7 +31,7 @@ FRACTIONS = np.array([1.5, 1.0, 0.5])
 MIN_FRACTION = 1 / 64  # smallest fraction of the way to the normal
 ALIGNED = 1e-9  # 1 − cos of the angle between point and normal below which a search ends
 MAX_STEPS = 40  # largest number of steps of a search
-SAME_COSINE = 0.99  # two design points are equal if the cosine of their angle is larger
+SAME_COSINE = 0.99  # two design points count as equal if the cosine of the angle between them is larger
 
 
 class DesignPoints(NamedTuple):
@@ -194,7 +194,7 @@ def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray
     fractions = fraction[:, None] * FRACTIONS
     candidates = _unit(e[:, None, :] + fractions[..., None] * (normal - e)[:, None, :])
     flat = candidates.reshape(-1, e.shape[1])
-    # Positions up to the known distance of failure, denser near its end, where failure is more likely.
+    # Positions up to the distance r of failure in direction e, denser near r, where failure is more likely.
     positions = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, PARTIAL_RAY - 2)])
     bracket = _bracket(limit, flat, np.repeat(r, FRACTIONS.size)[:, None] * positions)
     best = np.argmin(bracket.root().reshape(fractions.shape), axis=1)

@@ -46,7 +46,7 @@ class _LimitKind(NamedTuple):
     owner_kind: str  # key of `OWNERS`: the kind of structure that has this output
 
 
-# Kinds of structure, with a function that is True for podiums of this kind.
+# Kind of structure ↦ function that returns True for podiums of this kind.
 OWNERS: dict[str, Callable[[Podium], bool]] = {
     "columns": lambda podium: True,
     "a superstructure": lambda podium: podium.superstructure is not None,
@@ -176,7 +176,7 @@ class StructureLimitState(AbstractLimitState):
         impacts = np.asarray(self._peaks(u).impacts)
         if not np.isnan(impacts).any():
             return impacts
-        # A scene that survives ends as soon as its requested peaks are final, so the impacts are requested.
+        # A surviving scene ends as soon as its requested outputs are final, so impacts must be requested.
         return np.asarray(self._peaks(u, (), "impacts").impacts)
 
 

@@ -42,12 +42,13 @@ def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
     xp: Any = array_module(masses, stiffnesses)
     masses, stiffnesses = xp.broadcast_arrays(masses, stiffnesses)
     stiffness_above = xp.concatenate([stiffnesses[..., 1:], xp.zeros_like(stiffnesses[..., :1])], axis=-1)
-    size, root = masses.shape[-1], xp.sqrt(masses)
+    size, root_masses = masses.shape[-1], xp.sqrt(masses)
     diagonal = ((stiffnesses + stiffness_above) / masses)[..., None] * np.eye(size)
-    coupling = (-stiffness_above / (root * xp.roll(root, -1, axis=-1)))[..., None] * np.eye(size, k=1)
+    neighbours = root_masses * xp.roll(root_masses, -1, axis=-1)
+    coupling = (-stiffness_above / neighbours)[..., None] * np.eye(size, k=1)
     _, vectors = eigh(diagonal + coupling + xp.swapaxes(coupling, -1, -2))
-    shapes = vectors / root[..., None]  # normalised to modal masses M_i = 1
-    # A sum over stories has no cancellation, so the lowest ω² is as accurate as the highest.
+    shapes = vectors / root_masses[..., None]  # normalised to modal masses M_i = 1
+    # ω² as a sum over stories has no cancellation, so the lowest ω² is as accurate as the highest.
     drifts = xp.concatenate([shapes[..., :1, :], shapes[..., 1:, :] - shapes[..., :-1, :]], axis=-2)
     squares = xp.sum(stiffnesses[..., None] * drifts**2, axis=-2)
     participation = xp.sum(masses[..., None] * shapes, axis=-2)  # Γ_i

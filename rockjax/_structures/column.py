@@ -10,7 +10,7 @@ from rockjax._types import Number
 from rockjax._unit_warnings import warn_about_units
 
 LARGEST_R = 100.0  # [m], larger than any plausible column
-DENSITIES = 300.0, 8000.0  # [kg/m³], from light timber or a hollow section to steel
+DENSITIES = 300.0, 8000.0  # plausible range [kg/m³], from light timber or a hollow section to steel
 
 
 def check_column_units(width, height, mass) -> None:
@@ -63,14 +63,14 @@ def enlargement(owner: str, radius: Number, height: Number) -> Number:
     Raises `ValueError` for a concrete radius out of range.
     """
     require_not_negative(owner, end_radius=radius)
-    half = 0.5 * height
-    radii, halves = concrete(radius), concrete(half)
-    if radii is not None and halves is not None:
-        radii, halves = np.broadcast_arrays(radii, halves)
-        limit = float(halves[radii >= halves].min(initial=np.inf))
+    half_height = 0.5 * height
+    radii, limits = concrete(radius), concrete(half_height)
+    if radii is not None and limits is not None:
+        radii, limits = np.broadcast_arrays(radii, limits)
+        limit = float(limits[radii >= limits].min(initial=np.inf))
         accepted = f"less than half the height, {limit:g} m (a column with rounder ends never overturns)"
-        require(owner, "end_radius", radii, lambda v: v < halves, accepted)
-    return half / (half - radius)
+        require(owner, "end_radius", radii, lambda v: v < limits, accepted)
+    return half_height / (half_height - radius)
 
 
 def g_tan_alpha(alpha: Number, g: Number) -> Number:

@@ -46,7 +46,7 @@ class Contents(Module):
     - `lam`: inertia factor λ_c = I/(m R_c²), ≥ 0 [–]; 1/3 for a uniform block
     - `restitution`: `"paper"`, e_c = 1 − 2 sin²α_c/(1+λ_c), or a velocity factor in [0, 1]
     - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
-    - `vertical`: whether the floor's vertical motion acts on the block; usual practice neglects it (False)
+    - `vertical`: whether the floor's vertical motion acts on the block; practice usually neglects this motion
     - `overturn_ratio`: |φ|/α_c at which the block counts as overturned, in (0, π/(2α_c)] [–]
 
     Raises `ValueError` for concrete values outside these ranges.
@@ -73,7 +73,7 @@ class Contents(Module):
 
     @classmethod
     def from_dimensions(cls, width, height, **fields) -> Self:
-        """Return a block with the given dimensions.
+        """Return a block from its dimensions.
 
         - `width`, `height`: full width and full height, > 0 [m]
         - `fields`: `lam`, `restitution`, `level`, `vertical` and `overturn_ratio` of [`rockjax.Contents`][]

@@ -49,7 +49,7 @@ class Elevation(Module):
     beam_depth: Number
     top_height: Any  # a scalar, or a row over modes or floors
     residual_height: Number
-    _raised: Number | None = None  # round ends: height of the model's column tops above the real ones [m]
+    _raised: Number | None = None  # round ends: height of the model's column tops above the real tops [m]
 
     def __init__(
         self,
@@ -140,17 +140,17 @@ class Elevation(Module):
         - `top`: the superstructure
         """
         depth, offsets = self.beam_depth, self.offsets
-        beam, carried_height = 0.5 * gamma * depth, self.residual_height + depth
+        beam_moment, carried_height = 0.5 * gamma * depth, self.residual_height + depth
         if self._raised is not None:
             depth, carried_height = depth - self._raised, carried_height - self._raised
-            beam = beam - gamma * self._raised
+            beam_moment = beam_moment - gamma * self._raised
         if top is None:
-            return Arms(offsets, beam, None)
+            return Arms(offsets, beam_moment, None)
         height = self.top_height if top.own_heights is None else top.own_heights
         if top.height_count is not None:
             height, depth = stack_row(repeat_scalar(height, top.height_count)), depth[..., None]
         modal_moments, carried = top.first_moments(height + depth, carried_height)
-        return Arms(offsets, beam if carried is None else beam + carried, modal_moments)
+        return Arms(offsets, beam_moment if carried is None else beam_moment + carried, modal_moments)
 
     def __repr__(self):
         return format_call(self)

@@ -111,7 +111,7 @@ class Modes(AbstractSuperstructure):
 
     @classmethod
     def of_total(cls, mass_ratio, eta, T, zeta=0.05) -> Self:
-        """Return modes of a superstructure with a given total mass ratio. The mass that is not in the modes
+        """Return modes of a superstructure whose total mass is known. The mass that is not in the modes
         becomes the residual.
 
         - `mass_ratio`: mass ratio m_t/(N m_c) of the whole superstructure [–]

@@ -180,9 +180,9 @@ class Podium(Module):
 
         With round ends the result is an approximately equivalent podium with flat ends and the same α, (R5).
         Its `R`, `width` and `height` are multiplied by H/(H − r_c), its rotations by (H − r_c)/H. For
-        tan α = 0.15 and r_c = H/2 (0.8 H), peaks of u_b that are at most half of u_b at overturning are up to
-        0.65 % (3.4 %) too small, and overturning amplitudes 1.3 % (15 %) too large. The page on forces in
-        the joints, section "Round column ends", explains the results.
+        tan α = 0.15 and r_c = H/2, peaks of u_b up to half of u_b at overturning are up to 0.65 % too small,
+        and overturning amplitudes 1.3 % too large; for r_c = 0.8 H, 3.4 % and 15 %. The page on forces in the
+        joints, section "Round column ends", explains the results.
 
         Tendons, dampers and inerters act between the ground and the beam. A device is omitted if its
         parameters are the Python number 0.
@@ -596,9 +596,9 @@ def _with_round_ends(
     return R * ratio, elevation
 
 
-def _without_building(owner: str, **given: object) -> None:
+def _without_building(owner: str, **arguments: object) -> None:
     """Raise `ValueError` for arguments other than None that apply only to a building."""
-    for name, value in given.items():
+    for name, value in arguments.items():
         if value is not None:
             raise ValueError(
                 f"{owner}: {name} applies only to buildings; give stories, or story_masses and "

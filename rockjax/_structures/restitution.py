@@ -10,7 +10,7 @@ from rockjax._types import Number
 
 
 class PaperRestitution(Module):
-    """Eq. (27): e = √c = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η).
+    """Law of Eq. (27): e = √c = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η).
 
     With inerters (C12): e = 1 − 2 sin²α (1+4γ+4η+4μ) / (1+λ+4γ+4η+4μ sin²α).
     """
@@ -34,8 +34,8 @@ class PaperRestitution(Module):
 
 
 class CompatibleRestitution(Module):
-    """Conservation of angular momentum about the new pivots with Eq. (26); the superstructure keeps its
-    horizontal velocity:
+    """Law of (C13): angular momentum about the new pivots is conserved, with Eq. (26), and the superstructure
+    keeps its horizontal velocity:
 
     e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), with μ of inerters (C13).
     """
@@ -59,7 +59,7 @@ class CompatibleRestitution(Module):
 
 
 class GivenRestitution(Module):
-    """A given velocity factor e = |θ̇⁺/θ̇⁻|, 0 ≤ e ≤ 1 [–]."""
+    """A velocity factor e = |θ̇⁺/θ̇⁻| chosen by the user, 0 ≤ e ≤ 1 [–]."""
 
     e: Number = eqx.field(converter=as_number("Podium: restitution"))
 
@@ -75,7 +75,7 @@ class GivenRestitution(Module):
     def factor(
         self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
     ) -> Number:
-        """Return the given velocity factor e [–].
+        """Return the velocity factor e [–].
 
         - `sin2`, `gamma`, `eta`, `lam`, `mu`: arguments of the other laws, ignored
         """

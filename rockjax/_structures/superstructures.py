@@ -272,9 +272,9 @@ def uplifted_squares(
     - `inertia`, `stiffness`: Λ [–] and k [1/s²] of (C15)
     - `cos_alpha`: cos α
 
-    They solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of the symmetric
-    matrix of rotation and oscillators, scaled by the square roots of their masses: a diagonal matrix bordered
-    by one row and column.
+    They solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0, as the eigenvalues of a symmetric matrix with
+    the diagonal ω_i², bordered by a row and a column for the rotation. Rotation and oscillators are scaled by
+    the square roots of their masses.
     """
     squares, masses = oscillators.omega_s**2, 3 * oscillators.eta
     if isinstance(oscillators, Elastic):
@@ -301,9 +301,9 @@ def _squares_of(squares: Array, masses: Array, inertia: Array, stiffness: Array,
 
 @_squares_of.defjvp
 def _squares_of_jvp(primals, tangents):
-    """Differentiate the eigenvalues as Rayleigh quotients, which are stationary with respect to the mode
-    shapes. This needs neither derivatives of mode shapes, which do not exist for equal periods, nor
-    derivatives of square roots of masses, which do not exist at zero."""
+    """Differentiate the eigenvalues as Rayleigh quotients, which are stationary with respect to mode shapes.
+    Derivatives of mode shapes, which do not exist for equal periods, are then not needed, nor derivatives of
+    square roots of masses, which do not exist at zero."""
     squares, masses, inertia, _, cos_alpha = primals
     values, vectors = eigh(_bordered(*primals))
     rotation, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]

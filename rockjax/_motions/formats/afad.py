@@ -12,11 +12,11 @@ from .base import Component, Format, Samples, abbreviate, choose_channel, is_raw
 _TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
 _KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
 _COMPONENTS = ("N-S", "E-W", "U-D")
-_PEAK_TOLERANCE = 0.01  # largest relative difference of the peaks in column and header if both are in gal
+_PEAK_TOLERANCE = 0.01  # relative difference up to which the peaks of column and header count as equal
 
 
 def _afad(path: Path, lines: list[str], component: Component) -> Samples:
-    header: dict[str, tuple[int, str]] = {}
+    header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     end = next((k for k, line in enumerate(lines) if tuple(line.split()) == _COMPONENTS), None)
     if end is None:
         raise ValueError(

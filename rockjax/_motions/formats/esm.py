@@ -23,12 +23,12 @@ from .base import (
 _BAND = re.compile(r"([\d.]+)\s+AND\s+([\d.]+)")
 _KEY = re.compile(r"([A-Z][A-Z0-9_/^]*(?: [A-Z0-9_/^]+)*):\s*(.*?)\s*$")  # older ITACA keys contain blanks
 _UNCORRECTED_NAME = re.compile(r"\.U\.ACC\.ASC$|\.UNP\.ACC$|\.CV\.ACC\.ASC$", re.I)
-_HEADER = 80  # number of lines in which the sampling interval is searched
+_HEADER = 80  # number of lines that are searched for the sampling interval
 
 
 def _esm(path: Path, lines: list[str], component: Component) -> Samples:
     """Read DYNA 1.2: 64 lines KEY: value, followed by the samples, one per line."""
-    header: dict[str, tuple[int, str]] = {}
+    header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     end = 0
     for k, line in enumerate(lines):
         match = _KEY.match(line)

@@ -29,10 +29,10 @@ def _is_geonet(path: Path, lines: list[str]) -> bool:
 
 
 def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read GeoNet.
+    """Read volume 2 of GeoNet.
 
     Each component has 16 lines of text, 40 integers, 60 reals, and the samples of acceleration, velocity and
-    displacement, ten per line.
+    displacement, with ten numbers a line.
     """
     starts = [k for k, line in enumerate(lines) if _START.match(line)]
     match = _START.match(lines[0])

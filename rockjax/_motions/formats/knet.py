@@ -24,7 +24,7 @@ _KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=
 
 def _knet(path: Path, lines: list[str], component: Component) -> Samples:
     """Read K-NET and KiK-net: a header up to Memo., then counts, which a scale factor converts to gal."""
-    header: dict[str, tuple[int, str]] = {}
+    header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     for k, line in enumerate(lines):
         header[line[:_KNET_KEYS].strip()] = k + 1, line[_KNET_KEYS:].strip()
         if line.startswith("Memo"):

@@ -27,7 +27,7 @@ _OTHER_QUANTITY = re.compile(
     r"(?!.*ACCEL).*\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME\s+(?:SERIES|HISTORY))", re.I
 )
 _SUFFIXES = {".vt2": "velocity", ".dt2": "displacement"}
-_HEAD = 8  # number of lines in which NPTS and DT are searched
+_HEAD = 8  # number of lines that are searched for NPTS and DT
 _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 

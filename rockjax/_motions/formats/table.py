@@ -30,8 +30,8 @@ from .base import (
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
 _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
 _FLOAT32 = 1.2e-7  # relative spacing of float32
-_COARSE = 0.25  # largest deviation of times that is accepted as rounding, divided by the step
-_COARSEST = 2.0  # the same in long records, whose mean step is accurate despite the rounding
+_COARSE = 0.25  # largest deviation of times that counts as rounding, divided by the step
+_COARSEST = 2.0  # the same for long records, whose mean step is accurate despite the rounding
 _MAX_HEADINGS = 3  # largest number of lines of headings
 
 
@@ -147,7 +147,7 @@ def _table(path: Path, lines: list[str]) -> _Table:
     cells_of_rows: list[list[str]] = []
     heading_lines: list[tuple[int, str]] = []
     comment: tuple[int, str] | None = None
-    raw_location, marks = "", set()
+    raw_location, decimal_marks = "", set()
     for i, line in enumerate(lines, start=1):
         text = line.strip()
         if not text or text[0] in "#%!":
@@ -164,8 +164,8 @@ def _table(path: Path, lines: list[str]) -> _Table:
             continue
         if not any(cells):
             raise ValueError(f"{path}:{i}: the line contains no number")
-        marks |= {mark for mark in ".," for cell in cells if mark in cell}
-        if len(marks) == 2:
+        decimal_marks |= {mark for mark in ".," for cell in cells if mark in cell}
+        if len(decimal_marks) == 2:
             raise ValueError(
                 f"{path}:{i}: numbers of the file contain both commas and points; write decimal points, and "
                 "nothing between thousands"
@@ -275,7 +275,7 @@ def _is_rising(values: np.ndarray) -> bool:
 
 
 def _rounding(times: list[str], values: np.ndarray) -> float:
-    """Return one unit of the last digit of times, written with fixed decimals or fixed significant digits."""
+    """Return one unit of the last digit of times, whose decimals or significant digits are fixed."""
     largest = float(np.abs(values).max())
     if not largest:
         return 0.0

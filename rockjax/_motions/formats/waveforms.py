@@ -44,8 +44,8 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
             warnings.simplefilter("always")
             traces: list[Any] = list(obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()]))
     except Exception as error:  # plug-ins may raise anything
-        has_no_format = "BytesIO" in str(error)
-        cause = "it has another format, or is cut short" if has_no_format else first_line(error)
+        is_unrecognised = "BytesIO" in str(error)  # ObsPy's message then names the stream
+        cause = "it has another format, or is cut short" if is_unrecognised else first_line(error)
         raise ValueError(f"{path}: ObsPy cannot read the file: {cause}") from None
     if not traces:
         raise ValueError(f"{path}: the file contains no trace")

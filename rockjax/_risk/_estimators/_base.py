@@ -93,7 +93,7 @@ class AbstractEstimator(abc.ABC):
         - `cov`: coefficient of variation to reach
         - `max_scenes`: number of scenes after which no further round begins
         - `first`: number of scenes of the first round. The size of later rounds follows from the last
-          estimate; it is at most three times the number of scenes before
+          estimate; it is at most three times the number of scenes so far
         - `report`: function that receives the estimate after each round
 
         Returns the last estimate.

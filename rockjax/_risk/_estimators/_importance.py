@@ -28,7 +28,7 @@ from ._base import AbstractMean
 
 ORIGIN = 0.1  # weight w_0 of the density around the origin
 BATCH = 4096  # number of samples in memory at once
-FAR_WEIGHT = 1.0  # failures with larger weights are far from design points, near which weights are ≈ Φ(−β)
+FAR_WEIGHT = 1.0  # failures with larger weights are far from all design points; near one, weights are ≈ Φ(−β)
 SEARCHES = 4  # largest number of starts of the search in a round
 TAIL_FACTOR = 3.0  # number of weights in the fit divided by √n; at most a fifth of all n weights
 MIN_TAIL = 10  # smallest number of weights in the fit; with fewer, the tail is taken to be light
@@ -74,8 +74,8 @@ class Importance(AbstractMean):
 
     def _batch(self, count: int) -> np.ndarray:
         """Add `count` samples and return the failures that lie far from every design point."""
-        which = self.rng.choice(self.weights.size, size=count, p=self.weights)
-        u = self.centres[which] + self.rng.standard_normal((count, self.limit.dimension))
+        index = self.rng.choice(self.weights.size, size=count, p=self.weights)
+        u = self.centres[index] + self.rng.standard_normal((count, self.limit.dimension))
         # ln φ(u − c)/φ(u) = c·u − |c|²/2
         ratios = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
         log_ratio: Any = scipy.special.logsumexp(ratios, axis=1, b=self.weights)

@@ -72,7 +72,7 @@ class Line(AbstractEstimator):
             self._scan_positions(low, max(HALF_LENGTH, b + FINE_RANGE), float(b)) for low, b in pairs
         ]
         crossed = crossings(self.limit, lines.u, direction, positions)
-        # A failing segment ends at a crossing. Beyond the ends of a full line, G keeps its sign.
+        # A failing segment ends at a crossing. Beyond the ends of a full line, G is taken to keep its sign.
         below = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(crossed.fails_first, below, 0.0)
         np.add.at(

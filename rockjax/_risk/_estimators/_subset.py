@@ -3,11 +3,11 @@
 The method needs neither derivatives nor design points. A run descends through levels of G. At each level, the
 samples with the lowest G (one twentieth by default) start chains of moves, and a move is accepted if G does
 not exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ,
-applied to each component with probability 1/4 (in low dimensions more, so that about ten components move),
-because longer moves of fewer components decorrelate sooner. A run ends at the level 0, or without failure
-after `LEVELS` levels.
+applied to each component with probability 1/4 (more in low dimensions, so that about ten components move): a
+long move of few components decorrelates sooner than a short move of all. A run ends at the level 0, or
+without failure after `LEVELS` levels.
 
-The samples of a run are correlated within their chains and across levels, and one run cannot measure this.
+The samples of a run are correlated within their chains and across levels, so a run cannot measure its error.
 Therefore several independent runs share one batch, and their spread gives the error. The estimate has a bias
 of the order of the squared coefficient of variation of a run.
 """
@@ -88,7 +88,7 @@ class Subset(AbstractEstimator):
         """Perform a run as a generator that yields samples, receives their G, and returns the run."""
         u = self.rng.standard_normal((samples, self.limit.dimension))
         g = yield u
-        probability, variance, spread, chains = 1.0, 0.0, 0.6, samples
+        probability, variance, move_size, chains = 1.0, 0.0, 0.6, samples
         for _ in range(LEVELS):
             level = max(float(np.quantile(g, self.share, method="lower")), 0.0)
             is_below = g <= level
@@ -99,31 +99,31 @@ class Subset(AbstractEstimator):
             # The choice is random, because the first samples have moved the least.
             chosen = self.rng.permutation(np.flatnonzero(is_below))[: round(self.share * samples)]
             chains = chosen.size
-            u, g, spread = yield from self._chains(u[chosen], g[chosen], level, spread)
+            u, g, move_size = yield from self._chains(u[chosen], g[chosen], level, move_size)
         return _Run(0.0, math.inf, samples, np.zeros((0, self.limit.dimension)))
 
-    def _chains(self, u, g, level: float, spread: float):
-        """Continue samples by chains of moves below a level; the generator returns samples, G and spread."""
+    def _chains(self, u, g, level: float, move_size: float):
+        """Continue samples by chains of moves below a level. Return samples, G, and s of the next move."""
         us, gs = [u], [g]
         move_share = max(MOVE_SHARE, MIN_MOVED / self.limit.dimension)
         for _ in range(round(1 / self.share) - 1):
-            step = np.where(self.rng.random(u.shape) < move_share, spread, 0.0)
+            step = np.where(self.rng.random(u.shape) < move_share, move_size, 0.0)
             candidate = np.sqrt(1 - step**2) * u + step * self.rng.standard_normal(u.shape)
             value = yield candidate
             accepted = value <= level
             u, g = np.where(accepted[:, None], candidate, u), np.where(accepted, value, g)
             us.append(u)
             gs.append(g)
-            # Too few accepted moves shorten the next ones, too many lengthen them.
-            spread = min(spread * math.exp(float(accepted.mean()) - ACCEPTED), 1.0)
-        return np.concatenate(us), np.concatenate(gs), spread
+            # Shorten the next moves if too few are accepted, and lengthen them if too many are.
+            move_size = min(move_size * math.exp(float(accepted.mean()) - ACCEPTED), 1.0)
+        return np.concatenate(us), np.concatenate(gs), move_size
 
     def exhausted(self) -> bool:
-        """Return True if no run of the first `MIN_ROUNDS` rounds or later has reached failure."""
+        """Return True if no run has reached failure after at least `MIN_ROUNDS` rounds."""
         return len(self.runs) >= MIN_ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> ProbabilityEstimate:
-        # Much smaller runs vary too much; they served to choose the size of the others.
+        # Runs that are much smaller vary too much; they only served to choose the size of later runs.
         largest = max(run.samples for run in self.runs)
         runs = [run for run in self.runs if run.samples >= largest / 4]
         p = np.array([run.probability for run in runs])
@@ -135,9 +135,9 @@ class Subset(AbstractEstimator):
         # The variance of a run is proportional to 1/samples. Runs may agree by chance; therefore the error is
         # not less than the variances estimated from each run suggest.
         spread = float(np.sum(weight * (p - mean) ** 2)) / (p.size - 1)
-        own_variance = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
+        least_variance = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
         # The variance of a few runs is itself uncertain: widen it by Student's t.
-        error = math.sqrt(max(spread, own_variance)) * float(
+        error = math.sqrt(max(spread, least_variance)) * float(
             scipy.stats.t.ppf(TAIL, p.size - 1) / scipy.stats.norm.ppf(TAIL)
         )
         effective = min((mean / error) ** 2, 1e9) if error > 0 else 1e9
