@@ -45,10 +45,10 @@ LANES = 32
 CHUNK = 1024  # number of scenes that are prepared together
 QUICK = 5  # a thread is added only for this many quick scenes per lane
 
-# Estimated values for accelerators, which have far more units than a core has vector lanes.
-ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes; fewer lanes would need more programs
+# Values for accelerators, which have far more arithmetic units than a core.
+ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes; each power of 2 needs a program
 ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
-ACCELERATOR_VALUES = 2**26  # largest size of an array of all lanes; scenes with many samples get fewer lanes
+ACCELERATOR_VALUES = 2**26  # largest number of samples in all lanes; long records get fewer lanes
 
 _REPORTING = threading.Lock()  # concurrent batches may share one progress bar
 
@@ -241,8 +241,8 @@ def run_batch(
     - `stop`: event that stops the batch, also set by Ctrl-C. No further chunk is started then, and unfinished
       scenes have the code INTERRUPTED. If `stop` is None, Ctrl-C raises `KeyboardInterrupt`
     - `executor`: executor of the lanes; by default all cores or accelerators
-    - `sensitivities`: parameters. The floats include derivatives with respect to their logarithms, with the
-      parameters along the last axis
+    - `sensitivities`: parameters; the floats include derivatives with respect to the parameters' logarithms,
+      with the parameters along the last axis
     - `edge_distance`: True if the floats include the edge distance; then `sensitivities` must be `("scale",)`
     """
     executor = executor_for("run_batch") if executor is None else executor
@@ -335,7 +335,7 @@ class _Answers:
         return index.size
 
     def close(self) -> None:
-        """Ignore further answers, because a thread may still run if Ctrl-C came while threads started."""
+        """Ignore further answers: if Ctrl-C came while threads started, a thread may still run."""
         with self._lock:
             self._closed = True
 

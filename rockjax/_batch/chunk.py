@@ -123,7 +123,7 @@ class Chunk(NamedTuple):
 
         - `function`: (scene, state) ↦ (floats, rest)
         - `parts`, `lane`: leaves of the scenes that differ, and states, with a row for each lane
-        - `slopes`: derivatives of both; if None, the returned slopes are None, too
+        - `slopes`: derivatives of `parts` and `lane`; if None, the returned slopes are also None
         - `loops`: True if the function contains loops, see `pushed`
         """
 
@@ -131,17 +131,17 @@ class Chunk(NamedTuple):
             parts = iter(parts)
             return jax.tree.unflatten(self.structure, [next(parts) if y is None else y for y in common])
 
-        def every(parts, common, lane):
+        def in_all_lanes(parts, common, lane):
             return jax.vmap(lambda parts, lane: function(scene(parts, common), lane))(parts, lane)
 
         if slopes is None or self.slopes is None:
-            floats, rest = every(parts, self.common, lane)
+            floats, rest = in_all_lanes(parts, self.common, lane)
             return floats, None, rest
         lane_slopes = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
         all_slopes = slopes.parts, self.slopes.common, lane_slopes
         # The form for loops compiles faster. It shares no work between rows, but here there is only one row.
         is_single = slopes.lane["event_time"].shape[0] == 1
-        return pushed(every, (parts, self.common, lane), all_slopes, loops=loops or is_single)
+        return pushed(in_all_lanes, (parts, self.common, lane), all_slopes, loops=loops or is_single)
 
 
 def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
@@ -204,11 +204,11 @@ def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int |
     """
     _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
     positions = jax.tree.leaves(initial)
-    wide = [
+    new_leaves = [
         jnp.broadcast_to(y, (layout.size,)) if k in positions and layout.axes[k] is None else y
         for k, y in enumerate(leaves)
     ]
-    return wide, tuple(0 if k in positions else axis for k, axis in enumerate(layout.axes))
+    return new_leaves, tuple(0 if k in positions else axis for k, axis in enumerate(layout.axes))
 
 
 def prepare_in_blocks(leaves, layout: LaneLayout, options: Options, count) -> Chunk:

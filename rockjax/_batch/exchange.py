@@ -58,8 +58,8 @@ Answers = tuple[dict[str, jax.Array], dict[str, jax.Array]]  # floats and intege
 def empty_storage(rows: int, answers: Answers, index_type: Any) -> Done:
     """Return empty storage for the answers of `rows` scenes."""
     floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
-    none = jnp.zeros((), index_type)
-    return Done(jnp.zeros(rows, index_type), floats, integers, used=none, trials=none, useful=none, left=none)
+    zero = jnp.zeros((), index_type)
+    return Done(jnp.zeros(rows, index_type), floats, integers, used=zero, trials=zero, useful=zero, left=zero)
 
 
 def exchange_scenes(
@@ -82,7 +82,7 @@ def exchange_scenes(
 def _one_by_one(
     chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
-    count = jnp.arange(ended.size, dtype=jnp.int32)
+    indices_of_lanes = jnp.arange(ended.size, dtype=jnp.int32)
 
     def put(stores, values, at, axis=0):
         """Write values into one row of each store."""
@@ -99,7 +99,7 @@ def _one_by_one(
 
     def serve_first(carry: tuple[Loop, Flag]) -> tuple[Loop, Flag]:
         (state, following, done), waits = carry
-        k = jnp.min(jnp.where(waits, count, count.size))
+        k = jnp.min(jnp.where(waits, indices_of_lanes, ended.size))
         write = lambda stores, values: put(stores, row(values, k), done.used)
         done = _store_answers(done, write, state.scene_index, answers, row(ended, k))
         loads = following < indices.scenes
@@ -142,8 +142,8 @@ def _load_scenes(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
     """Return the lanes with the next scenes.
 
     - `chunk`, `state`: the chunk of scenes, and the lanes
-    - `load`: (stored, differs, current, axis) ↦ new values of one array of the lanes. `stored` are the values
-      of this array in the chunk, with a row for each scene if `differs`, and `current` those in the lanes
+    - `load`: (stored, differs, current, axis) ↦ new values of one array of the lanes. `stored` are its values
+      in the chunk, with a row for each scene if `differs`, and `current` its values in the lanes
     - `refill`: True if lanes take further scenes
     """
 
@@ -170,8 +170,8 @@ def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: An
     All lanes are written, first the lanes that have ended. Rows of the other lanes are overwritten later,
     or not used.
     """
-    lanes, ended_count = jnp.arange(ended.size), jnp.cumsum(ended)
-    position = jnp.where(ended, ended_count - 1, ended.size)
+    lanes, ended_so_far = jnp.arange(ended.size), jnp.cumsum(ended)
+    position = jnp.where(ended, ended_so_far - 1, ended.size)
     ended_first = jnp.zeros_like(lanes).at[position].set(lanes, mode="drop")
 
     def write(stores, values):
@@ -181,7 +181,7 @@ def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: An
             values,
         )
 
-    return _store_answers(done, write, scene_index, answers, ended_count[-1])
+    return _store_answers(done, write, scene_index, answers, ended_so_far[-1])
 
 
 def _store_answers(done: Done, write, scene_index: jax.Array, answers: Answers, count: jax.Array) -> Done:

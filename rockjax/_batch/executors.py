@@ -25,13 +25,13 @@ from .scenes import SceneBatch, SceneIndices
 # (lanes, indices of the next scenes, whether no scenes follow) ↦ (lanes, scenes that have ended)
 Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, Done]]
 
-# Limit of trials in one call for the last scenes of a batch. A call must be short, because Ctrl-C takes
-# effect between calls.
-MANY_TRIALS = 30_000
-ALL_TRIALS = np.iinfo(np.int32).max
+# Limit of trials in a call that finishes the last scenes of a batch. Such calls must be short, because Ctrl-C
+# takes effect between calls.
+MAX_LAST_TRIALS = 30_000
+UNLIMITED_TRIALS = np.iinfo(np.int32).max
 
 # With AVX-512, this makes the compiler use the full width of the vector unit.
-_COMPILER = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
+_COMPILER_OPTIONS = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
 
 
 class AbstractExecutor(abc.ABC):
@@ -43,7 +43,7 @@ class AbstractExecutor(abc.ABC):
 
     @abc.abstractmethod
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        """Return lanes without scenes, and a program that advances them through some scenes.
+        """Return lanes without scenes, and a program that advances the lanes through a chunk of scenes.
 
         - `scenes`, `options`, `layout`: the batch, the options of the solver, and the layout of the lanes
 
@@ -63,13 +63,13 @@ class ThreadExecutor(AbstractExecutor):
         self.hosts = hosts
         # If JAX has accelerators, it would place arrays there by default.
         cpu = None if jax.default_backend() == "cpu" else jax.local_devices(backend="cpu")[0]
-        self._cores = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
+        self._on_cpu = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
         def advance_lanes(lanes: Lanes, indices: SceneIndices, last: bool) -> tuple[Lanes, Done]:
-            max_trials = (MANY_TRIALS if last else 0) if layout.refill else ALL_TRIALS
+            max_trials = (MAX_LAST_TRIALS if last else 0) if layout.refill else UNLIMITED_TRIALS
             leaves = scenes.part(indices, layout.size)
-            with self._cores():
+            with self._on_cpu():
                 return _on_one(lanes, leaves, *indices, max_trials, options, layout=layout)
 
         return idle_lanes(scenes, options, layout), advance_lanes
@@ -86,14 +86,14 @@ class DeviceExecutor(AbstractExecutor):
         self.mesh = Mesh(np.array(devices), ("scenes",))
 
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        dealt, common = NamedSharding(self.mesh, P("scenes")), NamedSharding(self.mesh, P())
+        split, common = NamedSharding(self.mesh, P("scenes")), NamedSharding(self.mesh, P())
         # Leaves that all scenes share are sent to the devices once.
         leaves = [
             jax.device_put(y, common) if rows is None else y
             for y, rows in zip(scenes.leaves, scenes.rows, strict=True)
         ]
         scenes = scenes._replace(leaves=leaves)
-        shardings = [common if rows is None else dealt for rows in scenes.rows]
+        shardings = [common if rows is None else split for rows in scenes.rows]
         call = _on_mesh(self.mesh)
 
         def advance_lanes(lanes: Lanes, indices: SceneIndices, last: bool) -> tuple[Lanes, Done]:
@@ -102,20 +102,20 @@ class DeviceExecutor(AbstractExecutor):
                 scenes.part(indices, layout.size, self.devices),
             )
             parts, first, count = jax.device_put(
-                (parts, split_indices.first, split_indices.scenes), (shardings, dealt, dealt)
+                (parts, split_indices.first, split_indices.scenes), (shardings, split, split)
             )
-            max_trials = ALL_TRIALS if last or not layout.refill else 0
+            max_trials = UNLIMITED_TRIALS if last or not layout.refill else 0
             return call(lanes, parts, first, split_indices.stride, count, max_trials, options, layout=layout)
 
         idle = idle_lanes(scenes, options, layout)
         idle = jax.tree.map(lambda y: np.concatenate([y] * self.devices), idle)
-        return jax.device_put(idle, dealt), advance_lanes
+        return jax.device_put(idle, split), advance_lanes
 
 
 _on_one = StoredProgram(
     advance,
     donate=[0],
-    compiler_options=_COMPILER["cpu"],
+    compiler_options=_COMPILER_OPTIONS["cpu"],
     words="the program for batches of this kind of scene",
 )
 
@@ -141,18 +141,18 @@ def _on_mesh(mesh: Mesh):
             counters = {name: getattr(done, name)[None] for name in ("used", "trials", "useful", "left")}
             return lanes, done._replace(**counters)
 
-        dealt, common = P("scenes"), P()
-        specs = [common if axis is None else dealt for axis in layout.axes]
+        split, common = P("scenes"), P()
+        specs = [common if axis is None else split for axis in layout.axes]
         run = jax.shard_map(
             advance_on_device,
             mesh=mesh,
-            in_specs=(dealt, specs, dealt, common, dealt, common, common),
-            out_specs=dealt,
+            in_specs=(split, specs, split, common, split, common, common),
+            out_specs=split,
             check_vma=False,
         )
         return run(lanes, leaves, first, stride, count, max_trials, options)
 
-    options = _COMPILER.get(mesh.devices.flat[0].platform)
+    options = _COMPILER_OPTIONS.get(mesh.devices.flat[0].platform)
     return jax.jit(advance_all, static_argnames="layout", donate_argnums=0, compiler_options=options)
 
 

@@ -43,8 +43,8 @@ def advance(
     - `lanes`: lanes after the previous chunk
     - `leaves`: leaves of the scenes' arguments; a leaf with the entry 0 in `layout.axes` has a row for each
       scene
-    - `first`, `stride`, `count`: the `count` scenes have the indices `first`, `first + stride`, … in the
-      batch
+    - `first`, `stride`, `count`: indices of the scenes in the batch: `first`, `first + stride`, …, `count`
+      in all
     - `max_trials`: number of trials after which the call may return with unfinished scenes
     - `options`: options of the solver
     - `layout`: layout of the lanes
@@ -116,11 +116,11 @@ def advance(
     # The storage has rows for the scenes of the chunk, for the scenes that the lanes held before, and for one
     # more scene per lane, because accelerators write the rows of all lanes at once.
     done = empty_storage(size + 2 * lane_count, answer_shapes, index_type)
-    start = jnp.where(refill, 0, jnp.minimum(count, lane_count)).astype(index_type)
+    following = jnp.where(refill, 0, jnp.minimum(count, lane_count)).astype(index_type)
     loop = jax.lax.while_loop(
         lambda loop: is_unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.scene_index >= 0)),
         body,
-        Loop(lanes, start, done),
+        Loop(lanes, following, done),
     )
     left = jnp.sum(loop.lanes.scene_index >= 0, dtype=index_type)
     return _with_swapped_axes(loop.lanes), loop.done._replace(left=left)
@@ -130,8 +130,8 @@ def _pass_samples(plan: Plan, options: Options, pass_sample: Callable[[Lanes], L
     """Skip samples at which no event occurs, as long as enough lanes can skip one."""
     if state.lane.may_skip is None:
         return state
-    running = jnp.sum(makes_trials(plan, options, state.lane))
-    enough_pass = lambda state: PASSING_SHARE * jnp.sum(present(state.lane.may_skip)) > running
+    running_count = jnp.sum(makes_trials(plan, options, state.lane))
+    enough_pass = lambda state: PASSING_SHARE * jnp.sum(present(state.lane.may_skip)) > running_count
     return jax.lax.while_loop(enough_pass, pass_sample, state)
 
 

@@ -17,7 +17,7 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 SORTED = 4096  # largest batch that is sorted; larger batches gain little
-WIDE = 64  # scenes that differ in more values of one leaf, such as records, are not exchanged during a chunk
+WIDE = 64  # scenes that differ in more values of one leaf, such as records, wait for the end of a chunk
 
 
 class SceneIndices(NamedTuple):
@@ -45,7 +45,7 @@ class SceneBatch(NamedTuple):
     """All scenes of a batch, in the form of the leaves of (podium, excitation, initial, t_end). The batch is
     a grid of scenes, whose shape is that of the broadcast arguments."""
 
-    leaves: list[Any]  # with the distinct rows along the first axis, or without this axis if scenes share it
+    leaves: list[Any]  # distinct rows along the first axis; leaves that all scenes share have no such axis
     # For each leaf, the index of the row that each scene of the grid uses; None for a leaf that all scenes
     # share.
     rows: list[np.ndarray | None]
@@ -87,7 +87,7 @@ class SceneBatch(NamedTuple):
         """Return the leaves for the scenes of a chunk, in the order of the devices.
 
         - `indices`: indices of the scenes in the batch
-        - `size`: number of rows for each device; unused rows are copies that are not solved
+        - `size`: number of rows for each device; unused rows repeat a scene and are not solved
         - `devices`: number of devices. Successive scenes go to different devices
         """
         position = np.arange(size)
@@ -125,14 +125,14 @@ def broadcast(
     if not any(outer):
         outer[0], leaves[0] = (1,), leaves[0][None]  # one scene is a batch of one
     rows: list[np.ndarray | None] = []
-    for k, batch in enumerate(outer):
-        if not batch:
+    for k, leaf_shape in enumerate(outer):
+        if not leaf_shape:
             rows.append(None)
             continue
         # Every row is stored once, however many scenes use it.
-        index = np.arange(math.prod(batch), dtype=np.int32).reshape(batch)
-        rows.append(index if batch == shape else np.broadcast_to(index, shape or batch))
-        leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[len(batch) :])
+        index = np.arange(math.prod(leaf_shape), dtype=np.int32).reshape(leaf_shape)
+        rows.append(index if leaf_shape == shape else np.broadcast_to(index, shape or leaf_shape))
+        leaves[k] = np.asarray(leaves[k]).reshape(-1, *leaves[k].shape[len(leaf_shape) :])
     total = math.prod(shape)
     return SceneBatch(leaves, rows, structure, total, _order(excitations, shape)), shape
 
@@ -140,9 +140,9 @@ def broadcast(
 def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarray | None:
     """Return the scenes of a grid in the order of the strength of their motions, weak ones first.
 
-    Return None for large grids, for a single strength, and if the strength is unknown. Motions that just
-    lift the columns take longest, while strong motions overturn the columns soon. If strong motions come
-    last, few lanes are idle at the end of a batch.
+    Return None for large grids, for a single strength, and for motions without a strength. Motions that just
+    lift the columns take longest; strong motions overturn them soon. If strong motions come last, few lanes
+    are idle at the end of a batch.
     """
     if math.prod(shape) > SORTED:
         return None

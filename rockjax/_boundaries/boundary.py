@@ -62,7 +62,7 @@ class Boundary(Module):
     - `found`: True if a scale in the range overturns
     - `impacts`: number of impacts before overturning, just past the boundary
     - `dip`: the least minimum of the overturning margin, as a function of the scale, below the boundary; 1 if
-      there is no minimum. If it became zero, the boundary would jump to that scale
+      there is no minimum. If this minimum became zero, the boundary would jump to its scale
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
     - `certain_width`: no interval of overturning scales below `scale` is wider than this [–]. This is at most
@@ -129,7 +129,7 @@ def overturning_acceleration(
     limit = _amplitude(_without_tangents(podium), as_float(max_acceleration_ratio))
     pulse = as_pulse(owner, pulse)
     motion = pulse(1.0, T_p)
-    if isinstance(motion, GroundMotion):  # need not be proportional to a_p
+    if isinstance(motion, GroundMotion):  # a pair of motions need not be proportional to a_p
         motion = ScaledByAmplitude(as_float(T_p), pulse)
     return overturning_boundary(
         podium, motion, max_scale=limit, options=options, width=width, resolution=resolution
@@ -149,7 +149,7 @@ def overturning_scale(
     does.
 
     - `podium`, `excitation`, `max_scale`, `options`, `width`, `resolution`: as for
-      [`rockjax.overturning_boundary`][], of whose result the field `scale` is returned
+      [`rockjax.overturning_boundary`][], whose result contains this factor as the field `scale`
 
     Raises `ValueError` for invalid inputs, if they are concrete.
     """
@@ -170,17 +170,17 @@ def overturning_boundary(
     """Return the least factor in (0, max_scale] on a ground motion that overturns a podium, with details.
 
     The function works under `jit` and `vmap`; `scale` has derivatives with respect to every parameter of
-    `podium` and `excitation`. `options.overturn_ratio` defines overturning. If this angle is beyond the
-    top of the potential well, there is no overturning margin: dips are then determined from the peak
-    rotation, and derivatives from the time of overturning.
+    `podium` and `excitation`. `options.overturn_ratio` defines overturning. If the overturning angle is
+    beyond the top of the potential well, there is no overturning margin: dips are then determined from the
+    peak rotation, and derivatives from the time of overturning.
 
     - `podium`: podium with scalar parameters
     - `excitation`: ground motion that can be scaled
     - `max_scale`: end of the search, > 0 [–]
     - `options`: options of the scenes, which determine the accuracy of the boundary
-    - `width`: fraction of `max_scale`, in (0, 0.1]. Every interval of overturning scales below the
-      boundary that is wider is found. Scales are evaluated from the first that lifts the columns up to
-      the boundary. Their spacing follows from derivatives of the margin, or is about `width` under `jit`. A
+    - `width`: fraction of `max_scale`, in (0, 0.1]. No wider interval of overturning scales below the
+      boundary is missed. Scales are evaluated from the first that lifts the columns up to the
+      boundary. Their spacing follows from derivatives of the margin, or is about `width` under `jit`. A
       `max_scale` far above the boundary takes little time, but a range in which nothing overturns takes up to
       about 1/`width` scenes
     - `resolution`: minimum number of equal steps in the range, even if `width` is large; a whole number ≥ 32

@@ -44,7 +44,7 @@ PARTS = 4  # number of parts into which a round divides an interval
 MIN_INTERVAL = 1e-6  # shorter intervals are not refined [length of the line]
 
 DIP_DIVISIONS = 256  # steps beside the lowest dips are divided into at least this number of parts
-WINDOW_DIVISIONS = 16  # the same number if only windows are searched
+WINDOW_DIVISIONS = 16  # the same number if only overturning intervals are searched
 NOISE = 0.1  # brackets are not made narrower than this multiple of rtol, relative to y
 
 
@@ -156,10 +156,10 @@ def scan(
         finished = solved.finished()
         if np.unique(finished.line).size < x.size:
             raise RuntimeError("no scene of a line finished; raise options.max_steps or loosen rtol")
-        starts = finished.margin[np.searchsorted(finished.line, lines)] > 0
-        at = finished.changes(refine == "first")
-        line, overturns = finished.line[at], finished.margin[at] > 0
-        survivor, other = np.where(overturns, at, at + 1), np.where(overturns, at + 1, at)
+        starts_surviving = finished.margin[np.searchsorted(finished.line, lines)] > 0
+        left = finished.changes(refine == "first")
+        line, overturns = finished.line[left], finished.margin[left] > 0
+        survivor, other = np.where(overturns, left, left + 1), np.where(overturns, left + 1, left)
 
         def evaluate(rows: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             result = solve(np.repeat(line[rows], y.shape[1]), y.ravel(), True)
@@ -167,10 +167,11 @@ def scan(
 
         y, margin = finished.y, finished.margin
         brackets = Brackets(y[survivor], y[other], margin[survivor], margin[other], finished.impacts[other])
-        close = max(BRACKET_TOLERANCE, NOISE * float(options.rtol))
-        brackets = narrow_brackets(brackets, evaluate, close, LANES * min(2, workers()))
+        tolerance = max(BRACKET_TOLERANCE, NOISE * float(options.rtol))
+        brackets = narrow_brackets(brackets, evaluate, tolerance, LANES * min(2, workers()))
         crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.more_at_b)
-    return Scan(crossings, starts, least_dip(finished), widest_gaps(solved, spacing, y_range[1]), scenes)
+    gaps = widest_gaps(solved, spacing, y_range[1])
+    return Scan(crossings, starts_surviving, least_dip(finished), gaps, scenes)
 
 
 def margins(
@@ -219,13 +220,13 @@ def margins(
     return value, impacts, edge_distance
 
 
-def _scales_motion(plane: Plane, x: np.ndarray, top: float, options: Options) -> bool:
+def _scales_motion(plane: Plane, x: np.ndarray, max_y: float, options: Options) -> bool:
     """Return whether edge distances are valid for y: the overturning margin applies (`has_margin`), and the
     motion is proportional to y."""
-    at_top, at_half = plane(x, np.full(1, top)), plane(x, np.full(1, 0.5 * top))
-    if not has_margin(options, at_top[0]):
+    at_max, at_half = plane(x, np.full(1, max_y)), plane(x, np.full(1, 0.5 * max_y))
+    if not has_margin(options, at_max[0]):
         return False
-    equal_if_scaled = at_top, (at_half[0], at_half[1].scaled(np.full(1, 2.0)))
+    equal_if_scaled = at_max, (at_half[0], at_half[1].scaled(np.full(1, 2.0)))
     leaves, structures = zip(*map(jax.tree.flatten, equal_if_scaled), strict=True)
     if structures[0] != structures[1]:
         return False
@@ -260,13 +261,13 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray
 def _refine_curved(solved: SolvedScenes, solve: SolveScenes, finest: float) -> SolvedScenes:
     """Solve further scenes in every interval longer than `finest` in which the margin may cross zero
     unnoticed."""
-    part = np.arange(1, PARTS) / PARTS
+    fractions = np.arange(1, PARTS) / PARTS
     for _ in range(REFINEMENT_ROUNDS):
         line, y, margin = solved.line, solved.y, np.nan_to_num(solved.margin, nan=1.0)
         doubtful = curvature_indicator(y, margin, line[1:] == line[:-1]) > DOUBTFUL
-        at = np.flatnonzero(doubtful & (np.diff(y) > finest))
-        if at.size == 0:
+        left = np.flatnonzero(doubtful & (np.diff(y) > finest))
+        if left.size == 0:
             break
-        points = (y[at, None] + (y[at + 1] - y[at])[:, None] * part).ravel()
-        solved = solved.merged_with(solve(np.repeat(line[at], part.size), points, False))
+        points = (y[left, None] + (y[left + 1] - y[left])[:, None] * fractions).ravel()
+        solved = solved.merged_with(solve(np.repeat(line[left], fractions.size), points, False))
     return solved

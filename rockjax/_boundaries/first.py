@@ -21,8 +21,8 @@ from jax import Array
 from rockjax._roots import points_near_root
 
 ROW_SIZE = 32  # number of scales in a row
-DIPS = ROW_SIZE // 2  # number of dips, the lowest, that are refined by one new scale on either side
-MAX_ZOOMS = 7  # number of times that dips are refined
+DIPS = ROW_SIZE // 2  # number of lowest dips that are refined, each by one new scale on either side
+MAX_ZOOMS = 7  # number of times that the dips are refined
 BRACKET_TOLERANCE = 1e-12  # relative width at which a bracket is narrow enough
 MAX_DIVISIONS = 12  # largest number of times that a bracket is divided
 # Distances of scales from the linearly interpolated root, divided by the width of the bracket.
@@ -119,9 +119,9 @@ def _coarse_scales(state: _State, limit: Array, spacing: Array) -> Array:
 def _update_coarse(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
     """Start the scan at the largest scale of the row that does not lift the columns (margin 1). In full
     contact the response is proportional to the scale, so no lower scale lifts the columns."""
-    at_rest = jnp.max(jnp.where(margin == 1, scales, 0.0))
-    stage = jnp.where(at_rest >= limit, ZOOM, SCAN)
-    return state._replace(stage=stage, scanned_to=at_rest, lo=at_rest, before=at_rest)
+    contact_scale = jnp.max(jnp.where(margin == 1, scales, 0.0))
+    stage = jnp.where(contact_scale >= limit, ZOOM, SCAN)
+    return state._replace(stage=stage, scanned_to=contact_scale, lo=contact_scale, before=contact_scale)
 
 
 def _scan_scales(state: _State, limit: Array, spacing: Array) -> Array:
@@ -179,7 +179,7 @@ def _update_confirm(state: _State, scales: Array, margin: Array, impacts: Array,
         lo=state.before, lo_margin=state.previous_margin, hi=jnp.full_like(state.hi, jnp.inf)
     )
     narrower = _update_narrowing(unconfirmed, scales, margin, impacts, limit)
-    # If nothing overturns at full accuracy, the scan continues above.
+    # If nothing overturns at full accuracy, the scan continues above these scales.
     next_stage = jnp.where(scales[-1] >= limit, ZOOM, SCAN)
     resumed = narrower._replace(scanned_to=scales[-1], before=narrower.lo, previous_margin=narrower.lo_margin)
     return jax.tree.map(
@@ -202,14 +202,14 @@ def _update_zoom(state: _State, scales: Array, margin: Array, impacts: Array, li
     candidates = jnp.concatenate([scales, state.dips.ravel(), state.lo[None]])
     candidate_margins = jnp.concatenate([margin, state.dip_margins.ravel(), state.lo_margin[None]])
     last = jnp.argmax(jnp.where((candidate_margins > 0) & (candidates < hi), candidates, -1.0))
-    # Every dip is now the scale with the lowest margin between its neighbours.
-    dip_scales, levels = (
+    # Every dip becomes the scale with the lowest margin, with the neighbouring scales on both sides.
+    dip_scales, dip_margins = (
         jnp.concatenate([state.dips, new_scales], axis=1),
         jnp.concatenate([state.dip_margins, new_margins], axis=1),
     )
     order = jnp.argsort(dip_scales, axis=1)
-    dip_scales, levels = (jnp.take_along_axis(y, order, axis=1) for y in (dip_scales, levels))
-    deepest = jnp.argmin(jnp.where(levels[:, 1:-1] > 0, levels[:, 1:-1], 1.0), axis=1)
+    dip_scales, dip_margins = (jnp.take_along_axis(y, order, axis=1) for y in (dip_scales, dip_margins))
+    deepest = jnp.argmin(jnp.where(dip_margins[:, 1:-1] > 0, dip_margins[:, 1:-1], 1.0), axis=1)
     triples = jnp.stack([deepest, deepest + 1, deepest + 2], axis=1)
     rounds = state.rounds + 1
     return state._replace(
@@ -221,7 +221,7 @@ def _update_zoom(state: _State, scales: Array, margin: Array, impacts: Array, li
         hi_margin=jnp.where(is_opened, margin[lowest_opened], state.hi_margin),
         impacts=jnp.where(is_opened, impacts[lowest_opened], state.impacts),
         dips=jnp.take_along_axis(dip_scales, triples, axis=1),
-        dip_margins=jnp.take_along_axis(levels, triples, axis=1),
+        dip_margins=jnp.take_along_axis(dip_margins, triples, axis=1),
     )
 
 
@@ -254,8 +254,8 @@ _UPDATES = (_update_coarse, _update_scan, _update_confirm, _update_zoom, _update
 
 
 def _first_overturning(margin: Array) -> tuple[Array, Array]:
-    """Return whether any scale overturns, and the index of the first that does, or the number of scales if
-    none does."""
+    """Return whether any scale overturns, and the index of the first such scale, or the number of scales if
+    there is none."""
     overturns = margin <= 0
     return jnp.any(overturns), jnp.where(jnp.any(overturns), jnp.argmax(overturns), margin.size)
 

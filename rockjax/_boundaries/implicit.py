@@ -67,7 +67,7 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
         return _residual(podium, excitation.scaled(scale), options, margin)
 
     point = tuple(leaves[k] for k in live_indices)
-    # The slope is computed in a separate call, because reverse mode transposes the call with `live_tangents`.
+    # The slope needs a call of its own, because reverse mode transposes the call with `live_tangents`.
     _, pushforward = jax.linearize(residual, past, *point)
     slope = numpy.asarray(pushforward(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
     change = pushforward(numpy.zeros_like(past), *live_tangents)
@@ -106,8 +106,8 @@ def log_sensitivities(
     """Return d ln a/d ln y at boundaries a, for the parameters y (host).
 
     - `podium`: podium with scalar parameters
-    - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). The derivatives of
-      boundaries that are NaN are NaN
+    - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). Where a boundary is
+      not finite, its derivatives are NaN
     - `rows`: for each boundary, the period `T_p` of the pulse [s] or the index `which` of the record, shape
       (n,)
     - `names`: names of the parameters of the podium, or `"T_p"`
@@ -116,9 +116,9 @@ def log_sensitivities(
     - `records`: table of records, or None for a pulse
     """
     result = np.full((len(names), a.size), np.nan)
-    found = np.flatnonzero(np.isfinite(a))
-    for start in range(0, found.size, LANES):
-        group = found[start : start + LANES]
+    finite = np.flatnonzero(np.isfinite(a))
+    for start in range(0, finite.size, LANES):
+        group = finite[start : start + LANES]
         padded = np.concatenate([group, np.repeat(group[-1:], LANES - group.size)])
         group_rows = {name: y[padded] for name, y in rows.items()}
         static = {"pulse": pulse, "names": names, "margin": has_margin(options, podium)}

@@ -12,8 +12,8 @@ from rockjax._checks import concrete
 from rockjax._options import Options
 from rockjax._structures import Podium
 
-DEFAULT_WIDTH = 1e-4  # windows wider than this fraction of the range are not missed
-SCAN_TOLERANCE = 1e-6  # tolerance of scanned scenes, and about the relative error of boundaries between them
+DEFAULT_WIDTH = 1e-4  # overturning intervals wider than this fraction of the range are not missed
+SCAN_TOLERANCE = 1e-6  # tolerance of scanned scenes; boundaries between them have about this relative error
 _TINY = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
 
 
@@ -37,7 +37,7 @@ def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, margin: bo
     - `margin`: whether the overturning margin applies, see `has_margin`
     - `xp`: `numpy` or `jax.numpy`
 
-    The result is the overturning margin if that applies. Otherwise it is 1 − max|θ|/(α·`overturn_ratio`) for
+    The result is the overturning margin if `margin`. Otherwise it is 1 − max|θ|/(α·`overturn_ratio`) for
     scenes that survive, and −1 for scenes that overturn.
     """
     if margin:
@@ -51,8 +51,8 @@ def boundary_residual(floats: dict[str, Any], margin: bool):
     """Return the output to differentiate just past the boundary: the margin or, if it does not apply, the
     time of overturning.
 
-    This time and its derivatives grow without bound towards the boundary, but the ratio of two derivatives
-    tends to the derivative of the boundary.
+    The time of overturning and its derivatives grow without bound towards the boundary, but the ratio of two
+    derivatives tends to the derivative of the boundary.
     """
     return floats["margin" if margin else "overturn_time"]
 
@@ -63,7 +63,7 @@ def margin_options(options: Options, margin: bool) -> Options:
 
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:
-    """Return less accurate options for scanning, sufficient not to miss a window of the width `width`, a
-    fraction of the range. Changes that are found are confirmed with `options`."""
+    """Return less accurate options for scanning, with which no overturning interval wider than `width`, a
+    fraction of the range, is missed. Changes of the outcome are then confirmed with `options`."""
     loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

@@ -45,16 +45,16 @@ class SolvedScenes(NamedTuple):
     sharp: np.ndarray  # True if solved at full accuracy
 
     def merged_with(self, other: SolvedScenes) -> SolvedScenes:
-        both = [np.concatenate(pair) for pair in zip(self, other, strict=True)]
-        order = np.lexsort((both[1], both[0]))
-        return SolvedScenes(*(y[order] for y in both))
+        merged = SolvedScenes(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+        order = np.lexsort((merged.y, merged.line))
+        return SolvedScenes(*(y[order] for y in merged))
 
     def finished(self) -> SolvedScenes:
         return SolvedScenes(*(y[~np.isnan(self.margin)] for y in self))
 
     def changes(self, first_only: bool = False) -> np.ndarray:
-        """Return the indices of scenes whose right neighbour on the line has the other outcome, or only the
-        first of each line if `first_only`."""
+        """Return the indices of scenes whose right neighbour on the line has the other outcome; if
+        `first_only`, only the first of each line."""
         overturns = self.margin <= 0
         k = np.flatnonzero((overturns[:-1] != overturns[1:]) & (self.line[:-1] == self.line[1:]))
         return k[np.unique(self.line[k], return_index=True)[1]] if first_only else k
@@ -118,13 +118,13 @@ def resolve_windows(
             old[rows] = new
 
 
-def widest_gaps(solved: SolvedScenes, spacing: float, top: float) -> np.ndarray:
+def widest_gaps(solved: SolvedScenes, spacing: float, line_end: float) -> np.ndarray:
     """Return, for each line, the width of the widest interval below the first change that may overturn
     unnoticed.
 
     - `solved`: the solved scenes
     - `spacing`: result of `spacing_for`
-    - `top`: upper end of the lines
+    - `line_end`: upper end of the lines
     """
     widest = []
     for below in solved.below_first_change():
@@ -138,8 +138,8 @@ def widest_gaps(solved: SolvedScenes, spacing: float, top: float) -> np.ndarray:
         unfinished = np.diff(y[finished_indices])[across_unfinished]
         hidden = widest_hidden[finished[1:] & finished[:-1]]
         last = finished_indices[-1]
-        end = top - y[last] if solved.margin[below][last] > 0 else 0.0
-        widest.append(np.max(np.concatenate([[end], hidden, unfinished])))
+        above_last = line_end - y[last] if solved.margin[below][last] > 0 else 0.0
+        widest.append(np.max(np.concatenate([[above_last], hidden, unfinished])))
     return np.array(widest)
 
 
@@ -154,16 +154,16 @@ def _allowed_steps(solved: SolvedScenes, below: slice, spacing: float) -> np.nda
 def _next_points(solved: SolvedScenes, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Return lines and positions of the scenes to solve next, the lowest first."""
     lines, points = [np.zeros(0, int)], [np.zeros(0)]
-    wide = []
+    divisions = []
     for below in solved.below_first_change() if np.isfinite(spacing) else ():
         step = np.diff(solved.y[below])
         allowed = _allowed_steps(solved, below, spacing)
         too_long = np.flatnonzero(step > allowed * (1 + 1e-9))
         if too_long.size:
             parts = np.ceil(step[too_long] / allowed[too_long] * (1 - 1e-9)).astype(int)
-            wide.append((below, too_long, np.clip(parts, 2, MAX_PARTS)))
-    scenes_per_line = max(MIN_LINE_SCENES, ROUND_SCENES // max(1, len(wide)))
-    for below, too_long, parts in wide:
+            divisions.append((below, too_long, np.clip(parts, 2, MAX_PARTS)))
+    scenes_per_line = max(MIN_LINE_SCENES, ROUND_SCENES // max(1, len(divisions)))
+    for below, too_long, parts in divisions:
         y = solved.y[below]
         # The lowest steps come first, because they may contain a lower change.
         chosen = too_long[: 1 + np.searchsorted(np.cumsum(parts - 1), scenes_per_line)]
@@ -180,10 +180,10 @@ def _unconfirmed(solved: SolvedScenes, first_only: bool) -> np.ndarray:
     """Return the indices of scenes at a change, or with a small margin, that are not yet solved at full
     accuracy."""
     changes = solved.changes(first_only)
-    low = [
+    grazing = [
         below.start + np.flatnonzero(solved.margin[below] < GRAZING) for below in solved.below_first_change()
     ]
-    indices = np.union1d(np.union1d(changes, changes + 1), np.concatenate(low)).astype(int)
+    indices = np.union1d(np.union1d(changes, changes + 1), np.concatenate(grazing)).astype(int)
     return indices[~solved.sharp[indices]]
 
 
@@ -211,7 +211,7 @@ def points_around_dips(
     beside a dip.
     """
     dips, margin = find_dips(solved), solved.margin
-    # The depth is the value at which straight lines from both sides would meet.
+    # The depth is the margin at which straight lines from both sides would meet.
     depth = 2 * margin[dips] - 0.5 * (margin[dips - 1] + margin[dips + 1])
     is_candidate = depth < (0.0 if may_open else least_dip(solved)[solved.line[dips]])
     dips, depth = dips[is_candidate], depth[is_candidate]

@@ -234,19 +234,19 @@ class _Path(NamedTuple):
         """
         values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)
-        here = self.times[k]
+        middle = self.times[k]
 
         def at_time(t):
             return quantity(t, *self.mode.natural(self.solution.evaluate(t)))
 
         rate = lambda t: jax.jvp(at_time, (t,), (jnp.ones_like(t),))[1]
         spacing = (self.reached - self.start) / (SAMPLES - 1)
-        lo, hi = jnp.maximum(here - spacing, self.start), jnp.minimum(here + spacing, self.reached)
-        sign = jnp.sign(at_time(here))
+        lo, hi = jnp.maximum(middle - spacing, self.start), jnp.minimum(middle + spacing, self.reached)
+        sign = jnp.sign(at_time(middle))
         rises = lambda t: sign * rate(t) > 0
         inside = rises(lo) & (sign * rate(hi) < 0)
         lo, _ = bisect(rises, lo, hi, 40, jnp)
-        time = jnp.where(inside, lo, here)
+        time = jnp.where(inside, lo, middle)
         may_exceed = values[k] > record * (1 - 1e-2)
         value = jax.lax.cond(
             may_exceed & inside, lambda: jnp.abs(quantity(time, *self.solve_to(time))), lambda: values[k]

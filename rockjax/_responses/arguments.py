@@ -1,4 +1,4 @@
-"""Checks and conversion of the arguments with which scenes are computed."""
+"""Checks and conversion of the arguments of scenes."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ IN_G = 0.05, 1.0  # range of strong motions in g; such numbers in m/s² would li
 def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
     """Warn if a pulse cannot lift the columns, but could do so if the given amplitude were in g.
 
-    Only amplitudes of at most two significant digits are checked, because computed ones have more.
+    Only amplitudes of at most two significant digits are checked, because computed amplitudes have more.
     """
     amplitude = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
     if (

@@ -89,7 +89,7 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
 
 
 def _describe_superstructure(top: AbstractSuperstructure | None) -> dict[str, Any]:
-    """Return the class of a superstructure, and the arrays as JSON, for the attributes of a file."""
+    """Return the class of a superstructure and, if it has arrays, its fields as JSON."""
     attributes: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
     if top is None or not top.rows:
         return attributes
@@ -110,7 +110,7 @@ def _fields_as_json(structure: AbstractSuperstructure | Elevation) -> str:
 
 
 def _restrainers_as_json(restrainers: Sequence[AbstractRestrainer]) -> str:
-    """Return a JSON list with the class of each restrainer as `kind`, and the fields."""
+    """Return a JSON list of restrainers, each with its class as `kind` and with its fields."""
     rows = []
     for restrainer in restrainers:
         values = {field.name: getattr(restrainer, field.name) for field in dataclasses.fields(restrainer)}
@@ -125,7 +125,7 @@ def _restrainers_from_json(text: str) -> tuple[AbstractRestrainer, ...]:
 
 
 def podium_of(attributes: Mapping[str, Any]) -> Podium:
-    """Return the podium that `describe_podium` has described by these attributes."""
+    """Return the podium from the attributes that `describe_podium` has returned."""
     makers = {
         "none": lambda: None,
         "rigid": lambda: Rigid(attributes["eta"]),
@@ -166,7 +166,8 @@ def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
 
 def _motion_attribute(name: str) -> str:
     attribute = attribute_name(motion_parameter(name))
-    return f"pulse_{name}" if attribute == name else attribute  # a name without a unit may be a podium's, too
+    # Without a unit in the name, a parameter of the podium may have the same name.
+    return f"pulse_{name}" if attribute == name else attribute
 
 
 def describe_options(options: Options) -> dict[str, Any]:

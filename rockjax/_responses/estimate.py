@@ -26,8 +26,8 @@ from rockjax._tree import Module
 # (docs/verification.md).
 SAFETY = 10.0
 FINER = 0.1  # tolerance of the second solution divided by that of the first
-# Two solutions have diverged if their sums `EnergeticImpacts` differ by more than this: 1/16 % of the speed
-# of an impact with y = 1. Chaotic solutions may agree by chance; a lower threshold makes this less likely.
+# Two solutions have diverged if their `EnergeticImpacts` sums differ by more than this: 1/16 % of the speed
+# of an impact with |θ̇| = pα. Chaotic solutions may agree by chance; a low threshold makes this less likely.
 DIVERGED = 0.005
 # Rocking is chaotic if the error exceeds this multiple of `rtol` and this fraction of the peak. The
 # difference of two solutions is then a random sample, not an estimate.
@@ -44,9 +44,9 @@ class Errors(Module):
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], …: estimated absolute errors of the
       answers with these names, stored in `values`; inf for scenes that did not finish, NaN for outputs that
       were not requested, None for outputs that the podium does not have
-    - `undecided`: whether an error of ten times the estimate would change the answer to whether the columns
-      overturn, or rocking is chaotic: the two solutions differ in impacts after which columns can overturn,
-      in the time of overturning, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of the peak
+    - `undecided`: True if an error of ten times the estimate could decide whether the columns overturn, or if
+      rocking is chaotic: the two solutions differ in impacts after which columns can overturn, in the time
+      of overturning, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of the peak
     """
 
     values: dict[str, Any]

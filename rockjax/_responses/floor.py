@@ -212,7 +212,7 @@ class Pieces(NamedTuple):
         )
 
     def select(self, which: np.ndarray) -> Pieces:
-        """Return the pieces with these indices, or for which this is True."""
+        """Return the pieces that `which`, an array of indices or of flags, selects."""
         return Pieces(*(y[which] for y in self))
 
 
@@ -325,7 +325,7 @@ class FloorMotion(Module):
     excitation: AbstractExcitation
     nodes: Nodes
     end_time: Float[Array, ""]
-    _limit: Float[Array, ""]  # time up to which the motion is known; inf if the podium rests for good
+    _limit: Float[Array, ""]  # end of the motion [s]; inf if the podium rests for good
     _rtol: Value | None
     _method: Any = eqx.field(static=True)
     level: str | int = eqx.field(static=True)
@@ -378,7 +378,7 @@ class FloorMotion(Module):
         return float(np.abs(np.asarray(self.velocity_jumps)).max(initial=0.0))
 
     def last(self, end: float | None = None) -> float:
-        """Return the time up to which the motion of the floor is known [s] (host).
+        """Return the time up to which the motion of the floor can be evaluated [s] (host).
 
         This is the end of the scene, or `end` if that is later and the podium is rigid and rests for good.
         The default of `end` is the end of the ground motion.

@@ -102,13 +102,13 @@ def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, 
         members = [answer for answer in answers if isinstance(answer, kind)]
         if not members:
             continue
-        stacked = lambda of, members=members: np.stack([np.asarray(of(y)) for y in members], axis=-1)
+        stacked = lambda read, members=members: np.stack([np.asarray(read(y)) for y in members], axis=-1)
         for name, (unit, description) in variables.items():
             values = stacked(lambda y, name=name: getattr(y, name))
             data[f"{dim}_{name}"] = (*dims, dim), values, {"units": unit, "long_name": description}
         code = stacked(lambda y: results.code_of(y.result)).astype(np.int8)
-        about = {"units": "1", "long_name": f"result of the {dim}", **results.FLAGS}
-        data[f"{dim}_result"] = (*dims, dim), code, about
+        attrs = {"units": "1", "long_name": f"result of the {dim}", **results.FLAGS}
+        data[f"{dim}_result"] = (*dims, dim), code, attrs
     return data
 
 

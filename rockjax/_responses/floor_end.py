@@ -21,8 +21,8 @@ class Ending(NamedTuple):
 
     - `rests`: whether the columns rest for good and the ground motion has ended
     - `modes`: bound on ∫|ü_i + ü_g| dt of each mode after the end [m/s]; inf for a mode without damping
-    - `speed`: |u̇_b| of a rigid podium that rocks freely [m/s]; inf if no bound is known
-    - `impact_speed`: bound on |u̇_b| before the next impact of this podium [m/s]; inf if no bound is known
+    - `speed`: |u̇_b| of a rigid podium that rocks freely [m/s]; inf if there is no bound
+    - `impact_speed`: bound on |u̇_b| before the next impact of this podium [m/s]; inf if there is no bound
     - `restitution`: restitution factor e, clipped to [0, 1]
     """
 

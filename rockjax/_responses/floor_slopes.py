@@ -80,7 +80,7 @@ def solved(
 def bodies_with_slopes(
     scene: history.Solved, node_slopes: Nodes, t, left, node, names: tuple[str, ...] = ()
 ) -> tuple[Bodies, Bodies]:
-    """Return the result of `bodies`, and the derivatives of it, with the parameters along the first axis.
+    """Return the result of `bodies`, and its derivatives with the parameters along the first axis.
 
     - `scene`: solved scene; `node_slopes`: derivatives of the nodes, with the parameters along the first axis
     - `t`, `left`, `node`: as for `bodies`
@@ -114,7 +114,7 @@ class Slopes(NamedTuple):
 
 
 def capacity_for(used: int) -> int:
-    """Return a capacity for a history of about `used` nodes, one of a few so that programs are reused."""
+    """Return a capacity for about `used` nodes, one of a few sizes, so that programs are reused."""
     return common_size(used + used // 8 + 64, *history.NODES)
 
 

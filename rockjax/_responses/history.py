@@ -97,7 +97,7 @@ def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vect
     return quantities
 
 
-# Times and nodes are padded to a few sizes, so that histories of many lengths share programs.
+# Times and nodes are padded so that histories share programs: to FEW_TIMES, or by `common_size(…, *TIMES)`.
 FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
@@ -148,7 +148,7 @@ def sample(
 
 
 def node_before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
-    """Return the index of the last node at or before t, or of the last node before t if `left`."""
+    """Return the index of the last node at or before t; if `left`, of the last node before t."""
     count = jnp.where(
         left, jnp.searchsorted(nodes.t, t, side="left"), jnp.searchsorted(nodes.t, t, side="right")
     )

@@ -186,7 +186,7 @@ def _solve_group(
     solve, _ = KINDS[type(things[0])]
     weights = jnp.stack([_weights_of(podium, thing) for thing in things])
     lanes = jax.tree.map(lambda *y: jnp.stack(y), *map(_stackable, things))
-    solve_lane = lambda thing, w: solve(thing, podium.g, w, course, options, reversible)
+    solve_lane = lambda thing, row: solve(thing, podium.g, row, course, options, reversible)
     answers = jax.vmap(solve_lane)(lanes, weights)
     return [jax.tree.map(functools.partial(jnp.take, indices=k, axis=0), answers) for k in range(len(things))]
 

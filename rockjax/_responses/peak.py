@@ -119,8 +119,8 @@ class AbstractPeak(Module):
 
     @property
     def joints_closed(self) -> Bool[Array, "*batch"]:
-        """True if no joint would open and the beam would lift off no column at an impact. Only those of the
-        outputs `"axial_force"`, `"impact_friction"` and `"peak_friction"` are checked that were requested."""
+        """True if no joint would open and the beam would lift off no column at an impact, as far as the
+        requested outputs among `"axial_force"`, `"impact_friction"` and `"peak_friction"` show."""
         is_closed = jnp.ones(jnp.shape(self.overturned), bool)
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)
@@ -175,7 +175,7 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
     """
     code = integers["code"]
     if throw:
-        raise_without_answer(code)
+        raise_if_unfinished(code)
     stats = Stats(steps=integers["steps"], rejected=integers["rejected"], end_time=floats["end_time"])
     values = {name: floats[name] for name in all_variables(options.outputs) if name in floats}
     always = {name: values.pop(name) for name in ("overturn_time", "uplift_time", "smallest_impact_speed")}
@@ -193,9 +193,8 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
 def _impacts(floats, integers, options: Options, history: bool):
     """Return the number of impacts, or NaN if the scene ended before this number was final.
 
-    In a settled scene the number is final if it was requested or the scene has a history. It is also final,
-    0, if rotation or margin were requested and the columns never lifted, since a later uplift would change
-    these.
+    In a settled scene the number is final if it was requested or the scene has a history. It is also final
+    (zero) if the columns never lifted and rotation or margin, which an uplift would change, were requested.
     """
     flags = integers["code"], integers["impacts"], integers["uplifted"]
     is_traced, is_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
@@ -211,7 +210,7 @@ def _impacts(floats, integers, options: Options, history: bool):
     return as_array(impacts) if is_jax and not is_traced else impacts
 
 
-def raise_without_answer(code: Array) -> None:
+def raise_if_unfinished(code: Array) -> None:
     """Raise `RuntimeError` about the first scene that did not finish. Traced codes are not checked."""
     codes = concrete(code)
     if codes is None:
@@ -384,5 +383,5 @@ def _rows_of_joints(peak: AbstractPeak) -> list[tuple[str, str]]:
 
 
 def _format(values) -> str:
-    """Return a number, or several, as text."""
+    """Return one or more numbers as text, separated by commas."""
     return ", ".join(f"{float(y):.6g}" for y in np.ravel(np.asarray(values)))

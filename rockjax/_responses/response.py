@@ -94,7 +94,7 @@ class Response(AbstractPeak):
         return start, end if end > start else start + 1 / float(self.podium.p)
 
     def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
-        """Return the state at times t [s], at an impact after it, or with `left=True` before it."""
+        """Return the state at times t [s]; at an impact, just after it, or just before it if `left`."""
         theta, theta_dot, *of_modes = self._values_at(t, "theta", "theta_dot", "u_t", "u_t_dot", left=left)
         return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
@@ -147,8 +147,8 @@ class Response(AbstractPeak):
         """Return the restoring moment divided by its value at uplift [–], at times t [s].
 
         In full contact the result is −q/q_up ∈ [−1, 1], Eq. (9). While rocking it is the moment of the
-        foundation's vertical forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15), plus
-        that of the restrainers, (C22). Without restrainers and vertical inertia, it is about σ − θ/α.
+        foundation's vertical forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15), plus the
+        moment of the restrainers, (C22). Without restrainers and vertical inertia, it is about σ − θ/α.
         """
         return self._values_at(t, "restoring_moment")[0]
 
@@ -186,8 +186,8 @@ class Response(AbstractPeak):
         )
 
     def joint_forces(self, t: Float[ArrayLike, "*times"], left: bool = False) -> JointForces:
-        """Return the forces in the joints of all columns divided by m_c g, at times t [s], (F3) to (F11);
-        at an impact after it, or with `left=True` before it.
+        """Return the forces in the joints of all columns divided by m_c g, at times t [s], (F3) to (F11). At
+        the time of an impact, these are the forces after the impact, or with `left=True` before it.
 
         If no elevation is given, there is one column, the mean column. Forces follow from the motion and do
         not affect it. They no longer hold after the first time at which a joint pulls or would slide.
@@ -301,13 +301,13 @@ class Response(AbstractPeak):
 
     def _scene(self, with_elevation: bool = False) -> history.Solved:
         # The segments engine may use any Diffrax solver, so between the nodes of its history dopri8 is used.
-        explicit = self.options.method if self.options.engine == "flat" else "dopri8"
+        method = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
         rtol = self.options.rtol if self.podium.restrainers else None
         podium = self.podium.split()
         podium = podium if with_elevation else podium.without_elevation()
-        return podium, self.excitation.common_form(), history.padded(self.nodes), end, explicit, rtol
+        return podium, self.excitation.common_form(), history.padded(self.nodes), end, method, rtol
 
 
 def _truncate(values: Array, count: int) -> Array:

@@ -29,7 +29,7 @@ class Sensitivities(Module):
     """Derivatives of peaks with respect to the logarithms of parameters y, with other parameters held
     constant.
 
-    - `parameters`: names of the parameters, along the last axis of the following arrays
+    - `parameters`: names of the parameters, in the order of the last axis of the following arrays
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: y ∂(…)/∂y of the answer
       of this name. The attribute is None if the answer was not requested or does not exist; derivatives with
       respect to parameters of value zero are zero. Axes of modes, stories and joints precede the axis of

@@ -47,8 +47,7 @@ def peak_response(
     - `podium`: a single podium; only modes, stories and columns may have an axis
     - `excitation`: a pulse, a wavelet, a record, a `Motion`, or any other [`rockjax.AbstractExcitation`][]
     - `initial`: state at the start of the excitation's support
-    - `t_end`: latest end of the scene [s]; by default the end of the support plus 30/p or 10 T_s, whichever
-      is longer
+    - `t_end`: latest end of the scene [s]; by default max(30/p, 10 T_s) after the end of the excitation
     - `options`: accuracy, requested outputs and limits
     - `on_floors`: light things on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][], one or a
       sequence of them; their answers are the field `on_floors` of the result, and nothing else changes
@@ -128,8 +127,9 @@ def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
 
 def _solved(podium, excitation, initial, t_end, options, history):
     """Return floats and integers by name, and the nodes of the history (None if `history` is None)."""
-    (floats, smooth), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, history)
-    nodes = None if smooth is None else smooth._replace(piece=node_integers[0], used=node_integers[1])
+    (floats, nodes), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, history)
+    if nodes is not None:
+        nodes = nodes._replace(piece=node_integers[0], used=node_integers[1])
     return floats, integers, nodes
 
 

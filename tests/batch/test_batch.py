@@ -219,7 +219,7 @@ def test_a_thread_that_is_alone_solves_the_chunks_of_the_others(name, monkeypatc
     podium, motions = PODIUMS[name], rj.Ricker(amplitudes(300), 1.0)
     together = rj.peak_responses(podium, motions, threads=3)
     monkeypatch.setattr(threads, "submit", in_turn)
-    monkeypatch.setattr(executors, "MANY_TRIALS", 10)
+    monkeypatch.setattr(executors, "MAX_LAST_TRIALS", 10)
     alone = rj.peak_responses(podium, motions, threads=3)
     for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
         np.testing.assert_array_equal(a, b)

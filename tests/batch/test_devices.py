@@ -213,7 +213,7 @@ def test_a_default_device_is_where_batches_run(monkeypatch):
             threads = executor_for("")
             assert isinstance(threads, ThreadExecutor)
     # Threads keep to the CPU although accelerators are the default.
-    with threads._cores():
+    with threads._on_cpu():
         assert jax.config.jax_default_device == device
 
 
