@@ -182,7 +182,7 @@ def operations() -> dict[str, int]:
 
 
 def work(piece: str) -> None:
-    """Read rows from the standard input; print their wall times, and the CPU time of the first call [s]."""
+    """Read names of rows from the standard input. Print the wall time [s], and at first also the CPU time."""
     if piece:
         PIECES[piece].switch_off()
     prepared_rows: dict[str, Callable[[], Any]] = {}
@@ -233,28 +233,28 @@ def lines_of(piece: Piece) -> int:
 
 
 def ratios(name: str, piece: Piece, complete: Worker) -> dict[str, Any]:
-    """Return ratios without/with the piece: times, CPU seconds of first calls, operations of a trial."""
+    """Return ratios without/with the piece: times, CPU seconds of first calls, operations of a trial step."""
     row: dict[str, Any] = {"piece": name, "lines": lines_of(piece)}
-    without = Worker(name)
+    reduced = Worker(name)
     try:
-        counts = complete("operations"), without("operations")
+        counts = complete("operations"), reduced("operations")
         row |= {key: counts[1][key] / counts[0][key] for key in counts[0]}
         for row_name in ROWS:
             if piece.rows and not any(word in row_name for word in piece.rows):
                 continue
             times, first_calls = [math.inf, math.inf], [math.nan, math.nan]
             for _ in range(RUNS):
-                for k, worker in enumerate((complete, without)):
-                    seconds, first = worker(row_name)
+                for k, worker in enumerate((complete, reduced)):
+                    seconds, first_call = worker(row_name)
                     times[k] = min(times[k], seconds)
-                    first_calls[k] = FIRSTS.setdefault((row_name, k and name), first)
+                    first_calls[k] = FIRST_CALLS.setdefault((row_name, k and name), first_call)
             row |= {row_name: times[1] / times[0], f"first, {row_name}": first_calls[1] / first_calls[0]}
     finally:
-        without.close()
+        reduced.close()
     return row
 
 
-FIRSTS: dict[tuple[str, Any], Any] = {}
+FIRST_CALLS: dict[tuple[str, Any], Any] = {}  # (row, piece or 0) ↦ CPU time of the first call [s]
 
 
 def main() -> None:

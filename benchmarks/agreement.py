@@ -3,13 +3,13 @@
 The scenes are random. A kind of scene is a combination of superstructure, devices, direction and motion, such
 as `elastic-power-vertical-steps`; an argument selects all kinds that contain its words. The motions are
 rougher than earthquakes (noise of a few samples with offsets, steps, pulses) or zero. About 40 % of the
-podiums start with a rotation, some of them with a velocity or deformation as well, and some scenes end early.
+podiums start with a rotation, and some of these also with a velocity or deformation. Some scenes end early.
 
 Answers at three tolerances are compared with each other. Derivatives with respect to α and the scale of the
 motion are compared with central differences at several steps. Central differences "settle" if three
-successive values, each extrapolated from two steps, agree. With `--ways`, the answers are also compared with
-answers for all impacts counted, without derivatives, and by `tsit5`. With `--faults FOLDER`, each fault is
-written to a file, which `python -m benchmarks.agreement --again FILE` solves again.
+successive values, each extrapolated from two steps, agree. With `--ways`, answers are also compared with
+solutions that count all impacts, have no derivatives, or use `tsit5`. `--faults FOLDER` writes each fault to
+a file, which `python -m benchmarks.agreement --again FILE` solves again.
 
 A difference that exceeds the limits gets one of these names:
 
@@ -70,7 +70,7 @@ PARAMETERS = ("alpha", "scale")
 STEPS = (3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)  # steps of ln α and of the logarithm of the scale
 RELATIVE, ABSOLUTE = 1e-5, 1e-8  # limits of the difference of two answers
 MAX_STEPS = 20_000  # largest number of steps of a scene; scenes that need more are not compared
-SAFETY = 10.0  # an answer is flagged if this multiple of its estimated error reaches the difference
+SAFETY = 10.0  # an answer is flagged if its estimated error times this factor reaches the difference
 GRAZES = 1e-3  # an impact is nearly grazing if its speed is below this multiple of pα
 
 
@@ -127,24 +127,24 @@ class Scenes(NamedTuple):
 def scenes(kind: SceneKind, count: int, seed: int) -> Scenes:
     """Return random scenes of a kind; equal arguments give equal scenes."""
     rng = np.random.default_rng([seed, *map(ord, str(kind))])
-    draw = lambda low, high, *more: rng.uniform(low, high, (count, *more))
-    side = lambda *more: rng.choice([-1.0, 1.0], (count, *more))
-    alpha, gamma = draw(0.05, 0.5), rng.choice([0.01, 0.5, 2.0, 10.0, 50.0], count)
+    uniform = lambda low, high, *more: rng.uniform(low, high, (count, *more))
+    random_sign = lambda *more: rng.choice([-1.0, 1.0], (count, *more))
+    alpha, gamma = uniform(0.05, 0.5), rng.choice([0.01, 0.5, 2.0, 10.0, 50.0], count)
     structure = rj.Podium(
         alpha,
-        10 ** draw(-0.3, 1),
+        10 ** uniform(-0.3, 1),
         gamma,
-        superstructure=_top(kind.top, draw),
-        restitution=draw(0.3, 0.98),
-        restrainers=_devices(kind.devices, draw),
+        superstructure=_top(kind.top, uniform),
+        restitution=uniform(0.3, 0.98),
+        restrainers=_devices(kind.devices, uniform),
     )
     uplift, p = np.asarray(structure.uplift_ground_acceleration), np.asarray(structure.p)
-    strength = uplift * np.where(draw(0, 1) < 0.4, draw(0.9, 1.5), draw(1, 6)) * side()
-    size = structure.g * draw(0.01, 0.95) * side()
+    strength = uplift * np.where(uniform(0, 1) < 0.4, uniform(0.9, 1.5), uniform(1, 6)) * random_sign()
+    size = structure.g * uniform(0.01, 0.95) * random_sign()
     if kind.motion in PULSES:
-        period = 2 * math.pi / (p * draw(1, 12))
+        period = 2 * math.pi / (p * uniform(1, 12))
         horizontal: Any = PULSES[kind.motion](strength, period)
-        vertical: Any = rj.Ricker(size, period * draw(0.1, 1))
+        vertical: Any = rj.Ricker(size, period * uniform(0.1, 1))
     else:
         make_records = lambda start: rj.Records.of(
             [rj.Record(row, SPACING, t_start=start) for row in _rows(rng, kind.motion == "steps")]
@@ -153,55 +153,56 @@ def scenes(kind: SceneKind, count: int, seed: int) -> Scenes:
         horizontal = make_records(0.0).scaled(strength * motion_factor)
         vertical = make_records(0.1).scaled(size)
     motion = horizontal if kind.direction == "horizontal" else rj.GroundMotion(horizontal, vertical)
-    is_rotated = (draw(0, 1) < 0.4) | (kind.motion == "rest")
-    theta = np.where(is_rotated, alpha * 10 ** draw(-8, -0.3) * side(), 0.0)
-    rate = np.where(is_rotated & (draw(0, 1) < 0.5), p * alpha * draw(-0.5, 0.5), 0.0)
+    is_rotated = (uniform(0, 1) < 0.4) | (kind.motion == "rest")
+    theta = np.where(is_rotated, alpha * 10 ** uniform(-8, -0.3) * random_sign(), 0.0)
+    rate = np.where(is_rotated & (uniform(0, 1) < 0.5), p * alpha * uniform(-0.5, 0.5), 0.0)
     start, end = (np.asarray(y) for y in motion.support)
-    duration = np.where(draw(0, 1) < 0.4, (end - start) * draw(0.3, 2.5), (end - start) * 3 + 30 / p)
-    return Scenes(structure, motion, _initial(structure, is_rotated, theta, rate, draw), start + duration)
+    duration = np.where(uniform(0, 1) < 0.4, (end - start) * uniform(0.3, 2.5), (end - start) * 3 + 30 / p)
+    return Scenes(structure, motion, _initial(structure, is_rotated, theta, rate, uniform), start + duration)
 
 
-def _top(name: str, draw) -> Any:
-    eta, zeta = 10 ** draw(-1, 2), draw(0.01, 0.2)
+def _top(name: str, uniform) -> Any:
+    eta, zeta = 10 ** uniform(-1, 2), uniform(0.01, 0.2)
     if name == "none":
         return None
     if name == "rigid":
         return rj.Rigid(eta)
     if name == "elastic":
-        return rj.Elastic(eta, 10 ** draw(-1.5, 0.5), zeta)
+        return rj.Elastic(eta, 10 ** uniform(-1.5, 0.5), zeta)
     if name == "modes":
-        shares = draw(0.05, 1, STORIES + 1)
-        parts = eta[:, None] * shares / shares.sum(axis=1, keepdims=True)
-        return rj.Modes(parts[:, :-1], 10 ** draw(-1.6, 0.2, STORIES), draw(0.01, 0.2, STORIES), parts[:, -1])
+        shares = uniform(0.05, 1, STORIES + 1)
+        masses = eta[:, None] * shares / shares.sum(axis=1, keepdims=True)
+        T, zeta = 10 ** uniform(-1.6, 0.2, STORIES), uniform(0.01, 0.2, STORIES)
+        return rj.Modes(masses[:, :-1], T, zeta, masses[:, -1])
     retained = {"building": STORIES, "truncated": STORIES - 1, "unkept": 0}[name]
-    masses = 10 ** draw(-1, 1, STORIES)
-    stiffnesses = masses * 10 ** draw(1, 3.5, 1) * draw(0.3, 2, STORIES)
+    masses = 10 ** uniform(-1, 1, STORIES)
+    stiffnesses = masses * 10 ** uniform(1, 3.5, 1) * uniform(0.3, 2, STORIES)
     return rj.ShearBuilding(
-        masses, stiffnesses, draw(0.01, 0.2, retained) if retained else 0.05, modes=retained
+        masses, stiffnesses, uniform(0.01, 0.2, retained) if retained else 0.05, modes=retained
     )
 
 
-def _devices(name: str, draw) -> tuple[Any, ...]:
+def _devices(name: str, uniform) -> tuple[Any, ...]:
     """Return a tendon, a damper and an inerter; each parameter is zero in a quarter of the scenes."""
-    or_zero = lambda values: np.where(draw(0, 1) < 0.75, values, 0.0)
+    or_zero = lambda values: np.where(uniform(0, 1) < 0.75, values, 0.0)
     if name == "free":
         return ()
-    exponent = 1.0 if name == "linear" else draw(0.2, 1)
+    exponent = 1.0 if name == "linear" else uniform(0.2, 1)
     return (
-        rj.Tendon(or_zero(10 ** draw(-1, 2)), or_zero(10 ** draw(0, 2))),
-        rj.Damper(or_zero(10 ** draw(-1, 1.7)), exponent),
-        rj.Inerter(or_zero(10 ** draw(-1, 1.5))),
+        rj.Tendon(or_zero(10 ** uniform(-1, 2)), or_zero(10 ** uniform(0, 2))),
+        rj.Damper(or_zero(10 ** uniform(-1, 1.7)), exponent),
+        rj.Inerter(or_zero(10 ** uniform(-1, 1.5))),
     )
 
 
-def _initial(podium: rj.Podium, is_rotated, theta, rate, draw) -> rj.State:
+def _initial(podium: rj.Podium, is_rotated, theta, rate, uniform) -> rj.State:
     count = getattr(podium.superstructure, "count", 0)
     if not podium.vibrates:
         return rj.State(theta=theta, theta_dot=rate)
     mode_shape = (count,) if isinstance(podium.superstructure, rj.Modes | rj.ShearBuilding) else ()
-    size = np.asarray(podium.R * np.sin(podium.alpha)) * is_rotated * (draw(0, 1) < 0.5)
+    size = np.asarray(podium.R * np.sin(podium.alpha)) * is_rotated * (uniform(0, 1) < 0.5)
     size = size.reshape(-1, *[1] * len(mode_shape))
-    return rj.State(theta, rate, size * draw(-0.3, 0.3, *mode_shape), size * draw(-1, 1, *mode_shape))
+    return rj.State(theta, rate, size * uniform(-0.3, 0.3, *mode_shape), size * uniform(-1, 1, *mode_shape))
 
 
 def _rows(rng: np.random.Generator, steps: bool) -> list[np.ndarray]:
@@ -270,7 +271,7 @@ def differentiate(batch: Scenes, outputs: tuple[str, ...]) -> Differences:
     alpha = np.concatenate([ones[:1], up, down, ones, ones])
     scale = np.concatenate([ones[:1], ones, ones, up, down])
     shape = (len(alpha), len(batch.t_end))
-    # With sensitivities, which are not used here, so that the compiled program is the same as in `compare`.
+    # Sensitivities are requested only so that the compiled program is the same as in `compare`.
     peaks = solve(batch.varied(alpha, scale), outputs, TOLERANCES[-1], sensitivities=PARAMETERS)
     answers = columns(peaks, outputs, shape)
     centre, shifted = answers[:, :1], answers[:, 1:]

@@ -4,7 +4,7 @@
 
 For each structure and each motion, responses are computed at scales in steps of `WIDTH`/4 times the range,
 from the last scale without uplift to the first wide overturning window. The width of each window is measured.
-Then `rockjax.overturning_boundary` searches the boundary. No window below the boundary may be wider than its
+Then `rockjax.overturning_boundary` finds the boundary. No window below the boundary may be wider than its
 `certain_width`, and the structure must overturn just above it. Half of the synthetic motions have a velocity
 pulse, and some are pulses alone. `--records` uses the records of a folder instead (text with times and
 accelerations in any unit, because the range is relative to PGA), cut to 1000 samples around the peak.
@@ -73,15 +73,15 @@ def motions(count: int) -> rj.Records:
 
 def read_records(folder: Path, count: int) -> rj.Records:
     """Return the records in a folder, cut around their peaks."""
-    cut = []
+    shortened = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.RecordWarning)  # the unit is not known, so the PGA may be unusual
         suite = rj.read_suite(folder, units="m/s2", pattern="*.dat")
     for motion in suite:
         samples = np.asarray(motion.acceleration)
         first = max(0, int(np.argmax(np.abs(samples))) - SAMPLES_BEFORE_PEAK)
-        cut.append(rj.Record(samples[first : first + SAMPLES], motion.dt))
-    return rj.Records.of(cut[:count])
+        shortened.append(rj.Record(samples[first : first + SAMPLES], motion.dt))
+    return rj.Records.of(shortened[:count])
 
 
 def overturns(podium: rj.Podium, records: rj.Records, j: int, scales: np.ndarray) -> np.ndarray:
@@ -184,20 +184,19 @@ def compare_search(name: str, source: str, records: rj.Records, store: Path | No
     truth = scan_all(name, source, records, limits, store)
     start = time.process_time()
 
-    def search(which, limit):
-        return rj.overturning_boundary(podium, records.pick(which), max_scale=limit, width=WIDTH)
+    def search(index, limit):
+        return rj.overturning_boundary(podium, records.pick(index), max_scale=limit, width=WIDTH)
 
     boundary = jax.vmap(search)(np.arange(len(records), dtype=np.int32), limits)
     seconds = time.process_time() - start
     scale, certain = np.asarray(boundary.scale), np.asarray(boundary.certain_width)
     below, doubtful = [], []
     for j, limit in enumerate(limits):
-        top = scale[j] - SCALE_STEP * limit / (
-            INSIDE - 1
-        )  # a window that starts above is the boundary itself
+        # A window that starts above this scale is the boundary itself.
+        highest_start = scale[j] - SCALE_STEP * limit / (INSIDE - 1)
         for lo, hi in truth[j]["windows"]:
             hi = min(hi, scale[j])  # the window may contain the boundary
-            if lo < top:
+            if lo < highest_start:
                 below.append(
                     {"motion": j, "from": lo, "width": (hi - lo) / limit, "boundary": float(scale[j])}
                     | {"wider": bool(hi - lo > certain[j])}

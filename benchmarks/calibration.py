@@ -8,7 +8,7 @@ Scenes whose outcome differs from the reference are counted separately; their pe
 
 `intervals [trials]` counts how often confidence intervals of fragility curves contain the true value. It
 draws samples of capacities from a lognormal distribution, some of them censored. For each sample it computes
-a fit and 90 % intervals with the functions of `rockjax.fragility`. For stripes, records can survive by chance
+a fit and 90 % intervals with the functions of `rockjax.fragility`. In samples of stripes, records may survive
 at levels above their capacity. Samples with fewer than two different capacities have no fit and do not count.
 """
 
@@ -51,10 +51,10 @@ def podiums(structure: str, n: int, rng: np.random.Generator) -> rj.Podium:
 
 def scale_records(podium: rj.Podium, records: rj.Records, n: int, rng: np.random.Generator) -> rj.Records:
     """Return one record for each podium, with a PGA from 0.9 to 8 times the uplift threshold."""
-    which = rng.integers(0, len(records), n).astype(np.int32)
-    pga = np.asarray(records.sizes()).max(axis=1)[which]
+    index = rng.integers(0, len(records), n).astype(np.int32)
+    pga = np.asarray(records.sizes()).max(axis=1)[index]
     uplift = np.asarray(podium.g) * np.tan(np.asarray(podium.alpha))
-    return records.pick(which).scaled(np.exp(rng.uniform(math.log(0.9), math.log(8.0), n)) * uplift / pga)
+    return records.pick(index).scaled(np.exp(rng.uniform(math.log(0.9), math.log(8.0), n)) * uplift / pga)
 
 
 def options(rtol: float, *more: str) -> rj.Options:
@@ -74,14 +74,14 @@ def compare_errors(source: str, structure: str, records: rj.Records, n: int) -> 
         answered = np.all([np.asarray(code_of(y.result)) <= OVERTURNED for y in (peak, reference)], axis=0)
         flipped = np.asarray(peak.overturned) != np.asarray(reference.overturned)
         undecided = np.asarray(peak.errors.undecided)
-        stood = answered & lifted & ~flipped & ~np.asarray(reference.overturned)
+        survived = answered & lifted & ~flipped & ~np.asarray(reference.overturned)
         row = {"records": source, "structure": structure, "rtol": rtol, "scenes": n}
         row |= {"no answer": int((~answered).sum()), "flips": int((answered & flipped).sum())}
         row["unflagged"] = int((answered & flipped & ~undecided).sum())
-        row |= {"undecided": float(np.mean(undecided)), "compared": int(stood.sum())}
+        row |= {"undecided": float(np.mean(undecided)), "compared": int(survived.sum())}
         for name in QUANTITIES:
-            error = np.abs(np.asarray(getattr(peak, name)) - np.asarray(getattr(reference, name)))[stood]
-            estimate = np.asarray(getattr(peak.errors, name))[stood]
+            error = np.abs(np.asarray(getattr(peak, name)) - np.asarray(getattr(reference, name)))[survived]
+            estimate = np.asarray(getattr(peak.errors, name))[survived]
             ratio = np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300)
             for factor in (1, 10, 100):
                 row[f"{name}: over {factor} x"] = float(np.mean(ratio > factor))

@@ -1,8 +1,8 @@
 """Comparison with other solvers on the same scenes in one run: `python -m benchmarks.compare`.
 
-For each target of the 99th percentile of the error, each solver uses the largest tolerance that reaches the
-target. SciPy, heyoka and the Diffrax version solve fewer, evenly spaced scenes, and the target applies to the
-largest error. Times are the shortest run, per scene. Install the peers with `pip install -e ".[bench]"`.
+Targets limit the 99th percentile of the error. For each target, each solver uses the largest tolerance that
+reaches it. SciPy, heyoka and the Diffrax version solve fewer, evenly spaced scenes, and their targets limit
+the largest error. Times per scene are of the fastest run. `pip install -e ".[bench]"` installs the peers.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _segments(structure: rj.Podium, motions: rj.Ricker, settings: rj.Options) ->
 
 
 def peers() -> dict[str, tuple[Solve, int, int]]:
-    """Return name of a peer → (solver, number of scenes or 0 for all, number of timed runs)."""
+    """Return name of a peer ↦ (solver, number of scenes or 0 for all, number of timed runs)."""
     from .peers import heyoka_events, numba_loop, scipy_events
 
     return {
@@ -69,26 +69,26 @@ def peers() -> dict[str, tuple[Solve, int, int]]:
 def families(points: int, names: list[str]) -> list[dict]:
     rows = []
     for name in PERIODS:
-        full_family = family(name, points)
+        all_scenes = family(name, points)
         for target in TARGETS:
-            tolerance = loosest(rockjax_peaks, full_family, target)
+            tolerance = loosest(rockjax_peaks, all_scenes, target)
             if tolerance is None:
                 continue
-            own = shortest_time(lambda s=full_family, r=tolerance: rockjax_peaks(s, r)) / len(full_family)
+            our_time = shortest_time(lambda s=all_scenes, r=tolerance: rockjax_peaks(s, r)) / len(all_scenes)
             row = {"family": name, "error": target, "peer": "rockjax", "rtol": tolerance}
-            rows.append(row | {"us": own * 1e6, "ratio": 1.0})
+            rows.append(row | {"us": our_time * 1e6, "ratio": 1.0})
             for peer in names:
                 solve, count, runs = peers()[peer]
                 if target < 1e-8 and count:
                     continue  # it would take hours and lead to similar ratios
-                scenes = full_family.some(count) if count else full_family
+                scenes = all_scenes.thinned(count) if count else all_scenes
                 rtol = loosest(solve, scenes, target)
                 row = {"family": name, "error": target, "peer": peer, "rtol": rtol, "us": None, "ratio": None}
                 if rtol is not None:
                     seconds = shortest_time(lambda solve=solve, s=scenes, r=rtol: solve(s, r), runs) / len(
                         scenes
                     )
-                    row |= {"us": seconds * 1e6, "ratio": seconds / own}
+                    row |= {"us": seconds * 1e6, "ratio": seconds / our_time}
                 rows.append(row)
                 print(row, flush=True)
     return rows

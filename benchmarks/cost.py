@@ -1,8 +1,8 @@
 """Run time of a scene: `python -m benchmarks.cost motions|restrained|forces|scaling|processors`.
 
 `motions` solves the grid of Fig. 6 with several pulse shapes. `restrained` compares podiums that have a
-tendon and a linear damper with the same podiums without devices; accelerations are relative to the uplift
-threshold, so that both rock alike. `forces` compares batches with and without forces in the joints,
+tendon and a linear damper with the same podiums without devices. Accelerations are relative to the uplift
+threshold, so that both podiums rock alike. `forces` compares batches with and without forces in the joints,
 for pulses and for records. `scaling` measures time and memory from 10³ to 10⁶ scenes. `processors` compares
 the devices of JAX with threads on the CPU, including differences between the answers; without an
 accelerator, `processors --host-devices 2` uses two parts of the CPU as devices.
@@ -122,8 +122,8 @@ def time_forces(runs: int = 5) -> None:
         elevation = rj.Elevation([-3.0, 3.0], beam_depth=0.6, **heights)
         if name != "solitary block":
             plain = plain.replace(elevation=elevation)
-        lifting = float(plain.g * jnp.tan(plain.alpha))
-        pulses = rj.Ricker(lifting * np.linspace(1, 6, 40)[:, None], np.geomspace(0.2, 3, 40))
+        uplift = float(plain.g * jnp.tan(plain.alpha))
+        pulses = rj.Ricker(uplift * np.linspace(1, 6, 40)[:, None], np.geomspace(0.2, 3, 40))
         cases[name, "40 × 40 Ricker pulses"] = plain, pulses
         cases[name, "20 records × 50 scales"] = plain, suite.scenes
     rows = []
@@ -201,23 +201,23 @@ def time_batches(path: str, devices: str) -> None:
 def processors(option: str = "", count: str = "") -> None:
     """Compare CPU threads with the devices of JAX, each in a process with its own environment."""
     on_host = {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": count} if option == "--host-devices" else {}
-    sides = {"threads": {"JAX_PLATFORMS": "cpu"}, "devices": on_host}
+    environments = {"threads": {"JAX_PLATFORMS": "cpu"}, "devices": on_host}
     with tempfile.TemporaryDirectory() as folder:
-        for side, environment in sides.items():
-            path = str(Path(folder) / f"{side}.npz")
-            command = [sys.executable, "-m", "benchmarks.cost", "timed", path, side]
+        for case, environment in environments.items():
+            path = str(Path(folder) / f"{case}.npz")
+            command = [sys.executable, "-m", "benchmarks.cost", "timed", path, case]
             subprocess.run(command, check=True, env=os.environ | environment)
-        first, second = (dict(np.load(Path(folder) / f"{side}.npz")) for side in sides)
+        threads, devices = (dict(np.load(Path(folder) / f"{case}.npz")) for case in environments)
     rows = []
     for label in FAMILIES:
         for points in POINTS:
             key = f"{label} {points}"
-            same = first[f"{key} overturned"] == second[f"{key} overturned"]
-            difference = np.abs(first[f"{key} peaks"] - second[f"{key} peaks"])[same]
-            a, b = float(first[f"{key} s"]), float(second[f"{key} s"])
+            same = threads[f"{key} overturned"] == devices[f"{key} overturned"]
+            difference = np.abs(threads[f"{key} peaks"] - devices[f"{key} peaks"])[same]
+            a, b = float(threads[f"{key} s"]), float(devices[f"{key} s"])
             row = {"family": label, "scenes": points**2, "threads [1/s]": points**2 / a}
             row |= {"devices [1/s]": points**2 / b, "ratio": a / b, "difference": float(difference.max())}
-            rows.append(row | {"outcomes that differ": int((~same).sum()), "devices": str(second["name"])})
+            rows.append(row | {"outcomes that differ": int((~same).sum()), "devices": str(devices["name"])})
     if on_host:
         show(rows)
     else:

@@ -3,8 +3,8 @@
 `python -m benchmarks.device_design [force] [stiffness] [damper] [inerter] [building] [vertical] [figures]`.
 
 - force: the least prestress of tendons that keeps the rotation below 0.4 α
-- stiffness: the least prestress for given stiffnesses of the tendons, the least stiffness without prestress,
-  and prestress and stiffness together for the least force
+- stiffness: the least prestress for several stiffnesses of the tendons, the least stiffness without
+  prestress, and the prestress and stiffness for the least force
 - damper: coefficient and exponent for the least rotation, with a limit on the shear
 - inerter: the inertance for the least rotation, and the least inertance for 0.4 α
 - building: width of the columns and prestress under a five-storey building, for the least drift and the least
@@ -16,8 +16,8 @@
   and the results of a scan over the prestress
 - figures: draws the pictures of `docs/device-design.md` from the tables of the other studies
 
-Every design is simulated again by `rockjax.peak_responses` at rtol = 1e-12. Central differences check that it
-is optimal.
+Every design is simulated again by `rockjax.peak_responses` at rtol = 1e-12. Central differences check that
+the design is optimal.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ LIMIT = 0.4  # largest max|θ|/α
 COLUMN, WEIGHT = 1500.0, 1500.0 * 9.80665  # mass [kg] and weight [N] of a column
 RIGID: dict[str, Any] = {"width": 0.45, "height": 3.0, "column_mass": COLUMN, "beam_mass": 30e3}
 ELASTIC: dict[str, Any] = RIGID | {"top_mass": 300e3, "period": 0.5}
-ABOVE_GAP = 190e3  # lower bound of the prestress [N], above a gap in which the rotation exceeds the limit
+ABOVE_GAP = 190e3  # prestress [N] above the gap in which the rotation exceeds the limit again
 STIFFNESSES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 4.0)  # divided by the critical stiffness
 SHEARS = (0.35, 0.36, 0.38, 0.4)  # limits of the shear, divided by m_t g
 LARGEST_INERTANCE = 900e3  # [kg], 600 times the mass of a column
@@ -171,7 +171,7 @@ def check(problem: Problem, answer: optimise.Design) -> Check:
     f, c, peaks = fresh(problem, varied.podium(jnp.asarray(x)))
     slopes: tuple[list, list] = [], []
     for k in range(len(x)):
-        ends = [np.clip(x + side * STEP * np.eye(len(x))[k], 0, 1) for side in (-1, 1)]
+        ends = [np.clip(x + sign * STEP * np.eye(len(x))[k], 0, 1) for sign in (-1, 1)]
         below, above = (fresh(problem, varied.podium(jnp.asarray(y))) for y in ends)
         for column, a, b in zip(slopes, below[:2], above[:2], strict=True):
             column.append((b - a) / (ends[1][k] - ends[0][k]))
@@ -361,9 +361,9 @@ def building_rows() -> list[dict]:
         row = row_of(name, Problem(BUILDING, VARY, objective, (target,), motions, SEARCH))
         sized = BUILDING.replace(width=row["width"], tendon_force=row["tendon_force"])
         rows.append(row | demands(sized.podium(), motions))
-    drawn = BUILDING.podium()
-    fixed = drawn.replace(alpha=1.5)  # columns that do not lift
-    return rows + [{"study": n} | demands(p, motions) for n, p in (("as drawn", drawn), ("fixed", fixed))]
+    initial = BUILDING.podium()
+    fixed = initial.replace(alpha=1.5)  # columns that do not lift
+    return rows + [{"study": n} | demands(p, motions) for n, p in (("as drawn", initial), ("fixed", fixed))]
 
 
 DT = 0.02  # sampling interval of all motions [s]
@@ -537,8 +537,8 @@ def draw_force() -> Figure:
         history = rj.simulate(podium, worst, options=rj.Options(throw=False))(times)
         label = f"$P_0$ = {P / 1e3:.0f} kN"
         right.plot(times, np.asarray(history.theta) / float(podium.alpha), label=label, **line_style)
-    for side in (-LIMIT, LIMIT):
-        right.axhline(side, color="0.5", lw=0.8, ls="-", zorder=0)
+    for limit in (-LIMIT, LIMIT):
+        right.axhline(limit, color="0.5", lw=0.8, ls="-", zorder=0)
     right.set(xlabel=r"$t$ [s]", ylabel=plots.ROTATION, ylim=(-1.2, 1.2), xlim=(0, 9))
     right.legend(loc="lower right")
     return figure
@@ -550,11 +550,11 @@ def draw_stiffness() -> Figure:
     left, right = figure.subplots(1, 2)
     for k, suite in enumerate(SUITES):
         rows = [row for row in stored_rows("device-stiffness") if row["suite"] == suite]
-        ladder = [row for row in rows if row["study"] == "prestress alone" or row["study"].startswith("κ")]
+        designs = [row for row in rows if row["study"] == "prestress alone" or row["study"].startswith("κ")]
         line_style = {"color": plots.COLOURS[k + 1], "ls": plots.STYLES[k], "marker": "os"[k], "ms": 4}
-        x = [row["stiffness"] for row in ladder]
-        left.plot(x, [row["prestress"] for row in ladder], label=NAMES[suite], **line_style)
-        right.plot(x, [row["largest force"] for row in ladder], label=NAMES[suite], **line_style)
+        x = [row["stiffness"] for row in designs]
+        left.plot(x, [row["prestress"] for row in designs], label=NAMES[suite], **line_style)
+        right.plot(x, [row["largest force"] for row in designs], label=NAMES[suite], **line_style)
         alone = next(row for row in rows if row["study"] == "stiffness alone")
         right.plot(
             alone["stiffness"], alone["largest force"], "D", color=line_style["color"], ms=7, mfc="none"

@@ -130,7 +130,7 @@ def compare_modes(name: str, function, y: np.ndarray) -> dict:
     forward, reverse, *sizes = solve(y)
     size = sizes[0] if sizes else np.abs(forward).max(axis=-1, keepdims=True)
     difference = np.abs(forward - reverse) / np.where(size > 0, size, 1.0)
-    over = difference > CLOSE
+    is_different = difference > CLOSE
     row = {
         "scenes": name,
         "number": len(y),
@@ -138,13 +138,13 @@ def compare_modes(name: str, function, y: np.ndarray) -> dict:
         "not zero": float(np.mean(forward != 0)),
         "not finite": int((~np.isfinite(forward)).sum() + (~np.isfinite(reverse)).sum()),
         "largest difference": float(np.nanmax(difference)),
-        "over 1e-12": int(over.sum()),
+        "over 1e-12": int(is_different.sum()),
     }
     if sizes:
-        bad = np.flatnonzero(over.any(axis=1))
-        rounding = _rounding_effect(solve, y[bad], forward[bad]) / np.where(size > 0, size, 1.0)[bad]
-        row["of these rotation"], row["its time"], row["shear"] = map(int, over.sum(axis=0))
-        row["unexplained"] = int((difference[bad] > np.maximum(CLOSE, 10 * rounding)).sum())
+        scenes = np.flatnonzero(is_different.any(axis=1))
+        rounding = _rounding_effect(solve, y[scenes], forward[scenes]) / np.where(size > 0, size, 1.0)[scenes]
+        row["of these rotation"], row["its time"], row["shear"] = map(int, is_different.sum(axis=0))
+        row["unexplained"] = int((difference[scenes] > np.maximum(CLOSE, 10 * rounding)).sum())
     return row | {"cpu s": time.process_time() - start}
 
 
@@ -154,7 +154,7 @@ def _rounding_effect(solve, y: np.ndarray, forward: np.ndarray) -> np.ndarray:
     largest = np.zeros_like(forward)
     samples = slice(-2 * SAMPLES, -SAMPLES)
     for _ in range(PERTURBATIONS if len(y) else 0):
-        # Full batches, because a batch of another size would need another program.
+        # Batches are filled up, because a batch of another size would need another program.
         changed = np.resize(y, (-(-len(y) // BATCH) * BATCH, y.shape[1]))
         changed[:, samples] *= 1 + np.finfo(float).eps * rng.integers(-1, 2, changed[:, samples].shape)
         largest = np.maximum(largest, np.abs(solve(changed)[0][: len(y)] - forward))

@@ -26,7 +26,7 @@ FLOORS = (1, 5, 10)  # numbers of floors, equal to η/γ because every floor wei
 BAY, STORY, DEPTH = 6.0, 3.2, 0.6  # distance of columns, height of stories, depth of the beam [m]
 COLUMNS = (2, 3, 5)
 OUTPUTS = ("peak_rotation", "axial_force", "peak_friction", "impact_friction")
-PRESSED = 0.1  # least axial force divided by the dead load from which friction is reported
+PRESSED = 0.1  # friction is reported for scenes whose least N is at least this share of the dead load
 STRUCTURES = [(floors, T_s) for floors in FLOORS for T_s in PERIODS.values()]
 
 
@@ -86,8 +86,8 @@ class Surviving:
 
 
 def static_distance(floors: int) -> float:
-    """Return the core distance h̄ tan α + B [m] at which a joint of a rigid structure opens at uplift; h̄ is
-    the height of the centre of mass of beam and floors above the columns."""
+    """Return the core distance h̄ tan α + B [m] at which a joint of a rigid structure opens at uplift. The
+    centre of mass of beam and floors is at the height h̄ above the columns."""
     structure = podium(floors, 0.0, np.array([-3.0, 3.0]))
     tan, eta = math.tan(float(structure.alpha)), float(structure.eta)
     height = (10.0 * DEPTH / 2 + eta * (DEPTH + STORY * (floors + 1) / 2)) / (10.0 + eta)
@@ -101,21 +101,21 @@ def needed_distances(points: int, steps: int = 6) -> list[float]:
     ±ℓ_p are solved. The least N is a decreasing, concave function of 1/ℓ_p; regula falsi finds its root.
     """
 
-    def least(inverse: np.ndarray) -> np.ndarray:
+    def least_force(inverse: np.ndarray) -> np.ndarray:
         ends = [1 / y * np.array([-1.0, 1.0]) for y in inverse]
         podiums = [podium(*structure, x) for structure, x in zip(STRUCTURES, ends, strict=True)]
         return np.array([Surviving.of(data).share.min() for data in spectra(podiums, points)])
 
     low, high = np.full(len(STRUCTURES), 1 / 40), np.full(len(STRUCTURES), 1 / 0.5)
-    below, above = least(low), least(high)
-    assert np.all(below > 0)
-    assert np.all(above < 0)
+    at_low, at_high = least_force(low), least_force(high)
+    assert np.all(at_low > 0)
+    assert np.all(at_high < 0)
     for _ in range(steps):
-        middle = low + (high - low) * below / (below - above)
-        margin = least(middle)
-        closed = margin >= 0
-        low, below = np.where(closed, middle, low), np.where(closed, margin, below)
-        high, above = np.where(closed, high, middle), np.where(closed, above, margin)
+        middle = low + (high - low) * at_low / (at_low - at_high)
+        at_middle = least_force(middle)
+        closed = at_middle >= 0
+        low, at_low = np.where(closed, middle, low), np.where(closed, at_middle, at_low)
+        high, at_high = np.where(closed, high, middle), np.where(closed, at_high, at_middle)
     return list(map(float, 1 / low))
 
 

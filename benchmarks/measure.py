@@ -1,4 +1,4 @@
-"""Scenes, timing, errors relative to a reference, and tables of all benchmarks.
+"""Functions that all benchmarks share: scenes, timing, errors relative to a reference, and tables.
 
 The measured scenes are the grid of Fig. 6 at η/γ = 10, one family per superstructure.
 """
@@ -42,10 +42,10 @@ class Family:
     def __len__(self) -> int:
         return len(self.a_p)
 
-    def some(self, count: int) -> Family:
+    def thinned(self, count: int) -> Family:
         """Return `count` evenly spaced scenes of the family, for slow solvers."""
-        chosen = np.linspace(0, len(self) - 1, count).round().astype(int)
-        return dataclasses.replace(self, a_p=self.a_p[chosen], T_p=self.T_p[chosen])
+        indices = np.linspace(0, len(self) - 1, count).round().astype(int)
+        return dataclasses.replace(self, a_p=self.a_p[indices], T_p=self.T_p[indices])
 
 
 def family(name: str, points: int) -> Family:
@@ -63,12 +63,12 @@ def log_uniform(rng: np.random.Generator, low: float, high: float, n: int) -> np
     return np.exp(rng.uniform(math.log(low), math.log(high), n))
 
 
-def some(
+def mix_in(
     rng: np.random.Generator, values: np.ndarray, special: tuple[float, ...], share: float = 0.15
 ) -> np.ndarray:
-    """Return the values with a fraction `share` of them replaced by special values."""
-    chosen = rng.choice(special, len(values))
-    return np.where(rng.random(len(values)) < share, chosen, values)
+    """Return the values; special values replace a random fraction `share` of them."""
+    replacements = rng.choice(special, len(values))
+    return np.where(rng.random(len(values)) < share, replacements, values)
 
 
 def shortest_time(function: Callable[[], Any], runs: int = 5) -> float:
@@ -160,7 +160,7 @@ def _cores() -> int:
 
 
 def show(rows: list[dict], columns: Iterable[str] = ()) -> None:
-    """Print rows as a Markdown table, with the given columns or all columns of the first row."""
+    """Print rows as a Markdown table, with `columns` or, by default, all columns of the first row."""
     columns = list(columns or rows[0])
     print("| " + " | ".join(columns) + " |\n|" + "---|" * len(columns))
     for row in rows:

@@ -1,4 +1,4 @@
-"""Mutation test: do the tests notice a change of any sign, coefficient, power or comparison in the model?
+"""Mutation test: which wrong signs, coefficients, powers and comparisons in the model do the tests notice?
 
     python -m benchmarks.mutations [WORD ...] [--list] [--every K] [--stages N] [--processes N]
 
@@ -40,7 +40,7 @@ FILES = [
     }.items()
     for name in names.split()
 ]
-# Files in which only these functions, which contain equations, are changed.
+# File ↦ functions with equations. In these files, only these functions are changed.
 EQUATIONS = {
     "_excitations/piecewise.py": "piece velocity_jump",
     "_oscillators.py": (
@@ -82,8 +82,8 @@ STAGES = (
         "engine/test_floors.py",
     ),
 )
-# The tests closest to a file: part of its path → (test files, the `-k` expression of pytest). Most of them
-# solve no scene, so they take seconds. They run before the stages; `--stages 0` runs nothing else.
+# Part of the path of a file ↦ its closest tests: (test files, the `-k` expression of pytest). Most of these
+# tests solve no scene, so they take seconds. They run before the stages; `--stages 0` runs nothing else.
 NEAREST = {
     "_restrainers/": (
         ("engine/test_restrainers.py",),
@@ -149,7 +149,7 @@ class Mutant(NamedTuple):
     apply: Callable[[Any], None]
 
     def source(self) -> str:
-        """Return the source of the whole changed file."""
+        """Return the source of the changed file."""
         tree = ast.parse((ROOT / "rockjax" / self.file).read_text(encoding="utf-8"))
         function = next(
             node

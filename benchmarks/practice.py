@@ -33,8 +33,8 @@ from rockjax._results import OVERTURNED, code_of
 from .measure import G, options, show, store_rows
 
 SLENDERNESS = np.radians([10.0, 15.0, 20.0])  # α [rad]
-SIZES = 40  # values of 2π/p
-SHORTEST, LONGEST = 2.0, 8.0  # of 2π/p [s]
+SIZES = 40  # number of values of 2π/p
+SHORTEST, LONGEST = 2.0, 8.0  # range of 2π/p [s]
 STEPS = {"(P3)": 9, "(P4)": 9, "(P5)": 15, "(P7)": 9}  # steps of a scan between two values of p
 RATIOS = np.geomspace(1.2, 6.0, 28)  # PGA/(g tan α)
 LEAST_STEPS = 1000  # smallest number of steps of a scan
@@ -116,7 +116,7 @@ class Answers:
         - `factors`: factors on the motion, shape (ratios,)
         """
         is_above = factors[:, None] > critical[:, None, :]
-        falls = is_above[..., :-1] & ~is_above[..., 1:]
+        falls = is_above[..., :-1] & ~is_above[..., 1:]  # stable answers
         count = falls.sum(axis=-1)
         last = falls.shape[-1] - 1 - np.argmax(falls[..., ::-1], axis=-1)
         rows = np.arange(critical.shape[0])[:, None]

@@ -1,4 +1,4 @@
-"""Records: run time against error, and time of three peaks and of analyses: `python -m benchmarks.records`.
+"""Run time of records against error, and time of three peaks and of analyses: `python -m benchmarks.records`.
 
 The benchmark solves 20 synthetic records of 2000 samples (dt = 0.01 s), each at 50 scales from 0.5 to 12 g
 tan α, for the podium of Fig. 6 at η/γ = 10. Errors of max|θ|/α are relative to rockjax at rtol = 1e-13,
@@ -53,11 +53,11 @@ class Suite:
     def __init__(self):
         motions = rj.synthetic_motions(RECORDS, seed=1, dt=DT)
         self.samples = np.stack([np.asarray(motion.acceleration)[:SAMPLES] for motion in motions])
-        unit = G * math.tan(Family.alpha)
-        self.scales = LEVELS * unit / np.abs(self.samples).max(axis=1)[:, None]
+        uplift = G * math.tan(Family.alpha)
+        self.scales = LEVELS * uplift / np.abs(self.samples).max(axis=1)[:, None]
         self.records = rj.Records.of([rj.Record(row, DT) for row in self.samples])
         self.scenes = self.records.pick(np.arange(RECORDS)[:, None]).scaled(self.scales)
-        self.intensity = np.linspace(0.5, 12.0, 12) * unit
+        self.intensity = np.linspace(0.5, 12.0, 12) * uplift
 
     def solve(self, structure: rj.Podium, options: rj.Options) -> Answer:
         peaks = rj.peak_responses(structure, self.scenes, options=options)

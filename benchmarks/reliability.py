@@ -1,8 +1,8 @@
 """Limit states with known probabilities, compared with OpenTURNS: `python -m benchmarks.reliability [names]`.
 
-The limit states come from the tests and from otbenchmark (RP…), with the probabilities published there. All
-are functions of standard normal variables and the same for both programs. OpenTURNS finds the design point by
-COBYLA, without derivatives. An evaluation by rockjax may include the derivative.
+The limit states come from the tests and from otbenchmark (RP…), with the probabilities published there. They
+are functions of standard normal variables, and both programs call the same functions. OpenTURNS finds the
+design point by COBYLA, without derivatives. An evaluation by rockjax may include the derivative.
 """
 
 from __future__ import annotations

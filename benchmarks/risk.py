@@ -1,10 +1,10 @@
 """Probabilities of failure of rocking structures: `python -m benchmarks.risk subset|sweep|first-order`.
 
 `subset [minutes] [names of cases]` compares repeated subset simulations with counted failures and prints the
-table. It continues from the stored results, for at most the given minutes of processor time. `sweep MOTIONS
-STORE` counts failures in a sweep, with one scene for each motion and spectral density S₀. The same command
-continues an interrupted sweep, and `subset` includes the counts in the table. `first-order` uses design
-points. Motions are proportional to √S₀, so the distances β of the design points are proportional to 1/√S₀.
+table. It continues from the stored results, for at most `minutes` of processor time. `sweep MOTIONS STORE`
+counts failures in a sweep, with one scene for each motion and spectral density S₀. The same command continues
+an interrupted sweep, and `subset` includes the counts in the table. `first-order` uses design points. Motions
+are proportional to √S₀, so the distances β of the design points are proportional to 1/√S₀.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
     results: dict[str, dict[str, Any]] = json.loads(path.read_text()) if path.exists() else {}
     for name in names:
         results_of_case = results.setdefault(name, {})
-        for step, done in ((count_batch, _is_counted), (repeat_estimate, _is_repeated)):
-            while time.process_time() < end and not done(CASES[name], results_of_case):
+        for step, is_complete in ((count_batch, _is_counted), (repeat_estimate, _is_repeated)):
+            while time.process_time() < end and not is_complete(CASES[name], results_of_case):
                 step(CASES[name], results_of_case)
                 path.write_text(json.dumps(results) + "\n")
     return results

@@ -3,7 +3,7 @@
 `probability` finds the slimmest column that overturns with a probability of at most 10⁻³ under a random
 ground motion. `frequency` finds the slimmest column that overturns at most 4·10⁻⁴ times a year on a given
 hazard. `loss` minimises cost plus expected loss. `curves` computes both risks against the slenderness.
-`fresh` repeats `frequency` with six of 400 records drawn anew in each step.
+`fresh` repeats `frequency`, but draws six of 400 records anew in each step.
 
 Each design is tested with motions that the search did not use: 200 other records, or subset simulation with
 another seed. Results that are already in the table are not computed again.
@@ -229,8 +229,8 @@ def picture(rows: list[dict[str, Any]]) -> None:
     with plt.style.context(plots.STYLE):
         figure = plt.figure(figsize=(9.5, 3.8), layout="constrained")
         axes = figure.subplots(1, 2)
-        words = (r"$\lambda_f$ [1/year]", "probability of overturning $P$ [–]")
-        for ax, letter, limit, word in zip(axes, "λP", (FREQUENCY, PROBABILITY), words, strict=True):
+        risks = (r"$\lambda_f$ [1/year]", "probability of overturning $P$ [–]")
+        for ax, letter, limit, risk in zip(axes, "λP", (FREQUENCY, PROBABILITY), risks, strict=True):
             points = [row for row in rows if row["study"] == "curves" and row["case"][0] == letter]
             x, y, low, high = (
                 np.array([row[k] for row in points]) for k in ("tan α", "sampled", "from", "to")
@@ -244,7 +244,7 @@ def picture(rows: list[dict[str, Any]]) -> None:
             if design is not None:
                 ax.plot(design["tan α"], limit, "k*", ms=11, label="design, limit")
             ax.axhline(limit, color="0.5", lw=0.8, ls="-", zorder=0)
-            ax.set(xlabel=r"$\tan\alpha$", ylabel=word, yscale="log")
+            ax.set(xlabel=r"$\tan\alpha$", ylabel=risk, yscale="log")
             ax.legend()
         write_figure(IMAGES / "risk-design.png", figure)
 

@@ -1,8 +1,9 @@
 """Time to the first answer of a process: `python -m benchmarks.startup [names of rows]`.
 
-"First" starts without stored programs; "later" is a further process of the same user, the shortest of several
-runs. The table has the CPU seconds of all threads of the process, which are reliable on a busy machine too,
-and the wall time. Both are also divided by J, the time of `import jax`. Named rows replace stored rows.
+A "first" process starts without stored programs. A "later" process of the same user finds them; its time is
+the shortest of several runs. The table has wall times, and CPU seconds of all threads of the process, which
+are reliable on a busy machine too. Both are also divided by J, the time of `import jax`. Rows named in the
+command replace stored rows.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ peak = lambda podium, motion: rj.peak_response(podium, motion).peak_rotation
 least_a_p = lambda podium, T_p: rj.overturning_acceleration(podium, rj.Ricker, T_p)
 least_scale = lambda podium, motion: rj.overturning_scale(podium, motion)
 slope = lambda answer, *given: jax.grad(lambda alpha: answer(podium.replace(alpha=alpha), *given))(0.15)
-now = lambda value: value.block_until_ready()
+ready = lambda value: value.block_until_ready()
 """
 RECORDS = (
     PODIUM
@@ -46,25 +47,25 @@ targets = [optimise.PeakRotation(0.4, pulses), optimise.NoOverturning(stronger)]
 """
 )
 ALL_SAMPLES = (
-    "now(jax.grad(lambda samples: peak(podium, rj.Record(samples, 0.01)))(jax.numpy.asarray(samples({}))))"
+    "ready(jax.grad(lambda samples: peak(podium, rj.Record(samples, 0.01)))(jax.numpy.asarray(samples({}))))"
 )
 ANALYSIS = (
     "rj.incremental_dynamic_analysis(podium, [record(k, 1000) for k in range(8)], np.linspace(0.5, 12, 12))"
 )
 
-# Row: (code before the timed part, timed code).
+# Name of a row ↦ (code before the timed part, timed code).
 ROWS = {
     "import jax": ("", "import jax"),
     "import rockjax": ("", "import rockjax"),
-    "peak_response": (PODIUM, "now(peak(podium, pulse))"),
-    "its gradient": (PODIUM, "now(slope(peak, pulse))"),
-    "simulate": (PODIUM, "now(rj.simulate(podium, pulse).times)"),
+    "peak_response": (PODIUM, "ready(peak(podium, pulse))"),
+    "its gradient": (PODIUM, "ready(slope(peak, pulse))"),
+    "simulate": (PODIUM, "ready(rj.simulate(podium, pulse).times)"),
     "rocking_spectrum": (
         PODIUM,
         "rj.rocking_spectrum(podium, rj.Ricker, np.linspace(1, 8, 20), np.linspace(1, 12, 20))",
     ),
-    "overturning_acceleration": (PODIUM, "now(least_a_p(podium, 1.0))"),
-    "gradient of it": (PODIUM, "now(slope(least_a_p, 1.0))"),
+    "overturning_acceleration": (PODIUM, "ready(least_a_p(podium, 1.0))"),
+    "gradient of it": (PODIUM, "ready(slope(least_a_p, 1.0))"),
     "overturning_spectrum": (PODIUM, "rj.overturning_spectrum(podium, rj.Ricker, np.linspace(1, 8, 29))"),
     "design": (
         DESIGN,
@@ -72,20 +73,20 @@ ROWS = {
     ),
     "analysis of 8 records": (RECORDS, ANALYSIS),
     "gradient by all samples": (RECORDS, ALL_SAMPLES.format("0, 1000")),
-    "peak of a record": (RECORDS, "now(peak(podium, record(0, 1000)))"),
+    "peak of a record": (RECORDS, "ready(peak(podium, record(0, 1000)))"),
     "… of a second": (
-        RECORDS + "now(peak(podium, record(0, 1000)))",
-        "now(peak(podium, record(1, 1100)))",
+        RECORDS + "ready(peak(podium, record(0, 1000)))",
+        "ready(peak(podium, record(1, 1100)))",
     ),
-    "gradient of a record's peak": (RECORDS, "now(slope(peak, record(0, 1000)))"),
+    "gradient of a record's peak": (RECORDS, "ready(slope(peak, record(0, 1000)))"),
     "… of a second's": (
-        RECORDS + "now(slope(peak, record(0, 1000)))",
-        "now(slope(peak, record(1, 1100)))",
+        RECORDS + "ready(slope(peak, record(0, 1000)))",
+        "ready(slope(peak, record(1, 1100)))",
     ),
-    "boundary of a record": (RECORDS, "now(least_scale(podium, record(0, 1000)))"),
+    "boundary of a record": (RECORDS, "ready(least_scale(podium, record(0, 1000)))"),
     "… of another": (
-        RECORDS + "now(least_scale(podium, record(0, 1000)))",
-        "now(least_scale(podium, record(1, 1100)))",
+        RECORDS + "ready(least_scale(podium, record(0, 1000)))",
+        "ready(least_scale(podium, record(1, 1100)))",
     ),
 }
 COMMANDS = {
@@ -104,7 +105,7 @@ print(json.dumps([time.perf_counter() - wall, time.process_time() - cpu]))
 def run(name: str, folder: str) -> tuple[float, float]:
     """Return wall and CPU time of a row in a new process [s]."""
     environment = os.environ | {"ROCKJAX_CACHE_DIR": folder, "MPLBACKEND": "Agg"}
-    # As for users by default: without JAX's own cache, and with Python's bytecode.
+    # These are the defaults of users: no compilation cache of JAX, and stored bytecode of Python.
     for name_of_setting in ("JAX_COMPILATION_CACHE_DIR", "PYTHONDONTWRITEBYTECODE"):
         environment.pop(name_of_setting, None)
     if name in ROWS:
@@ -118,16 +119,16 @@ def run(name: str, folder: str) -> tuple[float, float]:
         )
         timed += "\nused = resource.getrusage(resource.RUSAGE_CHILDREN)\ncpu -= used.ru_utime + used.ru_stime"
         script = SCRIPT.format(before="import resource, subprocess", timed=timed)
-    done = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-c", script], check=True, env=environment, capture_output=True, text=True
     )
-    wall, cpu = json.loads(done.stdout.splitlines()[-1])
+    wall, cpu = json.loads(completed.stdout.splitlines()[-1])
     return wall, cpu
 
 
 def main(names: list[str], repetitions: int = 3) -> None:
     rows = {} if not names else {row["what"]: row for row in stored_rows("startup")}
-    unit = [
+    import_time = [
         min(times) for times in zip(*(run("import jax", "") for _ in range(repetitions + 1)), strict=True)
     ]
     for name in names or [*ROWS, *COMMANDS]:
@@ -136,8 +137,8 @@ def main(names: list[str], repetitions: int = 3) -> None:
             later = [run(name, folder) for _ in range(repetitions)]
         wall, cpu = (min(times) for times in zip(*later, strict=True))
         row = {"what": name, "first CPU [s]": first[1]}
-        row |= {"later CPU [s]": cpu, "later [J of CPU]": cpu / unit[1]}
-        rows[name] = row | {"first [s]": first[0], "later [s]": wall, "later [J]": wall / unit[0]}
+        row |= {"later CPU [s]": cpu, "later [J of CPU]": cpu / import_time[1]}
+        rows[name] = row | {"first [s]": first[0], "later [s]": wall, "later [J]": wall / import_time[0]}
         print(rows[name], flush=True)
         store_rows("startup", list(rows.values()))
     show(list(rows.values()))

@@ -10,8 +10,8 @@ tolerance. An implementation that shares no code with the project solves a sampl
 repeats the report of a finished campaign.
 
 The campaign looks for results without a name, NaN, values out of range, scenes that do not finish, outcomes
-that change without a flag, and errors beyond the estimate. It also counts trial steps. It prints examples of
-each failure as lines of Python that repeat the scene.
+that change without a flag, and errors beyond the estimate. It also counts trial steps. For each failure, it
+prints examples: lines of Python that repeat the scene.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from rockjax._responses.peak import peak_variables
 from rockjax._results import NAMES
 
 from . import stress_control as control
-from .measure import log_uniform, show, some, store_rows
+from .measure import log_uniform, mix_in, show, store_rows
 
 OUTPUTS = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
@@ -47,7 +47,7 @@ REFERENCE_STEPS = 50_000  # max_steps of the reference
 REQUESTED_STEPS = rj.Options().max_steps  # max_steps at the requested tolerance; `--steps` sets another limit
 VIBRATION = 3e5  # [rad], see `vibration`; scenes with less vibration must finish
 PER_GROUP = 3  # number of tolerances in each group
-CHUNK = 65536  # number of scenes in a chunk of a sweep, which an interruption loses at most
+CHUNK = 65536  # number of scenes in a chunk of a sweep; an interruption loses at most a chunk
 Answers = dict[str, np.ndarray]
 SUPERSTRUCTURES = ("none", "rigid", "elastic")
 LAWS = ("paper", "compatible", "given")
@@ -133,10 +133,10 @@ class Batch:
 
 def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
     alpha = log_uniform(rng, 0.01, control.WIDEST if group.controlled else 1.2, n)
-    gamma = some(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0, 1000.0))
-    eta = some(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0, 1000.0))
-    zeta = some(rng, log_uniform(rng, 1e-3, 1.0, n), (0.0, 0.05, 1.0), 0.5)
-    T_s = some(rng, log_uniform(rng, 0.01, 10.0, n), (0.01, 10.0))
+    gamma = mix_in(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0, 1000.0))
+    eta = mix_in(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0, 1000.0))
+    zeta = mix_in(rng, log_uniform(rng, 1e-3, 1.0, n), (0.0, 0.05, 1.0), 0.5)
+    T_s = mix_in(rng, log_uniform(rng, 0.01, 10.0, n), (0.01, 10.0))
     tops: dict[str, Callable[[], Any]] = {
         "none": lambda: None,
         "rigid": lambda: rj.Rigid(eta),
@@ -144,15 +144,15 @@ def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
         "modes": lambda: control.modes(rng, eta, T_s, zeta),
     }
     top = tops[group.top]()
-    e = some(rng, rng.uniform(0.5, 1.0, n), (0.0, 1e-9, 0.2, 1.0), 0.3)
+    e = mix_in(rng, rng.uniform(0.5, 1.0, n), (0.0, 1e-9, 0.2, 1.0), 0.3)
     podium = rj.Podium(
         alpha=alpha,
         R=log_uniform(rng, 0.05, 50.0, n),
         gamma=gamma,
         superstructure=top,
-        lam=some(rng, rng.uniform(0.0, 1.0, n), (1 / 3,), 0.8),
+        lam=mix_in(rng, rng.uniform(0.0, 1.0, n), (1 / 3,), 0.8),
         restitution=e if group.law == "given" else group.law,
-        g=some(rng, np.full(n, 9.80665), (1.62, 3.71), 0.1),
+        g=mix_in(rng, np.full(n, 9.80665), (1.62, 3.71), 0.1),
     )
     return control.restrained_podium(rng, podium, group.added) if group.added else podium
 
@@ -160,7 +160,7 @@ def podiums(rng: np.random.Generator, group: Group, n: int) -> rj.Podium:
 def motions(rng: np.random.Generator, group: Group, podium: rj.Podium, n: int) -> rj.AbstractExcitation:
     """Return motions from 0.99 to 50 times the uplift threshold, with frequencies from 0.2 p to 40 p."""
     lifts = np.where(rng.random(n) < 0.5, podium.uplift_demand, podium.g * np.tan(podium.alpha))
-    factor = some(rng, log_uniform(rng, 0.99, 50.0, n), (1 - 1e-9, 1.0, 1 + 1e-9, 1.001), 0.1)
+    factor = mix_in(rng, log_uniform(rng, 0.99, 50.0, n), (1 - 1e-9, 1.0, 1 + 1e-9, 1.001), 0.1)
     a = np.asarray(lifts) * factor * rng.choice([-1.0, 1.0], n)
     T = 2 * math.pi / (np.asarray(podium.p) * log_uniform(rng, 0.2, 40.0, n))
     horizontal = _horizontal(rng, group, a, T)
@@ -192,13 +192,13 @@ def batch(group: Group, rtol: float, n: int, seed: int) -> Batch:
     podium = podiums(rng, group, n)
     motion = motions(rng, group, podium, n)
     ratio = float(rng.choice(control.RATIOS if group.controlled else (1.0, 1.0, 0.5, 1.3)))
-    moves = np.ones(n, bool) if group.motion == "Rest" else rng.random(n) < 0.15
+    is_displaced = np.ones(n, bool) if group.motion == "Rest" else rng.random(n) < 0.15
     alpha, p = np.asarray(podium.alpha), np.asarray(podium.p)
     theta = np.where(rng.random(n) < 0.3, 0.0, rng.uniform(-1, 1, n)) * min(ratio, 1.0) * alpha
     theta_dot = np.where(rng.random(n) < 0.5, 0.0, rng.normal(size=n)) * p * alpha
     sway = 0.3 * rng.normal(size=n) * np.asarray(podium.width)
     speed = sway * p
-    initial = [np.where(moves, y, 0.0) for y in (theta, theta_dot, sway, speed)]
+    initial = [np.where(is_displaced, y, 0.0) for y in (theta, theta_dot, sway, speed)]
     if group.top == "modes":
         initial[2:] = (np.tile(y[:, None], control.MODES) for y in initial[2:])
     options = rj.Options(
@@ -362,16 +362,16 @@ def judge(
     findings.fail("rotation without uplift", answered & ~uplifted & (rotation > 0), line)
     findings.trials.append(peak["steps"][answered])
 
-    both = answered & has_reference
+    is_compared = answered & has_reference
     undecided = peak["undecided"].astype(bool)
-    flips = both & (overturned != reference["overturned"].astype(bool))
+    flips = is_compared & (overturned != reference["overturned"].astype(bool))
     findings.flips += int(flips.sum())
     findings.unflagged += int((flips & ~undecided).sum())
     findings.fail("the outcome changes without a flag", flips & ~undecided, line)
     findings.undecided += int((undecided & answered).sum())
-    compared = both & ~flips
-    error = np.abs(rotation - reference["peak_rotation"])[compared]
-    estimate = peak["peak_rotation_error"][compared]
+    agrees = is_compared & ~flips
+    error = np.abs(rotation - reference["peak_rotation"])[agrees]
+    estimate = peak["peak_rotation_error"][agrees]
     findings.ratios.append(np.maximum(error - ROUNDING, 0.0) / np.maximum(estimate, 1e-300))
 
 
@@ -403,10 +403,10 @@ def run(
                 rtol=tight, atol=0.01 * tight, outputs=QUANTITIES, max_steps=REFERENCE_STEPS
             )
             truth = scenes.answers(finer, store, f"{name}-truth")
-            out = np.isin(peak["result"], OUT_OF_STEPS)
+            is_unfinished = np.isin(peak["result"], OUT_OF_STEPS)
             beyond = vibration(scenes) > VIBRATION
             findings.beyond += int(beyond.sum())
-            findings.within += int((out & ~beyond).sum())
+            findings.within += int((is_unfinished & ~beyond).sum())
         judge(findings, scenes, peak, truth, lambda k, rtol=rtol: repeat(group, rtol, n, seed, k))
     findings.seconds = time.perf_counter() - start
     return findings

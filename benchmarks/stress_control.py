@@ -12,7 +12,7 @@ import numpy as np
 import rockjax as rj
 from tests import restrained
 
-from .measure import log_uniform, some
+from .measure import log_uniform, mix_in
 
 TOPS = ("none", "rigid", "elastic", "modes")
 ADDED = (
@@ -33,7 +33,7 @@ RATIOS = (1.0, 1.0, 0.5, 3.0)  # values of `overturn_ratio`
 
 
 def groups() -> Iterator[tuple[str, str, str, str]]:
-    """Yield (superstructure, law, motion, additions), with one law for each combination of the others."""
+    """Yield (superstructure, law, motion, addition), with one law for each combination of the other three."""
     for k, top in enumerate(TOPS):
         for j, added in enumerate(ADDED if top != "modes" else ("", *ADDED)):
             for i, motion in enumerate(MOTIONS):
@@ -56,8 +56,8 @@ def modes(rng: np.random.Generator, eta: np.ndarray, T_s: np.ndarray, zeta: np.n
 def restrained_podium(rng: np.random.Generator, podium: rj.Podium, added: str) -> rj.Podium:
     """Return the podium with devices.
 
-    Prestress is up to ten times the weight, stiffness up to twice the critical one, dampers up to several
-    times critical damping with exponents from 0.3, and inertances up to a thousand masses of a column.
+    Prestress is up to ten times the weight, and stiffness up to twice the critical stiffness. Dampers have up
+    to several times critical damping and exponents from 0.3, inerters up to a thousand masses of a column.
     """
     alpha = np.asarray(podium.alpha)
     n = len(alpha)
@@ -65,16 +65,16 @@ def restrained_podium(rng: np.random.Generator, podium: rj.Podium, added: str) -
     has_all = "all" in added
     devices: list[Any] = []
     if has_all or "tendon" in added:
-        kappa = some(rng, rng.uniform(0.0, 2.0, n), (0.0, 1 - 1e-9, 1.0, 1 + 1e-9), 0.3)
-        tau = some(rng, weight * log_uniform(rng, 1e-3, 10.0, n), (0.0,))
+        kappa = mix_in(rng, rng.uniform(0.0, 2.0, n), (0.0, 1 - 1e-9, 1.0, 1 + 1e-9), 0.3)
+        tau = mix_in(rng, weight * log_uniform(rng, 1e-3, 10.0, n), (0.0,))
         devices.append(rj.Tendon(tau, kappa * np.asarray(podium.critical_stiffness)))
     if has_all or "damper" in added:
         nu = rng.uniform(0.3, 0.999, n) if "power" in added else np.ones(n)
-        strength = some(rng, log_uniform(rng, 1e-3, 10.0, n), (0.0,))
+        strength = mix_in(rng, log_uniform(rng, 1e-3, 10.0, n), (0.0,))
         delta = strength * weight / (2 * np.sin(alpha) * alpha) ** nu
         devices.append(rj.Damper(delta, nu if "power" in added else 1.0))
     if has_all or "inerter" in added:
-        devices.append(rj.Inerter(some(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0,))))
+        devices.append(rj.Inerter(mix_in(rng, log_uniform(rng, 1e-3, 1e3, n), (0.0,))))
     return podium.replace(restrainers=tuple(devices))
 
 
@@ -83,7 +83,7 @@ def with_vertical(
 ) -> rj.GroundMotion:
     """Return the motion with a vertical component that is below g and has other periods."""
     n = len(T)
-    size = g * some(rng, rng.uniform(-0.95, 0.95, n), (0.0, -0.999999, 0.999999))
+    size = g * mix_in(rng, rng.uniform(-0.95, 0.95, n), (0.0, -0.999999, 0.999999))
     T = T * log_uniform(rng, 0.1, 3.0, n)
     if not isinstance(motion, rj.Record):
         return rj.GroundMotion(motion, rj.Ricker(size, T))
@@ -110,8 +110,8 @@ def _acceleration(motion: rj.AbstractExcitation):
         return lambda t: 0.0
     assert isinstance(motion, rj.AbstractPulse)
     a_p, T_p, (low, high) = float(motion.a_p), float(motion.T_p), motion.span
-    inside = lambda tau: not motion.compact or low <= tau <= high
-    return lambda t: a_p * float(motion.shape(np.float64(t / T_p))) if inside(t / T_p) else 0.0
+    is_inside = lambda tau: not motion.compact or low <= tau <= high
+    return lambda t: a_p * float(motion.shape(np.float64(t / T_p))) if is_inside(t / T_p) else 0.0
 
 
 def longest_vibration(podium: rj.Podium) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +128,7 @@ def longest_vibration(podium: rj.Podium) -> tuple[np.ndarray, np.ndarray]:
 
 
 def over_parts(motion: rj.AbstractExcitation, pick) -> rj.AbstractExcitation:
-    """Return one motion of a batch; samples of records have no batch axis and are not changed."""
+    """Return a motion with `pick` applied to every parameter of a batch, except to samples of records."""
     if isinstance(motion, rj.GroundMotion):
         return rj.GroundMotion(*(over_parts(part, pick) for part in (motion.horizontal, motion.vertical)))
     if isinstance(motion, rj.Record):

@@ -5,8 +5,8 @@ Studies: (a) the slimmest column, (b) the lightest beam, (c) the least shear, (d
 
 `python -m benchmarks.studies scipy` compares designs by exact gradients with SciPy's optimisers, which use
 finite differences or no derivatives. The table has the number of simulated scenes (a scene with exact
-derivatives costs as much as two to four scenes without), the runs whose design breaks a limit, and the runs
-whose design is more than 1 % worse than the best known design.
+derivatives costs as much as two to four scenes without), and the numbers of runs whose design breaks a limit
+or is more than 1 % worse than the best design of all runs.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **more) -> opt
 def slimmest_for_suite(
     seed: int = 0, records: int = 50, starts: int = 1, **more
 ) -> tuple[optimise.Design, float, float]:
-    """Solve problem (d): the slimmest column that at most 5 % of a suite overturn.
+    """Solve problem (d): the slimmest column that at most 5 % of the records overturn.
 
     Also returns the smoothed and the counted probability of overturning.
     """
@@ -145,7 +145,7 @@ def slimmest_for_suite(
 
 
 def measured(seed: int = 0, noise: float = 0.01) -> tuple[rj.Podium, rj.Ricker, np.ndarray, np.ndarray]:
-    """Return a podium, a motion, times and the rotation with noise, which is a share of the peak rotation."""
+    """Return a podium, a motion, times, and the rotation with noise relative to its peak."""
     truth = rj.Podium(alpha=0.2, R=1.8, gamma=2.0, restitution=0.93)
     motion = rj.Ricker(4.5, 1.1)
     times = np.arange(-1.5, 7.0, 0.02)
@@ -315,9 +315,9 @@ def ours(problem: ComparedProblem, start: np.ndarray, seed: int) -> tuple[np.nda
 
 def check_design_limit(problem: ComparedProblem, values: np.ndarray) -> tuple[bool, float]:
     """Return whether a design satisfies its limit in an accurate simulation, and its α."""
-    fine = ROTATION.replace(rtol=1e-11, atol=1e-13)
+    accurate = ROTATION.replace(rtol=1e-11, atol=1e-13)
     podium = problem.structure(values).podium()
-    peaks = [rj.peak_response(podium, motion, options=fine) for motion in MOTIONS]
+    peaks = [rj.peak_response(podium, motion, options=accurate) for motion in MOTIONS]
     is_satisfied = all(
         not bool(peak.overturned) and float(peak.peak_rotation) <= problem.limit * (1 + 1e-6)
         for peak in peaks

@@ -1,6 +1,6 @@
 """Sweeps: throughput with local processes, overhead of chunks, memory: `python -m benchmarks.sweeps`.
 
-Times are the shortest of several, also divided by the time of a batch of the same scenes in the same run.
+Times are the shortest of several runs. They are also divided by the time of a batch of the same scenes.
 `python -m benchmarks.sweeps large SCENES STORE` runs one large sweep; the same command continues
 an interrupted one.
 """
@@ -45,14 +45,14 @@ def sweep(scenes: rj.Grid, folder: Path, **more: Any) -> float:
     """Return the wall time of a sweep [s] without its pilot, by resuming a store that contains no chunk."""
     store = folder / "a.zarr"
     shutil.rmtree(store, ignore_errors=True)
-    call = {"store": store, "outputs": OUTPUTS, "progress": False} | more
-    _create_store(scenes, call)
+    settings = {"store": store, "outputs": OUTPUTS, "progress": False} | more
+    _create_store(scenes, settings)
     start = time.perf_counter()
-    rj.sweep(*scenes, **call)
+    rj.sweep(*scenes, **settings)
     return time.perf_counter() - start
 
 
-def _create_store(scenes: rj.Grid, call: dict[str, Any]) -> None:
+def _create_store(scenes: rj.Grid, settings: dict[str, Any]) -> None:
     """Create a store without solved chunks."""
     from rockjax._sweep.chunks import Job
 
@@ -63,7 +63,7 @@ def _create_store(scenes: rj.Grid, call: dict[str, Any]) -> None:
 
     Job.solve = stop  # pyright: ignore[reportAttributeAccessIssue]
     try:
-        rj.sweep(*scenes, **{name: value for name, value in call.items() if name != "client"})
+        rj.sweep(*scenes, **{name: value for name, value in settings.items() if name != "client"})
     except KeyboardInterrupt:
         pass
     finally:
@@ -167,15 +167,15 @@ def memory_of(alphas: int, folder: Path) -> dict:
 def memory(folder: Path) -> list[dict]:
     rows = []
     for alphas in (10, 30, 100, 300):
-        place = folder / f"memory-{alphas}"
-        place.mkdir()
-        done = subprocess.run(
-            [sys.executable, "-c", MEMORY, str(alphas), str(place)],
+        store_folder = folder / f"memory-{alphas}"
+        store_folder.mkdir()
+        completed = subprocess.run(
+            [sys.executable, "-c", MEMORY, str(alphas), str(store_folder)],
             capture_output=True,
             text=True,
             check=True,
         )
-        rows.append(json.loads(done.stdout.splitlines()[-1]))
+        rows.append(json.loads(completed.stdout.splitlines()[-1]))
         print(rows[-1], flush=True)
     return rows
 

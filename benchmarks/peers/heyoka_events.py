@@ -23,8 +23,8 @@ OVERTURNED = -2  # outcome of a propagation that ends at the second terminal eve
 SUPPORT = 2.2  # the pulse is zero beyond ±SUPPORT·T_p
 # Longest step in full contact, divided by T_p. Without it, steps from rest would pass over the pulse.
 STRIDE = 0.25
-# Values for θ, θ̇ = 0 at the start of a phase, because a root of the event function there hides the next root.
-TINY, FAINT = 1e-40, 1e-20
+# Values for θ = 0 and θ̇ = 0 at the start of a phase, because a root of an event there hides the next root.
+TINY_ROTATION, TINY_RATE = 1e-40, 1e-20
 
 
 def _acceleration(a_p: hy.expression, rate: hy.expression) -> hy.expression:
@@ -173,9 +173,9 @@ class _Podium:
             return a_p * (1 - 2 * x) * math.exp(-x) - self.ratio * (self.stiffness * u + self.damping * w)
 
         t, side, theta, v, u, w = -excitation_end, 0.0, 0.0, 0.0, 0.0, 0.0
-        largest, held, hop = 0.0, 0.0, math.inf
+        largest, energy_at_largest, hop = 0.0, 0.0, math.inf
         while t < end:
-            if t >= excitation_end and self.energy(side, theta, v, u, w) < held:
+            if t >= excitation_end and self.energy(side, theta, v, u, w) < energy_at_largest:
                 break
             if side == 0:
                 if self.rigid:
@@ -195,7 +195,7 @@ class _Podium:
                 side = -math.copysign(1.0, demand())
             rocking.time = t
             pars[0], pars[1] = side, side * self.alpha
-            state[0], state[1] = theta or side * TINY, v or side * FAINT
+            state[0], state[1] = theta or side * TINY_ROTATION, v or side * TINY_RATE
             if not self.rigid:
                 pars[11] = 2 * self.R * side * self.sin_alpha
                 state[2], state[3] = u, w
@@ -221,7 +221,7 @@ class _Podium:
                 highest = max(highest, abs(theta))
                 hop *= 8
             if highest > largest:
-                largest, held = highest, self.potential(highest)
+                largest, energy_at_largest = highest, self.potential(highest)
         return min(largest, self.alpha), False
 
 

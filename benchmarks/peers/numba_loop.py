@@ -1,10 +1,10 @@
 """A scalar loop over the scenes, compiled by Numba and optimised for this model.
 
-- Scenes are solved one after another, each with separate steps, without allocations.
+- Each scene is solved with its own steps, without allocations.
 - A small generator writes each Runge–Kutta step as straight-line code with the coefficients of the tableau.
 - Steps have Nyström form: only θ̈ and ü_t are stored per stage, and the stages of θ and u_t use A·A.
 - sin ψ and cos ψ are inlined polynomials (|ψ| < 0.8, error 1e-17).
-- A rigid superstructure has separate code with two states, and its uplift is a root of the pulse.
+- A podium with a rigid superstructure has separate code: two states, and uplift at a root of the pulse.
 - An impact is located by the quintic Hermite polynomial of the step, and then by Newton's method for the
   length of a repeated step (usually one repetition). Peaks that may exceed the recorded peak are located too.
 - After an impact the length of the first step follows from the flight time 2θ̇/|θ̈|.
@@ -408,7 +408,7 @@ def quintic(x0, v0, a0, x1, v1, a1, h, z):
 
 @_jit
 def quintic_root(x0, v0, a0, x1, v1, a1, h):
-    """Return z where the polynomial of `quintic` falls through zero, < 0 at z = 1; −1 if it is never > 0."""
+    """Return z at which the polynomial of `quintic` (< 0 at z = 1) falls through zero; −1 if never > 0."""
     v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
     d = x1 - x0 - v0 - 0.5 * a0
     dv = v1 - v0 - a0
@@ -495,15 +495,15 @@ def land(step, shift, z, t, h, y, k, side, pulse, c, rtol):
 @_jit
 def crest(step, z, t, h, y, k, side, pulse, c):
     """Return the largest |θ| inside a step, near z h, by Newton's method for θ̇ = 0."""
-    dt, top = z * h, 0.0
+    dt, highest = z * h, 0.0
     for _ in range(6):
         new, rate = step(t, dt, y, k, side, pulse, c)
         change = -new[1] / rate[0] if side * rate[0] < 0.0 else 0.0
-        top = side * (new[0] + change * new[1] + 0.5 * change * change * rate[0])
+        highest = side * (new[0] + change * new[1] + 0.5 * change * change * rate[0])
         dt = min(h, max(0.0, dt + change))
         if abs(change) < 1e-4 * h or change == 0.0:
             break
-    return top
+    return highest
 
 
 @_inline
@@ -712,7 +712,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                     h = new_length(dt, error, order, 1.0) if error > 1.0 else 0.1 * dt
                     max_factor = 1.0
                     continue
-                full = dt
+                trial_dt = dt
                 x0, v0, a0 = 0.0 if first else side * y[0], side * y[1], side * k[0]
                 x1, v1, a1 = side * y1[0], side * y1[1], side * k1[0]
                 landing = x1 < 0.0
@@ -733,7 +733,7 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                             continue
                         y = landed(y, 0.0)  # full contact again at once
                         side = 0.0
-                        h = max(full, 1e-6 * T_p)
+                        h = max(trial_dt, 1e-6 * T_p)
                         break
                     dt, y1, k1 = land(step, shift, z, t, dt, y, k, side, pulse, c, rtol)
                     x1, v1, a1 = 0.0, side * y1[1], side * k1[0]
@@ -752,8 +752,8 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                 t = t_end if last and not landing else t + dt
                 y, k = y1, k1
                 first = False
-                if full >= 0.999 * h or error > 0.5:
-                    h = new_length(full, error, order, max_factor)
+                if trial_dt >= 0.999 * h or error > 0.5:
+                    h = new_length(trial_dt, error, order, max_factor)
                 max_factor = 5.0
                 if landing:
                     v = c.restitution * y[1]

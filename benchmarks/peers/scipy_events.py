@@ -1,10 +1,10 @@
 r"""Solution by SciPy: `solve_ivp` with terminal events, one phase of contact after another.
 
-| phase | state | ends by |
+| phase | state | ends by (also by too little energy for another peak or uplift, after the pulse) |
 |---|---|---|
 | full contact, rigid | – | uplift, a root of the pulse: nothing is integrated |
-| full contact, elastic | u_t, u̇_t | uplift (the demand reaches its limit); little energy after the pulse |
-| rocking, rigid | θ, θ̇ | θ = 0 (impact), \|θ\| = α (overturned); little energy after the pulse |
+| full contact, elastic | u_t, u̇_t | uplift: the demand reaches its limit |
+| rocking, rigid | θ, θ̇ | θ = 0 (impact), \|θ\| = α (overturned) |
 | rocking, elastic | θ, θ̇, u_t, u̇_t | the same |
 
 `solve_ivp` finds an event only if its function changes sign between the ends of a step, and a rocking phase
@@ -84,7 +84,7 @@ class Podium:
         stretch = u - 2 * self.R * (side * math.sin(self.alpha) - s)
         return energy + 0.5 * self.eta * (w**2 + (self.omega * stretch) ** 2)
 
-    def well(self, peak: float) -> float:
+    def potential_energy(self, peak: float) -> float:
         """Return the potential energy of a rotation."""
         return (
             2
@@ -127,7 +127,7 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
     options = {"method": method, "rtol": rtol}
     options["max_step"] = min(T_p / 4, 1 / p, math.inf if rigid else 2 / omega)
     y = np.zeros(len(podium.units))
-    side, fresh, peak = 0, False, 0.0
+    side, starts_at_zero, peak = 0, False, 0.0
     for _ in range(MAX_PHASES):
         if t >= t_end:
             return peak / alpha, False
@@ -138,7 +138,7 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
                 if t >= pulse_end:
                     return peak / alpha, False
             else:
-                enough = max(podium.well(peak), podium.contact_energy())
+                enough = max(podium.potential_energy(peak), podium.contact_energy())
                 if settles and podium.energy(y, 1) < enough:
                     return peak / alpha, False
                 if abs(podium.demand(acceleration(t), y[2], y[3])) <= podium.uplift * (1 + 1e-14):
@@ -163,15 +163,15 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
                     if not len(s.t_events[0]):
                         continue
             q = acceleration(t) if rigid else podium.demand(acceleration(t), y[2], y[3])
-            side, fresh = (-1 if q > 0 else 1), True
+            side, starts_at_zero = (-1 if q > 0 else 1), True
             y[:2] = 0
             continue
         # ------------------------------------------------------------------------------------ rocking
-        enough = podium.well(peak)
+        enough = podium.potential_energy(peak)
         if settles and podium.energy(y, side) < enough:
             return peak / alpha, False
         first = None
-        if fresh:
+        if starts_at_zero:
             first = 1e-5 / p
             if y[1] != 0:
                 push = podium.rocking(acceleration(t), y, side)[1]
@@ -206,7 +206,7 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
                 break
             until = dips[0]  # θ changed sign inside a step; end a step at this extreme
             first = first and min(first, 0.5 * (until - t))
-        t, y, fresh = s.t[-1], s.y[:, -1].copy(), False
+        t, y, starts_at_zero = s.t[-1], s.y[:, -1].copy(), False
         if len(s.t_events[1]):
             return 1.0, True
         peak = max([peak, side * y[0]] + [side * z[0] for z in s.y_events[2]])
@@ -215,7 +215,7 @@ def _scene(podium: Podium, a_p: float, T_p: float, rtol: float, method: str) -> 
         if len(s.t_events[0]):  # impact
             y[0] = 0
             y[1] *= podium.restitution
-            fresh = True
+            starts_at_zero = True
             if abs(y[1]) > REST_VELOCITY * p * alpha:
                 side = 1 if y[1] > 0 else -1
             else:
