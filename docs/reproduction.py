@@ -53,9 +53,11 @@ def find_changes(
     """
 
     def overturned(amplitude: np.ndarray) -> np.ndarray:
-        filled = np.full(SCENES, low)
-        filled[: amplitude.size] = amplitude.ravel()
-        peak = rj.peak_responses(podium, pulse(filled, T_p), options=OPTIONS.replace(overturn_ratio=ratio))
+        amplitudes = np.full(SCENES, low)
+        amplitudes[: amplitude.size] = amplitude.ravel()
+        peak = rj.peak_responses(
+            podium, pulse(amplitudes, T_p), options=OPTIONS.replace(overturn_ratio=ratio)
+        )
         return np.asarray(peak.overturned)[: amplitude.size].reshape(amplitude.shape)
 
     grid = np.linspace(low, high, SCENES)
@@ -102,7 +104,7 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     return "\n".join([row(*head), "|" + "---|" * len(head), *(row(*cells) for cells in rows)])
 
 
-def number(value: float, digits: int) -> str:
+def formatted(value: float, digits: int) -> str:
     return "none" if math.isnan(value) else f"{value:.{digits}f}"
 
 
@@ -199,8 +201,8 @@ def section_four() -> dict[str, str]:
     spectrum = []
     for ratio in (2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0):
         T_p = 2 * math.pi / (ratio * p)
-        both = (number(least_overturning(frame, T_p), 2) for frame in (podium, applied_twice))
-        spectrum.append((f"{ratio:.1f}", *both))
+        values = (formatted(least_overturning(frame, T_p), 2) for frame in (podium, applied_twice))
+        spectrum.append((f"{ratio:.1f}", *values))
     return {
         "p": f"{p:.4f}",
         "frequency": f"{2 * math.pi / p:.3f}",
@@ -231,7 +233,7 @@ def roots() -> dict[str, str]:
     rows: list[tuple[str, ...]] = []
 
     def add(name: str, reference: str, values: list[float], digits: int) -> None:
-        rows.append((name, reference, ", ".join(number(value, digits) for value in values)))
+        rows.append((name, reference, ", ".join(formatted(value, digits) for value in values)))
 
     def linear(
         podium: rj.Podium, pulse: Pulse, T_p: float, ratio: float = 1.0, high: float = 8.0
@@ -250,33 +252,38 @@ def roots() -> dict[str, str]:
     damped = block(0.5, 1.5, restitution=0.85)
     p2 = rj.Podium(alpha=math.radians(15), R=0.75 * G / 2.0**2, g=G)
     zm = rj.Podium(alpha=0.25, R=0.75 * G / 2.14**2, restitution=0.9, g=G)
-    of_g, of_alpha = "$a_p/g$", "$a_p/(\\alpha g)$"
+    per_g, per_alpha_g = "$a_p/g$", "$a_p/(\\alpha g)$"
     value = linear(small, rj.HalfSine, 1.0)[0] * float(small.alpha)
     add(
-        f"half-sine, $B=0.2$, $H=0.6$ m, linearised, {of_g}",
+        f"half-sine, $B=0.2$, $H=0.6$ m, linearised, {per_g}",
         "0.5535/0.5545 printed, 0.554586 exact",
         [value],
         6,
     )
-    add(f"the same, nonlinear, {of_g}", "0.574724", [first(small, rj.HalfSine, 1.0)], 6)
+    add(f"the same, nonlinear, {per_g}", "0.574724", [first(small, rj.HalfSine, 1.0)], 6)
     value = first(large, rj.OneCosine, 1.0)
-    add(f"one-cosine, $B=0.5$, $H=1.5$ m, {of_g}", "0.6245/0.6255 printed, 0.625845 exact", [value], 6)
+    add(f"one-cosine, $B=0.5$, $H=1.5$ m, {per_g}", "0.6245/0.6255 printed, 0.625845 exact", [value], 6)
     value = linear(damped, rj.OneSine, 1.0)[0] * float(damped.alpha)
-    add(f"one-sine, same block, $e=0.85$, linearised, {of_g}", "0.451540", [value], 6)
-    add(f"the same, nonlinear, {of_g}", "0.468727", [first(damped, rj.OneSine, 1.0)], 6)
+    add(f"one-sine, same block, $e=0.85$, linearised, {per_g}", "0.451540", [value], 6)
+    add(f"the same, nonlinear, {per_g}", "0.468727", [first(damped, rj.OneSine, 1.0)], 6)
     value = first(p2, rj.OneCosine, 2.0)
-    add(f"one-cosine, $p=2$, $\\alpha=15°$, $T_p=2$ s, {of_g}", "0.315034", [value], 6)
+    add(f"one-cosine, $p=2$, $\\alpha=15°$, $T_p=2$ s, {per_g}", "0.315034", [value], 6)
     five = 2 * math.pi / (5 * float(zm.p))
     name = "one-sine, $p=2.14$, $\\alpha=0.25$, $e=0.9$, $\\omega_p/p=5$"
     reference = "overturns 3.0186–6.3181 and above 7.1681"
-    add(f"{name}, linearised, {of_alpha} (1)", reference, linear(zm, rj.OneSine, five, ratio=2.0).tolist(), 4)
+    add(
+        f"{name}, linearised, {per_alpha_g} (1)",
+        reference,
+        linear(zm, rj.OneSine, five, ratio=2.0).tolist(),
+        4,
+    )
     fast = 2 * math.pi / 15.7
     for ratio, mark, reference in (
         (2.0, "(1)", "overturns from 2.22322, safe 2.61697–3.43694"),
         (1.0, "(2)", "–"),
     ):
         values = find_changes(zm, rj.OneSine, fast, 1.0 * G, 6.0 * G, ratio=ratio).amplitude / G
-        add(f"same block, $\\omega_p=15.7$ rad/s, nonlinear, {of_g} {mark}", reference, values.tolist(), 5)
+        add(f"same block, $\\omega_p=15.7$ rad/s, nonlinear, {per_g} {mark}", reference, values.tolist(), 5)
     frame = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=110.0)
     unit = g_tan_alpha(frame)
     changes = find_changes(frame, rj.Ricker, 1.4187, 2.0 * unit, 2.6 * unit)
@@ -468,14 +475,14 @@ def summary(values: dict[str, str]) -> str:
             values["demand"],
         ),
         ("$\\ddot\\theta/p^2$ of Eq. (24) at rest, for the demand of (6) as printed", "0", "–", at_printed),
-        ("the same, for the demand of (9)", "0", "0", at_exact),
+        ("$\\ddot\\theta/p^2$ of Eq. (24) at rest, for the demand of (9)", "0", "0", at_exact),
         (
             "velocity factor after a stiff superstructure has come to rest",
             "0.956 (27)",
             "0.995",
             values["paper_limit"],
         ),
-        ("the same, compatible restitution", "–", "0.956", values["compatible_limit"]),
+        ("this factor with the compatible restitution", "–", "0.956", values["compatible_limit"]),
         ("$p$ for $R=1.5$ m, Eq. (25), rad/s", "2.214", "2.2143", values["p"]),
         ("$\\beta$ of Eq. (32)", "not given", "1.380119 at $z=\\sqrt{3-\\sqrt6}$", values["beta"]),
         ("Section 4: least overturning $a_p/(g\\tan\\alpha)$", "3.5", "2.89", values["least"]),

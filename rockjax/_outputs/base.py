@@ -59,8 +59,8 @@ class AbstractOutput:
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
     value of the quantity in the scene, with derivatives. Override `over_step`, `at_impact`, `update` or
-    `answer` for an output of another form. The other methods save time: rests, samples of a record and
-    bounces are skipped only if every requested output overrides `over_rest`, `over_sample` or `over_bounces`
+    `answer` for other kinds of answers. Further methods save time. Rests, samples of a record and bounces are
+    skipped only if every requested output overrides `over_rest`, `over_sample` or `over_bounces`
     respectively. A scene continues to overturning or `t_end` unless `is_final` returns True for every output.
 
     - `name`: name in `Options.outputs` and of the answer
@@ -112,8 +112,8 @@ class AbstractOutput:
         raise NotImplementedError(f"the output {self.name!r} has no `quantity`")
 
     def start(self, start: Start) -> tuple[Any, Any]:
-        """Return the record and the note at the start of a scene; either may be None. Batches compute
-        derivatives of records, not of notes."""
+        """Return the record (the value so far) and the note (further data, such as the time of a peak) at the
+        start of a scene; either may be None. Batches compute derivatives of records, not of notes."""
         shape = jax.eval_shape(lambda: self.quantity(start.moment()))
         return jnp.zeros(shape.shape, shape.dtype), None
 

@@ -19,8 +19,9 @@ from .views import Bounces, Ended, Impact, Start, Step
 
 
 def _angles_and_ratios(c: Coefficients, sigma: Value, sway: Value | float, offsets: Values | None) -> Values:
-    """Return |tan(φ/4)| for the angles φ of the impulses from the vertical, then −J_N divided by the mean J_N
-    of all columns. Both are for the columns at the bottom joint, then for the columns at the top joint."""
+    """Return a row: |tan(φ/4)| for the angles φ of the impulses from the vertical, then −J_N divided by the
+    mean J_N of all columns. Both parts have the bottom joints of the columns first, then the top joints. The
+    arguments are those of `impulses_of_columns`."""
     tangential, axial = impulses_of_columns(c, sigma, jnp.ones_like(sigma), sway, offsets)
     mean = jnp.stack(jnp.broadcast_arrays(*present(c.joints).impulses.axial))[:, None]
     ratio = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)

@@ -1,4 +1,4 @@
-"""The number of impacts until rest, and the weighted sum over impacts for the estimate of errors."""
+"""The number of impacts until rest, and a weighted sum over impacts for the estimate of errors."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Energetic(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EnergeticImpacts(AbstractInternalOutput):
-    """The output "errors": a weighted sum over impacts, from which the estimate of errors recognises chaotic
-    scenes, since it differs between two solutions of a chaotic scene."""
+    """The output "errors": a weighted sum over impacts. The sums of two solutions of a chaotic scene differ,
+    by which the estimate of errors recognises such scenes."""
 
     name = "errors"
     needs_flat = True

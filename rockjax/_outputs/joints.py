@@ -1,4 +1,7 @@
-"""Base classes of outputs at the joints, forces of the end columns, and bounds on forces, (F17)."""
+"""Base classes of outputs at the joints, forces of the end columns, and bounds on forces, (F17).
+
+Forces are per column and divided by m_c [m/s²], as in `joint_forces`.
+"""
 
 from __future__ import annotations
 
@@ -148,7 +151,7 @@ class Deceleration(NamedTuple):
 
 
 class ModalBounds(NamedTuple):
-    """Bounds on sums over the modes of the superstructure."""
+    """Bounds on sums over the modes i, with spring forces F_i, heights h_i and deformations d_i."""
 
     springs: Value  # |Σ η_iF_i| [m/s²]
     moment: Value  # |Σ η_ih_iF_i| [m²/s²]
@@ -188,13 +191,13 @@ class JointBounds:
         steepest = jnp.maximum(c.alpha, angle - c.alpha)
         at_steepest = (c.sin_alpha, c.cos_alpha) if is_free else (jnp.sin(steepest), jnp.cos(steepest))
         self.sin, self.cos = at_steepest
-        # Upper bound on −s, then lower and upper bounds on the beam's accelerations σü_b and v̈_b, Eqs. (14),
-        # (15).
+        # Upper bound on the acceleration −s = σθ̈, then lower and upper bounds on σü_b and v̈_b of the beam,
+        # Eqs. (14), (15).
         self._acceleration = jnp.maximum(deceleration.offset - deceleration.slope * least_sin, 0.0)
-        steep, slowing, speeding = self.sin, deceleration.largest, self._acceleration
-        centripetal = 0.0 if is_free else speed_squared * steep  # ψ < 0 is possible only with restrainers
-        self._sway = -c.two_R * (slowing + centripetal), c.two_R * (speeding + speed_squared * steep)
-        self._rise = -c.two_R * (slowing * steep + speed_squared), c.two_R * (speeding * steep + centripetal)
+        sin, slowing, speeding = self.sin, deceleration.largest, self._acceleration
+        centripetal = 0.0 if is_free else speed_squared * sin  # ψ < 0 is possible only with restrainers
+        self._sway = -c.two_R * (slowing + centripetal), c.two_R * (speeding + speed_squared * sin)
+        self._rise = -c.two_R * (slowing * sin + speed_squared), c.two_R * (speeding * sin + centripetal)
 
     @classmethod
     def of(cls, bounds: Bounds) -> Self:
@@ -207,9 +210,9 @@ class JointBounds:
         modes = None
         if c.vibration is not None:
             arms = present(c.joints).arms
-            of_modes = zero if arms is None else bounds.springs(jnp.abs(present(arms.modes)))
+            moment = zero if arms is None else bounds.springs(jnp.abs(present(arms.modes)))
             sway = zero if arms is None else bounds.modal_sum(c.etas / jnp.sqrt(c.vibration.omega2))
-            modes = ModalBounds(bounds.springs(c.etas), of_modes, sway)
+            modes = ModalBounds(bounds.springs(c.etas), moment, sway)
         speed_squared, springs = 2 * bounds.energy / c.spin, None if modes is None else modes.springs
         deceleration = (
             _deceleration_with_restrainers(bounds, springs)
@@ -218,13 +221,13 @@ class JointBounds:
         )
         # The potential energy, Eq. (19), increases with cos ψ.
         least_sin = jnp.sqrt(jnp.maximum(1 - (c.cos_alpha + bounds.energy / c.weight) ** 2, 0.0))
-        either = lambda rocking: bounds.either(zero, rocking)
+        zero_at_rest = lambda rocking: bounds.either(zero, rocking)
         eccentricity = one = jnp.ones_like(zero)
         if not isinstance(bounds.rests, bool):
             eccentricity = bounds.either(bounds.demand / c.uplift, one)
         return cls(
-            c, bounds.ground, bounds.vertical, eccentricity, either(bounds.well), either(speed_squared),
-            least_sin, Deceleration(*map(either, deceleration)), modes,
+            c, bounds.ground, bounds.vertical, eccentricity, zero_at_rest(bounds.well),
+            zero_at_rest(speed_squared), least_sin, Deceleration(*map(zero_at_rest, deceleration)), modes,
         )  # fmt: skip
 
     @classmethod
@@ -282,11 +285,11 @@ class JointBounds:
         arms, c, mean = self.joints.arms, self.c, self._mean_top
         if arms is None:
             return mean
-        ends = -arms.beam * (self._sway[0] - self.ground), -arms.beam * (self._sway[1] + self.ground)
-        of_modes = jnp.zeros_like(c.alpha)
+        beam_moments = -arms.beam * (self._sway[0] - self.ground), -arms.beam * (self._sway[1] + self.ground)
+        modal_moment = jnp.zeros_like(c.alpha)
         if self.modes is not None:
-            of_modes = self.modes.moment + self._weight(1.0)[1] * self.modes.sway
-        moments = jnp.minimum(*ends) - of_modes, jnp.maximum(*ends) + of_modes
+            modal_moment = self.modes.moment + self._weight(1.0)[1] * self.modes.sway
+        moments = jnp.minimum(*beam_moments) - modal_moment, jnp.maximum(*beam_moments) + modal_moment
         lever = 0.5 * c.two_R * c.sin_alpha * self.eccentricity  # χB
         core = arms.core_distance
         extremes = [
@@ -313,14 +316,14 @@ class JointBounds:
         c = self.c
         gamma, sway = self.joints.gamma, jnp.maximum(*map(jnp.abs, self._sway))
         springs = 0.0 if self.modes is None else self.modes.springs
-        of_terms = (1 + gamma) * self.ground + (0.5 + gamma) * sway + springs
+        from_masses = (1 + gamma) * self.ground + (0.5 + gamma) * sway + springs
         if c.restraint is not None:
-            return of_terms
+            return from_masses
         axial = self._mean_top[1] + self._weight(0.5)[1]
         fastest = jnp.maximum(self.deceleration.largest, self._acceleration)
         inertia = 0.5 * c.two_R * jnp.abs(1 - self.joints.lam) * fastest
-        of_axial = axial * self.eccentricity * self.sin + 0.5 * (self.ground * self.cos + inertia)
-        return jnp.minimum(of_terms, of_axial / self.cos)
+        from_axial = axial * self.eccentricity * self.sin + 0.5 * (self.ground * self.cos + inertia)
+        return jnp.minimum(from_masses, from_axial / self.cos)
 
     @functools.cached_property
     def friction(self) -> Values:
@@ -335,16 +338,16 @@ class JointBounds:
         steepest = jnp.stack([self.sin / cos] * 2) * self.eccentricity
         fastest = jnp.maximum(self.deceleration.largest, self._acceleration)
         inertia = R * jnp.stack([jnp.abs(1 - lam), 1 + lam]) / cos
-        forces = [
+        over_both, over_one = (
             jnp.maximum(jnp.abs(y.least), jnp.abs(y.largest)) for y in (self._over_both, self._over_one)
-        ]
-        couple = c.cos_alpha * (forces[0] + forces[1]) * sincos(0.5 * self.angle)[0]
-        of_devices = 2 * (couple + forces[1]) / cos
+        )
+        couple = c.cos_alpha * (over_both + over_one) * sincos(0.5 * self.angle)[0]
+        of_devices = 2 * (couple + over_one) / cos
         weight = (c.g + self.vertical) * steepest
-        others = self.ground + of_devices
-        # Bounds on these brackets where they increase |T|/N beyond tan ψ (`along`), and where they reverse T
-        # (`opposite`).
-        opposite = others + weight + inertia * fastest
+        ground_and_devices = self.ground + of_devices
+        # Bounds on the brackets above where they increase |T|/N beyond tan ψ (`along`), and where they
+        # reverse T (`opposite`).
+        opposite = ground_and_devices + weight + inertia * fastest
         if c.restraint is not None:
             along = opposite
         else:
@@ -355,7 +358,7 @@ class JointBounds:
             top = weight[1] + inertia[1] * jnp.where(
                 is_heavy[1], -least_deceleration, self.deceleration.offset
             )
-            along = others + jnp.stack([bottom, top])
+            along = ground_and_devices + jnp.stack([bottom, top])
         is_closed = least > 0
         least, most = (jnp.where(is_closed, y, 1.0) for y in (least, most))
         demand = steepest + 0.5 * along / jnp.where(along > 0, least, most)

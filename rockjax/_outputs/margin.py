@@ -44,20 +44,19 @@ class Margin(AbstractEventOutput):
         step, (x, v) = end.step, (end.x, end.v)
         scene, turn = step.scene, step.turn
         least = jnp.where(step.has_peak & (turn.margin < record), turn.margin, record)
-        # Columns that still move away from θ = 0 at the end of a scene have not reached a turning point.
-        # Their rotation at the end counts as one.
+        # If |θ| still increases at the end of a scene, the rotation there counts as a turning point.
         rises = (end.stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
         at_end = margin_at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
         least = jnp.where(rises & (at_end < least), at_end, least)
         return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
     def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        # The right side is a lower bound on the margins of the bounces, since gravity stops the columns.
+        # The right-hand side is a lower bound on the margins of the bounces, since gravity stops the columns.
         return record <= margin_at_rest(bounces.c, bounces.overturn_angle, bounces.height)
 
     def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
-        top = potential(bounds.c, jnp.ones_like(record), bounds.overturn_angle)
-        return bounds.rests | (bounds.energy < (1 - record) * top)
+        depth = potential(bounds.c, jnp.ones_like(record), bounds.overturn_angle)
+        return bounds.rests | (bounds.energy < (1 - record) * depth)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -112,8 +112,8 @@ def largest(
     - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a row of max(−f) and max f; `record` has
       the same form
 
-    If f turns twice in the step, and one of these extrema may raise the record, the step to try next ends
-    between them.
+    If f turns twice in the step, and one of both extrema may raise the record, the step to try next ends
+    between the extrema.
     """
     size_of = _SIZES[sizes]
     repeat = (lambda y: jnp.concatenate([y, y])) if sizes == "both" else (lambda y: y)

@@ -87,7 +87,7 @@ def _highest(end: StepEnd) -> tuple[Value, Value]:
     end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))
     peak, end_angle = barrier((guard.path.value(guard.turn), end_angle))
     at_turn = step.has_peak & (peak >= end_angle)
-    # If the largest |θ| is at the end of the step and no event is there, it is a turning point up to
+    # If |θ| is largest at the end of the step and no event is there, the end is a turning point up to
     # rounding.
     at_event = (end.lands | step.trial.ends) & ~at_turn
     turn = jnp.where(at_turn, guard.turn, 1.0)

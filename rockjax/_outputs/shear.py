@@ -50,8 +50,8 @@ class PeakShear(AbstractOutput):
     def over_step(self, step: Step, record: Value) -> Maximum:
         if step.c.vibration is None:
             return step.largest(step.course(self.quantity), record, END_ZONE_CUBIC)
-        # The polynomial of a force contains a derivative, which is less accurate. So steps end on maxima of
-        # forces with methods of any order.
+        # The polynomial of a force contains the derivative of a polynomial, which is less accurate. So steps
+        # end on maxima of forces with methods of any order.
         modal: ModalConstants | None = step.c.modal
         if modal is None:
             course, end_zone = step.spring_forces, END_ZONE_QUINTIC
@@ -81,10 +81,11 @@ class PeakShear(AbstractOutput):
 
 
 def stays_below(sample: Sample, record: Value) -> Flag:
-    """Return whether the shear stays below the record in a sampling interval of length h.
+    """Return whether the shear |a_b|/g of a rigid superstructure stays below the record in a sampling
+    interval of length h. The absolute acceleration of the beam is a_b = ü_g + ü_b, Eq. (14).
 
-    If the second derivative is at most C, the shear at the fraction z ∈ [0, 1] of the interval exceeds the
-    linear interpolation between both ends by at most C z(1 − z) h²/2.
+    If |d²a_b/dt²| ≤ Cg, the shear at the fraction z ∈ [0, 1] of the interval exceeds the linear interpolation
+    between both ends by at most C z(1 − z) h²/2.
     """
     c, sigma = sample.c, sample.sigma
     start, end = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in (sample.start, sample.end)])
@@ -104,13 +105,16 @@ def _curvature_bound(sample: Sample) -> Value:
     speeds = sample.start[2][0], sample.end[2][0]
     accelerations = sample.start[3][0], sample.end[3][0]
     speed, acceleration = (jnp.maximum(*map(jnp.abs, pair)) for pair in (speeds, accelerations))
-    w, wh = h * h * acceleration, h * (speed + h * acceleration)  # bounds of |θ̈|h² and |θ̇|h
-    jerk = h * h * jnp.abs(accelerations[1] - accelerations[0])  # |θ⃛|h³
+    # Bounds on |θ̇|h, |θ̈|h² and |θ⃛|h³.
+    first, second = h * (speed + h * acceleration), h * h * acceleration
+    third = h * h * jnp.abs(accelerations[1] - accelerations[0])
     ground = jnp.maximum(*map(jnp.abs, grounds))
     # Bound on |θ⁗|h⁴, Eq. (24): one part from the rotation, the other from ü_g changing during the rotation.
-    by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (w + wh * wh)
-    by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * wh
-    by_rotation = c.sin_alpha * (4 * wh * jerk + 3 * w * w + wh**4) + 6 * wh * wh * w
+    by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (second + first * first)
+    by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * first
+    by_rotation = (
+        c.sin_alpha * (4 * first * third + 3 * second * second + first**4) + 6 * first * first * second
+    )
     return c.two_R * (by_angle + by_ground + by_rotation) / (h * h)
 
 
@@ -120,9 +124,12 @@ def beam_bound(bounces: Bounces) -> Value:
     The bound is the acceleration at θ = θ̇ = 0, Eqs. (14), (24), plus contributions of θ and θ̇.
     """
     c, ground = bounces.c, bounces.ground
-    per_moment = c.two_R / c.inertia
-    lifting = per_moment * c.cos_alpha
-    at_uplift = lifting * c.gravity * c.sin_alpha + jnp.abs(1 - lifting * c.ground * c.cos_alpha) * ground
+    beam_per_moment = c.two_R / c.inertia
+    sway_per_moment = beam_per_moment * c.cos_alpha
+    at_uplift = (
+        sway_per_moment * c.gravity * c.sin_alpha
+        + jnp.abs(1 - sway_per_moment * c.ground * c.cos_alpha) * ground
+    )
     # As θ changes ψ, it changes 2Rθ̈ cos ψ by less than 2R(p² + |θ̈|)|θ|.
-    by_angle = 2 * per_moment * (c.gravity + c.ground * ground) * bounces.height
+    by_angle = 2 * beam_per_moment * (c.gravity + c.ground * ground) * bounces.height
     return at_uplift + by_angle + c.two_R * bounces.speed**2

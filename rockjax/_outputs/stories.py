@@ -26,8 +26,8 @@ class AbstractStoryOutput(AbstractOutput):
         return self.of(podium).stories > 0
 
     def of(self, podium: Podium) -> Self:
-        top = podium.superstructure
-        return type(self)(top.stories if isinstance(top, ShearBuilding) else 0, podium.vibrates)
+        building = podium.superstructure
+        return type(self)(building.stories if isinstance(building, ShearBuilding) else 0, podium.vibrates)
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         return self.in_all_stories(jnp.full_like(ended.t, jnp.nan))

@@ -20,7 +20,7 @@ restrainers the potential V of (C3) replaces the potential of gravity, (C21):
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
 The margin of a scene is the least margin of all turning points, 1 if the columns never lift, and the margin
-of the fall if the scene overturns. Turning points appear and vanish as the parameters change, and f differs
+at α_o if the scene overturns. Turning points appear and vanish as the parameters change, and f differs
 between them. The term with W is therefore limited to w. Away from the boundary, M then depends mainly on the
 largest rotation, which is continuous.
 """

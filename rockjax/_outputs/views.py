@@ -127,7 +127,7 @@ class Step:
     """A trial step as outputs see it: both ends, the mode, and polynomials of quantities in between.
 
     - `scene`: the prepared scene
-    - `refines`: whether steps end on maxima, as the order of the method exceeds that of the polynomials
+    - `refines`: whether steps end on maxima, because the method has a higher order than the polynomials
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the current piece of the excitation [m/s²]
     - `trial`, `guard`: the step and its guard
@@ -227,10 +227,9 @@ class Step:
         modal = self.c.modal
         if modal is None or modal.residual is None:
             return None
-        of_beam = self.course(deck_acceleration)
-        zero = jnp.zeros_like(self.span.h)
-        path = of_beam.path
-        return of_beam._replace(path=Quintic(path.c0, path.c1, path.c2, path.c3, zero, zero))
+        deck = self.course(deck_acceleration)
+        zero, path = jnp.zeros_like(self.span.h), deck.path
+        return deck._replace(path=Quintic(path.c0, path.c1, path.c2, path.c3, zero, zero))
 
     @property
     def end_zone_of_forces(self) -> float:
@@ -291,12 +290,12 @@ class Step:
         """
         trial, path, end = self.trial, self.guard.path, self.trial.end
         speed = cubic(self.state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h)
-        correction, of_ends = (
+        correction, end_correction = (
             jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0) * trial.h
             for value, slope in ((path.slope(z), path.curvature(z)), (speed.value(z), speed.slope(z)))
         )
-        of_ends -= jax.lax.stop_gradient(of_ends)
-        return z * trial.h - jnp.where(self.span.long, correction, of_ends)
+        end_correction -= jax.lax.stop_gradient(end_correction)
+        return z * trial.h - jnp.where(self.span.long, correction, end_correction)
 
     @functools.cached_property
     def turn(self) -> Turn:
@@ -309,10 +308,10 @@ class Step:
         if self.c.vibration is not None:
             start = self.state.x[1], self.state.v[1], trial.a0[1]
             end = trial.end.x[1], trial.end.v[1], trial.end.a[1]
-            sway = quintic(*start, *end, h)
+            u_t = quintic(*start, *end, h)
             rate = cubic(*start[1:], *end[1:], h).value(z)
-            slope = safe_ratio(sway.slope(z), h, h > 0)
-            x, v = (*x, sway.value(z)), (*v, jnp.where(self.span.long, slope, rate))
+            slope = safe_ratio(u_t.slope(z), h, h > 0)
+            x, v = (*x, u_t.value(z)), (*v, jnp.where(self.span.long, slope, rate))
         slowing = -sigma * acceleration(self.c, sigma, self.ground_at(self.state.t + span), x, v)[0]
         margin = margin_at_turn(self.c, self.scene.overturn_angle, theta, slowing)
         return barrier(Turn(*(jnp.where(self.has_peak, y, jnp.inf) for y in (margin, slowing))))
@@ -424,7 +423,7 @@ class Bounces(NamedTuple):
     - `ground`: bound on |ü_g| [m/s²]
     - `height`: bound on |θ| [rad]
     - `speed`: bound on |θ̇| [rad/s]
-    - `min_impact_speed`: impacts at most this fast lead to rest, |θ̇| before the impact [rad/s]
+    - `min_impact_speed`: the columns rest after an impact with |θ̇⁻| up to this speed [rad/s]
     """
 
     c: Coefficients
