@@ -86,7 +86,7 @@ def overhead(folder: Path) -> list[dict]:
             best[chunk] = min(best[chunk], sweep(scenes, folder, chunk=chunk))
             store = Store.open(folder / "a.zarr")
             assert store is not None
-            chunk_counts[chunk] = store.layout.number
+            chunk_counts[chunk] = store.layout.chunk_count
     rows = [{"scenes a chunk": "all, the batch path", "chunks": 1, "s": batch, "over the batch": 0.0}]
     for chunk in sizes:
         size = scenes.size // chunk_counts[chunk]

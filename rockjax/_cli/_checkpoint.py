@@ -37,8 +37,7 @@ def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
 def load(path: Path, count: int) -> list[xarray.Dataset | None]:
     """Load the saved datasets, some of which may be incomplete; None for podiums without results.
 
-    Raises `ValueError` if the file does not exist, cannot be read or has another number of podiums than
-    `count`.
+    Raises `ValueError` if the file does not exist, cannot be read or was not saved for `count` podiums.
     """
     import netCDF4
     import xarray
@@ -47,7 +46,7 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
         raise ValueError(f"--resume needs {path}, which does not exist; leave out --resume")
     try:
         with netCDF4.Dataset(path) as file:
-            groups, saved_count = set(file.groups), int(file.getncattr("datasets"))
+            stored, saved_count = set(file.groups), int(file.getncattr("datasets"))
     except (OSError, AttributeError, RuntimeError) as error:
         raise ValueError(f"{path} is not the file of an interrupted run: {error}") from None
     if saved_count != count:
@@ -55,10 +54,10 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
             f"{path} has results of {saved_count} podiums, but this run has {count}; resume with the options "
             "of the interrupted run"
         )
-    names = [f"dataset-{k}" for k in range(count)]
+    group_names = [f"dataset-{k}" for k in range(count)]
     return [
-        _restore_attrs(xarray.load_dataset(path, group=name, engine="netcdf4")) if name in groups else None
-        for name in names
+        _restore_attrs(xarray.load_dataset(path, group=group, engine="netcdf4")) if group in stored else None
+        for group in group_names
     ]
 
 

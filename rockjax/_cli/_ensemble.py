@@ -21,7 +21,7 @@ def ensemble(request: Request, report: Report, output: Output = "rockjax-ensembl
     """Estimate distributions of the peaks of random structures under random motions, with confidence bounds.
 
     The table [ensemble.spread] of the problem file has the distributions of parameters. If the set has
-    several motions, each scene draws one of them. Prints quantiles; writes OUTPUT.nc with all scenes, and a
+    several motions, each scene draws one motion. Prints quantiles; writes OUTPUT.nc with all scenes, and a
     picture of the empirical distribution for each peak, such as OUTPUT-peak-rotation.png. Ctrl-C saves
     nothing.
 

@@ -38,9 +38,9 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
     files = parse_outputs(output, "rockjax-floors").check(("",))
     podium, settings = request.podium(), request.settings
     motion = request.motion_or_set(podium)
-    top = podium.superstructure
-    weights = None if top is None else top.story_weights
-    stories = 0 if weights is None else weights.shape[-2]
+    superstructure = podium.superstructure
+    story_weights = None if superstructure is None else superstructure.story_weights
+    stories = 0 if story_weights is None else story_weights.shape[-2]
     levels: Any = settings.levels or ["deck", *range(1, stories + 1)]
     levels = [int(y) if str(y).isdigit() else y for y in levels]
     periods = np.geomspace(settings.periods[0], settings.periods[1], settings.points)
@@ -79,9 +79,7 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
             "peak_velocity_jump": jump,
             "spectrum": float(spectrum[k]),
         }
-    ratio = data["remaining_ratio"].values
-    if np.any(~(ratio <= 1)):
-        report.say(
-            f"  {np.mean(~(ratio <= 1)):.0%} of the values may still grow after the end of their scene"
-        )
+    may_grow = ~(data["remaining_ratio"].values <= 1)
+    if may_grow.any():
+        report.say(f"  {may_grow.mean():.0%} of the values may still grow after the end of their scene")
     report.facts |= {"scenes": overturned.size, "overturned": float(overturned.mean()), "levels": facts}

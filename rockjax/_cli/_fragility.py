@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import rockjax as rj
     from rockjax._motions.motion import Motions
 
-FILE_KEYS = ("units", "dt", "component", "pattern", "paired")  # options for reading files of records
+FILE_KEYS = ("units", "dt", "component", "pattern", "paired")  # options that apply to files of records
 
 
 @command(
@@ -196,7 +196,7 @@ def _report_contents(report: Report, data: xarray.Dataset, unit_suffix: str) -> 
 
 
 def _curve(report: Report, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:
-    """Return the curve; it has no confidence intervals if they cannot be computed. None if no curve fits."""
+    """Return the curve, without confidence intervals if these cannot be computed; None if no curve fits."""
     import rockjax as rj
 
     try:
@@ -212,17 +212,17 @@ def _curve(report: Report, analysis: xarray.Dataset, settings: models.Fragility)
 
 
 def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motions:
-    """Return the records: from files, synthetic, or from a set of the problem file."""
+    """Return the suite: records from files, synthetic motions, or a set of the problem file."""
     from rockjax._motions.synthetic import synthetic_motions
 
     if paths and synthetic is not None:
         raise ValueError("--synthetic and files of records are alternatives; give one")
     if synthetic is not None:
         return synthetic_motions(synthetic, seed=request.settings.seed)
-    chosen = request.chosen(FILE_KEYS)
+    file_options = request.chosen(FILE_KEYS)
     if paths:
-        paired = chosen.pop("paired", False)
-        motions = read_records(request.reader, paths, chosen)
+        paired = file_options.pop("paired", False)
+        motions = read_records(request.reader, paths, file_options)
         return motions.paired() if paired else motions
     sets = request.problem.motions
     if not sets:
@@ -230,7 +230,7 @@ def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motion
             "rockjax fragility needs records: files, folders or tables, --synthetic N, or a problem file "
             "with [motions]"
         )
-    for name in chosen:
+    for name in file_options:
         raise ValueError(
             f"--{name} applies only to files on the command line; set {name} in the problem file instead"
         )

@@ -1,4 +1,4 @@
-"""Warnings about the joints: whether the assumptions of the model hold there."""
+"""Warnings about joints in which assumptions of the model do not hold."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import rockjax as rj
 
 VARIABLES = ("least_axial_force", "least_impulse_share", "peak_friction", "peak_impact_friction")
-OUTPUTS = ("peak_friction", "axial_force", "impact_friction")  # outputs with these variables
+OUTPUTS = ("peak_friction", "axial_force", "impact_friction")  # outputs that contain `VARIABLES`
 ROUNDING = 1e-9  # rounding error of the impact eccentricity ξ_J
 
 
@@ -50,7 +50,7 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     is_used = ~overturned if overturned.ndim else np.ones((), bool)
 
     def extreme(name: str, sign: int) -> np.ndarray:
-        """Return the largest (sign 1) or smallest (−1) value of both joints in each scene."""
+        """Return the larger (sign 1) or smaller (−1) value of the two joints in each scene."""
         values = getattr(peaks, name)
         joint_axis = values.dims.index("joint") if hasattr(values, "dims") else -1
         return sign * np.max(sign * np.asarray(values), axis=joint_axis)[is_used]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rockjax._excitations.base import AbstractExcitation
     from rockjax._motions.motion import Motion
 
-FILE_KEYS = ("units", "dt", "component", "pattern")  # options for reading files of records
+FILE_KEYS = ("units", "dt", "component", "pattern")  # options that apply to files of records
 
 
 @command(
@@ -49,7 +49,7 @@ def motions(
 ) -> None:
     """Print intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
 
-    With --tan-alpha and --R, also prints PGA/(g tan α) and p PGV/(g tan α). Writes OUTPUT.nc for --output.
+    With --tan-alpha and --R, also prints PGA/(g tan α) and p PGV/(g tan α). With --output, writes OUTPUT.nc.
     For a problem file, lists the motions of all sets: number, name, source, sampling interval, duration and
     PGA.
 
@@ -67,20 +67,20 @@ def motions(
     from rockjax._motions.intensity import intensity_measures
     from rockjax._units import STANDARD_GRAVITY
 
-    block = reader.chosen(("tan_alpha", "R"))
-    if len(block) == 1:
+    ratios = reader.chosen(("tan_alpha", "R"))
+    if len(ratios) == 1:
         raise typer.BadParameter("--tan-alpha and --R belong together; give both or neither")
-    podium = reader.structure(reader.check(models.ByRatios, block)) if block else None
+    podium = reader.structure(reader.check(models.ByRatios, ratios)) if ratios else None
     settings = reader.check(models.Measures, reader.chosen(("periods", "damping")))
     suite = read_records(reader, paths, reader.chosen(FILE_KEYS))
     data = intensity_measures(suite, periods=settings.periods, damping=settings.damping, podium=podium)
-    spectral = {f"Sa({T:g} s) [g]": data["Sa"].isel(period=k) for k, T in enumerate(settings.periods)}
+    accelerations = {f"Sa({T:g} s) [g]": data["Sa"].isel(period=k) for k, T in enumerate(settings.periods)}
     columns = {
         "dt [s]": data["dt"],
         "duration [s]": data["duration"],
         "PGA [g]": data["PGA"] / STANDARD_GRAVITY,
         "PGV [m/s]": data["PGV"],
-        **{name: y / STANDARD_GRAVITY for name, y in spectral.items()},
+        **{name: y / STANDARD_GRAVITY for name, y in accelerations.items()},
         "Arias [m/s]": data["arias_intensity"],
         "D5–95 [s]": data["D5_95"],
     }
@@ -104,7 +104,7 @@ def motions(
 def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], report: Report) -> None:
     """List the motions of a problem file, with the numbers by which `--number` selects them.
 
-    - `paths`: one problem file
+    - `paths`: the problem file; several paths are an error
     - `options`: options on the command line: name → (flag, value)
     - `report`: receives the table
 

@@ -49,7 +49,7 @@ class Outputs(NamedTuple):
 def parse_outputs(text: str, name: str) -> Outputs:
     """Return the output files for `--output`.
 
-    - `text`: value of `--output`: a folder (it exists or ends in a slash), a prefix, or a file name. The
+    - `text`: value of `--output`: a folder (existing, or with a final slash), a prefix, or a file name. The
       suffix of a picture sets the format of all pictures
     - `name`: prefix of the files in a folder
 
@@ -87,7 +87,7 @@ def store_path(output: Path) -> Path:
 
 
 def require_writable(path: Path) -> None:
-    """Raise `OSError` if a file cannot be written. To find out, a temporary file is created in its folder."""
+    """Raise `OSError` if a file cannot be written, tested by a temporary file in the nearest folder."""
     if path.is_dir():
         raise OSError(f"{path} could not be written: it is a folder")
     folder = path.parent

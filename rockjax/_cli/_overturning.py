@@ -76,7 +76,7 @@ def overturning(
         report.draw(files.picture(suffix), draw, panels)
     _checkpoint.path_of(files.prefix).unlink(missing_ok=True)
     report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods)
-    frequencies = int((panels["boundaries"].count("boundary") > 1).sum())
+    frequency_count = int((panels["boundaries"].count("boundary") > 1).sum())
     scenes = int(sum(data.attrs["scenes"] for data in spectra))
-    report.say(f"{scenes} scenes; windows of survival at {frequencies} frequencies")
-    report.facts |= {"scenes": scenes, "frequencies_with_windows_of_survival": frequencies}
+    report.say(f"{scenes} scenes; windows of survival at {frequency_count} frequencies")
+    report.facts |= {"scenes": scenes, "frequencies_with_windows_of_survival": frequency_count}

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def make_pulse(name: str, vertical_ratio: float | None) -> Any:
-    """Return the function (a_p, T_p) ↦ motion of a named pulse; a ratio adds a vertical component."""
+    """Return the function (a_p, T_p) ↦ motion of a pulse; `vertical_ratio` adds a vertical component."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._excitations.pulses import PULSES
 
@@ -32,7 +32,7 @@ def combine_panels(datasets: list, ratios: list[float], periods: list[float], ze
 
     remaining = iter(datasets)
     # Panels may differ in the number of boundaries.
-    join = {
+    concat_options = {
         "combine_attrs": "drop_conflicts",
         "join": "outer",
         "fill_value": {"impacts": -1, "boundaries": np.nan},
@@ -44,11 +44,11 @@ def combine_panels(datasets: list, ratios: list[float], periods: list[float], ze
         xarray.concat(
             [next(remaining).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods],
             "T_s",
-            **join,
+            **concat_options,
         )
         for ratio in ratios
     ]
-    panels = xarray.concat(rows, "eta_over_gamma", **join)
+    panels = xarray.concat(rows, "eta_over_gamma", **concat_options)
     panels.attrs["zeta"] = zeta
     panels["T_s"].attrs = {
         "units": "s",

@@ -31,7 +31,7 @@ def report(
     request: Request,
     report: Report,
     output: Annotated[
-        Path, option("--output", "-o", metavar="FILE.html", panel=OUTPUT, help="The page.")
+        Path, option("--output", "-o", metavar="FILE.html", panel=OUTPUT, help="The page to write.")
     ] = Path("rockjax-report.html"),
     units: Annotated[
         str | None,
@@ -46,7 +46,7 @@ def report(
         option("--xlsx", metavar="FILE", panel=OUTPUT, help="Workbook with a sheet for each table."),
     ] = None,
     skip: Annotated[
-        str, option("--skip", panel=OUTPUT, help="What to leave out: risk, methods, spread.")
+        str, option("--skip", panel=OUTPUT, help="Parts to leave out: risk, methods, spread.")
     ] = "",
 ) -> None:
     """Write the design report: every check of a problem file on one page, with its utilisation, its numerical
@@ -71,11 +71,11 @@ def report(
         from rockjax._report._formats.xlsx import require_library
 
         require_library()
-    parts = tuple(name.strip() for name in skip.split(",") if name.strip())
+    skipped = tuple(name.strip() for name in skip.split(",") if name.strip())
     problem = problem_of(request.merged, request.path)
     with report.progress(None, "scenes") as bar:
         answer = make_report(
-            problem, output, units=units, skip=parts, progress=_Progress(bar), command=_command(request)
+            problem, output, units=units, skip=skipped, progress=_Progress(bar), command=_command(request)
         )
     for path in answer.written:
         report.add_file(path)
@@ -93,7 +93,7 @@ def report(
 
 
 def _command(request: Request) -> str:
-    """Return the command with the name of the problem file instead of its path."""
+    """Return the command line with names of files instead of paths."""
     words = shlex.split(COMMAND.get())
     assert request.path is not None
     return shlex.join(Path(word).name if "/" in word else word for word in words)

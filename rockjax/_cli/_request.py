@@ -62,7 +62,7 @@ class Request:
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
         self.table = {} if path is None else reading.load_table(path)
         self.reader = reading.Reader(path, explicit)
-        # keys of the table of the command
+        # keys of the command's table in the problem file
         self.keys = getattr(models, command.title(), models.Keys).model_fields
         self.merged = self._merged(values)
         self.problem = self.reader.check(models.Problem, self.merged)
@@ -120,30 +120,30 @@ class Request:
     def _by_ratios(self, table: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the table of a structure by ratios, overridden by values.
 
-        A superstructure with T_s = 0 becomes a rigid one, and a superstructure without mass is removed.
+        A superstructure with T_s = 0 becomes rigid, and a superstructure without mass is removed.
         """
         merged = self._override(table, {name: y for name, y in values.items() if name not in _SUPERSTRUCTURE})
-        top = merged.pop("superstructure", {})
+        superstructure = merged.pop("superstructure", {})
         changes = {name: values[name] for name in _SUPERSTRUCTURE if name in values}
-        if changes and isinstance(top, dict):
-            top = top | changes
-            if top.get("T_s") == 0:  # rigid
+        if changes and isinstance(superstructure, dict):
+            superstructure = superstructure | changes
+            if superstructure.get("T_s") == 0:  # rigid
                 if "stories" in self.flags:
                     raise ValueError("--stories needs the period of the building; give --T-s > 0, not 0")
-                top = {"eta": top["eta"]} if "eta" in top else {}
-            if "T_s" not in top and "zeta" not in self.flags:
-                top.pop("zeta", None)
-            if "eta" not in top and not self.chosen(("T_s", "zeta")):
-                top = {}
-            if "eta" in changes and top.get("eta") == 0:
-                top = {}
-        return merged | ({"superstructure": top} if top else {})
+                superstructure = {"eta": superstructure["eta"]} if "eta" in superstructure else {}
+            if "T_s" not in superstructure and "zeta" not in self.flags:
+                superstructure.pop("zeta", None)
+            if "eta" not in superstructure and not self.chosen(("T_s", "zeta")):
+                superstructure = {}
+            if "eta" in changes and superstructure.get("eta") == 0:
+                superstructure = {}
+        return merged | ({"superstructure": superstructure} if superstructure else {})
 
     def _override(self, entry: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return an entry, overridden by values.
 
-        If it has two alternative keys, such as `a_p` and `acceleration_ratio`, the key that is not on the
-        command line is removed.
+        If one of two alternative keys, such as `a_p` and `acceleration_ratio`, is on the command line, the
+        other key is removed.
         """
         merged = {**entry, **values}
         for pair in _ALTERNATIVES.items():
@@ -301,22 +301,22 @@ def read_records(reader: Any, paths: list[Path], keys: Mapping[str, Any]) -> Mot
 
 
 def _equal_stories(structure: Any) -> int | None:
-    """Return the number of equal stories of a structure; None if it has none."""
+    """Return the number of stories of a structure with equal stories, otherwise None."""
     return getattr(structure, "stories", None) or getattr(
         getattr(structure, "superstructure", None), "stories", None
     )
 
 
-def _longest_period(top: AbstractSuperstructure | None) -> tuple[float, float | None]:
+def _longest_period(superstructure: AbstractSuperstructure | None) -> tuple[float, float | None]:
     """Return the longest period of a superstructure [s] and the damping ratio of that mode.
 
-    Without modes, they are 0 and None.
+    Return (0, None) without modes.
     """
     import numpy as np
 
-    oscillators = None if top is None else top.oscillators
+    oscillators = None if superstructure is None else superstructure.oscillators
     if oscillators is None:
         return 0.0, None
     periods, damping = np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.zeta)
-    mode = int(np.argmax(periods))
-    return float(periods[mode]), float(damping[min(mode, len(damping) - 1)])
+    longest = int(np.argmax(periods))
+    return float(periods[longest]), float(damping[min(longest, len(damping) - 1)])

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 def residual_share(podium: rj.Podium) -> float:
     """Return the share of the superstructure's mass that is in no mode and moves with the beam."""
-    top = podium.superstructure
-    if top is None or not top.rows:
+    superstructure = podium.superstructure
+    if superstructure is None or not superstructure.rows:
         return 0.0
-    carried = top.carried if top.elastic else top.mass_ratio
-    return 0.0 if carried is None else float(carried) / float(top.mass_ratio)
+    carried = superstructure.carried if superstructure.elastic else superstructure.mass_ratio
+    return 0.0 if carried is None else float(carried) / float(superstructure.mass_ratio)
 
 
 @command(
@@ -90,7 +90,7 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
 
 
 def _inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
-    """Yield lines about the inputs: records, impact law, uplift acceleration, and masses if known."""
+    """Yield lines about the inputs: records, impact law, uplift acceleration and, if given, masses."""
     g = attrs["g_m_s2"]
     for component in ("", "vertical_"):
         prefix = f"{component}record_"

@@ -82,8 +82,8 @@ class Report:
         from rockjax._results import OVERTURNED
 
         overturned, failed = float(data["overturned"].mean()), int((data["result"] > OVERTURNED).sum())
-        until = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
-        self.say(f"{total} scenes: {overturned:.1%} overturned{until}, {failed} without an answer")
+        note = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
+        self.say(f"{total} scenes: {overturned:.1%} overturned{note}, {failed} without an answer")
         return {"scenes": total, "overturned": overturned, "without_answer": failed}
 
     def add_file(self, path: Path) -> None:
@@ -102,7 +102,7 @@ class Report:
             facts = run_facts | self.facts | {"files": list(map(str, self.written))}
             typer.echo(as_json(facts, ascii=True))  # valid in every encoding of stdout
         if self.verbose:
-            self.note(_programs())
+            self.note(_describe_programs())
             self.note(f"{seconds:.1f} s in total")
 
 
@@ -113,7 +113,7 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
     - `jax`: True to configure JAX's cache of compiled programs and logging before the call
 
     The function has the argument `report` and arguments for its other options. It may have the argument
-    `request`, for the problem file and the options of `groups`, or `reader`, for these options alone.
+    `request`, for the problem file and the options of `groups`, or `reader`, for the options alone.
     """
     options = {name: entry for group in groups for name, entry in group.items()}
 
@@ -146,7 +146,7 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
                     if values[name] is not None
                 }
                 flags = {name: options[name].flag if name in options else f"--{name}" for name in values}
-                explicit = {name: (flags[name], chosen[name]) for name in values if _is_given(ctx, name)}
+                explicit = {name: (flags[name], chosen[name]) for name in values if _is_explicit(ctx, name)}
                 if takes_file:
                     from ._request import Request, problem_file
 
@@ -213,7 +213,7 @@ def unwrap_docstring(function: Callable[..., None]) -> str:
     return "\n\n".join(text if text.startswith("\b") else text.replace("\n", " ") for text in paragraphs)
 
 
-def _is_given(ctx: typer.Context, name: str) -> bool:
+def _is_explicit(ctx: typer.Context, name: str) -> bool:
     source = ctx.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"
 
@@ -241,7 +241,7 @@ def prepare(report: Report) -> None:
         report.note(f"{COMMAND.get()}: jax {jax.__version__} on {jax.default_backend()}")
 
 
-def _programs() -> str:
+def _describe_programs() -> str:
     from rockjax._programs import store
     from rockjax._programs.program import COUNTS
 
@@ -251,11 +251,11 @@ def _programs() -> str:
 def save_interrupted(
     output: Path, datasets: list, message: str = "stopped before all files were written"
 ) -> typer.Exit:
-    """Save partial results, report how to resume, and return the exception that ends the command.
+    """Save partial results, print how to resume, and return the exception that ends the command.
 
     - `output`: prefix of the files of the command
     - `datasets`: results of each podium, complete or not; None if there are none
-    - `message`: reason, for the report
+    - `message`: reason of the interruption, which is printed
     """
     from rockjax._cli import _checkpoint
 

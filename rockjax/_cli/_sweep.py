@@ -69,7 +69,7 @@ def sweep(
 
     The axes are parameters of the structure and of the motion; a set of several motions is an additional
     axis. Writes a zarr store, which xarray opens. The same command continues an interrupted sweep: chunks in
-    the store are verified and kept.
+    the store are verified and reused.
 
     \b
     Examples:
@@ -95,7 +95,7 @@ def sweep(
     with request.reader.at("sweep.axes"):
         scenes = rj.grid(podium, request.motion_or_set(podium), **axes)
     report.note(repr(scenes))
-    call: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         "store": store,
         "options": options,
         "chunk": request.settings.chunk,
@@ -103,12 +103,12 @@ def sweep(
     }
     with _client(workers, scheduler) as client:
         if dry_run:
-            plan: Any = rj.sweep(*scenes, **call, client=client, dry_run=True)
+            plan: Any = rj.sweep(*scenes, **arguments, client=client, dry_run=True)
             report.say(repr(plan))
             report.facts |= dataclasses.asdict(plan)
             return
         try:
-            data: Any = rj.sweep(*scenes, **call, client=client)
+            data: Any = rj.sweep(*scenes, **arguments, client=client)
         except rj.Interrupted as interrupt:
             typer.echo(f"\nrockjax: {interrupt}", err=True)
             raise typer.Exit(INTERRUPTED) from None

@@ -57,8 +57,8 @@ def terminal() -> Iterator[None]:
     if os.environ.get("NO_COLOR"):
         _switch_off_styles()
     _open_closed_streams()
-    before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = out, errors = _Stream(before[0]), _Stream(before[1])
+    original = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = out, errors = _Stream(original[0]), _Stream(original[1])
     try:
         yield
     finally:
@@ -66,7 +66,7 @@ def terminal() -> Iterator[None]:
         if out.failure is not None:
             errors.write(f"rockjax: standard output could not be written: {out.failure.strerror}\n")
         errors.flush()
-        sys.stdout, sys.stderr = before
+        sys.stdout, sys.stderr = original
         if out.failure is not None:
             raise SystemExit(1)
 
@@ -74,13 +74,13 @@ def terminal() -> Iterator[None]:
 def _open_closed_streams() -> None:
     """Open the null device for standard streams that the parent process has closed.
 
-    Otherwise the next opened file would get their number, and text printed by libraries would go into it.
+    Otherwise the next opened file would get such a stream's descriptor, and libraries would print into it.
     """
-    for number in range(3):
+    for descriptor in range(3):
         try:
-            os.fstat(number)
+            os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is `number`
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free descriptor
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115

@@ -46,7 +46,7 @@ class Job(NamedTuple):
         store, scene_arrays = _open_store(self)
         if (row := store.row(k)) is not None:
             return row
-        start = time.perf_counter()
+        start_time = time.perf_counter()
         with precision(self.precision):
             arguments = scene_arrays.in_box(store.layout.box(k))
             peaks = solve_scenes(arguments, self.options, threads, devices, self.sensitivities)
@@ -54,7 +54,7 @@ class Job(NamedTuple):
         answers = {name: values for name, (_, values, _) in variables.items()}
         failed = int(np.sum(answers["result"] > results.OVERTURNED))
         return store.write(
-            k, answers, time.perf_counter() - start, float(count_trial_steps(peaks).sum()), failed
+            k, answers, time.perf_counter() - start_time, float(count_trial_steps(peaks).sum()), failed
         )
 
 
@@ -62,7 +62,7 @@ _OPEN_STORES: dict[tuple[str, str], tuple[Store, SceneArrays]] = {}  # by path a
 
 
 def _open_store(job: Job) -> tuple[Store, SceneArrays]:
-    """Return the store of a job and its scenes; each process reads them once.
+    """Return the store of a job and the scenes of the sweep; each process reads both once.
 
     Raises `RuntimeError` if the store is missing, contains another sweep or was made by other versions.
     """

@@ -28,7 +28,7 @@ Coords = dict[str, np.ndarray]
 class Grid(NamedTuple):
     """All combinations of values along named axes.
 
-    Its first two fields are arguments of [`rockjax.peak_responses`][]; all three are arguments of
+    The first two fields are arguments of [`rockjax.peak_responses`][], all three are arguments of
     [`rockjax.sweep`][].
 
     - `structures`, `excitations`: a podium and a motion whose parameters broadcast to the shape of the grid
@@ -50,11 +50,11 @@ class Grid(NamedTuple):
         return math.prod(self.shape)
 
     def __repr__(self) -> str:
-        axes = (f"{name}: {_span(labels)}" for name, labels in self.coords.items())
+        axes = (f"{name}: {_describe_labels(labels)}" for name, labels in self.coords.items())
         return "\n  ".join([f"Grid of {self.size} scenes", *axes])
 
 
-def _span(labels: np.ndarray) -> str:
+def _describe_labels(labels: np.ndarray) -> str:
     ends = [f"{y:.6g}" if labels.dtype.kind == "f" else str(y) for y in (labels[0], labels[-1])]
     return f"{len(labels)} × {ends[0]}" if len(labels) == 1 else f"{len(labels)} from {ends[0]} to {ends[1]}"
 
@@ -62,16 +62,16 @@ def _span(labels: np.ndarray) -> str:
 def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
     """Return a grid of scenes over named axes, in the order of the arguments (host).
 
-    - `structure`: podium with scalar parameters; the scenes are variants of it
+    - `structure`: podium with scalar parameters, which the axes vary
     - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list), which
       form the first axis `motion`
     - `axes`: values along each axis, shape (n,). Their names are
 
         - parameters of the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`, `gamma`, `lam`, `g`, `eta`,
-          `T_s`, `zeta`, …, and `restitution` if it is a given factor
+          `T_s`, `zeta`, …, and `restitution` if it is a factor, not a law
         - `scale`, a factor on the motion (on both components of a [`rockjax.GroundMotion`][])
-        - parameters of a single motion, such as `a_p`, `T_p`, `f_p`. If the podium has a parameter of the
-          same name: `excitation.gamma`. For the vertical component of a `GroundMotion`: `vertical.a_p`
+        - parameters of a single motion, such as `a_p`, `T_p`, `f_p`. A name that the podium has too takes a
+          prefix: `excitation.gamma`. The vertical component of a `GroundMotion` has `vertical.a_p`
         - `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of a single pulse
 
     Names with a dot are given as `**{"excitation.gamma": …}`. Axes are broadcast, so a grid of 10⁸ scenes

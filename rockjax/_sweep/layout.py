@@ -36,7 +36,7 @@ class ChunkLayout(NamedTuple):
         return tuple(-(-n // b) for n, b in zip(self.shape, self.block, strict=True))
 
     @property
-    def number(self) -> int:
+    def chunk_count(self) -> int:
         """Number of chunks."""
         return math.prod(self.chunks_along)
 
@@ -47,7 +47,7 @@ class ChunkLayout(NamedTuple):
         return tuple(slice(i, min(i + b, n)) for i, b, n in zip(starts, self.block, self.shape, strict=True))
 
     def sizes(self) -> np.ndarray:
-        """Return the number of scenes in every chunk, shape (number,)."""
+        """Return the number of scenes in every chunk, shape (chunks,)."""
         axis_sizes = [
             np.minimum(b, n - b * np.arange(m))
             for n, b, m in zip(self.shape, self.block, self.chunks_along, strict=True)
@@ -55,7 +55,7 @@ class ChunkLayout(NamedTuple):
         return np.prod(np.meshgrid(*axis_sizes, indexing="ij"), axis=0).reshape(-1)
 
     def chunk_of(self, scenes: np.ndarray) -> np.ndarray:
-        """Return the indices of the chunks that contain the scenes with given flat indices."""
+        """Return the indices of the chunks that contain the scenes with these flat indices."""
         indices = np.unravel_index(scenes, self.shape)
         return np.ravel_multi_index(
             [j // b for j, b in zip(indices, self.block, strict=True)], self.chunks_along

@@ -27,7 +27,7 @@ def is_local(path: str) -> bool:
 
 
 def require_creatable(path: str | Path) -> None:
-    """Raise `OSError` if a local store cannot be created. To find out, its folder is created and removed."""
+    """Raise `OSError` if the folder of a local store cannot be created; a created folder is removed again."""
     path = expand_path(path)
     if not is_local(path):
         return
@@ -44,7 +44,7 @@ def require_creatable(path: str | Path) -> None:
 def zarr_store(path: str) -> Any:
     """Return the object that zarr and xarray open as the store at a path.
 
-    Without it they would parse a local path with `#`, `?` or `:` as a URL.
+    Without this object they would parse a local path with `#`, `?` or `:` as a URL.
     """
     if not is_local(path):
         return path

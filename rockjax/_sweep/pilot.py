@@ -18,7 +18,7 @@ from .spec import SweepSpec
 from .store import compressed_size, variable_for
 
 SAMPLE = (256, 16384)  # smallest and largest number of sampled scenes
-SHARE = 50  # number of scenes divided by the number of sampled scenes, within these limits
+SHARE = 50  # number of scenes for each sampled scene, within these limits
 # Shortest and longest wall time of a chunk [s]. Writing the files of shorter chunks would take a large share
 # of the time; longer chunks would lose more work after a failure.
 CHUNK_SECONDS = 2.5, 10.0
@@ -38,7 +38,7 @@ class Pilot(NamedTuple):
     memory: int  # memory of the process [bytes]
 
     def chunk_size(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
-        """Return the number of scenes of a chunk, so that its wall time is in `CHUNK_SECONDS`.
+        """Return the number of scenes of a chunk whose wall time is in `CHUNK_SECONDS`.
 
         - `scenes`: number of scenes to solve
         - `cores`: number of cores that solve the sweep
@@ -52,11 +52,11 @@ class Pilot(NamedTuple):
     def expected_steps(self, layout: ChunkLayout) -> np.ndarray:
         """Return the expected trial steps of every chunk, shape (chunks,).
 
-        They are estimated from the sampled scenes of the chunk, or from all sampled scenes if it has none.
+        The estimate for a chunk uses its sampled scenes, or all sampled scenes if the chunk has none.
         """
         chunks = layout.chunk_of(self.scenes)
-        sampled = np.bincount(chunks, minlength=layout.number)
-        total = np.bincount(chunks, weights=self.steps, minlength=layout.number)
+        sampled = np.bincount(chunks, minlength=layout.chunk_count)
+        total = np.bincount(chunks, weights=self.steps, minlength=layout.chunk_count)
         mean = np.where(sampled > 0, total / np.maximum(sampled, 1), self.steps.mean())
         return mean * layout.sizes()
 
@@ -76,21 +76,21 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
     with precision(spec.precision):
         names = spec.sensitivities
-        solve = lambda which: solve_scenes(scene_arrays.at(which), options, threads, devices, names)
+        solve = lambda indices: solve_scenes(scene_arrays.at(indices), options, threads, devices, names)
         solve(scenes[:: max(1, count // low)])  # compiles
-        start = time.perf_counter()
+        start_time = time.perf_counter()
         peaks = solve(scenes)
-        seconds = time.perf_counter() - start
+        seconds = time.perf_counter() - start_time
     steps = count_trial_steps(peaks)
     answers = data_variables(peaks, options.outputs, ())
     variables = {name: variable_for(values, attrs, dims) for name, (dims, values, attrs) in answers.items()}
-    stored = {name: values.astype(variables[name].dtype) for name, (_, values, _) in answers.items()}
+    arrays = {name: values.astype(variables[name].dtype) for name, (_, values, _) in answers.items()}
     per_step = seconds / steps.sum() * min(count_cores(devices, threads), -(-count // LANES))
-    return Pilot(scenes, steps, per_step, variables, compressed_size(stored) / count, _resident_memory())
+    return Pilot(scenes, steps, per_step, variables, compressed_size(arrays) / count, _resident_memory())
 
 
 def _resident_memory() -> int:
-    """Return the peak memory of this process, or on systems other than Linux its present memory [bytes]."""
+    """Return the peak memory of this process; the present memory on systems other than Linux [bytes]."""
     import psutil
 
     present = psutil.Process().memory_info().rss

@@ -55,7 +55,7 @@ def _write_error(job: Job, bar: ChunkProgress, error: BaseException) -> OSError:
 
 
 class DaskRunner:
-    """Runner that solves chunks as Dask tasks, each on one core of a worker or on all its devices."""
+    """Runner that solves chunks as Dask tasks, each on one core or on all devices of a worker."""
 
     cores_of_chunk = 1
 
@@ -90,11 +90,11 @@ class DaskRunner:
         """
         from distributed import as_completed
 
-        call = uuid.uuid4().hex[:8]
+        call_id = uuid.uuid4().hex[:8]
         tasks = {}
         try:
             for k in map(int, unsolved):
-                key = f"rockjax-{job.fingerprint}-{k}-{call}"
+                key = f"rockjax-{job.fingerprint}-{k}-{call_id}"
                 tasks[self.client.submit(_task, job, k, self.devices, key=key, pure=False, retries=1)] = k
             for task in as_completed(list(tasks)):
                 _result(task)
@@ -143,7 +143,7 @@ class ChunkProgress:
         from rockjax._progress import start_clock
 
         self.expected = store.expected
-        self.done, self.count = len(solved), store.layout.number
+        self.done, self.count = len(solved), store.layout.chunk_count
         self.bar = tqdm(
             total=float(self.expected[unsolved].sum()),
             disable=not progress,

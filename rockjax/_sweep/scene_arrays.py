@@ -17,9 +17,9 @@ Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_en
 class SceneArrays(NamedTuple):
     """The leaves of (structures, excitations, initial, t_end) of a grid of scenes.
 
-    - `arrays`: leaves by name, as arrays or objects that can be sliced like arrays. The first axes are those
-      of the grid, each full or of length 1, followed by the axes of a single scene, such as the samples of a
-      record. Leaves common to all scenes do not have the axes of the grid
+    - `arrays`: leaves by name, as arrays or objects that can be sliced like arrays. First come the axes
+      of the grid, each of full length or of length 1, then the axes of a single scene, such as the samples of
+      a record. Leaves common to all scenes do not have the axes of the grid
     - `skeleton`: the arguments with names in place of the leaves
     - `shape`: number of scenes along each axis of the grid
     """
@@ -42,12 +42,12 @@ class SceneArrays(NamedTuple):
         paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
         names = [GROUPS[path[0].idx] + jax.tree_util.keystr(path[1:]) for path, _ in paths]
         leaves = [np.asarray(y) for _, y in paths]
-        outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
-        if not shape:
-            shape, outer[0], leaves[0] = (1,), (1,), leaves[0][None]
+        batch_shapes, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
+        if not shape:  # a single scene becomes a grid of shape (1,)
+            shape, batch_shapes[0], leaves[0] = (1,), (1,), leaves[0][None]
         arrays = {
             name: y.reshape((1,) * (len(shape) - len(batch)) + y.shape) if batch else y
-            for name, y, batch in zip(names, leaves, outer, strict=True)
+            for name, y, batch in zip(names, leaves, batch_shapes, strict=True)
         }
         return cls(arrays, jax.tree.unflatten(structure, names), shape)
 
@@ -79,12 +79,12 @@ class SceneArrays(NamedTuple):
 
         def select(y, ndim: int):
             axes = y.shape[: y.ndim - ndim]
-            return y[tuple(y_slice if n > 1 else slice(0, 1) for y_slice, n in zip(box, axes, strict=True))]
+            return y[tuple(span if n > 1 else slice(0, 1) for span, n in zip(box, axes, strict=True))]
 
         return self._arguments(select)
 
     def at(self, scenes: np.ndarray) -> Arguments:
-        """Return the arguments of scenes with given flat indices, as a batch of shape (scenes,)."""
+        """Return the arguments of the scenes with these flat indices, as a batch of shape (scenes,)."""
         indices = np.unravel_index(scenes, self.shape)
 
         def select(y, ndim: int):

@@ -69,13 +69,13 @@ class SweepSpec(NamedTuple):
 def _source_of(output_class: type) -> str:
     """Return a digest of the source of a user's output and of its base classes, to notice changed code.
 
-    It is "" for classes without a source file.
+    Return "" for classes without a source file.
     """
     sources = []
-    for y in output_class.__mro__:
-        if not y.__module__.startswith(("rockjax.", "builtins")):
+    for base in output_class.__mro__:
+        if not base.__module__.startswith(("rockjax.", "builtins")):
             with contextlib.suppress(OSError, TypeError):
-                sources.append(inspect.getsource(y))
+                sources.append(inspect.getsource(base))
     return fingerprint({"source": sources}) if sources else ""
 
 
@@ -108,6 +108,7 @@ def make_spec(
 
 
 def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+    """Return the names of the axes, and the labels along the axes by name."""
     if coords is None:
         return ("scene",) if len(shape) == 1 else tuple(f"scene_{k}" for k in range(len(shape))), {}
     if isinstance(coords, str):
@@ -129,7 +130,7 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
 
 
 def check_same(store: Store, spec: SweepSpec, chunk: int | None) -> None:
-    """Raise `ValueError` unless a store belongs to this sweep, with chunks of `chunk` scenes if given."""
+    """Raise `ValueError` unless a store has this sweep, and chunks of `chunk` scenes if that is not None."""
     layout = store.layout if chunk is None else ChunkLayout.of(spec.shape, chunk)
     differences = list(_differences(store.identity, spec.identity(layout)))
     if differences:
@@ -159,8 +160,8 @@ def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any]) -> Ite
 def sweep_coords(spec: SweepSpec) -> Iterator[tuple[str, Any]]:
     """Yield the coordinates of the dataset of a sweep: name and (dims, values, attributes).
 
-    They are the labels of the axes, the names of sensitivities, and the parameters that vary between scenes,
-    along the axes on which they vary.
+    The coordinates are labels of axes, names of sensitivities, and parameters that vary between scenes, along
+    the axes on which they vary.
     """
     for name, labels in spec.labels.items():
         axis_attrs = (

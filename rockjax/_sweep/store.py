@@ -70,11 +70,11 @@ def variable_for(values: np.ndarray, attrs: Mapping[str, Any], extra_dims: Seque
     return Variable(dtype, plain_attrs, dict(zip(extra_dims, values.shape[1:], strict=True)))
 
 
-def checksum(parts: Mapping[str, np.ndarray]) -> float:
-    """Return the CRC-32 of the results of a chunk, sorted by name."""
+def checksum(arrays: Mapping[str, np.ndarray]) -> float:
+    """Return the CRC-32 of the results of a chunk, taken in the order of their names."""
     crc = 0
-    for name in sorted(parts):
-        crc = zlib.crc32(np.ascontiguousarray(parts[name]).view(np.uint8), crc)
+    for name in sorted(arrays):
+        crc = zlib.crc32(np.ascontiguousarray(arrays[name]).view(np.uint8), crc)
     return float(crc)
 
 
@@ -90,7 +90,7 @@ def digest(y: np.ndarray) -> str:
 
 
 class Store:
-    """An open store."""
+    """An open store of a sweep."""
 
     def __init__(self, path: str, group: zarr.Group):
         self.path = path
@@ -185,7 +185,7 @@ class Store:
             progress = group.create_group("progress")
             progress.create_array(
                 "rows",
-                shape=(layout.number, len(ChunkRow._fields)),
+                shape=(layout.chunk_count, len(ChunkRow._fields)),
                 dtype="f8",
                 chunks=(1, len(ChunkRow._fields)),
                 fill_value=np.nan,
@@ -220,7 +220,7 @@ class Store:
         return np.asarray(self._rows[...])
 
     def row(self, k: int) -> ChunkRow | None:
-        """Return the row of a chunk; None if it is unsolved."""
+        """Return the row of a chunk; None for an unsolved chunk."""
         row = ChunkRow(*map(float, self._rows[k]))
         return None if np.isnan(row.checksum) else row
 
@@ -236,20 +236,16 @@ class Store:
                 checksum({name: np.asarray(self._arrays[name][box]) for name in self.variables})
                 == ChunkRow(*row).checksum
             )
-        except (
-            OSError,
-            RuntimeError,
-            ValueError,
-        ):  # zarr's codecs raise these for damaged bytes
+        except (OSError, RuntimeError, ValueError):  # raised by zarr's codecs for damaged bytes
             return False
 
     def write(
-        self, k: int, parts: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float
+        self, k: int, arrays: Mapping[str, np.ndarray], seconds: float, steps: float, failed: float
     ) -> ChunkRow:
         """Write the results of a chunk, and then its row.
 
         - `k`: index of the chunk
-        - `parts`: results by name, with the shape of the chunk
+        - `arrays`: results by name, with the shape of the chunk
         - `seconds`: wall time [s]
         - `steps`: number of trial steps
         - `failed`: number of scenes that did not finish
@@ -263,10 +259,10 @@ class Store:
                 f"{self.path}: another sweep has replaced this one; give each sweep a different path"
             )
         box = self.layout.box(k)
-        parts = {name: np.asarray(parts[name]).astype(self._arrays[name].dtype) for name in self.variables}
-        for name, values in parts.items():
+        arrays = {name: np.asarray(arrays[name]).astype(self._arrays[name].dtype) for name in self.variables}
+        for name, values in arrays.items():
             self._arrays[name][box] = values
-        row = ChunkRow(checksum(parts), seconds, steps, failed)
+        row = ChunkRow(checksum(arrays), seconds, steps, failed)
         self._rows[k] = np.array(row)
         return row
 
@@ -285,14 +281,14 @@ def _read_identity(group: zarr.Group) -> dict[str, Any]:
 
 
 def _input_chunks(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
-    """Return the chunk shape of an input: that of the results along the axes of the grid.
+    """Return the chunk shape of an input, which equals that of the results along the axes of the grid.
 
     Inputs without the axes of the grid form one chunk.
     """
-    grid_axes = len(layout.shape)
-    if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < grid_axes:
+    grid_ndim = len(layout.shape)
+    if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < grid_ndim:
         return shape
-    return tuple(min(n, b) for n, b in zip(shape, layout.block, strict=False)) + shape[grid_axes:]
+    return tuple(min(n, b) for n, b in zip(shape, layout.block, strict=False)) + shape[grid_ndim:]
 
 
 def _coord_chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[int, ...]:
@@ -305,7 +301,7 @@ def _coord_chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[in
 
 @contextlib.contextmanager
 def _explain_damage(path: str) -> Iterator[None]:
-    """Replace errors of zarr about unreadable metadata by a `ValueError` with store, file and cure."""
+    """Replace errors of zarr about unreadable metadata by a `ValueError` that names store, file and cure."""
     try:
         yield
     except (ValueError, KeyError, TypeError) as error:
@@ -320,7 +316,7 @@ def _explain_damage(path: str) -> Iterator[None]:
 
 
 def _first_damaged_file(path: str) -> Path | None:
-    """Return the first metadata file that is not valid JSON; None if all are."""
+    """Return the first metadata file that is not valid JSON; None if all files are valid."""
     for file in sorted(Path(path).rglob("zarr.json")):
         try:
             json.loads(file.read_bytes())
@@ -336,11 +332,11 @@ def _codecs() -> list[Any]:
     return [BloscCodec(cname="lz4", shuffle="shuffle"), Crc32cCodec()]
 
 
-def compressed_size(parts: Mapping[str, np.ndarray]) -> int:
+def compressed_size(arrays: Mapping[str, np.ndarray]) -> int:
     """Return the number of bytes of results in a store."""
     zarr = _zarr()
     total = 0
-    for values in parts.values():
+    for values in arrays.values():
         values = values.reshape(-1)
         array = zarr.create_array(
             zarr.storage.MemoryStore(),
@@ -355,7 +351,7 @@ def compressed_size(parts: Mapping[str, np.ndarray]) -> int:
 
 
 def require_zarr() -> None:
-    """Raise `ImportError` with the missing packages if some that sweeps need are not installed."""
+    """Raise `ImportError` that names the packages for sweeps which are not installed."""
     missing = [name for name in ("zarr", "dask", "psutil") if importlib.util.find_spec(name) is None]
     if missing:
         raise ImportError(f"a sweep needs {', '.join(missing)}; install with: pip install 'rockjax[sweep]'")

@@ -34,7 +34,7 @@ from .store import Store, require_zarr
 if TYPE_CHECKING:
     import xarray
 
-BYTES = 300  # memory of a scene while it is solved, without its parameters [bytes]
+SCENE_BYTES = 300  # memory of a scene while it is solved, without its parameters [bytes]
 
 
 def sweep(
@@ -60,9 +60,9 @@ def sweep(
     `initial` and `t_end` may be arrays, which broadcast to the shape of the sweep. [`rockjax.grid`][] returns
     the first three arguments for a grid. Arrays of shape (n,) define a list of scenes.
 
-    The same call resumes an interrupted sweep. Chunks in the store are verified by their checksums and kept;
-    missing or damaged chunks are solved. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is the
-    dataset so far.
+    The same call resumes an interrupted sweep. Chunks in the store are verified by their checksums and
+    reused; missing or damaged chunks are solved. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is
+    the dataset so far.
 
     - `structures`, `excitations`, `initial`, `t_end`: as for [`rockjax.peak_responses`][]
     - `coords`: names of the axes in order, or a dictionary with their labels. The default is `scene` for one
@@ -73,8 +73,8 @@ def sweep(
     - `outputs`: requested outputs, instead of `options.outputs`
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is stored, as in
       [`rockjax.peak_responses`][]: `peak_rotation_sensitivity` … with the additional dim `parameter`
-    - `chunk`: number of scenes in a chunk, ≥ 1; by default as many as take some seconds
-    - `client`: a `dask.distributed.Client`, whose workers solve the chunks, each on one core. Without it, all
+    - `chunk`: number of scenes in a chunk, ≥ 1; by default as many as take a few seconds
+    - `client`: a `dask.distributed.Client`, whose workers solve the chunks, each on one core. If None, all
       cores of this machine solve one chunk after another
     - `devices`: `"all"` for all JAX devices of the process that solves a chunk, or a list of devices of this
       machine. The default is all accelerators, or without accelerators the cores of the CPU
@@ -102,8 +102,8 @@ def sweep(
         if not dry_run:
             require_creatable(store)
         pilot = runner.pilot(spec)
-        size = chunk or pilot.chunk_size(spec.scenes, runner.cores, runner.cores_of_chunk)
-        layout = ChunkLayout.of(spec.shape, size) if opened is None else opened.layout
+        chunk_size = chunk or pilot.chunk_size(spec.scenes, runner.cores, runner.cores_of_chunk)
+        layout = ChunkLayout.of(spec.shape, chunk_size) if opened is None else opened.layout
         if dry_run:
             return _plan(spec, layout, pilot, opened, runner, expand_path(store))
         opened = _create_store(store, spec, layout, pilot, chunk, describe_motions(excitations))
@@ -115,8 +115,8 @@ def sweep(
     data = opened.dataset()
     if interrupt is not None:
         message = (
-            f"stopped with {bar.done} of {opened.layout.number} chunks in {opened.path}; repeat the call to "
-            "continue"
+            f"stopped with {bar.done} of {opened.layout.chunk_count} chunks in {opened.path}; "
+            "repeat the call to continue"
         )
         raise Interrupted(message, data) from interrupt
     failed = int(np.nansum(opened.rows()[:, -1]))
@@ -136,9 +136,9 @@ def _create_store(
     common_values = {name: float(y) for name, y in spec.scene_arrays.common().items() if y.ndim == 0}
     attrs = {"title": "Sweep of peak responses", "kind": "sweep", **common_values, **motions}
     attrs |= describe_options(spec.options)
-    parts = coords, pilot.variables, spec.scene_arrays.arrays, pilot.expected_steps(layout), attrs
+    contents = coords, pilot.variables, spec.scene_arrays.arrays, pilot.expected_steps(layout), attrs
     try:
-        return Store.create(path, spec.identity(layout), spec.dims, *parts)
+        return Store.create(path, spec.identity(layout), spec.dims, *contents)
     except TakenError:
         existing = Store.open(path)
         assert existing is not None
@@ -149,7 +149,7 @@ def _create_store(
 def _find_unsolved(store: Store, progress: bool) -> tuple[np.ndarray, np.ndarray]:
     """Verify the chunks in a store, and return the indices of the unsolved and the solved chunks.
 
-    The most expensive unsolved chunks come first, so that workers wait less for the last ones.
+    The most expensive unsolved chunks come first, so that workers wait less for the last chunks.
     """
     from tqdm.auto import tqdm  # a widget in notebooks
 
@@ -236,7 +236,7 @@ def _plan(
     path: str,
 ) -> SweepPlan:
     expected = pilot.expected_steps(layout)
-    is_solved = np.zeros(layout.number, bool) if store is None else np.isfinite(store.rows()[:, 0])
+    is_solved = np.zeros(layout.chunk_count, bool) if store is None else np.isfinite(store.rows()[:, 0])
     sizes = layout.sizes()
     steps = float(expected[~is_solved].sum())
     core_seconds = steps * pilot.core_seconds
@@ -245,13 +245,13 @@ def _plan(
         scenes=spec.scenes,
         shape=spec.shape,
         chunk=layout.block,
-        chunks=layout.number,
+        chunks=layout.chunk_count,
         done=int(sizes[is_solved].sum()),
         steps=steps,
         core_seconds=core_seconds,
         cores=runner.cores,
         seconds=core_seconds / min(runner.cores, runner.cores_of_chunk * max(1, int((~is_solved).sum()))),
-        memory=pilot.memory + int(sizes.max()) * (BYTES + 4 * parameter_bytes),
+        memory=pilot.memory + int(sizes.max()) * (SCENE_BYTES + 4 * parameter_bytes),
         disk=int(pilot.scene_bytes * spec.scenes + sum(y.nbytes for y in spec.scene_arrays.arrays.values())),
         store=path,
     )

@@ -80,7 +80,7 @@ def test_chunks_hold_every_scene_once(shape, chunk):
     assert math.prod(layout.block) <= chunk
     times = np.zeros(shape, int)
     sizes = layout.sizes()
-    for k in range(layout.number):
+    for k in range(layout.chunk_count):
         box = layout.box(k)
         times[box] += 1
         assert times[box].size == sizes[k]
