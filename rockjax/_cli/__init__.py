@@ -8,6 +8,7 @@ from ._floors import floors
 from ._fragility import fragility
 from ._motions import motions, synthetic
 from ._overturning import overturning
+from ._peaks import peaks
 from ._plot import plot
 from ._report import report
 from ._response import response
@@ -20,6 +21,7 @@ for _function in (
     spectrum,
     overturning,
     response,
+    peaks,
     floors,
     ensemble,
     fragility,

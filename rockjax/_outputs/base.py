@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from rockjax._engine.bounds import Bounds
 from rockjax._outputs.maxima import Maximum
@@ -38,6 +39,17 @@ class Variable(NamedTuple):
     sensitive: bool = True
     estimated: bool = True
     until_overturning: bool = True
+
+
+def worst_place(name: str, values: np.ndarray) -> np.ndarray:
+    """Return the worst value over the modes, stories or joints of an answer: the least of `least_…` answers,
+    else the largest.
+
+    - `name`: name of the answer; `values`: shape (n,) or (n, places)
+    """
+    if values.ndim == 1:
+        return values
+    return values.min(axis=-1) if name.startswith("least") else values.max(axis=-1)
 
 
 def larger(new: Values, record: Values) -> Values:

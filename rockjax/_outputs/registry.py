@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from .axial_force import AxialForce
 from .base import AbstractOutput, Variable
 from .deck_acceleration import PeakDeckAcceleration
@@ -16,6 +18,9 @@ from .margin import Margin
 from .rotation import PeakRotation
 from .shear import PeakShear
 from .velocity_jump import PeakVelocityJump
+
+if TYPE_CHECKING:
+    from rockjax._structures import Podium
 
 REGISTRY: dict[str, AbstractOutput] = {
     output.name: output
@@ -37,6 +42,9 @@ REGISTRY: dict[str, AbstractOutput] = {
     )
 }
 
+BUILDING_OUTPUTS = ("peak_shear", "peak_drift", "peak_floor_acceleration", "peak_velocity_jump")
+JOINT_OUTPUTS = ("peak_friction", "axial_force", "impact_friction", "peak_foundation_shear")
+
 # All answers by name: the properties of the answer, and the name of the output that computes it.
 VARIABLES: dict[str, tuple[Variable, str]] = {
     variable.name: (variable, name) for name, output in REGISTRY.items() for variable in output.variables
@@ -50,6 +58,15 @@ def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
     """
     instances = [REGISTRY[y] if isinstance(y, str) else y for y in outputs]
     return {variable.name: (variable, output.name) for output in instances for variable in output.variables}
+
+
+def suitable_outputs(podium: Podium) -> tuple[str, ...]:
+    """Return the outputs of interest to a designer that a podium has: rotation, shear and motion of the
+    building, and forces of the joints if there is an elevation."""
+    names = ["peak_rotation", "impacts", "errors"]
+    if podium.superstructure is not None:
+        names += [name for name in BUILDING_OUTPUTS if REGISTRY[name].applies(podium)]
+    return (*names, *(JOINT_OUTPUTS if podium.elevation is not None else ()))
 
 
 def name_if_registered(output: AbstractOutput) -> str | AbstractOutput:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
-from rockjax._outputs.registry import REGISTRY
+from rockjax._outputs.registry import suitable_outputs
 from rockjax._responses.estimate import companion
 from rockjax._responses.floor_answers import VARIABLES
 from rockjax._responses.peak import data_variables
@@ -25,10 +25,6 @@ from .store import Store, fingerprint
 
 if TYPE_CHECKING:
     import xarray
-
-BASE = ("peak_rotation", "impacts", "errors")
-BUILDING_OUTPUTS = ("peak_shear", "peak_drift", "peak_floor_acceleration", "peak_velocity_jump")
-JOINT_OUTPUTS = ("peak_friction", "axial_force", "impact_friction", "peak_foundation_shear")
 
 
 class Needs(NamedTuple):
@@ -101,17 +97,9 @@ class Scenes:
         return tuple(name for name in self.problem.motions if name in used)
 
     def outputs(self, name: str) -> tuple[str, ...]:
-        """Return the outputs of the scenes of a set: those of its checks, of the joints if the structure has
-        an elevation, and of the tables of the page."""
-        podium = self.problem.podium
-        wanted: dict[str, None] = dict.fromkeys(BASE)
-        for output in BUILDING_OUTPUTS:
-            if podium.superstructure is not None and REGISTRY[output].applies(podium):
-                wanted[output] = None
-        wanted |= self.needed.get(name, Needs()).outputs
-        if podium.elevation is not None:
-            wanted |= dict.fromkeys(JOINT_OUTPUTS)
-        return tuple(wanted)
+        """Return the outputs of the scenes of a set: those of the tables of the page, and of its checks."""
+        needed = self.needed.get(name, Needs()).outputs
+        return tuple(dict.fromkeys((*suitable_outputs(self.problem.podium), *needed)))
 
     def options(self, name: str) -> Options:
         """Return the options of the scenes of a set."""

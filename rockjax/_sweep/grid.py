@@ -62,7 +62,7 @@ def _describe_labels(labels: np.ndarray) -> str:
 def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
     """Return a grid of scenes over named axes, in the order of the arguments (host).
 
-    - `structure`: podium with scalar parameters, which the axes vary
+    - `structure`: a single podium, whose parameters the axes vary
     - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list), which
       form the first axis `motion`
     - `axes`: values along each axis, shape (n,). Their names are
@@ -77,14 +77,15 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     Names with a dot are given as `**{"excitation.gamma": …}`. Axes are broadcast, so a grid of 10⁸ scenes
     takes no more memory than its axes.
 
-    Raises `ValueError` for a podium that contains arrays, for unknown or contradictory names, and for values
+    Raises `ValueError` for a batch of podiums, for unknown or contradictory names, and for values
     that are not one-dimensional or outside their ranges.
     """
     require_instance("grid", "structure", structure, Podium, "a rockjax.Podium")
+    structure = structure.split()
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
     if shapes:
         raise ValueError(
-            f"grid: structure must have scalar parameters, got arrays of shape {shapes}; give them as axes"
+            f"grid: structure must be a single podium, got arrays of shape {shapes}; give them as axes"
         )
     motion, labels = labelled_motion("grid", excitation)
     coords: Coords = {} if labels is None else {"motion": labels}

@@ -21,6 +21,7 @@ from ._joints import friction_demand as friction_demand
 from ._joints import joint_forces as joint_forces
 from ._joints import lift_off_spectra as lift_off_spectra
 from ._joints import lift_off_spectrum as lift_off_spectrum
+from ._peaks import peaks as peaks
 from ._records import record_spectrum as record_spectrum
 from ._response import response as response
 from ._risk import design_point as design_point

@@ -76,6 +76,7 @@ PICTURES: dict[str, dict[str, Picture]] = {
         ),
         "animation": Picture(plots.save_animation, default=False, is_animation=True),
     },
+    "peaks": {"peaks": Picture(plots.peaks, required_variable="motion")},
     "incremental-dynamic-analysis": {"ida": Picture(plots.incremental_dynamic_analysis)},
     "fragility": {
         "fragility": Picture(plots.fragility),

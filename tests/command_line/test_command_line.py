@@ -623,6 +623,29 @@ def test_floors_writes_spectra_and_their_picture(run, tmp_path):
     assert (code, "story from 1 to 1, got level = 3" in err) == (2, True)
 
 
+def test_peaks_of_every_motion_of_a_set(run, tmp_path):
+    problem = tmp_path / "frame.toml"
+    problem.write_text(FRAME.replace("[2.0, 3.0]", "[2.0, 20.0]") + "[peaks]\nmotion = 'pulses'\n")
+    code, out, err = run("peaks", problem, "-o", "p.pdf")
+    assert code == 0, err
+    assert "50.0% overturned (peaks until overturning)" in out
+    assert "not checked, because the structure has no elevation" in out
+    data = xarray.load_dataset("p.nc")
+    assert data["overturned"].values.tolist() == [False, True]
+    assert data.attrs["kind"] == "peaks"
+    assert (tmp_path / "p.pdf").exists()
+    assert run("plot", "p.nc")[0] == 0
+    assert (tmp_path / "p-peaks.png").exists()
+    code, out, _ = run("peaks", problem, "--json", "-o", "again", "--number", 1)
+    (row,) = json.loads(out)["motions"]
+    assert row["result"] == "settled"
+    assert row["θ/α [–]"] == float(data["peak_rotation"][0])
+    code, out, _ = run("peaks", problem, "--json", "-o", "larger", "--number", 1, "--factor", 10)
+    assert json.loads(out)["motions"][0]["result"] == "overturned"
+    code, _, err = run("peaks", problem, "--outputs", "peak_drift")
+    assert (code, "peak_drift" in err) == (2, True)
+
+
 def test_an_ensemble_writes_its_scenes_and_a_picture_for_each_peak(run, tmp_path):
     problem, spread = tmp_path / "frame.toml", "\n[ensemble.spread]\n"
     table = "[ensemble]\nmotion = 'pulses'\nn = 50\noutputs = ['peak_rotation', 'peak_shear']\n"
@@ -688,6 +711,7 @@ COMMANDS = (
     "spectrum",
     "overturning",
     "response",
+    "peaks",
     "floors",
     "ensemble",
     "fragility",

@@ -9,6 +9,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._files import write_dataset
+from rockjax._report.store import Store
 from rockjax._report.uplift import UpliftRatio
 
 FILE = """
@@ -227,10 +228,35 @@ def test_wrong_arguments(folder, report):
         rj.report(folder / "problem.toml", units="furlong")
 
 
+def test_ctrl_c_at_ten_moments(tmp_path, report, monkeypatch):
+    """The old page stays; scenes are kept, and the same command goes on from them."""
+    stored, get = report.evaluation.scenes.store.data, Store.get
+    path, page = tmp_path / "problem.toml", tmp_path / "page.html"
+    path.write_text(FILE, encoding="utf-8")
+    page.write_text("old", encoding="utf-8")
+    moments = np.unique(np.linspace(0, len(stored) - 1, 10).astype(int)).tolist()
+    assert len(moments) == 10
+
+    def interrupted(store, name, mark, compute):
+        if name not in store.data and len(store.data) == moments[0]:
+            raise KeyboardInterrupt
+        return get(store, name, mark, lambda: stored[name].copy())
+
+    monkeypatch.setattr(Store, "get", interrupted)
+    while moments:
+        with pytest.raises(KeyboardInterrupt):
+            rj.report(path, page)
+        assert len(Store(tmp_path / "page.nc").data) == moments.pop(0)
+        assert page.read_text(encoding="utf-8") == "old"
+    monkeypatch.undo()
+    last = rj.report(path, page)
+    assert last.evaluation.scenes.store.computed == 1
+    assert last.html == report.html
+    assert not (tmp_path / "page.partial.nc").exists()
+
+
 def test_damaged_store_is_ignored(folder, report):
     (folder / "bad.nc").write_bytes(b"not a netCDF file")
-    from rockjax._report.store import Store
-
     assert Store(folder / "bad.nc").data == {}
 
 

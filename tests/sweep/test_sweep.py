@@ -90,6 +90,24 @@ def test_chunks_hold_every_scene_once(shape, chunk):
     assert np.all(times == 1)
 
 
+def test_a_sweep_of_a_building_under_a_suite(tmp_path):
+    building = rj.ShearBuilding.uniform(2, 20.0, 0.4)
+    podium = rj.Podium(0.2, 1.5, 5.0, building)
+    suite = rj.synthetic_motions(2, seed=1, duration=4.0, dt=0.02)
+    scenes = rj.grid(podium, suite, scale=[1.0, 1.5], R=[1.4, 1.5])
+    outputs = ["peak_rotation", "peak_drift"]
+    data = rj.sweep(*scenes, store=tmp_path / "x.zarr", outputs=outputs, progress=False)
+    assert dict(data.sizes) == {"motion": 2, "scale": 2, "R": 2, "story": 2}
+    options = rj.Options(outputs=tuple(outputs))
+    peak = rj.peak_response(podium.replace(R=1.4), suite[1].scaled(1.5), options=options)
+    scene = data.sel(scale=1.5, R=1.4).isel(motion=1)
+    np.testing.assert_allclose(scene["peak_rotation"], peak.peak_rotation, rtol=1e-9)
+    np.testing.assert_allclose(scene["peak_drift"], peak.peak_drift, rtol=1e-9)
+    batch = podium.replace(R=np.array([1.4, 1.5]))
+    with pytest.raises(ValueError, match="structure must be a single podium"):
+        rj.grid(batch, suite, scale=[1.0])
+
+
 def test_a_grid_is_every_combination():
     podium = PODIUMS["elastic"]
     grid = rj.grid(

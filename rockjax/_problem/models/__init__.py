@@ -41,7 +41,7 @@ from .structures import Contents, Oscillator, Structure
 from .structures import Elevation as Elevation
 from .structures import ModesOfSuperstructure as ModesOfSuperstructure
 from .structures import Superstructure as Superstructure
-from .studies import FRICTION, Floors, Fragility, Options, Overturning, Response, Risk, Spectrum
+from .studies import FRICTION, Floors, Fragility, Options, Overturning, Peaks, Response, Risk, Spectrum
 
 
 class Problem(Keys):
@@ -53,6 +53,7 @@ class Problem(Keys):
     oscillators: list[Oscillator] = key([], "Oscillators on the floors, for response and design.")
     options: Options = Field(default_factory=Options)
     response: Response = Field(default_factory=Response)
+    peaks: Peaks = Field(default_factory=Peaks)
     floors: Floors = Field(default_factory=Floors)
     spectrum: Spectrum = Field(default_factory=Spectrum)
     overturning: Overturning = Field(default_factory=Overturning)

@@ -63,6 +63,20 @@ class Response(OneMotion):
     friction: Positive | None = key(None, FRICTION, STRUCTURE)
 
 
+class Peaks(OneMotion):
+    """Table of `rockjax peaks`. Without `number`, all motions of a set are used."""
+
+    outputs: list[str] | None = key(
+        None,
+        "Requested outputs: peak_rotation, peak_shear …; by default all of the building and the joints that "
+        "the structure has.",
+        GRID,
+    )
+    factor: Positive = key(1.0, "Factor on the motions [–].", MOTION)
+    friction: Positive | None = key(None, FRICTION, STRUCTURE)
+    t_end: Number | None = key(None, "End [s]; by default 30/p after the motion, or 10 T_s.", GRID)
+
+
 class Floors(OneMotion):
     """Table of `rockjax floors`. Without `number`, all motions of a set are used, as a suite."""
 

@@ -1,0 +1,111 @@
+"""`rockjax peaks`."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from rockjax._problem import models
+from rockjax._results import NAMES, explain_failures
+from rockjax._text.tables import align_rows
+from rockjax._units import displayed
+
+from ._joints import joint_warnings
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
+from ._outputs import parse_outputs
+from ._request import Request
+from ._run import Report, command
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@command(
+    structure_options(**SINGLE_DEFAULTS),
+    options_of(models.Pulses, **PULSE_DEFAULTS),
+    options_of(models.Record),
+    options_of(models.Peaks),
+    accuracy(rtol=1e-8, overturn_ratio=1.0, method="dopri8"),
+)
+def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") -> None:
+    """Peaks under every motion of a set: rotation, building and joints, each with its estimated error.
+
+    Prints a row for each motion, in which the peaks of a motion that overturns the columns are those until
+    overturning. Writes OUTPUT.nc and OUTPUT.png.
+
+    \b
+    Examples:
+      rockjax peaks problem.toml --motion design
+      rockjax peaks problem.toml --outputs peak_rotation,peak_drift --factor 1.5
+      rockjax peaks --record suite/RSN1.AT2 --eta 0 -o study
+    """
+    import xarray
+
+    import rockjax as rj
+    from rockjax._motions.provenance import describe_motions
+    from rockjax._outputs.registry import REGISTRY, suitable_outputs
+    from rockjax._responses.datasets import describe_options, describe_podium
+    from rockjax._responses.peak import data_variables
+    from rockjax._responses.variants import labelled_motion
+
+    files = parse_outputs(output, "rockjax-peaks").check(("",))
+    podium, settings = request.podium(), request.settings
+    motions = request.motion_or_set(podium)
+    motion, labels = labelled_motion("peaks", motions)
+    if labels is None:
+        motion, labels = labelled_motion("peaks", [motions])
+        assert labels is not None
+    options = request.options(outputs=tuple(settings.outputs or suitable_outputs(podium)))
+    for name in options.outputs:
+        if isinstance(name, str) and name in REGISTRY and not REGISTRY[name].applies(podium):
+            raise ValueError(f"peaks.outputs: this structure has no {name}; leave it out")
+    with report.progress(len(labels), "motions") as bar:
+        answer = rj.peak_responses(
+            podium, motion.scaled(settings.factor), t_end=settings.t_end, options=options, progress=bar
+        )
+    data = xarray.Dataset(
+        data_variables(answer, options.outputs, ("motion",)),
+        {"motion": labels},
+        {
+            "title": "Peaks under the motions of a set",
+            "kind": "peaks",
+            "factor": settings.factor,
+            **describe_motions(motions),
+            **describe_podium(podium),
+            **describe_options(options),
+        },
+    )
+    report.write(files.data(), data)
+    report.draw(files.picture(), "peaks", data)
+    report.facts |= report.say_scenes(data, len(labels))
+    rows = _rows(data)
+    for line in align_rows(
+        [tuple(rows[0]), *(tuple(map(_cell, row.values())) for row in rows)], numbers=True
+    ):
+        report.say(f"  {line}")
+    report.facts["motions"] = rows
+    for line in joint_warnings(podium, answer if "least_axial_force" in data else None, settings.friction):
+        report.say(f"  {line}")
+    if message := explain_failures(data["result"]):
+        report.error(message)
+
+
+def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:
+    """Return a row for each motion: name, result, number of impacts, and the worst value of each answer."""
+    from rockjax._outputs.base import worst_place
+    from rockjax._outputs.registry import VARIABLES
+
+    columns = {"motion": data["motion"].values.astype(str), "result": [NAMES[int(y)] for y in data["result"]]}
+    if "impacts" in data:
+        columns["impacts"] = data["impacts"].values
+    for name, (variable, _) in VARIABLES.items():
+        if name in data and variable.until_overturning:
+            unit = displayed(variable.unit)
+            columns[f"{variable.symbol or name} [{unit}]"] = worst_place(name, data[name].values)
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{float(value):.4g}" if math.isfinite(value) else "infinite"

@@ -1,0 +1,79 @@
+"""Plot of the peaks under the motions of a set."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rockjax._outputs.base import worst_place
+from rockjax._outputs.registry import VARIABLES
+from rockjax._units import displayed
+
+from ._style import COLOURS, plt, styled
+
+if TYPE_CHECKING:
+    import xarray
+
+COLUMNS = 3  # panels in a row
+
+
+@styled
+def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figure:
+    """Plot the peaks under each motion of a set, a panel for each answer.
+
+    - `dataset`: peaks along the dim `motion`, as written by `rockjax peaks`
+    - `outputs`: names of answers such as `"peak_rotation"`; by default all peaks of the dataset
+
+    Each panel shows the worst story or joint. Motions that overturn the columns have an open mark: their
+    peaks are those until overturning. The dashed line is the median of the other motions. An arrow at the
+    right edge marks an infinite friction demand, where a joint opens.
+
+    Raises `ValueError` for answers that the dataset does not have.
+    """
+    available = [name for name, (y, _) in VARIABLES.items() if name in dataset and y.until_overturning]
+    names = available if outputs is None else list(outputs)
+    for name in names:
+        if name not in available:
+            raise ValueError(f"plots.peaks: outputs must be among {', '.join(available)}; got {name!r}")
+    labels, overturned = dataset["motion"].values.astype(str), dataset["overturned"].values
+    columns = min(COLUMNS, len(names))
+    rows = math.ceil(len(names) / columns)
+    height = 0.9 + 0.19 * min(labels.size, 40)
+    figure = plt.figure(figsize=(1.8 + 2.4 * columns, rows * height), layout="constrained")
+    axes = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
+    for ax, name in zip(axes, names, strict=False):
+        _draw(ax, dataset, name, overturned)
+    for ax in axes[len(names) :]:
+        ax.set_visible(False)
+    step = math.ceil(labels.size / 40)  # longer lists of names would overlap
+    for ax in axes:
+        ax.set_yticks(np.arange(0, labels.size, step), labels[::step], fontsize="small")
+    axes[0].set_ylim(labels.size - 0.5, -0.5)
+    if overturned.any():
+        axes[0].legend(loc="best", fontsize="small")
+    return figure
+
+
+def _draw(ax: Axes, data: xarray.Dataset, name: str, overturned: np.ndarray) -> None:
+    """Draw the values of an answer, a mark for each motion."""
+    variable, _ = VARIABLES[name]
+    values = worst_place(name, data[name].values)
+    rows, is_finite = np.arange(values.size), np.isfinite(values)
+    ax.hlines(rows[is_finite], 0, values[is_finite], color="0.8", lw=0.8)
+    for chosen, colour, face in ((~overturned, COLOURS[2], COLOURS[2]), (overturned, COLOURS[1], "white")):
+        label = "until overturning" if face == "white" else None
+        shown, infinite = rows[chosen & is_finite], rows[chosen & ~is_finite]
+        ax.plot(values[shown], shown, "o", ms=4, color=colour, mfc=face, label=label)
+        at_edge = np.full(infinite.size, 0.97)
+        ax.plot(at_edge, infinite, ">", ms=5, color=colour, mfc=face, transform=ax.get_yaxis_transform())
+    if np.any(~overturned & is_finite):
+        ax.axvline(float(np.median(values[~overturned])), color="0.4", ls="--", lw=0.8)
+    unit = displayed(variable.unit)
+    symbol = variable.symbol.replace("/", " / ") if variable.symbol else name
+    ax.set_xlabel(f"{symbol} [{unit}]", fontsize="small")
+    ax.grid(True, axis="x", alpha=0.3)
