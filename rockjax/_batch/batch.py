@@ -254,22 +254,22 @@ def run_batch(
     answers = _Answers(scenes, lane_layout.lanes)
     lock = threading.Lock()
     stopped = threading.Event() if stop is None else stop
-    todo = deque(_chunks(scenes, lane_layout, executor))
+    pending = deque(_chunks(scenes, lane_layout, executor))
 
     def solve_chunks() -> Iterator[Done]:
         lanes = idle
         while not stopped.is_set():
-            if executor.hosts > 1 and len(todo) < 2 * executor.hosts:
+            if executor.hosts > 1 and len(pending) < 2 * executor.hosts:
                 # JAX returns before the lanes have advanced. Without waiting, one thread would take several
                 # of the last chunks although other threads are idle.
                 jax.block_until_ready(lanes)
             with lock:
-                indices = todo.popleft() if todo else NO_SCENES
+                indices = pending.popleft() if pending else NO_SCENES
                 # If no chunk is left for this thread, its lanes finish their scenes.
-                last = len(todo) < executor.hosts
+                last = len(pending) < executor.hosts
             lanes, done = advance(lanes, indices, last)
             yield done
-            if last and not todo and not np.any(np.asarray(done.left)):
+            if last and not pending and not np.any(np.asarray(done.left)):
                 return
 
     def work() -> None:
@@ -281,7 +281,7 @@ def run_batch(
 
     from rockjax._progress import bar as bar_of
 
-    threads = min(executor.hosts, len(todo))
+    threads = min(executor.hosts, len(pending))
     with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar:
         run_in_threads(work, threads, stopped, raises=stop is None)
     answers.close()

@@ -18,7 +18,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._engine.coefficients import present
 from rockjax._engine.fast_forward.samples import past_sample
-from rockjax._engine.flat import closed, is_running
+from rockjax._engine.flat import is_running, with_end_code
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, differentiated_fields
 from rockjax._options import Options
@@ -155,7 +155,7 @@ def _answers_of(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
     """Return the answers of all lanes at the present states, with edge distances or sensitivities."""
     slopes = state.slopes if state.edge_distance is None else None
     floats, slopes, integers = chunk.in_lanes(
-        lambda scene, lane: answers(scene, plan, closed(scene, lane)), state.parts, state.lane, slopes
+        lambda scene, lane: answers(scene, plan, with_end_code(scene, lane)), state.parts, state.lane, slopes
     )
     if state.edge_distance is not None:
         return floats | {"edge_distance": state.edge_distance}, integers

@@ -55,8 +55,8 @@ class _State(NamedTuple):
     hi_margin: Array  # margin at `hi`
     impacts: Array  # number of impacts at `hi`
     gap: Array  # the widest step between neighbouring finished scenes below `hi`
-    before: Array  # the surviving scale before `lo`
-    previous_margin: Array  # margin at `before`
+    previous: Array  # the surviving scale before `lo`
+    previous_margin: Array  # margin at `previous`
     dips: Array  # scales around the lowest dips: before, at and after the minimum, shape (DIPS, 3)
     dip_margins: Array  # margins at `dips`
 
@@ -121,7 +121,7 @@ def _update_coarse(state: _State, scales: Array, margin: Array, impacts: Array, 
     contact the response is proportional to the scale, so no lower scale lifts the columns."""
     contact_scale = jnp.max(jnp.where(margin == 1, scales, 0.0))
     stage = jnp.where(contact_scale >= limit, ZOOM, SCAN)
-    return state._replace(stage=stage, scanned_to=contact_scale, lo=contact_scale, before=contact_scale)
+    return state._replace(stage=stage, scanned_to=contact_scale, lo=contact_scale, previous=contact_scale)
 
 
 def _scan_scales(state: _State, limit: Array, spacing: Array) -> Array:
@@ -129,7 +129,7 @@ def _scan_scales(state: _State, limit: Array, spacing: Array) -> Array:
 
 
 def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
-    scales = jnp.concatenate([jnp.stack([state.before, state.lo]), scales])
+    scales = jnp.concatenate([jnp.stack([state.previous, state.lo]), scales])
     margin = jnp.concatenate([jnp.stack([state.previous_margin, state.lo_margin]), margin])
     is_found, first = _first_overturning(margin)
     index = jnp.arange(scales.size)
@@ -138,7 +138,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
     last = jnp.max(jnp.where(survives, index, 0))
     gap = _widest_step(scales, survives | (index == first))
     gap = jnp.where(at_limit & ~is_found, jnp.maximum(gap, limit - scales[last]), gap)
-    previous = jnp.max(jnp.where(survives & (index < last), index, 0))
+    before_last = jnp.max(jnp.where(survives & (index < last), index, 0))
     is_dip = survives[:-2] & survives[1:-1] & survives[2:]
     is_dip &= (margin[1:-1] <= margin[:-2]) & (margin[1:-1] < margin[2:])
     triples = lambda y: jnp.stack([y[:-2], y[1:-1], y[2:]], axis=1)
@@ -147,8 +147,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
         jnp.where(is_dip[:, None], triples(margin), 1.0),
     )
     dips, margins = jnp.concatenate([state.dips, new_dips]), jnp.concatenate([state.dip_margins, new_margins])
-    # The dips with the lowest depth stay. The depth is the value at which straight lines from both sides
-    # meet.
+    # The dips with the lowest depth stay: the margin at which straight lines from both sides meet.
     depth = 2 * margins[:, 1] - 0.5 * (margins[:, 0] + margins[:, 2])
     _, lowest = jax.lax.top_k(-depth, DIPS)
     return state._replace(
@@ -160,8 +159,8 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
         hi_margin=jnp.where(is_found, margin[first], -1.0),
         impacts=jnp.where(is_found, impacts[jnp.maximum(first - 2, 0)], 0),
         gap=jnp.maximum(state.gap, gap),
-        before=scales[previous],
-        previous_margin=margin[previous],
+        previous=scales[before_last],
+        previous_margin=margin[before_last],
         dips=dips[lowest],
         dip_margins=margins[lowest],
     )
@@ -170,18 +169,20 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
 def _confirm_scales(state: _State, limit: Array, spacing: Array) -> Array:
     """Return scales from the survivor before `lo` to one step after `hi`."""
     end = jnp.minimum(state.hi + (state.hi - state.lo), limit)
-    return state.before + (end - state.before) * _steps(limit) / ROW_SIZE
+    return state.previous + (end - state.previous) * _steps(limit) / ROW_SIZE
 
 
 def _update_confirm(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
     is_found, _ = _first_overturning(margin)
     unconfirmed = state._replace(
-        lo=state.before, lo_margin=state.previous_margin, hi=jnp.full_like(state.hi, jnp.inf)
+        lo=state.previous, lo_margin=state.previous_margin, hi=jnp.full_like(state.hi, jnp.inf)
     )
     narrower = _update_narrowing(unconfirmed, scales, margin, impacts, limit)
     # If nothing overturns at full accuracy, the scan continues above these scales.
     next_stage = jnp.where(scales[-1] >= limit, ZOOM, SCAN)
-    resumed = narrower._replace(scanned_to=scales[-1], before=narrower.lo, previous_margin=narrower.lo_margin)
+    resumed = narrower._replace(
+        scanned_to=scales[-1], previous=narrower.lo, previous_margin=narrower.lo_margin
+    )
     return jax.tree.map(
         lambda confirmed, not_confirmed: jnp.where(is_found, confirmed, not_confirmed),
         narrower._replace(stage=ZOOM, rounds=0),

@@ -25,10 +25,9 @@ from .state import Decision, LoopState, Plan, Scene
 SIMULTANEOUS = 100
 # Step-size control: safety factor, and the limits of the factor from one step length to the next.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
-# Limit of |y| in the predicted duration of a hop (`_length`); for y > 1 the columns would not return to θ =
-# 0.
+# Limit of |y| in the predicted duration of a hop (`_length`); for y > 1 the columns would not return.
 MAX_SERIES_ARGUMENT = 0.8
-GroundMotion = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece of the excitation
+GroundAcceleration = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece of the excitation
 
 
 class Attempt(NamedTuple):
@@ -250,8 +249,7 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
         state.x, state.v, trial.a0, trial.end.x, trial.end.v, trial.end.a, strict=True
     ):
         path, long = quintic(x0, v0, a0, x1, v1, a1, h), is_long(h, scene.max_step)
-        # Derivatives at the end with respect to z: the third divided by 3!, the fourth by 4!, the fifth by
-        # 5!.
+        # d3, d4, d5: third to fifth derivative at the end with respect to z, divided by 3!, 4!, 5!.
         d3 = third_at_end(path, a0, a1, h, scene.max_step)
         d4, d5 = jnp.where(long, path.c4 + 5 * path.c5, 0.0), jnp.where(long, path.c5, 0.0)
         x.append(x1 + after * (v1 + 0.5 * after * a1) + z**3 * (d3 + z * (d4 + z * d5)))

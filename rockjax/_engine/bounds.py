@@ -80,15 +80,16 @@ class Bounds:
         x, v, t, sigma = state.x, state.v, state.t, state.sigma
         impulse = scene.lookahead.impulse(t, piece)
         self.ground = scene.lookahead.peak(t, piece, horizontal(ground))
-        now = energy(c, sigma, x, v)
-        max_energy = energy_after(c, now, impulse)
+        energy_now = energy(c, sigma, x, v)
+        max_energy = energy_after(c, energy_now, impulse)
         one = jnp.ones_like(t)
         self.well = c.alpha if c.restraint is None else jnp.minimum(c.restraint.well, scene.overturn_angle)
         self.vertical = 0.0
         if isinstance(scene.lookahead, PairLookahead):
             self.vertical = scene.lookahead.vertical_peak(t, piece)
             weight = vertical_impulse(c, self.max_sin_psi)
-            max_energy = energy_after(c, now, impulse + weight * scene.lookahead.vertical_impulse(t, piece))
+            impulse_sum = impulse + weight * scene.lookahead.vertical_impulse(t, piece)
+            max_energy = energy_after(c, energy_now, impulse_sum)
         self.energy = max_energy
         self.stays_inside = (jnp.abs(x[0]) <= self.well) & (max_energy < potential(c, one, self.well))
         self.rests, self.swing = False, None

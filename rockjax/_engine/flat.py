@@ -21,8 +21,7 @@ from .step import step
 MANY_STEPS = 50_000
 # The result is CHATTERING if more than this fraction of the accepted steps end with an impact.
 BOUNCING = 0.2
-# The result is TOO_STIFF if the frequency after uplift times the duration of the scene exceeds this angle
-# [rad].
+# The result is TOO_STIFF if the frequency after uplift times the duration of the scene exceeds this [rad].
 MAX_RADIANS = 50_000
 
 
@@ -79,7 +78,7 @@ def is_running(state: LoopState, max_steps: int) -> Array:
     return (state.code == results.RUNNING) & (state.steps + state.rejected < max_steps)
 
 
-def closed(scene: Scene, state: LoopState) -> LoopState:
+def with_end_code(scene: Scene, state: LoopState) -> LoopState:
     """Set the result of a scene that has used up its steps: CHATTERING, TOO_STIFF or OUT_OF_STEPS. A scene
     that already has a result keeps it."""
     code = jnp.full_like(state.code, results.OUT_OF_STEPS)
@@ -103,7 +102,7 @@ def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState
     state = jax.lax.while_loop(
         lambda state: is_running(state, max_steps), lambda state: step(scene, plan, state)[0], state
     )
-    return closed(scene, state)
+    return with_end_code(scene, state)
 
 
 def run_with_history(
@@ -199,7 +198,7 @@ def _run_and_store(scene: Scene, plan: Plan, state: LoopState, max_steps: int, s
     state, stored = jax.lax.while_loop(
         lambda carry: eqxi.unvmap_any(is_running(carry[0], max_steps)), body, (state, stored)
     )
-    return closed(scene, state), stored
+    return with_end_code(scene, state), stored
 
 
 def replay(

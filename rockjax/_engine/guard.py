@@ -57,7 +57,7 @@ class Guard(NamedTuple):
     turns_twice: Flag  # the guard turns more than once, and may break in between
 
 
-def watch(
+def evaluate_guard(
     scene: Scene,
     plan: Plan,
     state: LoopState,
@@ -108,7 +108,7 @@ def watch(
     )
     margin_at_end = _margin(scene, rocking, at_end, end_value, ~rising_at_end)
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
-    time_past_end, converges = _newton_to(margin_at_end, 0.5 * h, rounding)
+    time_past_end, converges = _newton_root(margin_at_end, 0.5 * h, rounding)
     # The demand cannot exceed the sum of its absolute coefficients.
     may_break = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)
     dips &= is_long(h, scene.max_step)
@@ -189,7 +189,7 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, value: Value, falling: 
     return barrier(scaled._replace(c0=scaled.c0 + limit))
 
 
-def _newton_to(margin: Quintic, max_shift: Value, rounding: Value) -> tuple[Value, Flag]:
+def _newton_root(margin: Quintic, max_shift: Value, rounding: Value) -> tuple[Value, Flag]:
     """Find the root of the margin near the end of the step by Newton's method.
 
     - `margin`: polynomial in the time past the end of the step [s]

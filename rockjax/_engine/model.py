@@ -43,7 +43,7 @@ def steady_step(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_d
     speed, speed_rate = jnp.abs(theta_dot), jnp.abs(theta_ddot)
     slip_speed = restraint.slip / (2 * c.sin_alpha)  # |θ̇|/p below which the slope is rounded
     fraction = jnp.where(theta_dot * theta_ddot < 0, MAX_SLOWING_STEP, MAX_SPEEDING_STEP)
-    from_rest = 0.5 * jnp.sqrt(slip_speed / c.alpha) / c.p  # after an uplift θ̇ ~ t²
+    from_rest = 0.5 * jnp.sqrt(slip_speed / c.alpha) / c.p  # first step after an uplift, where θ̇ ~ t²
     span = fraction * (speed + slip_speed * c.p) / jnp.where(speed_rate > 0, speed_rate, 1.0)
     span = jnp.where(speed_rate > 0, span, jnp.inf)
     return jnp.where(speed > 0, span, jnp.minimum(span, from_rest))
@@ -118,7 +118,7 @@ def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
     return c.gravity * (1 + ground.vertical / c.g) if isinstance(ground, Shaking) else c.gravity
 
 
-def _relief(c: Coefficients, ground: Shaking) -> Value:
+def _threshold_ratio(c: Coefficients, ground: Shaking) -> Value:
     """Return q_up(t) divided by its static value, (C10). It is positive as long as g + v̈_g is positive."""
     return 1 + present(c.tilt) * ground.vertical / c.uplift
 
@@ -228,7 +228,7 @@ def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector
     ratio of q_up(t) to its static value, (C10), so that the threshold is constant.
     """
     q = horizontal_demand(c, ground, x, v)
-    return q / _relief(c, ground) if isinstance(ground, Shaking) else q
+    return q / _threshold_ratio(c, ground) if isinstance(ground, Shaking) else q
 
 
 def horizontal_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
@@ -256,7 +256,7 @@ def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
     if not isinstance(grounds[0], Shaking):
         return tuple(uplift_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))  # pyright: ignore[reportReturnType]
     q, q1, q2 = (horizontal_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))
-    r = _relief(c, grounds[0])
+    r = _threshold_ratio(c, grounds[0])
     r1, r2 = (present(c.tilt) * ground.vertical / c.uplift for ground in grounds[1:])
     demand = q / r
     rate = (q1 - demand * r1) / r

@@ -34,7 +34,7 @@ from rockjax._types import Flag, Index, Value, Values, Vector
 from .attempt import natural_units
 from .certificate import certificate
 from .fast_forward.rest import advance_to_uplift
-from .flat import Nodes, blank_nodes, closed, is_running
+from .flat import Nodes, blank_nodes, is_running, with_end_code
 from .model import acceleration, uplift_demand
 from .state import LoopState, Plan, Scene
 from .transitions import transition
@@ -72,7 +72,7 @@ def run_segments(
     state, nodes = jax.lax.while_loop(
         lambda carry: is_running(carry[0], options.max_steps), body, (state, nodes)
     )
-    code = closed(scene, state).code
+    code = with_end_code(scene, state).code
     if nodes is not None:
         code = jnp.where(nodes.used > nodes.t.shape[0], results.HISTORY_FULL, code)
     return state._replace(code=code), nodes
@@ -122,13 +122,13 @@ class _Mode(NamedTuple):
     def natural(self, y: State2) -> State2:
         return jax.tree.map(lambda a, unit: a * unit, y, self.units)
 
-    def rates(self, t: Value, x: Vector, v: Vector) -> Vector:
+    def accelerations(self, t: Value, x: Vector, v: Vector) -> Vector:
         return acceleration(self.scene.c, self.sigma, self.ground_at(t), x, v)
 
     def field(self, t, y, args):
         del args
         x, v = self.natural(y)
-        return self.scaled((v, self.rates(t, x, v)))
+        return self.scaled((v, self.accelerations(t, x, v)))
 
     def guard(self, t, x, v):
         """Return the distance of the guard to the nearest limit, positive as long as the mode lasts."""
@@ -142,7 +142,7 @@ def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Cal
     event."""
     scene, t0 = mode.scene, state.t
     start = mode.scaled((state.x, state.v))
-    a0 = mode.rates(t0, state.x, state.v)
+    a0 = mode.accelerations(t0, state.x, state.v)
     starts_at_zero = mode.rocking & (state.x[0] == 0)
     returns = starts_at_zero & (state.v[0] * a0[0] < 0)
     hop = jnp.where(returns, -0.5 * state.v[0] / jnp.where(returns, a0[0], 1.0), jnp.inf)
@@ -214,7 +214,7 @@ class _Path(NamedTuple):
 
         def newton(_, carry):
             t, x, v = carry
-            a = mode.rates(t, x, v)
+            a = mode.accelerations(t, x, v)
             margin, slope = jax.jvp(mode.guard, (t, x, v), (jnp.ones_like(t), v, a))
             delta = jnp.where(fired & (slope < 0), -margin / jnp.where(slope < 0, slope, -1.0), 0.0)
             delta = jnp.clip(delta, t0 - t, self.stop - t)
@@ -308,7 +308,7 @@ def _raised(path: _Path, output: Any, record: Values) -> Values:
     mode = path.mode
 
     def quantity(t, x, v):
-        a = mode.rates(t, x, v)
+        a = mode.accelerations(t, x, v)
         return output.quantity(Moment(mode.scene.c, mode.sigma, t, mode.ground_at(t), x, v, a))
 
     if not record.ndim:

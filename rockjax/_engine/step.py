@@ -27,7 +27,7 @@ from .attempt import (
     SHRINK,
     SIMULTANEOUS,
     Attempt,
-    GroundMotion,
+    GroundAcceleration,
     StepOutcome,
     attempt,
     next_length,
@@ -37,13 +37,12 @@ from .certificate import certificate
 from .fast_forward.bounces import skipped_bounces
 from .fast_forward.rest import advance_to_uplift
 from .fast_forward.samples import may_pass, past_all
-from .guard import Guard, watch
+from .guard import Guard, evaluate_guard
 from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .transitions import after_impact, jolt, past_breakpoint, restart, transition
 
-# A step ends on a maximum of |q| in full contact if the maximum exceeds this fraction of the uplift
-# threshold.
+# A step in full contact ends on a maximum of |q| that exceeds this fraction of the uplift threshold.
 NEAR_UPLIFT = 0.95
 
 
@@ -93,7 +92,7 @@ def trial(
     ground_at = scene.excitation.piece(state.piece)
     attempted = attempt(scene, plan, state, ground_at, replayed)
     h, a0, end, starts_at_zero = attempted.h, attempted.a0, attempted.end, attempted.starts_at_zero
-    guard = watch(scene, plan, state, ground_at, h, a0, end, starts_at_zero)
+    guard = evaluate_guard(scene, plan, state, ground_at, h, a0, end, starts_at_zero)
     view, outcome = _classify(scene, plan, state, ground_at, attempted, guard, replayed)
     advanced, info = _advance(scene, plan, state, view, outcome, replayed)
     repeated = _repeat(plan, state, attempted, outcome)
@@ -104,7 +103,7 @@ def _classify(
     scene: Scene,
     plan: Plan,
     state: LoopState,
-    ground_at: GroundMotion,
+    ground_at: GroundAcceleration,
     trial: Attempt,
     guard: Guard,
     replayed: Decision | None,

@@ -130,7 +130,7 @@ def evaluate_padded(scene: history.Solved, t: np.ndarray, left: np.ndarray, node
 def pad(t: np.ndarray, left: np.ndarray, node: np.ndarray) -> tuple[Any, Any, np.ndarray]:
     """Return arguments of `bodies`, of shape (n,), padded to one of a few sizes by repeating the last
     entry."""
-    times, flags = history.filled(t, left)
+    times, flags = history.pad_times(t, left)
     nodes = np.pad(node, (0, times.size - t.size), mode="edge") if t.size else node
     return times, flags, nodes.astype(np.int32)
 
@@ -427,7 +427,7 @@ class FloorMotion(Module):
 
     def _at(self, t: Any, left: bool, read: Callable[[Bodies], Any]) -> Array:
         t = as_float(t)
-        times, flags = history.filled(t.ravel(), np.full(t.size, left))
+        times, flags = history.pad_times(t.ravel(), np.full(t.size, left))
         motion = bodies_program(self.scene, times, flags, np.full(times.shape, -1, np.int32))
         with nans_allowed():
             concrete_motion = jax.tree.map(concrete, motion)

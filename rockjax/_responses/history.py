@@ -101,7 +101,7 @@ def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vect
 FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
-def filled(t, left):
+def pad_times(t, left):
     """Pad times t (n,) and flags `left` (n,) by repeating the last entries. Traced times stay as they are."""
     if concrete(t) is None or not t.size:
         return t, left
@@ -109,7 +109,7 @@ def filled(t, left):
     return tuple(np.pad(np.asarray(y), (0, padding), mode="edge") for y in (t, left))
 
 
-def padded(nodes: Nodes) -> Nodes:
+def pad_nodes(nodes: Nodes) -> Nodes:
     """Pad nodes to one of a few sizes. Traced nodes and batches stay as they are."""
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)) or nodes.t.ndim != 1:
         return nodes

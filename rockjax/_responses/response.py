@@ -231,7 +231,7 @@ class Response(AbstractPeak):
         """Impulses in the joints at the impacts divided by m_c [m/s], (F12) to (F14). The axes are impacts,
         columns, joints (bottom, top), and (J_T, J_N); entries after the last impact are NaN under `jit`."""
         times = self.impact_times
-        padded_times, _ = history.filled(times, np.zeros(times.size, bool))
+        padded_times, _ = history.pad_times(times, np.zeros(times.size, bool))
         impulses = joint_forces.at_impacts(self._scene(with_elevation=True), padded_times)
         with nans_allowed():
             return _truncate(impulses, times.size)
@@ -239,7 +239,7 @@ class Response(AbstractPeak):
     def _joint_series(self, t: Float[ArrayLike, "*times"], left: bool) -> dict[str, Array]:
         """Return the quantities of `joint_forces.SERIES` at times t, by name."""
         t = as_float(t)
-        times, flags = history.filled(t.ravel(), np.full(t.size, left))
+        times, flags = history.pad_times(t.ravel(), np.full(t.size, left))
         series = joint_forces.along(self._scene(with_elevation=True), times, flags)
         with nans_allowed():
             return {name: _truncate(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in series.items()}
@@ -281,7 +281,7 @@ class Response(AbstractPeak):
     def _values_at(self, t: Float[ArrayLike, "*times"], *names: str, left: bool = False) -> list[Array]:
         """Return the named quantities at times t. The axis of modes or stories is the last."""
         t = as_float(t)
-        times, flags = history.filled(t.ravel(), np.full(t.size, left))
+        times, flags = history.pad_times(t.ravel(), np.full(t.size, left))
         quantities = history.quantities_at(self._scene(), times, flags)
         with nans_allowed():
             values = [quantities[name] for name in names]
@@ -290,7 +290,7 @@ class Response(AbstractPeak):
     def _history(self, t, left) -> tuple[dict, Energies]:
         """Return all samples and energies at times t (n,), or just before them where `left` (n,)."""
         size = t.size
-        times, flags = history.filled(t, left)
+        times, flags = history.pad_times(t, left)
         samples, *terms, initial = history.balance(self._scene(), times, flags)
         with nans_allowed():
             if not self.podium.restrainers:
@@ -307,7 +307,7 @@ class Response(AbstractPeak):
         rtol = self.options.rtol if self.podium.restrainers else None
         podium = self.podium.split()
         podium = podium if with_elevation else podium.without_elevation()
-        return podium, self.excitation.common_form(), history.padded(self.nodes), end, method, rtol
+        return podium, self.excitation.common_form(), history.pad_nodes(self.nodes), end, method, rtol
 
 
 def _truncate(values: Array, count: int) -> Array:
@@ -319,7 +319,7 @@ def _truncate(values: Array, count: int) -> Array:
 
 def _ground_acceleration(excitation: AbstractExcitation, t: np.ndarray) -> np.ndarray:
     """Return the ground acceleration at times t (n,) [m/s²]."""
-    times, _ = history.filled(t, np.zeros(t.size, bool))
+    times, _ = history.pad_times(t, np.zeros(t.size, bool))
     return np.asarray(history.ground_acceleration(excitation.common_form(), times))[: t.size]
 
 

@@ -267,7 +267,7 @@ def test_a_scene_without_vertical_motion_does_not_look_at_it(monkeypatch):
     def never(*_):
         raise AssertionError("vertical motion was looked at")
 
-    monkeypatch.setattr(model, "_relief", never)
+    monkeypatch.setattr(model, "_threshold_ratio", never)
     monkeypatch.setattr(bounds, "vertical_impulse", never)
     for name in ("parts", "tie"):
         monkeypatch.setattr(GroundMotion, name, never)
