@@ -374,6 +374,7 @@ class _Drawing:
         return file.getvalue()
 
 
+# Row of the table → (field of the peak, factor).
 _ROWS = {
     "peak rotation [α]": ("peak_rotation", 1.0),
     "overturning margin": ("margin", 1.0),

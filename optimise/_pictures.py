@@ -71,8 +71,8 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="not satisfied"))
     objective_label = f"design: {design.objective:.4g}"
     entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=objective_label))
-    entry = find_parameter(design.minimised) or DIMENSIONS.get(design.minimised)
-    unit = displayed(entry.unit) if entry else ""
+    parameter = find_parameter(design.minimised) or DIMENSIONS.get(design.minimised)
+    unit = displayed(parameter.unit) if parameter else ""
     ax.set(xlabel="iteration", ylabel=f"{design.minimised} [{unit}]" if unit else design.minimised)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(alpha=0.3)

@@ -112,7 +112,7 @@ POSITIONAL = ("hazard", "pulse", "motion")  # positional arguments after the lim
 class Quantity(models.Keys):
     """Objective: a parameter of the podium, or a peak under motions."""
 
-    quantity: str = key(..., f"A parameter of the podium, {', '.join(WORST)}.")
+    quantity: str = key(..., f"A parameter of the podium, or one of {', '.join(WORST)}.")
     motions: str | None = key(None, _SET)
 
 

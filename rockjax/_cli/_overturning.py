@@ -36,17 +36,17 @@ def overturning(
     from rockjax._studies.overturning_spectrum import check_overturning_resumes
 
     podiums, ratios, periods, zeta = request.panels()
-    search = request.settings
-    parameters, max_ratio = search.sensitivities, search.max_acceleration_ratio
+    settings = request.settings
+    parameters, max_ratio = settings.sensitivities, settings.max_acceleration_ratio
     pictures = ("boundaries", "sensitivity") if parameters else ("boundaries",)
     files = parse_outputs(output, "rockjax-overturning").check(pictures)
-    low, high = search.frequency_ratio
-    x = np.linspace(low, high, search.points)
-    pulse, options = make_pulse(search.pulse, search.vertical_ratio), request.options()
+    low, high = settings.frequency_ratio
+    x = np.linspace(low, high, settings.points)
+    pulse, options = make_pulse(settings.pulse, settings.vertical_ratio), request.options()
     spectra: list = (
         _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else [None] * len(podiums)
     )
-    report.note(f"{len(podiums)} podiums × {search.points} frequencies")
+    report.note(f"{len(podiums)} podiums × {settings.points} frequencies")
     with report.progress(len(podiums), "podiums") as bar:
         for k, podium in enumerate(podiums):
             if spectra[k] is not None:

@@ -72,7 +72,7 @@ class Request:
         """Return the values of these keys that are set on the command line."""
         return {name: self.values[name] for name in names if name in self.flags}
 
-    def _merged(self, options: Iterable[str]) -> dict[str, Any]:
+    def _merged(self, option_names: Iterable[str]) -> dict[str, Any]:
         """Return the tables of the file, overridden by the options."""
         merged = dict(self.table)
         if self.command in models.Problem.model_fields:
@@ -81,22 +81,22 @@ class Request:
         else:
             merged |= self.chosen(("starts", "seed"))
         merged["options"] = self._options(merged.get("options", {}))
-        if "R" in options:
+        if "R" in option_names:
             merged["structure"] = self._structure(merged.get("structure"))
-        if "kind" in options:
+        if "kind" in option_names:
             merged["motions"] = self._motions(merged)
         return {name: value for name, value in merged.items() if value is not None}
 
-    def _options(self, values: Any) -> Any:
+    def _options(self, table: Any) -> Any:
         """Return the table of options: from the command line, else from the file, else by default."""
         names = [
             name for name in models.Options.model_fields if name in self.values and name not in self.keys
         ]
         explicit = self.chosen(names)
-        if not isinstance(values, dict):
-            return values
-        merged = {name: self.values[name] for name in names} | values | explicit
-        if "rtol" in explicit or ("rtol" in names and "atol" not in values):
+        if not isinstance(table, dict):
+            return table
+        merged = {name: self.values[name] for name in names} | table | explicit
+        if "rtol" in explicit or ("rtol" in names and "atol" not in table):
             merged["atol"] = 0.01 * merged["rtol"] if isinstance(merged["rtol"], float) else None
         return {name: value for name, value in merged.items() if value is not None}
 
@@ -210,28 +210,28 @@ class Request:
         from rockjax._structures import superstructure_of
 
         podium, settings = self.podium(), self.settings
-        set_keys = {*self.flags, *settings.model_fields_set}
+        explicit_keys = {*self.flags, *settings.model_fields_set}
         gamma, eta, top = float(podium.gamma), float(podium.eta), podium.superstructure
         has_structure = "structure" in self.table or isinstance(self.problem.structure, models.ByDimensions)
         if {"eta", "eta_over_gamma"} <= self.flags.keys():
             raise ValueError("--eta and --eta-over-gamma are alternatives; give one")
-        if "eta" in self.flags or (has_structure and "eta_over_gamma" not in set_keys):
+        if "eta" in self.flags or (has_structure and "eta_over_gamma" not in explicit_keys):
             ratios, etas = [eta / gamma if gamma else float("inf") if eta else 0.0], [eta]
         else:
             ratios = settings.eta_over_gamma
             etas = [ratio * gamma for ratio in ratios]
         stories = _equal_stories(self.problem.structure) or self.values.get("stories")
-        changed = [name for name in ("T_s", "zeta", "eta", "eta_over_gamma") if name in set_keys]
+        changed = [name for name in ("T_s", "zeta", "eta", "eta_over_gamma") if name in explicit_keys]
         if has_structure and changed and not stories and top is not None and top.has_mode_axis:
             raise ValueError(
                 f"--{changed[0].replace('_', '-')} cannot change a superstructure with several modes or "
                 "stories that differ; give equal stories, or change the problem file"
             )
         period, damping = _longest_period(top)
-        zeta = float(self.values.get("zeta", 0.05) if damping is None or "zeta" in set_keys else damping)
+        zeta = float(self.values.get("zeta", 0.05) if damping is None or "zeta" in explicit_keys else damping)
         if has_structure and not changed:
             return Panels([podium], ratios, [period], zeta)
-        periods = settings.T_s if not has_structure or "T_s" in set_keys else [period]
+        periods = settings.T_s if not has_structure or "T_s" in explicit_keys else [period]
         with self.reader.at("structure"):
             tops = [superstructure_of(eta, T or None, zeta, stories) for eta in etas for T in periods]
         return Panels([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)

@@ -59,10 +59,10 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
     on_floors, end = (*contents.values(), *oscillators.values()), request.settings.t_end
     history = rj.simulate(podium, excitation, t_end=end, options=options, on_floors=on_floors)
     data = history.dataset()
-    names = {"contents": list(contents), "oscillator": list(oscillators)}
-    data = data.assign_coords({dim: labels for dim, labels in names.items() if labels})
+    labels_by_dim = {"contents": list(contents), "oscillator": list(oscillators)}
+    data = data.assign_coords({dim: labels for dim, labels in labels_by_dim.items() if labels})
     report.say(repr(history))
-    for line in _inputs(data.attrs | MASSES.get({})):
+    for line in _describe_inputs(data.attrs | MASSES.get({})):
         report.say(f"  {line}")
     for line in joint_warnings(podium, history, request.settings.friction):
         report.say(f"  {line}")
@@ -81,15 +81,15 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
     peaks = {name: getattr(history, name) for name in all_variables() if name != "margin"}
     report.facts |= {"result": results.NAMES[code], **peaks, "inputs": dict(data.attrs)}
     report.facts |= {
-        str(name): dict(zip(names[str(y.dims[-1])], y.values.tolist(), strict=True))
+        str(name): dict(zip(labels_by_dim[str(y.dims[-1])], y.values.tolist(), strict=True))
         for name, y in data.data_vars.items()
-        if y.dims and y.dims[-1] in names
+        if y.dims and y.dims[-1] in labels_by_dim
     }
     if code > results.OVERTURNED:
         report.error(f"the scene did not finish. {results.explain(code)}")
 
 
-def _inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
+def _describe_inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
     """Yield lines about the inputs: records, impact law, uplift acceleration and, if given, masses."""
     g = attrs["g_m_s2"]
     for component in ("", "vertical_"):

@@ -45,32 +45,33 @@ def spectrum(
     from rockjax._studies.grid_boundaries import with_boundaries
 
     podiums, ratios, periods, zeta = request.panels()
-    grid = request.settings
-    parameters = grid.sensitivities
+    settings = request.settings
+    parameters = settings.sensitivities
     pictures = ("rotation", "overturning", *(("sensitivity",) if parameters else ()))
     files = parse_outputs(output, "rockjax-spectrum").check(pictures)
-    pulse = make_pulse(grid.pulse, grid.vertical_ratio)
+    pulse = make_pulse(settings.pulse, settings.vertical_ratio)
     options = request.options(outputs=("peak_rotation",))
     if "peak_rotation" not in options.outputs:
         options = options.replace(outputs=("peak_rotation", *options.outputs))
-    ranges = grid.frequency_ratio, grid.acceleration_ratio
-    x, y = (np.linspace(low, high, grid.points) for low, high in ranges)
-    total = len(podiums) * grid.points**2
+    ranges = settings.frequency_ratio, settings.acceleration_ratio
+    x, y = (np.linspace(low, high, settings.points) for low, high in ranges)
+    total = len(podiums) * settings.points**2
     require_memory("--points", total)
     report.note(
-        f"{len(podiums)} podiums × {grid.points} frequencies × {grid.points} accelerations: {total} scenes"
+        f"{len(podiums)} podiums × {settings.points} frequencies × {settings.points} accelerations: "
+        f"{total} scenes"
     )
     checkpoint = _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else None
     spectra = []
     try:
         with report.progress(total, "scenes") as bar:
-            settings = {
+            arguments = {
                 "options": options,
                 "progress": bar,
                 "resume": checkpoint,
                 "sensitivities": parameters,
             }
-            spectra = rj.rocking_spectra(podiums, pulse, x, y, **settings)
+            spectra = rj.rocking_spectra(podiums, pulse, x, y, **arguments)
         spectra = with_boundaries(spectra, podiums, pulse, options=options)
         panels = combine_panels(spectra, ratios, periods, zeta)
         report.write(files.data(), panels)

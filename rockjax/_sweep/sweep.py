@@ -235,6 +235,7 @@ def _plan(
     runner: LocalRunner | DaskRunner,
     path: str,
 ) -> SweepPlan:
+    """Return the expected cost of a sweep, of which a store may already contain a part."""
     expected = pilot.expected_steps(layout)
     is_solved = np.zeros(layout.chunk_count, bool) if store is None else np.isfinite(store.rows()[:, 0])
     sizes = layout.sizes()

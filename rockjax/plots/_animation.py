@@ -71,13 +71,13 @@ def animation(
         require(owner, name, value, lambda v: v > 0, "finite and > 0")
     data = as_history(response)
     t = data["time"].values
-    begin, stop = (t[0] if start is None else start), (t[-1] if end is None else end)
-    if not t[0] <= begin < stop <= t[-1]:
+    start_time, end_time = (t[0] if start is None else start), (t[-1] if end is None else end)
+    if not t[0] <= start_time < end_time <= t[-1]:
         raise ValueError(
             f"{owner}: start < end must be within the history, "
-            f"{t[0]:g} … {t[-1]:g} s, got {begin:g}, {stop:g}"
+            f"{t[0]:g} … {t[-1]:g} s, got {start_time:g}, {end_time:g}"
         )
-    times = np.arange(begin, stop + 1e-9, speed / fps)
+    times = np.arange(start_time, end_time + 1e-9, speed / fps)
     with in_style():
         stage = _Stage(data, times, columns, exaggerate, speed, moving_ground)
         return _Animation(stage.figure, stage.show, frames=times.size, interval=1000 / fps, blit=False)

@@ -50,8 +50,8 @@ def ensemble(
         ax.fill_between(
             at, curve["lower"], curve["upper"], step="post", color=style["color"], alpha=BAND, lw=0
         )
-        entry = f"{_legend_entry(label, member)}, {confidence:.0%} band"
-        ax.step(at, curve["probability"], where="post", label=entry, **style)
+        curve_label = f"{_legend_entry(label, member)}, {confidence:.0%} band"
+        ax.step(at, curve["probability"], where="post", label=curve_label, **style)
     ax.set(
         xlabel=_heading(next(iter(members.values())), output, component),
         ylabel="probability of not exceeding",

@@ -103,13 +103,13 @@ def fragility(
     x = dataset["at"].values
     median, dispersion = float(dataset["median_capacity"]), float(dataset["dispersion"])
     median_text = f"{median:.3g} {displayed_or_empty(dataset['at'].attrs['units'])}".rstrip()
-    fit = rf"median {median_text}, $\beta$ = {dispersion:.2g}"
-    name = fit if label is None else f"{label}: {fit}"
+    fit_text = rf"median {median_text}, $\beta$ = {dispersion:.2g}"
+    curve_label = fit_text if label is None else f"{label}: {fit_text}"
     if "lower" in dataset:
         ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=BAND, lw=0)
         confidence = dataset.attrs.get("confidence")
-        name += ", with its band" if confidence is None else f", with its {confidence:.0%} band"
-    ax.plot(x, dataset["probability"], color=colour, label=name)
+        curve_label += ", with its band" if confidence is None else f", with its {confidence:.0%} band"
+    ax.plot(x, dataset["probability"], color=colour, label=curve_label)
     values = dataset["capacity"].values
     capacity = np.sort(values[np.isfinite(values)])
     # Crosses lie at the mid-heights of the steps of the empirical distribution.
