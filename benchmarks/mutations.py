@@ -64,6 +64,12 @@ HARMLESS: dict[tuple[str, str, str], str] = {
         "0.0 → 0.1",
     ): "without vertical motion only the type of the number is read",
     ("_restrainers/combined.py", "np.asarray(0.0).dtype", "0.0 → 0.1"): "only the type of the number is read",
+    ("_responses/floor.py", "roots.imag", "1e-07 → 1.1e-07"): "a rounding allowance of real roots",
+    ("_oscillators.py", "kicks = ", "0 → 0.1"): "a piece without a velocity jump gets one of 0",
+    ("_oscillators.py", "counts = ", "1 → 1.1"): "the number of parts is made an integer",
+    ("_oscillators.py", "counts = ", "1e-12 → 1.1e-12"): "a rounding allowance of the number of parts",
+    ("_oscillators.py", "np.where(is_free, 0.0, ", "0.0 → 0.1"): "free vibration replaces this value",
+    ("_oscillators.py", "np.where(is_free, peak.fraction, 0.0)", "0.0 → 0.1"): "only free vibration reads it",
 }
 # Test files of each stage, the quickest stage first.
 STAGES = (
@@ -109,7 +115,7 @@ NEAREST = {
     "_outputs/velocity_jump.py": (("engine/test_deck_outputs.py",), "test_"),
     "_responses/floor.py": (
         ("engine/test_floors.py",),
-        "closed_form or breakpoints or finite_jump or shear or keep or belong",
+        "closed_form or breakpoints or finite_jump or shear or keep or belong or inside",
     ),
     "_responses/floor_course.py": (("engine/test_contents.py",), "closed_form or impact or integrator"),
     "_responses/floor_end.py": (("studies/test_floor_spectra.py",), "bound or full_contact"),
@@ -211,7 +217,7 @@ def _changes(node: ast.AST, is_exponent: bool) -> Iterator[tuple[str, Callable[[
         and isinstance(node.value, int | float)
         and not isinstance(node.value, bool)
     ):
-        other = node.value + 1 if is_exponent else (round(1.1 * node.value, 12) if node.value else 0.1)
+        other = node.value + 1 if is_exponent else float(f"{1.1 * node.value or 0.1:.12g}")
         yield f"{node.value} → {other}", set_field("value", other)
 
 

@@ -10,6 +10,8 @@ import pytest
 import rockjax as rj
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.model import acceleration, beam_absolute
+from rockjax._oscillators import Load
+from rockjax._responses.floor import largest_acceleration
 from tests.scenes import shaking
 
 FINE = rj.Options(rtol=1e-12, atol=1e-14)
@@ -114,6 +116,15 @@ def test_peaks_of_a_pulse_agree_with_the_reference(frame):
     np.testing.assert_allclose(np.max(deck.vertical_velocity_jumps), 0.188412381969, rtol=1e-9)
 
 
+@pytest.mark.parametrize(("top", "largest"), [(0.05, 0.01), (1.05, 0.009975)])
+def test_a_largest_acceleration_is_inside_its_piece(top, largest):
+    """A maximum soon after the start of a piece counts, and one soon after its end does not."""
+    terms = 0.01 * np.array([[1 - top**2, 2 * top, -1.0]])
+    start, zero = np.zeros(1), np.zeros(1)
+    one = Load(start, np.ones(1), terms, zero, zero, zero)
+    np.testing.assert_allclose(largest_acceleration(one), largest, rtol=1e-12)
+
+
 def test_accelerations_of_the_ground_jump_at_its_breakpoints():
     still = rj.simulate(FRAME, rj.OneCosine(0.123, 1.0), options=FINE).floor()
     start = float(still.excitation.support[0])
@@ -200,6 +211,11 @@ def test_records_of_floors_keep_velocity_and_displacement(frame, direction):
         psi = np.sign(theta) * 0.15 - theta
         assert speed == pytest.approx(3.0 * theta_dot * math.sin(psi), abs=1e-7)
         assert place == pytest.approx(3.0 * (math.cos(psi) - math.cos(0.15)), abs=1e-7)
+        index = np.arange(a.size)
+        places = [dt**2 * (a[:n] * (n - index[:n])).sum() for n in (200, 250, 300)]
+        theta = np.array([abs(float(frame(t[n]).theta)) for n in (200, 250, 300)])
+        assert theta.max() > 0.01
+        np.testing.assert_allclose(places, 3.0 * (np.cos(0.15 - theta) - math.cos(0.15)), atol=1e-7)
         return
     ground = rj.Motion(np.asarray(frame.excitation(np.linspace(-3, end, 11001))), 0.001)
     assert speed == pytest.approx(float(deck.velocity(end)) + ground.velocity[-1], abs=1e-6)
