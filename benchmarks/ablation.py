@@ -90,7 +90,7 @@ def _no_nystrom() -> None:
     _replace(tableaus.tableau_for, lambda method, velocities: tableaus.tableau(method))
 
 
-def _no_own_sines() -> None:
+def _no_polynomial_sines() -> None:
     _replace(_sincos.sincos, lambda psi: (jnp.sin(psi), jnp.cos(psi)))
     _replace(_sincos.sin, jnp.sin)
     _replace(_sincos.cos, jnp.cos)
@@ -106,7 +106,7 @@ PIECES = {
     "lane sorting": Piece(lambda: _replace(scenes._order, lambda *_: None), ("_batch/scenes.py",)),
     "barriers": Piece(lambda: _replace(barrier, lambda values: values), ("_programs/barrier.py",)),
     "Nyström method": Piece(_no_nystrom, ("_engine/tableaus.py",)),
-    "own sine and cosine": Piece(_no_own_sines, ("_sincos.py",)),
+    "own sine and cosine": Piece(_no_polynomial_sines, ("_sincos.py",)),
 }
 
 

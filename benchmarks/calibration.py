@@ -125,13 +125,13 @@ def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
     limit = np.exp(DISPERSION * ndtri(1 - censored)) if censored else 1e6
     is_covered = []
     for _ in range(-(-trials // BATCH)):
-        drawn = np.exp(DISPERSION * rng.normal(size=(BATCH, count)))
-        drawn = np.where(drawn < limit, drawn, np.inf)
-        median, dispersion = (np.asarray(y) for y in _fits(drawn, np.full_like(drawn, limit)))
+        sampled = np.exp(DISPERSION * rng.normal(size=(BATCH, count)))
+        sampled = np.where(sampled < limit, sampled, np.inf)
+        median, dispersion = (np.asarray(y) for y in _fits(sampled, np.full_like(sampled, limit)))
         has_fit = np.isfinite(median)
         z = ndtri(FRACTILES)[:, None]
         bounds = profile_intervals(
-            Capacities.of(drawn[has_fit], limit),
+            Capacities.of(sampled[has_fit], limit),
             median[has_fit],
             dispersion[has_fit],
             np.exp(DISPERSION * z),

@@ -24,7 +24,7 @@ TOLERANCES = [10.0**-k for k in np.arange(4.0, 13.01, 0.5)]
 Solve = Callable[[Family, float], tuple[np.ndarray, np.ndarray]]
 
 
-def loosest(solve: Solve, scenes: Family, target: float) -> float | None:
+def largest_tolerance(solve: Solve, scenes: Family, target: float) -> float | None:
     """Return the largest tolerance with which the error does not exceed the target; None if there is none.
 
     The error is the 99th percentile, or the largest error if there are fewer than 400 scenes.
@@ -71,7 +71,7 @@ def families(points: int, names: list[str]) -> list[dict]:
     for name in PERIODS:
         all_scenes = family(name, points)
         for target in TARGETS:
-            tolerance = loosest(rockjax_peaks, all_scenes, target)
+            tolerance = largest_tolerance(rockjax_peaks, all_scenes, target)
             if tolerance is None:
                 continue
             our_time = shortest_time(lambda s=all_scenes, r=tolerance: rockjax_peaks(s, r)) / len(all_scenes)
@@ -82,7 +82,7 @@ def families(points: int, names: list[str]) -> list[dict]:
                 if target < 1e-8 and count:
                     continue  # it would take hours and lead to similar ratios
                 scenes = all_scenes.thinned(count) if count else all_scenes
-                rtol = loosest(solve, scenes, target)
+                rtol = largest_tolerance(solve, scenes, target)
                 row = {"family": name, "error": target, "peer": peer, "rtol": rtol, "us": None, "ratio": None}
                 if rtol is not None:
                     seconds = shortest_time(lambda solve=solve, s=scenes, r=rtol: solve(s, r), runs) / len(
@@ -129,7 +129,7 @@ def compare_fig6() -> list[dict]:
 
 def max_tolerance(solve: Solve, panels: list[Family], target: float) -> float:
     """Return the largest tolerance that reaches the target on every panel."""
-    tolerances = [loosest(solve, panel, target) for panel in panels]
+    tolerances = [largest_tolerance(solve, panel, target) for panel in panels]
     assert all(rtol is not None for rtol in tolerances), (target, tolerances)
     return min(rtol for rtol in tolerances if rtol is not None)
 

@@ -234,5 +234,5 @@ COMMANDS = {
 }
 
 if __name__ == "__main__":
-    command, *given = sys.argv[1:]
-    COMMANDS[command](*(map(int, given) if command in ("motions", "restrained", "forces") else given))
+    command, *arguments = sys.argv[1:]
+    COMMANDS[command](*(map(int, arguments) if command in ("motions", "restrained", "forces") else arguments))

@@ -86,24 +86,24 @@ def short_pulses() -> Motions:
 SUITES: dict[str, Callable[[], Motions]] = {"records": records, "pulses": pulses}
 
 
-def first(podium: rj.Podium, kind: type[Device]) -> Device:
+def first_device(podium: rj.Podium, device_class: type[Device]) -> Device:
     """Return the first restrainer of a class."""
-    return next(device for device in podium.restrainers if isinstance(device, kind))
+    return next(device for device in podium.restrainers if isinstance(device, device_class))
 
 
 def prestress(podium: rj.Podium):
     """Return τ = P₀/(m_c g)."""
-    return first(podium, rj.Tendon).prestress
+    return first_device(podium, rj.Tendon).prestress
 
 
 def stiffness(podium: rj.Podium):
     """Return κ = K R/(m_c g) divided by its critical value."""
-    return first(podium, rj.Tendon).stiffness / podium.critical_stiffness
+    return first_device(podium, rj.Tendon).stiffness / podium.critical_stiffness
 
 
 def force_at(podium: rj.Podium, rotation):
     """Return the force of a tendon divided by m_c g; `rotation` is divided by α."""
-    tendon, half = first(podium, rj.Tendon), rotation * podium.alpha / 2
+    tendon, half = first_device(podium, rj.Tendon), rotation * podium.alpha / 2
     return tendon.prestress + 4 * tendon.stiffness * jnp.sin(podium.alpha) * jnp.sin(half)
 
 
@@ -113,7 +113,7 @@ def force_at_limit(podium: rj.Podium):
 
 def inertance(podium: rj.Podium):
     """Return μ = b/m_c."""
-    return first(podium, rj.Inerter).inertance
+    return first_device(podium, rj.Inerter).inertance
 
 
 class Problem(NamedTuple):
@@ -138,7 +138,7 @@ def fresh_peaks(podium: rj.Podium, motions: Motions, options: rj.Options = CHECK
     return rj.peak_responses(podium, group, options=options)
 
 
-def fresh(problem: Problem, podium: rj.Podium) -> tuple[np.ndarray, np.ndarray, rj.Peak]:
+def simulate_again(problem: Problem, podium: rj.Podium) -> tuple[np.ndarray, np.ndarray, rj.Peak]:
     """Return objective values, target margins and peak responses from a new simulation."""
     items = [item for item in (problem.minimise, *problem.targets) if isinstance(item, AbstractResponses)]
     outputs = {*CHECK_OPTIONS.outputs, *(name for item in items for name in item.outputs)}
@@ -168,11 +168,11 @@ class Check(NamedTuple):
 def check(problem: Problem, answer: optimise.Design) -> Check:
     varied = make_variables(answer.structure, problem.vary)
     x = np.asarray(varied.start())
-    f, c, peaks = fresh(problem, varied.podium(jnp.asarray(x)))
+    f, c, peaks = simulate_again(problem, varied.podium(jnp.asarray(x)))
     slopes: tuple[list, list] = [], []
     for k in range(len(x)):
         ends = [np.clip(x + sign * STEP * np.eye(len(x))[k], 0, 1) for sign in (-1, 1)]
-        below, above = (fresh(problem, varied.podium(jnp.asarray(y))) for y in ends)
+        below, above = (simulate_again(problem, varied.podium(jnp.asarray(y))) for y in ends)
         for column, a, b in zip(slopes, below[:2], above[:2], strict=True):
             column.append((b - a) / (ends[1][k] - ends[0][k]))
     scale = max(abs(float(f.max())), 1e-12)

@@ -177,5 +177,5 @@ def modes(count: int = 10_240) -> None:
 
 
 if __name__ == "__main__":
-    command, *given = sys.argv[1:]
-    {"cost": cost, "modes": modes}[command](*map(int, given))
+    command, *arguments = sys.argv[1:]
+    {"cost": cost, "modes": modes}[command](*map(int, arguments))

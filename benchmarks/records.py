@@ -101,7 +101,7 @@ def _ours(suite: Suite, structure: rj.Podium, method: str, rtol: float) -> Answe
     return suite.solve(structure, options(rtol, method))
 
 
-def side_by_side(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
+def compare_times(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]:
     """Return times for the rotation alone, three peaks, a complete analysis and the peer, at rtol = 1e-8."""
     rows = []
     for name, period in PERIODS.items():
@@ -166,7 +166,7 @@ def main() -> None:
     arguments = parser.parse_args()
     peer = None if arguments.peer is None else _module(arguments.peer)
     suite = Suite()
-    times = side_by_side(suite, peer)
+    times = compare_times(suite, peer)
     rows = precision(suite, peer)
     store_rows("records", [*times, *rows])
     draw(rows)

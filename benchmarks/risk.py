@@ -228,5 +228,5 @@ def first_orders() -> None:
 
 
 if __name__ == "__main__":
-    command, *given = sys.argv[1:]
-    {"subset": subset, "sweep": sweep, "first-order": first_orders}[command](*given)
+    command, *arguments = sys.argv[1:]
+    {"subset": subset, "sweep": sweep, "first-order": first_orders}[command](*arguments)

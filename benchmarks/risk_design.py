@@ -1,8 +1,8 @@
 """Columns sized for a risk, each from ten starts: `python -m benchmarks.risk_design [names]`.
 
 `probability` finds the slimmest column that overturns with a probability of at most 10⁻³ under a random
-ground motion. `frequency` finds the slimmest column that overturns at most 4·10⁻⁴ times a year on a given
-hazard. `loss` minimises cost plus expected loss. `curves` computes both risks against the slenderness.
+ground motion. `frequency` finds the slimmest column that overturns at most 4·10⁻⁴ times a year for a hazard
+curve. `loss` minimises cost plus expected loss. `curves` computes both risks against the slenderness.
 `fresh` repeats `frequency`, but draws six of 400 records anew in each step.
 
 Each design is tested with motions that the search did not use: 200 other records, or subset simulation with
@@ -129,7 +129,7 @@ def row_of(answer: optimise.Design, start_time: float) -> dict[str, Any]:
     }
 
 
-Row = Callable[[], dict[str, Any]]
+MakeRow = Callable[[], dict[str, Any]]
 
 
 def frequency_row() -> dict[str, Any]:
@@ -158,7 +158,7 @@ def loss_row() -> dict[str, Any]:
     return row_of(answer, start_time) | risk_of_suite | sampled_frequency(answer.podium)
 
 
-def frequency_point(width: float) -> Row:
+def frequency_point(width: float) -> MakeRow:
     """Return a row with λ_f of a column from the suite, and from independent records."""
 
     def row() -> dict[str, Any]:
@@ -170,7 +170,7 @@ def frequency_point(width: float) -> Row:
     return row
 
 
-def probability_point(width: float) -> Row:
+def probability_point(width: float) -> MakeRow:
     """Return a row with P of a column."""
 
     def row() -> dict[str, Any]:
@@ -180,7 +180,7 @@ def probability_point(width: float) -> Row:
     return row
 
 
-def fresh_row(seed: int) -> Row:
+def fresh_row(seed: int) -> MakeRow:
     """Return a row of a design by Adam that draws 6 of 400 records in each step."""
 
     def row() -> dict[str, Any]:
@@ -195,7 +195,7 @@ def fresh_row(seed: int) -> Row:
     return row
 
 
-STUDIES: dict[str, dict[str, Row]] = {
+STUDIES: dict[str, dict[str, MakeRow]] = {
     "frequency": {"ten starts": frequency_row},
     "probability": {"ten starts": probability_row},
     "fresh": {f"seed {seed}": fresh_row(seed) for seed in range(3)},
@@ -209,7 +209,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def missing(names: list[str], rows: list[dict[str, Any]]) -> Iterator[tuple[str, str, Row]]:
+def missing(names: list[str], rows: list[dict[str, Any]]) -> Iterator[tuple[str, str, MakeRow]]:
     """Yield the cases that the table does not contain yet."""
     computed = {(row["study"], row["case"]) for row in rows}
     for study in names:

@@ -23,7 +23,7 @@ pulse = rj.Ricker(a_p=2.0, T_p=1.0)
 peak = lambda podium, motion: rj.peak_response(podium, motion).peak_rotation
 least_a_p = lambda podium, T_p: rj.overturning_acceleration(podium, rj.Ricker, T_p)
 least_scale = lambda podium, motion: rj.overturning_scale(podium, motion)
-slope = lambda answer, *given: jax.grad(lambda alpha: answer(podium.replace(alpha=alpha), *given))(0.15)
+slope = lambda answer, *args: jax.grad(lambda alpha: answer(podium.replace(alpha=alpha), *args))(0.15)
 ready = lambda value: value.block_until_ready()
 """
 RECORDS = (

@@ -62,9 +62,9 @@ QUANTITIES = ("peak_rotation", "peak_deformation", "peak_shear")
 class Group:
     """Kind of scenes that share one compiled program."""
 
-    top: str
-    law: str
-    motion: str
+    top: str  # superstructure
+    law: str  # law of restitution, one of `LAWS`
+    motion: str  # one of `MOTIONS`
     method: str = "dopri8"
     added: str = ""  # restrainers or vertical motion, one of `stress_control.ADDED`, or neither
 
@@ -412,9 +412,9 @@ def run(
     return findings
 
 
-def table(parts: dict[str, list[Findings]]) -> list[dict[str, Any]]:
+def table(selections: dict[str, list[Findings]]) -> list[dict[str, Any]]:
     rows = []
-    for name, findings in parts.items():
+    for name, findings in selections.items():
         ratios = np.concatenate([ratio for f in findings for ratio in f.ratios])
         trials = np.concatenate([count for f in findings for count in f.trials])
         total = sum(f.scenes for f in findings)
@@ -506,17 +506,17 @@ def main() -> None:
             bar.update()
 
         list(pool.map(run_group, range(len(chosen)), chosen))
-    parts = {"all": list(findings.values())}
+    selections = {"all": list(findings.values())}
     for top in control.TOPS if arguments.control else SUPERSTRUCTURES:
-        parts[top] = [f for g, f in findings.items() if g.top == top and g.method == "dopri8"]
+        selections[top] = [f for g, f in findings.items() if g.top == top and g.method == "dopri8"]
     for added in control.ADDED:
         name = "all devices" if added == "all" else added
-        parts[name] = [f for g, f in findings.items() if g.added == added]
+        selections[name] = [f for g, f in findings.items() if g.added == added]
     for motion in MOTIONS:
-        parts[motion] = [f for g, f in findings.items() if g.motion == motion and g.method == "dopri8"]
+        selections[motion] = [f for g, f in findings.items() if g.motion == motion and g.method == "dopri8"]
     for method in METHOD_TOLERANCES:
-        parts[method] = [f for g, f in findings.items() if g.method == method]
-    rows = table({name: members for name, members in parts.items() if members})
+        selections[method] = [f for g, f in findings.items() if g.method == method]
+    rows = table({name: members for name, members in selections.items() if members})
     show(rows)
     failures: dict[str, int] = {}
     for f in findings.values():

@@ -96,12 +96,12 @@ def by_scipy(
 ) -> restrained.Answer:
     """Solve a scene by an independent implementation, up to |θ| = `limit`."""
     frame, start = restrained.frame_of(podium), float(motion.support[0])
-    parts = [motion.horizontal, motion.vertical] if isinstance(motion, rj.GroundMotion) else [motion]
-    breaks = [float(b) for part in parts for b in np.asarray(part.breakpoints)]
+    components = [motion.horizontal, motion.vertical] if isinstance(motion, rj.GroundMotion) else [motion]
+    breaks = [float(b) for component in components for b in np.asarray(component.breakpoints)]
     u, speed = (np.broadcast_to(np.asarray(y), len(frame.modes)) for y in (initial.u_t, initial.u_t_dot))
     state = (float(initial.theta), float(initial.theta_dot), *u, *speed)
     return restrained.simulate(
-        frame, end, *map(_acceleration, parts), breaks=breaks, start=start, state=state, limit=limit
+        frame, end, *map(_acceleration, components), breaks=breaks, start=start, state=state, limit=limit
     )
 
 

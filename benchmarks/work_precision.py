@@ -139,8 +139,8 @@ def draw(
 
 
 if __name__ == "__main__":
-    command, *given = sys.argv[1:]
-    if given == ["draw"]:
+    command, *arguments = sys.argv[1:]
+    if arguments == ["draw"]:
         draw_control()
     else:
-        {"pulses": pulses, "control": control}[command](*map(int, given))
+        {"pulses": pulses, "control": control}[command](*map(int, arguments))

@@ -103,15 +103,15 @@ def largest(
     """
     order = np.argsort(period)
     groups: list[Peaks] = []
-    done = 0
-    while done < order.size:
-        group = order[done : done + LANES]
+    start = 0
+    while start < order.size:
+        group = order[start : start + LANES]
         shortest = float(period[group[0]])
         if load.length.max() > shortest / PIECES_PER_PERIOD:
             group = group[period[group] <= 2 * shortest]
         loads = [y.divided(shortest / PIECES_PER_PERIOD) for y in (load, *slopes)]
         groups.append(_largest(loads[0], loads[1:], period[group], damping[group], rests))
-        done += group.size
+        start += group.size
     original_order = np.argsort(order)
     return Peaks(*(np.concatenate(y, axis=-1)[..., original_order] for y in zip(*groups, strict=True)))
 

@@ -148,8 +148,8 @@ class _Podium:
         """Return the total energy, divided by N m_c."""
         sin, cos = math.sin(side * self.alpha - theta), math.cos(side * self.alpha - theta)
         stretch, rise = u - 2 * self.R * (side * self.sin_alpha - sin), 2 * self.R * v * sin
-        top = 0.5 * self.eta * (w * w + rise * rise + self.stiffness * stretch * stretch)
-        return top + self.inertia * v * v + self.lift * (cos - self.cos_alpha)
+        energy = 0.5 * self.eta * (w * w + rise * rise + self.stiffness * stretch * stretch)
+        return energy + self.inertia * v * v + self.lift * (cos - self.cos_alpha)
 
     def stays(self, u: float, w: float) -> bool:
         """Return True if free vibration in full contact has too little energy to lift the columns."""

@@ -614,10 +614,10 @@ def contact_of_elastic(step, step_error, order, t, t_end, h, y, times, pulse, c,
                 c2, c3 = cubic(q0, d0 * dt, qtop, dtop * dt)
                 x = d0 * dt / (sqrt(c2 * c2 - 3.0 * c3 * d0 * dt) - c2)  # the cubic's maximum
                 if q0 + x * (d0 * dt + x * (c2 + x * c3)) > 0.95 * c.uplift:
-                    top, qtop, dtop = highest_demand(step, x, sign, t, dt, z, k, pulse, c)
+                    dt_at_top, qtop, dtop = highest_demand(step, x, sign, t, dt, z, k, pulse, c)
                     if qtop > c.uplift:
                         up = True
-                        dt = top
+                        dt = dt_at_top
             if up:
                 dt, z1 = lift(step, t, dt, z, k, sign, q0, d0, qtop, dtop, pulse, c, rtol)
                 if dt >= 0.999 * h or error > 0.5:
@@ -738,15 +738,15 @@ def _compile(rigid: bool, method: str, parallel: bool) -> Callable:
                     dt, y1, k1 = land(step, shift, z, t, dt, y, k, side, pulse, c, rtol)
                     x1, v1, a1 = 0.0, side * y1[1], side * k1[0]
                 # -------------------------------------------------------------- peak
-                top = x1
+                highest = x1
                 if v0 > 0.0 and v1 < 0.0:
                     z = cubic_zero(v0, a0, v1, a1, dt)
                     if quintic(x0, v0, a0, x1, v1, a1, dt, z) > 0.999 * peak:
-                        top = max(top, crest(step, z, t, dt, y, k, side, pulse, c))
-                if top >= c.alpha:
+                        highest = max(highest, crest(step, z, t, dt, y, k, side, pulse, c))
+                if highest >= c.alpha:
                     return 1.0, True
-                if top > peak:
-                    peak = top
+                if highest > peak:
+                    peak = highest
                     well = c.weight * (cos(c.alpha - peak) - c.cos_alpha)
                 # -------------------------------------------------------------- accept
                 t = t_end if last and not landing else t + dt

@@ -1,16 +1,17 @@
 r"""Solution by SciPy: `solve_ivp` with terminal events, one phase of contact after another.
 
-| phase | state | ends by (also by too little energy for another peak or uplift, after the pulse) |
+| phase | state | ends by |
 |---|---|---|
 | full contact, rigid | – | uplift, a root of the pulse: nothing is integrated |
 | full contact, elastic | u_t, u̇_t | uplift: the demand reaches its limit |
 | rocking, rigid | θ, θ̇ | θ = 0 (impact), \|θ\| = α (overturned) |
 | rocking, elastic | θ, θ̇, u_t, u̇_t | the same |
 
+After the pulse, a phase also ends if the energy is too small for another uplift or a larger peak.
+
 `solve_ivp` finds an event only if its function changes sign between the ends of a step, and a rocking phase
-starts at the zero of its event. Therefore the first step of a phase follows from the flight time, and the
-other steps are limited. If an extreme of θ shows that θ changed its sign between two steps, the phase is
-repeated up to this extreme.
+starts at the zero of its event. Therefore the first step of a phase follows from the flight time, and other
+steps are limited. If an extreme of θ shows that θ changed sign inside a step, the phase is repeated to there.
 """
 
 from __future__ import annotations

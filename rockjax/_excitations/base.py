@@ -117,8 +117,7 @@ class AbstractExcitation(Module):
         return {}
 
     def past(self, index: Index, passed: Array) -> Index:
-        """Return the index of the next piece if `passed`, which means that the end of this piece is reached;
-        otherwise `index`."""
+        """Return the index of the next piece if `passed` (this piece has ended), otherwise `index`."""
         return index + passed.astype(jnp.int32)
 
     def before(self, index: Index, by: Any = 1) -> Index:

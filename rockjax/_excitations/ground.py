@@ -124,7 +124,7 @@ class GroundMotion(AbstractExcitation):
     def common_form(self) -> Self:
         horizontal, vertical = self.horizontal.common_form(), self.vertical.common_form()
         if horizontal.most_pieces * vertical.most_pieces >= MAX_PIECES:
-            return self  # very long motions keep their own form
+            return self  # padding would make a very long motion too long
         return dataclasses.replace(self, horizontal=horizontal, vertical=vertical)
 
     def _combined_index(self, i: Any, j: Any) -> Any:

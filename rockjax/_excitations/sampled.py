@@ -141,8 +141,7 @@ class AbstractSampled(AbstractExcitation):
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         record: AbstractSampled = jax.lax.stop_gradient(self)
         size = record.sizes()
-        # If the motion changes sign between samples, the trapezoid of |ü_g| is an upper bound of the
-        # integral.
+        # If the motion changes sign between samples, the trapezoid of |ü_g| exceeds the integral.
         areas = 0.5 * (size[..., 1:] + size[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
         # The sums start at the last sample, so that padding does not change their last digit.

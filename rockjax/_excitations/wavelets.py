@@ -54,9 +54,8 @@ class _BoundedLookahead(AbstractLookahead):
             a, slope = jax.jvp(formula, (t,), (jnp.ones_like(t),))
             is_above = jnp.abs(a) > threshold
             step = jnp.minimum(safe_step(a, slope, 1.0), safe_step(a, slope, -1.0))
-            # Steps are at least the resolution of time, to pass a point that only touches the threshold.
-            # This also applies after an exceedance, because a second evaluation of the comparison may have
-            # another result.
+            # Steps are at least the resolution of time, so that the search passes points that only touch the
+            # threshold, and exceedances for which a second comparison has another result.
             min_step = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
             return t, t + jnp.maximum(step, min_step), is_above
 

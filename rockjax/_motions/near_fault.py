@@ -203,8 +203,7 @@ def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tu
     phase = 2 * math.pi * f_p * dt * np.arange(-half, half + 1)
     window = 0.5 * (1 + np.cos(phase / gamma))
     shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
-    # Normal equations for every time of the centre. One shape is even and the other odd, so they are
-    # diagonal.
+    # Normal equations for every time of the centre; one shape is even, the other odd, so they are diagonal.
     correlations = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
     norms = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
     explained = np.sum(correlations**2 / norms, axis=0)
@@ -241,11 +240,11 @@ def refit_pulse(
         # The velocity is a parabola between samples.
         increments = dt * (0.5 * (target[1:] + target[:-1])) - dt**2 / 12 * jnp.diff(acceleration)
         target = jnp.concatenate([jnp.zeros(1), jnp.cumsum(increments)])
-    size = jax.lax.stop_gradient(jnp.max(jnp.abs(target)))
+    amplitude = jax.lax.stop_gradient(jnp.max(jnp.abs(target)))
     shape = _velocity if quantity == "velocity" else _displacement
 
     def residual(y, target):
-        return (shape(_pulse(y), t - y[4]) - target) / size
+        return (shape(_pulse(y), t - y[4]) - target) / amplitude
 
     pulse = start.pulse
     y = jnp.stack([pulse.A, jnp.log(pulse.f_p), jnp.log(pulse.gamma - 1), pulse.nu, jnp.asarray(start.time)])
@@ -253,7 +252,7 @@ def refit_pulse(
     y = optx.least_squares(
         residual, solver, jax.lax.stop_gradient(y), target, max_steps=200, throw=False
     ).value
-    share = 1 - jnp.sum(residual(y, target) ** 2) / jnp.sum((target / size) ** 2)
+    share = 1 - jnp.sum(residual(y, target) ** 2) / jnp.sum((target / amplitude) ** 2)
     return PulseFit(_normalise(_pulse(y)), y[4], share, quantity)
 
 

@@ -35,10 +35,10 @@ MIN_ROWS = 8  # smallest number of rows of a padded table
 class Records(AbstractSampled):
     """A batch of records, of any lengths and sampling intervals, in one table.
 
-    `Records.of(records)` returns a batch of all given records, shape (k,). `pick(j)` selects record j; with
-    an array of indices it returns a batch of the array's shape. `scaled(factor)` broadcasts against the
-    batch. In [`rockjax.peak_responses`][] all scenes share the table, and one compiled program serves
-    records of different lengths.
+    `Records.of(records)` returns a batch of k records, shape (k,). `pick(j)` selects record j, or for an
+    array of indices j a batch of the array's shape. `scaled(factor)` broadcasts against the batch. In
+    [`rockjax.peak_responses`][] all scenes share the table, and one compiled program serves records of
+    different lengths.
 
     - `acceleration`: samples, shape (k, n), rows padded with zeros [m/s²]
     - `counts`: numbers of samples, shape (k,)
@@ -147,8 +147,8 @@ class Records(AbstractSampled):
     def sizes(self) -> Float[Array, "k n"]:
         numpy = array_module(self)
         counts = numpy.asarray(self.counts)[:, None]
-        samples = numpy.arange(self.acceleration.shape[-1], dtype=counts.dtype)[None] < counts
-        return numpy.where(samples, numpy.abs(self.acceleration), 0.0)
+        is_sample = numpy.arange(self.acceleration.shape[-1], dtype=counts.dtype)[None] < counts
+        return numpy.where(is_sample, numpy.abs(self.acceleration), 0.0)
 
     def chosen(self, which, scale) -> Self:
         """Return the records with the indices `which`, scaled. The arguments are not converted, and NumPy

@@ -130,7 +130,7 @@ def read_limits(curve: xarray.Dataset) -> integral.Limits:
     """Return the limits of a fragility curve, applied in the order of OpenQuake's engine.
 
     Intensities are first clipped to the range from `min_intensity` to `max_intensity`; then P = 0 up to
-    `no_damage_limit`. If `min_intensity` is larger than `no_damage_limit`, the latter has no effect.
+    `no_damage_limit`. If `min_intensity` is larger, `no_damage_limit` has no effect.
     """
     no_damage, lowest, highest = (
         float(curve[name]) if name in curve else None

@@ -323,7 +323,7 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
     Returns structure → dataset, or `structure/limit state` → dataset for structures with several limit
     states. A dataset has `median_capacity` and `dispersion`, and can be the `curve` of
     [`rockjax.annual_frequency`][]. It also has the limits in the file: `no_damage_limit`, up to which P = 0,
-    and `min_intensity` and `max_intensity` (minIML, maxIML), below and above which P keeps its value at the
+    and `min_intensity` and `max_intensity` (minIML, maxIML), below and above which P has its value at the
     limit. As in OpenQuake, a limit of 0 means no limit, and intensities are clipped to the range from minIML
     to maxIML before `no_damage_limit` applies. Raises `ValueError` for other files, other shapes of curves,
     and limits that exclude all intensities.

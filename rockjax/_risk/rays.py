@@ -116,17 +116,18 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
             f"{estimate.cov:.2g}, not {cov:g}; raise cov"
         )
     u, weights = _draw_failing(estimator, count, rng)
-    size = np.linalg.norm(u, axis=1)
-    scan = _RayScan(limit, u / size[:, None], factor)
+    length = np.linalg.norm(u, axis=1)
+    scan = _RayScan(limit, u / length[:, None], factor)
     scan.narrow(REFINED)
     # The scan may miss a narrow failure window that contains the sample of a ray; such rays are omitted.
-    before_sample = scan.r < factor * size[scan.line]
+    before_sample = scan.r < factor * length[scan.line]
     is_failing = (
         scan.fails_at_start
-        + np.bincount(scan.line[before_sample], scan.sign[before_sample], minlength=size.size)
+        + np.bincount(scan.line[before_sample], scan.sign[before_sample], minlength=length.size)
         > 0.5
     )
-    e, weights = u[is_failing] / size[is_failing, None], weights[is_failing] / scan.shares(factor)[is_failing]
+    e = u[is_failing] / length[is_failing, None]
+    weights = weights[is_failing] / scan.shares(factor)[is_failing]
     # A ray with a narrow window has a large weight, and its window may be wide for another structure.
     weights = np.minimum(weights, MAX_WEIGHT * np.median(weights))
     weights *= estimate.probability / float(weights @ scan.shares(factor)[is_failing])
@@ -247,7 +248,7 @@ class _RayScan:
 def solve_factor(
     limit: StructureLimitState, rays: Rays, probability: float, names: Sequence[str], guess: float
 ) -> FactorSolution:
-    """Return the factor on u at which a structure fails with a given probability, and its sensitivities.
+    """Return the factor on u at which a structure fails with the target probability, and its sensitivities.
 
     - `limit`: limit state of the structure
     - `rays`: from `sample_rays`

@@ -37,7 +37,7 @@ class Limit(NamedTuple):
 
     output: str  # name of the peak
     value: float
-    request: str | AbstractOutput  # the output that computes it, as in `rockjax.Options`
+    request: str | AbstractOutput  # the output that computes the peak, as in `rockjax.Options`
 
 
 class _LimitKind(NamedTuple):
@@ -102,7 +102,7 @@ class StructureLimitState(AbstractLimitState):
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
         super().__init__(motion.dimension)
         self.podium, self.motion, self.limit = podium, motion, limit
-        # Without a pulse, −u gives the motion with the opposite sign, under which the podium fails likewise.
+        # Without a pulse, −u gives the motion with the opposite sign, under which the podium also fails.
         self.mirrored = motion.pulse is None
         self.options = options.replace(outputs=(limit.request,), throw=False)
 

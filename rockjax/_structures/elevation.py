@@ -96,18 +96,18 @@ class Elevation(Module):
         position compresses all of them."""
         return _core_distance(self.offsets)
 
-    def check(self, top: AbstractSuperstructure | None, width: Number) -> None:
+    def check(self, superstructure: AbstractSuperstructure | None, width: Number) -> None:
         """Raise `ValueError` for heights that do not fit the superstructure, and for columns that overlap.
 
-        - `top`: the superstructure
+        - `superstructure`: superstructure of the podium
         - `width`: width of a column [m]
         """
         _check_overlap(concrete(self.columns), concrete(width))
-        count = None if top is None else top.height_count
-        if top is None or count is None:
+        count = None if superstructure is None else superstructure.height_count
+        if superstructure is None or count is None:
             return
-        class_name, height = type(top).__name__, self.top_height
-        if top.own_heights is not None:
+        class_name, height = type(superstructure).__name__, self.top_height
+        if superstructure.own_heights is not None:
             if not is_plain_zero(height):
                 raise ValueError(
                     f"Podium: the {class_name} has its own heights; give either these or elevation.top_height"
@@ -119,37 +119,37 @@ class Elevation(Module):
                 f"Podium: elevation.top_height must hold {count} heights, one for each mode or floor of the "
                 f"{class_name} (or give a building its own heights), got {height_count}"
             )
-        top.check_heights("Podium", height)
+        superstructure.check_heights("Podium", height)
 
-    def split(self, top: AbstractSuperstructure | None) -> Elevation:
+    def split(self, superstructure: AbstractSuperstructure | None) -> Elevation:
         """Return the elevation with rows split into tuples, so that each leaf has one value per podium of a
         batch. Heights of a building replace `top_height`."""
         if isinstance(self.columns, tuple):
             return self
         height = self.top_height
-        if top is not None and top.own_heights is not None:
-            height = top.own_heights
-        if top is not None and top.height_count is not None:
+        if superstructure is not None and superstructure.own_heights is not None:
+            height = superstructure.own_heights
+        if superstructure is not None and superstructure.height_count is not None:
             height = split_unless_scalar(height)
         return with_fields(self, {"columns": split_row(self.columns), "top_height": height})
 
-    def resolved(self, gamma: Number, top: AbstractSuperstructure | None) -> Arms:
+    def resolved(self, gamma: Number, superstructure: AbstractSuperstructure | None) -> Arms:
         """Return the elevation in the form that the engine uses.
 
         - `gamma`: mass ratio of the beam
-        - `top`: the superstructure
+        - `superstructure`: superstructure of the podium
         """
         depth, offsets = self.beam_depth, self.offsets
         beam_moment, carried_height = 0.5 * gamma * depth, self.residual_height + depth
         if self._raised is not None:
             depth, carried_height = depth - self._raised, carried_height - self._raised
             beam_moment = beam_moment - gamma * self._raised
-        if top is None:
+        if superstructure is None:
             return Arms(offsets, beam_moment, None)
-        height = self.top_height if top.own_heights is None else top.own_heights
-        if top.height_count is not None:
-            height, depth = stack_row(repeat_scalar(height, top.height_count)), depth[..., None]
-        modal_moments, carried = top.first_moments(height + depth, carried_height)
+        height = self.top_height if superstructure.own_heights is None else superstructure.own_heights
+        if superstructure.height_count is not None:
+            height, depth = stack_row(repeat_scalar(height, superstructure.height_count)), depth[..., None]
+        modal_moments, carried = superstructure.first_moments(height + depth, carried_height)
         return Arms(offsets, beam_moment if carried is None else beam_moment + carried, modal_moments)
 
     def __repr__(self):

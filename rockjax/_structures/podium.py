@@ -176,7 +176,7 @@ class Podium(Module):
         - `positions`: positions of the columns along the motion [m], for forces in their joints; with
           `beam_depth`, `top_height` and `residual_height` [m] as in [`rockjax.Elevation`][]
         - `end_radius`: radius r_c of arcs that continue both flat faces of width 2B of a column, 0 ≤ r_c < H
-          [m]; excludes tendons, dampers and inerters
+          [m]; cannot be combined with tendons, dampers and inerters
 
         With round ends the result is an approximately equivalent podium with flat ends and the same α, (R5).
         Its `R`, `width` and `height` are multiplied by H/(H − r_c), its rotations by (H − r_c)/H. For
@@ -261,11 +261,11 @@ class Podium(Module):
     @property
     def mass_ratios(self) -> tuple[Number, Number]:
         """Ratios of the mass that moves with the beam, and of the vibrating mass [–]."""
-        top = self.superstructure
-        oscillators = None if top is None else top.oscillators
-        if top is None or oscillators is None:
-            return (self.gamma if top is None else self.gamma + self.eta), jnp.zeros_like(self.eta)
-        carried = top.carried
+        superstructure = self.superstructure
+        oscillators = None if superstructure is None else superstructure.oscillators
+        if superstructure is None or oscillators is None:
+            return (self.gamma if superstructure is None else self.gamma + self.eta), jnp.zeros_like(self.eta)
+        carried = superstructure.carried
         return (self.gamma if carried is None else self.gamma + carried), oscillators.vibrating_mass
 
     @property
@@ -377,7 +377,7 @@ class Podium(Module):
 
     @property
     def _e(self) -> Number:
-        """Velocity factor of an impact, 0 if rocking ends at it [–]."""
+        """Velocity factor of an impact [–]; 0 if rocking ends there."""
         return jnp.maximum(self.restitution_factor, 0.0)
 
     @property
@@ -402,14 +402,14 @@ class Podium(Module):
         With tendons or inerters it is the larger root of (C15), with several modes the largest root. Raises
         `ValueError` without an elastic superstructure.
         """
-        top = self._require_oscillators("uplifted_frequency")
-        if isinstance(top, Oscillators):
+        oscillators = self._require_oscillators("uplifted_frequency")
+        if isinstance(oscillators, Oscillators):
             return self.uplifted_frequencies[..., -1]
         mass_term = self.lam + 1 + 4 * self.gamma
         if self.restrainers:
-            return self._restrained_frequency(mass_term, top)
+            return self._restrained_frequency(mass_term, oscillators)
         ratio = (mass_term + 4 * self.eta) / (mass_term + 4 * self.eta * jnp.sin(self.alpha) ** 2)
-        return jnp.sqrt(ratio) * top.omega_s
+        return jnp.sqrt(ratio) * oscillators.omega_s
 
     @property
     def uplifted_frequencies(self) -> Number:
@@ -437,22 +437,22 @@ class Podium(Module):
     def fastest_frequency(self) -> Number:
         """Return `uplifted_frequency` for the choice of step lengths. With several modes its derivatives are
         zero."""
-        top = self._require_oscillators("uplifted_frequency")
-        if isinstance(top, Elastic):
+        oscillators = self._require_oscillators("uplifted_frequency")
+        if isinstance(oscillators, Elastic):
             return self.uplifted_frequency
-        lifted = jax.lax.stop_gradient((top, *self._uplifted_constants()))
+        lifted = jax.lax.stop_gradient((oscillators, *self._uplifted_constants()))
         return jnp.sqrt(uplifted_squares(*lifted)[..., -1])
 
     def _require_oscillators(self, name: str) -> Elastic | Oscillators:
-        top = self.superstructure
-        oscillators = None if top is None else top.oscillators
+        superstructure = self.superstructure
+        oscillators = None if superstructure is None else superstructure.oscillators
         if oscillators is None:
             raise ValueError(f"Podium.{name} needs an elastic superstructure, such as Elastic(...)")
         return oscillators
 
-    def _restrained_frequency(self, mass_term: Number, top: Elastic) -> Number:
+    def _restrained_frequency(self, mass_term: Number, superstructure: Elastic) -> Number:
         """Return the larger root of (C15); `mass_term` is 1+λ+4γ."""
-        sin2, omega2 = jnp.sin(self.alpha) ** 2, top.omega_s**2
+        sin2, omega2 = jnp.sin(self.alpha) ** 2, superstructure.omega_s**2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
         inertia = 0.75 * mass_term + 3 * (self.eta + (0.0 if mu is None else mu)) * sin2
         stiffness_term = 0.0 if kappa is None else 4 * self.p**2 * kappa * sin2
@@ -488,10 +488,10 @@ class Podium(Module):
     def split(self) -> Podium:
         """Return the podium with rows over columns, modes or stories split into tuples, so that each leaf has
         one value per podium of a batch."""
-        top, elevation = self.superstructure, self.elevation
+        superstructure, elevation = self.superstructure, self.elevation
         if isinstance(elevation, Elevation):
-            elevation = elevation.split(top)
-        return self._with_parts(None if top is None else top.split(), elevation)
+            elevation = elevation.split(superstructure)
+        return self._with_parts(None if superstructure is None else superstructure.split(), elevation)
 
     def without_idle_restrainers(self) -> Podium:
         """Return the podium without restrainers of zero strength, which would only cost time."""
@@ -506,16 +506,18 @@ class Podium(Module):
 
     def resolved(self) -> Podium:
         """Return the podium in the form of the engine, with the superstructure as oscillators."""
-        top, elevation = self.superstructure, self.elevation
+        superstructure, elevation = self.superstructure, self.elevation
         if isinstance(elevation, Elevation):
-            elevation = elevation.resolved(self.gamma, top)
-        return self._with_parts(None if top is None else top.resolved(), elevation)
+            elevation = elevation.resolved(self.gamma, superstructure)
+        return self._with_parts(None if superstructure is None else superstructure.resolved(), elevation)
 
-    def _with_parts(self, top: AbstractSuperstructure | None, elevation: Elevation | Arms | None) -> Podium:
+    def _with_parts(
+        self, superstructure: AbstractSuperstructure | None, elevation: Elevation | Arms | None
+    ) -> Podium:
         """Return a copy with another superstructure and elevation, which are not checked."""
-        if top is self.superstructure and elevation is self.elevation:
+        if superstructure is self.superstructure and elevation is self.elevation:
             return self
-        return with_fields(self, {"superstructure": top, "elevation": elevation})
+        return with_fields(self, {"superstructure": superstructure, "elevation": elevation})
 
     def replace(self, **changes) -> Podium:
         """Return a variant with some fields changed, like `dataclasses.replace`."""

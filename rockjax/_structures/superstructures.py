@@ -309,18 +309,18 @@ def _squares_of_jvp(primals, tangents):
     rotation, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]
     has_mass = masses[..., :, None] > 0
     detuning = squares[..., :, None] - values[..., None, :]
-    # A massless oscillator is driven by the beam, or vibrates alone at its own frequency.
+    # A massless oscillator is driven by the beam, or vibrates alone at its natural frequency.
     driven = (
         (cos_alpha * rotation)[..., None, :] * squares[..., :, None] / jnp.where(detuning == 0, 1.0, detuning)
     )
     motions = shapes / jnp.sqrt(jnp.where(has_mass, masses[..., :, None], 1.0))
     motions = jnp.where(has_mass, motions, jnp.where(detuning == 0, 0.0, driven))
-    own_motion = jnp.where(has_mass, 0.0, shapes**2)
+    massless = jnp.where(has_mass, 0.0, shapes**2)
 
     def quotient(squares, masses, inertia, stiffness, cos_alpha):
         squares, masses = squares[..., :, None], masses[..., :, None]
-        stretch = masses * (motions - (cos_alpha * rotation)[..., None, :]) ** 2 + own_motion
+        stretch = masses * (motions - (cos_alpha * rotation)[..., None, :]) ** 2 + massless
         potential_energy = stiffness * rotation**2 + jnp.sum(squares * stretch, axis=-2)
-        return potential_energy / (inertia * rotation**2 + jnp.sum(masses * motions**2 + own_motion, axis=-2))
+        return potential_energy / (inertia * rotation**2 + jnp.sum(masses * motions**2 + massless, axis=-2))
 
     return jnp.asarray(values), jax.jvp(quotient, primals, tangents)[1]

@@ -218,8 +218,8 @@ def read_numbers(path: Path, lines: list[str], start: int) -> list[float]:
 def _split_touching(line: str) -> list[str] | None:
     """Return the words of a line whose columns touch; None if they cannot be separated.
 
-    Signs and exponents separate the words; otherwise all columns must have the same width and the decimal
-    point at the same position.
+    Signs and exponents separate the words. Without them, all columns must have the same width, and their
+    decimal points the same position.
     """
     line, position, words = line.rstrip(), 0, []
     while match := _TOUCHING.match(line, position):
@@ -240,7 +240,7 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
     - `path`, `lines`: path and lines of the file
     - `start`: index of the first line with numbers; the line before it states the format
     - `count`: number of values to read
-    - `text`: text that contains the Fortran format, such as (8F10.4); without one, eight columns of width 10
+    - `text`: text with the Fortran format, such as (8F10.4); without a format, eight columns of width 10
 
     Raises `ValueError` for a wrong number of columns or values.
     """

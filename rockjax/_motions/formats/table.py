@@ -75,7 +75,7 @@ def _cells(text: str) -> list[str]:
 def _is_heading(cells: list[str]) -> bool:
     """Return True for a row of headings, which has no number in its first cell.
 
-    If the first cell is empty, as pandas writes it, the others must be names or column numbers.
+    If the first cell is empty, as in files of pandas, the other cells must be names or column numbers.
     """
     if not cells[0]:
         return all(_NUMBER_LIKE.match(cell) is None or re.fullmatch(r"\d{1,3}", cell) for cell in cells[1:])

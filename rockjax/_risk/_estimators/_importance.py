@@ -9,9 +9,9 @@ If failure is unrelated to the design points, as often in rocking, the weights o
 tail: a few samples dominate the sum. The shape k of a generalised Pareto distribution fitted to the largest
 weights detects this (Vehtari et al. 2024): above 0.7, neither the estimate nor its spread is reliable.
 
-A failing sample with a large weight lies far from every known design point. A search for design points starts
-there. If the search finds a new one, the mixture is extended and the samples of the old mixture are
-discarded.
+A failing sample with a large weight lies far from every design point of the mixture. A search for design
+points starts there. If it finds a new design point, the mixture is extended, and the samples of the old
+mixture are discarded.
 """
 
 from __future__ import annotations
