@@ -5,7 +5,6 @@ import html
 import io
 import json
 import re
-import shutil
 import sys
 import xml.etree.ElementTree as ET
 import zipfile
@@ -21,6 +20,7 @@ from rockjax._report.tables import Quantity, Table, shown
 from rockjax._report.units import KINDS, Units, si_unit
 
 from . import sample
+from .browsing import MODES, assert_shown, printed
 
 UNITS = Units.parse("kN,m,deg,g,mm")
 OTHERS = Units.parse("N,cm,rad,m/s²,Pa,kg,–,N/m,Nm")
@@ -291,31 +291,11 @@ def test_a_table_of_another_library_is_escaped():
     assert html.unescape(markup.table(table, UNITS)).count("</td>") == 1
 
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-    if CHROMIUM is None:
-        pytest.skip("Chromium is not installed")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
 def test_a_printed_page_is_a4_and_breaks_no_row(browser, tmp_path):
-    pypdf = pytest.importorskip("pypdf", reason="pypdf, which reads the printed page, is not installed")
     path = tmp_path / "report.html"
     content = sample.page()
     path.write_bytes(files_of(content)["report.html"])
-    page = browser.new_page()
-    page.goto(path.as_uri())
-    printed = io.BytesIO(page.pdf(prefer_css_page_size=True, print_background=True))
-    pages = pypdf.PdfReader(printed).pages
-    assert {tuple(round(float(side)) for side in sheet.mediabox[2:]) for sheet in pages} == {(595, 842)}
-    texts = [re.sub(r"\s", "", sheet.extract_text()) for sheet in pages]
+    texts = printed(browser, path)
     assert all(row.id in texts[0] for row in content.sections[0].blocks[0].rows)
     assert len(content.sections[0].blocks[0].rows) == 14
     rows = [shown(row[2], UNITS) + shown(row[3], UNITS) for row in sample.motions().rows]
@@ -327,16 +307,8 @@ def test_a_printed_page_is_a4_and_breaks_no_row(browser, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["Example", sample.HOSTILE[0], sample.HOSTILE[2]])
-@pytest.mark.parametrize(("width", "theme"), [(1100, "light"), (1100, "dark"), (390, "light")])
+@pytest.mark.parametrize(("width", "theme"), MODES)
 def test_a_browser_shows_the_page(browser, tmp_path, width, theme, text):
     path = tmp_path / "report.html"
     path.write_bytes(files_of(sample.page(text=text))["report.html"])
-    context = browser.new_context(viewport={"width": width, "height": 800}, color_scheme=theme)
-    page, seen = context.new_page(), []
-    page.on("console", lambda message: seen.append(message.text))
-    page.on("pageerror", lambda error: seen.append(str(error)))
-    page.on("request", lambda request: seen.append(request.url))
-    page.goto(path.as_uri())
-    assert [entry for entry in seen if not entry.startswith("data:")] == [path.as_uri()]
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    context.close()
+    assert_shown(browser, path, width, theme)

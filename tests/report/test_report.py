@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import unicodedata
 
 import numpy as np
 import pytest
@@ -10,7 +11,10 @@ import pytest
 import rockjax as rj
 from rockjax._files import write_dataset
 from rockjax._report.store import Store
+from rockjax._report.tables import plain_cell
 from rockjax._report.uplift import UpliftRatio
+
+from .browsing import MODES, assert_shown, printed
 
 FILE = """
 [structure]
@@ -217,6 +221,25 @@ def test_another_text_solves_nothing_again(folder, report):
     titled = rj.report(path, folder / "titled.html")
     assert titled.evaluation.scenes.store.computed == 0
     assert "Another" in titled.html
+
+
+@pytest.mark.parametrize(("width", "theme"), MODES)
+def test_a_browser_shows_the_report(browser, folder, report, width, theme):
+    assert_shown(browser, folder / "page.html", width, theme)
+
+
+def test_the_printed_report_has_every_row(browser, folder, report):
+    """The summary is on page 1, and a page has all words of a row."""
+    pages = printed(browser, folder / "page.html")
+    assert all(check.id in pages[0] for check in report.evaluation.checks)
+    missing = []
+    for name, table in report.tables.items():
+        for row in table.rows if name != "summary" else ():  # the summary has bars and signs instead
+            text = " ".join(plain_cell(cell, report.units, unit=False) for cell in row)
+            words = unicodedata.normalize("NFKC", text).split()
+            if not any(all(word in page for word in words) for page in pages):
+                missing.append((name, words))
+    assert missing == [], missing
 
 
 def test_wrong_arguments(folder, report):

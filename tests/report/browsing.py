@@ -1,0 +1,40 @@
+"""What a browser shows and prints of a page."""
+
+import io
+import re
+import unicodedata
+
+import pytest
+
+MODES = [(1100, "light"), (1100, "dark"), (390, "light")]  # width of the window [px], theme
+
+
+def assert_shown(browser, path, width, theme):
+    """Nothing but the file is requested, nothing is wider than the window, and ids and anchors agree."""
+    context = browser.new_context(viewport={"width": width, "height": 800}, color_scheme=theme)
+    page, events = context.new_page(), []
+    page.on("console", lambda message: events.append(message.text))
+    page.on("pageerror", lambda error: events.append(str(error)))
+    page.on("request", lambda request: events.append(request.url))
+    page.goto(path.as_uri())
+    assert [entry for entry in events if not entry.startswith("data:")] == [path.as_uri()]
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    ids = page.evaluate("[...document.querySelectorAll('[id]')].map(y => y.id)")
+    assert len(ids) == len(set(ids))
+    anchors = page.evaluate(
+        "[...document.querySelectorAll('a[href^=\"#\"]')].map(y => y.getAttribute('href').slice(1))"
+    )
+    assert set(anchors) <= set(ids)
+    context.close()
+
+
+def printed(browser, path):
+    """The texts of the A4 pages that the browser prints, without spaces, in NFKC."""
+    pypdf = pytest.importorskip("pypdf", reason="pypdf, which reads the printed page, is not installed")
+    page = browser.new_page()
+    page.goto(path.as_uri())
+    pages = pypdf.PdfReader(io.BytesIO(page.pdf(prefer_css_page_size=True, print_background=True))).pages
+    page.close()
+    assert {tuple(round(float(side)) for side in sheet.mediabox[2:]) for sheet in pages} == {(595, 842)}
+    # ligatures such as "fi" become letters
+    return [re.sub(r"\s", "", unicodedata.normalize("NFKC", sheet.extract_text())) for sheet in pages]
