@@ -119,7 +119,10 @@ NEAREST = {
     ),
     "_responses/floor_course.py": (("engine/test_contents.py",), "closed_form or impact or integrator"),
     "_responses/floor_end.py": (("studies/test_floor_spectra.py",), "bound or full_contact"),
-    "_responses/floor_slopes.py": (("studies/test_floor_spectra.py",), "derivatives_agree"),
+    "_responses/floor_slopes.py": (
+        ("studies/test_floor_spectra.py",),
+        "derivatives_agree or start_that_moves",
+    ),
     "_responses/on_floors.py": (("engine/test_contents.py",), "starts or closed_form or integrator"),
     "_excitations/piecewise.py": (("engine/test_contents.py",), "starts or closed_form or integrator"),
     "_studies/floor_spectra.py": (("studies/test_floor_spectra.py",), "broadening"),

@@ -9,6 +9,9 @@ import pytest
 import rockjax as rj
 from rockjax import plots
 from rockjax._oscillators import Load, largest
+from rockjax._responses.floor import PieceMotions, Pieces, in_direction, load_of, with_beam
+from rockjax._responses.floor_end import Ending, remaining
+from rockjax._responses.floor_slopes import Slopes, slope_of_load
 from tests import restrained
 from tests.reference_contents import oscillators_on_floors
 from tests.reference_floors import largest_displacements
@@ -91,6 +94,22 @@ def test_what_follows_stays_below_its_bound(damping):
         assert (found["remaining_ratio"] > 1).all()
         assert (at_end <= bound).all()
         assert (bound < 200 * at_end).all()
+
+
+def test_bounds_of_what_follows_have_their_closed_forms():
+    """(L16) for columns at rest and (L17) for free rocking, with X and r of fact 5."""
+    damping, weights = np.array([0.0, 0.05]), np.array([0.5, -2.0, 0.0, 0.05])
+    rests = Ending(np.True_, np.array([0.1, 0.2, np.inf, 1.0]), 0.0, 0.0, 0.9)
+    assert remaining(rests, weights, damping, False) == pytest.approx(0.5)
+    assert remaining(rests, weights, damping, True) == 0
+    assert remaining(rests, 0 * weights, damping, False) == 0
+    rocks = Ending(np.False_, np.zeros(0), 0.3, 0.4, 0.95)
+    damped = 2 * 0.9266920209946192 * 0.7 / (1 - 0.8544678930067565)
+    free = np.zeros(0)
+    np.testing.assert_allclose(remaining(rocks, free, damping, False), [16.3, damped], rtol=1e-12)
+    elastic = remaining(rocks._replace(restitution=1.0), free, damping, False)
+    np.testing.assert_allclose(elastic, [np.inf, damped], rtol=1e-12)
+    assert remaining(rocks, free, damping, True) == np.inf
 
 
 def test_an_elastic_top_in_full_contact_has_its_closed_form():
@@ -279,6 +298,19 @@ def test_derivatives_of_stories_under_a_jumping_ground_agree_with_differences():
         t_end=3.0,
         level=["deck", 1, 3],
     )
+
+
+@pytest.mark.parametrize(("direction", "kick"), [("horizontal", -0.6), ("vertical", -0.3)])
+def test_a_start_that_moves_omits_the_first_acceleration(direction, kick):
+    """(L8) at the start, where a⁻ = 0: the jump is −a⁺ t'."""
+    terms, zeros = np.array([[[2.0, 1.0]], [[3.0, 0.5]]]), np.zeros((2, 2))
+    pieces = Pieces(np.array([0.0, 1.0]), np.ones(2), np.zeros(2, int), np.zeros(2, bool))
+    motion, still = (PieceMotions(y, zeros, zeros, zeros) for y in (terms, 0 * terms))
+    none = np.zeros(0)  # modes
+    load = load_of(pieces, motion, in_direction(with_beam(none), direction))
+    slope = Slopes(still, np.array([0.3, 0.0]), {})
+    found = slope_of_load(load, pieces, motion, slope, none, none, direction)
+    np.testing.assert_allclose(found.kick, [kick, 0.0], rtol=1e-15)
 
 
 @pytest.fixture(scope="module")
