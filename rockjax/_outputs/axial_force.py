@@ -8,14 +8,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import all_true
 from rockjax._engine.coefficients import present
-from rockjax._outputs.maxima import END_ZONE_CUBIC, Maximum
-from rockjax._types import Flag, Values
+from rockjax._outputs.maxima import Maximum
+from rockjax._types import Flag
 
 from .base import Variable
-from .joints import JOINTS, AbstractJointOutput, JointBounds, end_forces, halves
+from .joints import JOINTS, AbstractJointOutput, JointBounds, Pair, all_of, end_forces, halves
 from .views import Ended, Start, Step
+
+Pairs = tuple[Pair, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +24,7 @@ class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint of the worst column,
     (F8). If the least force is negative, a joint would open, and the model no longer holds.
 
-    The record contains the largest −N/(m_c g), then the largest N/(m_c g).
+    The record contains the largest −N/(m_c g) and the largest N/(m_c g).
     """
 
     name = "axial_force"
@@ -35,20 +36,28 @@ class AxialForce(AbstractJointOutput):
             Variable("peak_axial_force", "1", "largest axial force max N/(m_c g)", "max N/(m_c g)", JOINTS),
         )
 
-    def start(self, start: Start) -> tuple[Values, None]:
-        return self.zeros(start, 2) - jnp.inf, None
+    def start(self, start: Start) -> tuple[Pairs, None]:
+        return tuple((y, y) for y in self.filled(start, -jnp.inf)), None
 
-    def over_step(self, step: Step, record: Values) -> Maximum:
-        axial = jax.tree.map(lambda forces: halves(forces)[1] / step.c.g, step.course(end_forces))
-        return step.largest(axial, record, END_ZONE_CUBIC, sizes="both")
+    def over_step(self, step: Step, record: Pairs) -> Maximum:
+        _, axial = halves(step.courses(end_forces))
+        axial = [jax.tree.map(lambda y: y / step.c.g, course) for course in axial]
+        return step.largest_forces(axial, record, sizes="both")
 
-    def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
-        tension, compression = map(self.worst, halves(jax.lax.stop_gradient(record)))
-        g = bounds.c.g
-        return all_true((bounds.least_axial >= -tension * g) & (bounds.most_axial <= compression * g))
+    def is_unchanged(self, bounds: JointBounds, record: Pairs) -> Flag:
+        g, (tension, compression) = bounds.c.g, jax.lax.stop_gradient(self._worst_of_both(record))
+        least, most = bounds.least_axial, bounds.most_axial
+        return all_of(
+            (least[k] >= -tension[k] * g) & (most[k] <= compression[k] * g) for k in range(self.joints)
+        )
 
-    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        tension, compression = (self.nan_if_weightless(ended, self.worst(y)) for y in halves(record))
+    def _worst_of_both(self, record: Pairs) -> tuple[Pair, Pair]:
+        """Return the largest −N/(m_c g) and the largest N/(m_c g) at each joint."""
+        tension, compression = map(self.worst, zip(*record, strict=True))
+        return tension, compression
+
+    def answer(self, ended: Ended, record: Pairs, note: Any) -> dict[str, Any]:
+        tension, compression = (self.nan_if_weightless(ended, y) for y in self._worst_of_both(record))
         return {"least_axial_force": 0.0 - tension, "peak_axial_force": compression}
 
 
@@ -65,7 +74,7 @@ class Unloading(AxialForce):
     def variables(self) -> tuple[Variable, ...]:
         return (Variable(self.name, "1", "largest loss of axial force 1 − N/N_0", "max 1 − N/N_0", JOINTS),)
 
-    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
+    def answer(self, ended: Ended, record: Pairs, note: Any) -> dict[str, Any]:
         least = super().answer(ended, record, note)["least_axial_force"]
         load = present(ended.scene.c.joints).dead_load
         return {self.name: jnp.where(load > 0, 1 - least / jnp.where(load > 0, load, 1.0), 0.0)}

@@ -134,19 +134,20 @@ class AbstractOutput:
         maximum; None if the record depends only on the ends of steps."""
         return step.largest(step.course(self.quantity), record)
 
-    def at_impact(self, impact: Impact) -> Values | None:
+    def at_impact(self, impact: Impact) -> Any:
         """Return the value of a quantity that exists only at impacts; None for other quantities."""
         del impact
         return None
 
-    def update(self, end: StepEnd, record: Any, note: Any, largest: Values | None) -> tuple[Any, Any]:
+    def update(self, end: StepEnd, record: Any, note: Any, largest: Any) -> tuple[Any, Any]:
         """Return the record and the note after an accepted step. `largest` is `over_step(…).value` or
         None."""
         if largest is not None:
-            record = larger(largest, record)
+            record = jax.tree.map(larger, largest, record)
         value = self.at_impact(end.impact)
         if value is not None:
-            record = jnp.where(end.hit & (value > record), value, record)
+            raised = lambda new, old: jnp.where(end.hit & (new > old), new, old)
+            record = jax.tree.map(raised, value, record)
         return record, note
 
     def after_rejection(self, record: Any) -> Any:

@@ -6,10 +6,11 @@ import dataclasses
 from typing import Any
 
 from rockjax._outputs.joint_forces import mean_forces, total_weight
+from rockjax._outputs.maxima import Maximum
 from rockjax._types import Flag, Value
 
 from .joints import AbstractForceOutput, JointBounds
-from .views import Ended, Moment
+from .views import Ended, Moment, Step
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +25,10 @@ class PeakFoundationShear(AbstractForceOutput):
     def quantity(self, moment: Moment) -> Value:
         c, sigma, _, ground, x, v, a = moment
         return mean_forces(c, sigma, ground, x, v, a).foundation[0] / total_weight(c)
+
+    def over_step(self, step: Step, record: Value) -> Maximum:
+        maximum = step.largest_forces(step.courses(self.quantity), (record,))
+        return maximum._replace(value=maximum.value[0])
 
     def is_unchanged(self, bounds: JointBounds, record: Value) -> Flag:
         return bounds.foundation_shear <= record * total_weight(bounds.c)

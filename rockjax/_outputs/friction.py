@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.bounds import all_true
 from rockjax._engine.coefficients import present
 from rockjax._engine.hermite import turning_point_of_slope
-from rockjax._outputs.maxima import END_ZONE_CUBIC, Cubic, Maximum
-from rockjax._types import Flag, Flags, Values
+from rockjax._outputs.maxima import Cubic, Maximum
+from rockjax._types import Flag, Flags, Value, Values
 
 from .base import AbstractOutput
-from .joints import AbstractJointOutput, JointBounds, end_forces, friction_of, halves, quarter_tangent
+from .joints import AbstractJointOutput, JointBounds, all_of, end_forces, friction_of, halves, quarter_tangent
 from .views import Course, Ended, Start, Step
+
+Record = tuple[Value, ...]
 
 
 class AnglePath(NamedTuple):
@@ -52,6 +54,16 @@ class AnglePath(NamedTuple):
         return turning_point_of_slope(slope, t.c0**2 + n.c0**2, turned, rising)
 
 
+def _angle(tangential: Course, axial: Course) -> Course:
+    """Return tan(φ/4) over a step from the courses of T and N."""
+
+    def at_end(t: tuple[Values, Values], n: tuple[Values, Values]) -> tuple[Values, Values]:
+        return jax.jvp(quarter_tangent, (t[0], n[0]), (t[1], n[1]))
+
+    path = AnglePath(tangential.path, axial.path)
+    return Course(path, at_end(tangential.start, axial.start), at_end(tangential.end, axial.end))
+
+
 @dataclasses.dataclass(frozen=True)
 class PeakFriction(AbstractJointOutput):
     """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
@@ -67,23 +79,20 @@ class PeakFriction(AbstractJointOutput):
     def for_limit(self, limit: float) -> tuple[AbstractOutput, float]:
         return FrictionUse(limit=limit), 1.0
 
-    def start(self, start: Start) -> tuple[Values, None]:
-        return self.zeros(start), None
+    def start(self, start: Start) -> tuple[Record, None]:
+        return self.filled(start, 0.0), None
 
-    def over_step(self, step: Step, record: Values) -> Maximum:
-        forces = step.course(end_forces)
-        angle = lambda row: quarter_tangent(*halves(row))
-        start, end = (jax.jvp(angle, jet[:1], jet[1:]) for jet in (forces.start, forces.end))
-        tangential, axial = zip(*map(halves, forces.path), strict=True)
-        angles = Course(AnglePath(Cubic(*tangential), Cubic(*axial)), start, end)
-        maximum = step.largest(angles, record, END_ZONE_CUBIC)
-        return maximum._replace(value=jnp.minimum(maximum.value, 1.0))
+    def over_step(self, step: Step, record: Record) -> Maximum:
+        angles = [_angle(*forces) for forces in zip(*halves(step.courses(end_forces)), strict=True)]
+        maximum = step.largest_forces(angles, record)
+        return maximum._replace(value=tuple(jnp.minimum(y, 1.0) for y in maximum.value))
 
-    def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
-        return all_true(bounds.friction <= friction_of(jax.lax.stop_gradient(self.worst(record))))
+    def is_unchanged(self, bounds: JointBounds, record: Record) -> Flag:
+        demands = map(friction_of, jax.lax.stop_gradient(self.worst(record)))
+        return all_of(bound <= demand for bound, demand in zip(bounds.friction, demands, strict=True))
 
-    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        return {self.name: self.nan_if_weightless(ended, friction_of(self.worst(record)))}
+    def answer(self, ended: Ended, record: Record, note: Any) -> dict[str, Any]:
+        return {self.name: self.nan_if_weightless(ended, friction_of(jnp.stack(self.worst(record))))}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +101,7 @@ class FrictionUse(AbstractJointOutput):
     column. If it exceeds 1, the joint would slide. The answer is 0 at a joint without dead load. Targets use
     this output because it is smooth where a joint would open, unlike |T|/N.
 
-    The record contains the largest T − μN, then the largest −T − μN [m/s²].
+    The record contains the largest T − μN of every column and joint, then the largest −T − μN [m/s²].
 
     - `limit`: friction coefficient μ [–]
     """
@@ -103,25 +112,32 @@ class FrictionUse(AbstractJointOutput):
 
     limit: float = 1.0
 
-    def start(self, start: Start) -> tuple[Values, None]:
-        return self.zeros(start, 2) - jnp.inf, None
+    def start(self, start: Start) -> tuple[Record, None]:
+        return 2 * self.filled(start, -jnp.inf), None
 
-    def over_step(self, step: Step, record: Values) -> Maximum:
-        def excess(forces: Values) -> Values:
-            tangential, axial = halves(forces)
-            return jnp.concatenate([tangential, -tangential]) - self.limit * jnp.concatenate([axial, axial])
+    def over_step(self, step: Step, record: Record) -> Maximum:
+        forces = list(zip(*halves(step.courses(end_forces)), strict=True))
+        excesses = [
+            jax.tree.map(lambda t, n, side=side: side * t - self.limit * n, *pair)
+            for side in (1, -1)
+            for pair in forces
+        ]
+        return step.largest_forces(excesses, record, sizes="signed")
 
-        return step.largest(jax.tree.map(excess, step.course(end_forces)), record, sizes="signed")
+    def is_unchanged(self, bounds: JointBounds, record: Record) -> Flag:
+        def holds(friction: Value, least: Value, most: Value, worst: Value) -> Flag:
+            beyond = friction - self.limit
+            return beyond * jnp.where(beyond < 0, least, most) <= worst
 
-    def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
-        ratio_excess = bounds.friction - self.limit
-        excess = ratio_excess * jnp.where(ratio_excess < 0, bounds.least_axial, bounds.most_axial)
-        return all_true(excess <= self._worst_excess(jax.lax.stop_gradient(record)))
+        worst = jax.lax.stop_gradient(self._worst_excess(record))
+        pairs = bounds.friction, bounds.least_axial, bounds.most_axial, worst
+        return all_of(itertools.starmap(holds, zip(*pairs, strict=True)))
 
-    def _worst_excess(self, record: Values) -> Values:
-        return jnp.maximum(*map(self.worst, halves(record)))
+    def _worst_excess(self, record: Record) -> list[Value]:
+        one_side, other_side = map(self.worst, halves(record))
+        return [jnp.maximum(*pair) for pair in zip(one_side, other_side, strict=True)]
 
-    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
+    def answer(self, ended: Ended, record: Record, note: Any) -> dict[str, Any]:
         capacity = self.limit * ended.scene.c.g * present(ended.scene.c.joints).dead_load
-        use = 1 + self._worst_excess(record) / jnp.where(capacity > 0, capacity, 1.0)
+        use = 1 + jnp.stack(self._worst_excess(record)) / jnp.where(capacity > 0, capacity, 1.0)
         return {self.name: self.nan_if_weightless(ended, jnp.where(capacity > 0, use, 0.0))}

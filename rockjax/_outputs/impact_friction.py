@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -10,22 +12,30 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, present
+from rockjax._engine.ratio import safe_ratio
 from rockjax._outputs.joint_forces import impulses_of_columns, sway_of_modes
-from rockjax._types import Flag, Value, Values
+from rockjax._types import Flag, Value
 
 from .base import AbstractEventOutput, Variable
-from .joints import JOINTS, AbstractJointOutput, end_offsets, friction_of, halves, quarter_tangent
+from .joints import JOINTS, AbstractJointOutput, all_of, end_offsets, friction_of, halves, quarter_tangent
 from .views import Bounces, Ended, Impact, Start, Step
 
+Record = tuple[Value, ...]
 
-def _angles_and_ratios(c: Coefficients, sigma: Value, sway: Value | float, offsets: Values | None) -> Values:
-    """Return a row: |tan(φ/4)| for the angles φ of the impulses from the vertical, then −J_N divided by the
-    mean J_N of all columns. Both parts have the bottom joints of the columns first, then the top joints. The
-    arguments are those of `impulses_of_columns`."""
+
+def _angles_and_ratios(
+    c: Coefficients, sigma: Value, sway: Value | float, offsets: Sequence[Value] | None
+) -> Record:
+    """Return |tan(φ/4)| for the angles φ of the impulses from the vertical, then −J_N divided by the mean J_N
+    of all columns. Both are for the columns at the bottom joint, then for the columns at the top joint."""
     tangential, axial = impulses_of_columns(c, sigma, jnp.ones_like(sigma), sway, offsets)
-    mean = jnp.stack(jnp.broadcast_arrays(*present(c.joints).impulses.axial))[:, None]
-    ratio = jnp.where(mean > 0, axial / jnp.where(mean > 0, mean, 1.0), 1.0)
-    return jnp.concatenate([jnp.abs(quarter_tangent(tangential, axial)).ravel(), -ratio.ravel()])
+    means = [y for y in present(c.joints).impulses.axial for _ in offsets or (0,)]
+    angles = [jnp.abs(quarter_tangent(*pair)) for pair in zip(tangential, axial, strict=True)]
+    ratios = [
+        jnp.where(mean > 0, -safe_ratio(n, mean, mean > 0), -1.0)
+        for n, mean in zip(axial, means, strict=True)
+    ]
+    return (*angles, *ratios)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,41 +69,39 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
             ),
         )
 
-    def start(self, start: Start) -> tuple[Values, None]:
-        return jnp.concatenate([self.zeros(start), self.zeros(start) - 1.0]), None
+    def start(self, start: Start) -> tuple[Record, None]:
+        return self.filled(start, 0.0) + self.filled(start, -1.0), None
 
-    def over_step(self, step: Step, record: Values) -> None:
+    def over_step(self, step: Step, record: Record) -> None:
         del step, record
 
-    def at_impact(self, impact: Impact) -> Values:
+    def at_impact(self, impact: Impact) -> Record:
         c = impact.c
         return _angles_and_ratios(c, impact.sigma, sway_of_modes(c, impact.sigma, impact.x), end_offsets(c))
 
-    def over_bounces(self, bounces: Bounces, record: Values) -> bool:
+    def over_bounces(self, bounces: Bounces, record: Record) -> bool:
         del bounces, record  # bounces are skipped only for rigid podiums, whose impacts have equal ratios
         return True
 
-    def is_final(self, bounds: Bounds, record: Values) -> Flag:
+    def is_final(self, bounds: Bounds, record: Record) -> Flag:
         if bounds.c.vibration is None:  # all impacts have the same ratios
-            return bounds.rests | jnp.any(halves(record)[0] > 0)
+            return bounds.rests | functools.reduce(jnp.logical_or, [y > 0 for y in halves(record)[0]])
         c, arms = bounds.c, present(bounds.c.joints).arms
-        offsets, sway = None, 0.0
+        offsets, sways = None, [0.0]
         if arms is not None:
             # The worst case is at an end column, with the largest Σ η_id_i to either side.
             end_offset = arms.mean_square / arms.core_distance
             largest_sway = bounds.modal_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
-            offsets, sway = (
-                jnp.stack([-end_offset, end_offset, -end_offset, end_offset]),
-                jnp.stack([largest_sway, largest_sway, -largest_sway, -largest_sway]),
-            )
-        worst = (
-            _angles_and_ratios(c, jnp.ones_like(c.alpha), sway, offsets)
-            .reshape(2, self.joints, -1)
-            .max(axis=-1)
+            offsets, sways = (-end_offset, end_offset), [largest_sway, -largest_sway]
+        records = [self.worst(y) for y in halves(jax.lax.stop_gradient(record))]
+        worst = [_angles_and_ratios(c, jnp.ones_like(c.alpha), sway, offsets) for sway in sways]
+        return bounds.rests | all_of(
+            self.worst(found)[joint] <= known[joint]
+            for bound in worst
+            for found, known in zip(halves(bound), records, strict=True)
+            for joint in range(self.joints)
         )
-        records = jnp.stack([self.worst(y) for y in halves(jax.lax.stop_gradient(record))])
-        return bounds.rests | jnp.all(worst <= records)
 
-    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
+    def answer(self, ended: Ended, record: Record, note: Any) -> dict[str, Any]:
         angles, negative_ratios = (self.nan_if_weightless(ended, self.worst(y)) for y in halves(record))
         return {"peak_impact_friction": friction_of(angles), "least_impulse_share": -negative_ratios}

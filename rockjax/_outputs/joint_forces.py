@@ -7,6 +7,7 @@ motion and do not affect it.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -17,6 +18,7 @@ from rockjax._engine.ratio import safe_ratio
 from rockjax._excitations.base import Shaking
 from rockjax._programs.barrier import barrier
 from rockjax._sincos import sincos
+from rockjax._structures.elevation import Arms
 from rockjax._types import Value, Values, Vector
 
 
@@ -134,12 +136,12 @@ def overturning_moment(
 
 
 def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, offsets: Values) -> Values:
-    """Return the axial forces of columns minus the axial force of the mean column, (F8) [m/s²], (columns,).
+    """Return the axial forces of columns minus the axial force of the mean column, (F8) [m/s²].
 
     - `moment`: overturning moment M divided by N m_c [m²/s²]
     - `eccentricity`: χ, divided by half the width of a column [–]
     - `axial`: N_t of the mean column [m/s²]
-    - `offsets`: positions of the columns from their mean [m], (columns,)
+    - `offsets`: positions of the columns from their mean [m]
     """
     arms = present(present(c.joints).arms)
     half_width = 0.5 * c.two_R * c.sin_alpha
@@ -153,10 +155,10 @@ def column_forces(
     x: Vector,
     v: Vector,
     a: Vector,
-    offsets: Values | None,
-) -> tuple[Values, Values]:
-    """Return (T, N) at the joints of columns, each of shape (2, columns), the bottom joint first, (F8) to
-    (F11) [m/s²].
+    offsets: Sequence[Values] | None,
+) -> tuple[list[Values], list[Values]]:
+    """Return T and N at the joints of columns, (F8) to (F11) [m/s²]: at the bottom joint for every element of
+    `offsets`, then at the top joint.
 
     - `c`: constants of the podium, including the joints; `sigma`: mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
@@ -164,19 +166,20 @@ def column_forces(
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
     """
     mean = barrier(mean_forces(c, sigma, ground, x, v, a))
-    tangential, axial = (jnp.stack(y)[:, None] for y in zip(mean.bottom, mean.top, strict=True))
+    joints = mean.bottom, mean.top
     if offsets is None:
-        return tangential, axial
+        return [y[0] for y in joints], [y[1] for y in joints]
     moment = barrier(overturning_moment(c, sigma, ground, x, v, a))
-    transferred = transfer(c, moment, mean.eccentricity, mean.top[1], offsets)[None, :]
-    return tangential - transferred * mean.lean, axial + transferred
+    transferred = [transfer(c, moment, mean.eccentricity, mean.top[1], y) for y in offsets]
+    tangential = [y[0] - change * mean.lean for y in joints for change in transferred]
+    return tangential, [y[1] + change for y in joints for change in transferred]
 
 
 def impulses_of_columns(
-    c: Coefficients, sigma: Value, speed: Value, sway: Value | float, offsets: Values | None
-) -> tuple[Values, Values]:
-    """Return the impulses (J_T, J_N) of an impact at the joints of columns, divided by m_c, each of shape (2,
-    columns), the bottom joint first, (F12) to (F14) [m/s].
+    c: Coefficients, sigma: Value, speed: Value, sway: Value | float, offsets: Sequence[Values] | None
+) -> tuple[list[Values], list[Values]]:
+    """Return the impulses J_T and J_N of an impact at the joints of columns, divided by m_c, (F12) to (F14)
+    [m/s]: at the bottom joint for every element of `offsets`, then at the top joint.
 
     - `c`: constants of the podium, including the joints; `sigma`: mode before the impact
     - `speed`: |θ̇| before the impact [rad/s]
@@ -185,14 +188,30 @@ def impulses_of_columns(
     """
     joints = present(c.joints)
     mean = joints.impulses
-    tangential, axial = (jnp.stack(jnp.broadcast_arrays(*y))[:, None] for y in (mean.horizontal, mean.axial))
-    tangential, axial = sigma * speed * tangential, speed * axial
+    tangential, axial = [sigma * speed * y for y in mean.horizontal], [speed * y for y in mean.axial]
     if offsets is None:
         return tangential, axial
     eccentricity = -sigma * joints.impulse_eccentricity
     moment = mean.rise * sway - present(joints.arms).beam * mean.sway * sigma
-    transferred = transfer(c, speed * moment, eccentricity, axial[1, 0], offsets)[None, :]
-    return tangential - eccentricity * (c.sin_alpha / c.cos_alpha) * transferred, axial + transferred
+    transferred = [transfer(c, speed * moment, eccentricity, axial[1], y) for y in offsets]
+    lean = eccentricity * (c.sin_alpha / c.cos_alpha)
+    return (
+        [y - lean * change for y in tangential for change in transferred],
+        [y + change for y in axial for change in transferred],
+    )
+
+
+def of_all_columns(
+    function: Callable[..., tuple[list[Values], list[Values]]], *state, arms: Arms | None
+) -> tuple[Values, Values]:
+    """Return T and N of all columns as arrays (joints, columns); of the mean column without an elevation.
+
+    - `function`: `column_forces` or `impulses_of_columns`; `state`: its arguments before the offsets
+    - `arms`: positions of the columns, None without an elevation
+    """
+    found = function(*state, None if arms is None else [arms.offsets])
+    tangential, axial = (jnp.stack(jnp.broadcast_arrays(*map(jnp.atleast_1d, y))) for y in found)
+    return tangential, axial
 
 
 def sway_of_modes(c: Coefficients, sigma: Value, x: Vector) -> Value | float:

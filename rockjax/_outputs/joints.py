@@ -8,7 +8,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from typing import Any, ClassVar, NamedTuple, Self
+from collections.abc import Iterable, Sequence
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +24,8 @@ from rockjax._types import Flag, Flags, Value, Values
 
 from .base import JOINTS, AbstractOutput
 from .views import Bounces, Ended, Moment, Start
+
+Pair = tuple[Value, Value]  # values at the bottom and the top joint
 
 
 @jax.custom_jvp
@@ -64,26 +67,34 @@ def friction_of(quarter: Values) -> Values:
     return jnp.where(is_closed, 2 * half / (1 - jnp.where(is_closed, half, 0.0) ** 2), jnp.inf)
 
 
-def end_offsets(c: Coefficients) -> Values | None:
+def end_offsets(c: Coefficients) -> tuple[Value, Value] | None:
     """Return the positions of the first and the last column relative to the mean of all columns [m]; None if
     no elevation is given. Forces and friction are monotone from column to column, so one of these two is the
     worst."""
     arms = present(c.joints).arms
-    return None if arms is None else jnp.stack([jnp.min(arms.offsets), jnp.max(arms.offsets)])
+    return None if arms is None else (jnp.min(arms.offsets), jnp.max(arms.offsets))
 
 
-def end_forces(moment: Moment) -> Values:
-    """Return one row [m/s²]: T of the end columns at the bottom joint, then at the top joint, and then N in
-    the same order."""
+def end_forces(moment: Moment) -> tuple[Value, ...]:
+    """Return T of the end columns at the bottom joint, then at the top joint, and then N in the same order
+    [m/s²]."""
     c, sigma, _, ground, x, v, a = moment
-    forces = column_forces(c, sigma, ground, x, v, a, end_offsets(c))
-    return jnp.concatenate([y.ravel() for y in forces])
+    tangential, axial = column_forces(c, sigma, ground, x, v, a, end_offsets(c))
+    return (*tangential, *axial)
 
 
-def halves(row: Values) -> tuple[Values, Values]:
+T = TypeVar("T")
+
+
+def halves(row: Sequence[T]) -> tuple[Sequence[T], Sequence[T]]:
     """Return the two halves of a row."""
-    half = row.shape[-1] // 2
-    return row[..., :half], row[..., half:]
+    half = len(row) // 2
+    return row[:half], row[half:]
+
+
+def all_of(flags: Iterable[Flag]) -> Flag:
+    """Return whether all flags hold."""
+    return functools.reduce(jnp.logical_and, flags)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,19 +104,20 @@ class AbstractForceOutput(AbstractOutput):
     needs_flat = True
     of_joints = True
 
-    def is_unchanged(self, bounds: JointBounds, record: Values) -> Flag:
+    def is_unchanged(self, bounds: JointBounds, record: Any) -> Flag:
         """Return whether no forces within the bounds change the record."""
         raise NotImplementedError
 
-    def over_bounces(self, bounces: Bounces, record: Values) -> Flag | bool:
+    def over_bounces(self, bounces: Bounces, record: Any) -> Flag | bool:
         return self.is_unchanged(JointBounds.over(bounces), record)
 
-    def is_final(self, bounds: Bounds, record: Values) -> Flag | bool:
+    def is_final(self, bounds: Bounds, record: Any) -> Flag | bool:
         return self.is_unchanged(JointBounds.of(bounds), record)
 
-    def nan_if_weightless(self, ended: Ended, values: Values) -> Values:
-        """Return the values, or NaN if the scene ended because vertical motion would open all joints."""
-        return jnp.where(ended.code == results.WEIGHTLESS, jnp.nan, values)
+    def nan_if_weightless(self, ended: Ended, values: Values | Sequence[Value]) -> Values:
+        """Return the values as an array, or NaN if the scene ended because vertical motion would open all
+        joints."""
+        return jnp.where(ended.code == results.WEIGHTLESS, jnp.nan, jnp.asarray(values))
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         del ended
@@ -114,8 +126,8 @@ class AbstractForceOutput(AbstractOutput):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractJointOutput(AbstractForceOutput):
-    """An output with an answer for each joint, (2,). The record is a row with the end columns at the bottom
-    joint, then the end columns at the top joint."""
+    """An output with an answer for each joint, (2,). The record is a tuple of scalars for the end columns at
+    the bottom joint, then for the end columns at the top joint."""
 
     axis = JOINTS
     joints: ClassVar[int] = 2
@@ -125,13 +137,14 @@ class AbstractJointOutput(AbstractForceOutput):
     def of(self, podium: Podium) -> Self:
         return dataclasses.replace(self, columns=1 if podium.elevation is None else 2)
 
-    def worst(self, record: Values) -> Values:
-        """Return the largest value of the columns at each joint, (2,)."""
-        return jnp.max(record.reshape(self.joints, self.columns), axis=-1)
+    def worst(self, record: Sequence[Value]) -> Pair:
+        """Return the largest value of the columns at each joint."""
+        bottom, top = halves(record)
+        return functools.reduce(jnp.maximum, bottom), functools.reduce(jnp.maximum, top)
 
-    def zeros(self, start: Start, rows: int = 1) -> Values:
-        """Return a record of zeros; `rows`: values for each column and joint."""
-        return jnp.zeros(rows * self.joints * self.columns, start.t.dtype)
+    def filled(self, start: Start, value: float) -> tuple[Value, ...]:
+        """Return a record in which all columns and joints have this value."""
+        return (jnp.full((), value, start.t.dtype),) * (self.joints * self.columns)
 
 
 class Devices(NamedTuple):
@@ -299,16 +312,16 @@ class JointBounds:
         return functools.reduce(jnp.minimum, extremes), functools.reduce(jnp.maximum, extremes)
 
     @functools.cached_property
-    def least_axial(self) -> Values:
-        """Lower bounds on N of all columns at the bottom and the top joint [m/s²], (2,)."""
+    def least_axial(self) -> Pair:
+        """Lower bounds on N of all columns at the bottom and the top joint [m/s²]."""
         top = self._top[0]
-        return jnp.stack([top + self._weight(0.5)[0] + 2 * self._over_one.least_vertical, top])
+        return top + self._weight(0.5)[0] + 2 * self._over_one.least_vertical, top
 
     @functools.cached_property
-    def most_axial(self) -> Values:
-        """Upper bounds on N of all columns at the bottom and the top joint [m/s²], (2,)."""
+    def most_axial(self) -> Pair:
+        """Upper bounds on N of all columns at the bottom and the top joint [m/s²]."""
         top = self._top[1]
-        return jnp.stack([top + self._weight(0.5)[1] + 2 * jnp.maximum(self._over_one.largest, 0.0), top])
+        return top + self._weight(0.5)[1] + 2 * jnp.maximum(self._over_one.largest, 0.0), top
 
     @functools.cached_property
     def foundation_shear(self) -> Value:
@@ -326,44 +339,46 @@ class JointBounds:
         return jnp.minimum(from_masses, from_axial / self.cos)
 
     @functools.cached_property
-    def friction(self) -> Values:
-        """Bounds on |T|/N of all columns at the bottom and the top joint, (2,); inf where N may vanish.
+    def friction(self) -> Pair:
+        """Bounds on |T|/N of all columns at the bottom and the top joint; inf where N may vanish."""
+        return self._friction_at(0), self._friction_at(1)
+
+    def _friction_at(self, joint: int) -> Value:
+        """Return the bound of |T|/N at the bottom (0) or the top joint (1).
 
         With s = −σθ̈ and g_v = g + v̈_g, (F9) without restrainers is
         |T|/N = |tan ψ − ½[σü_g + g_v tan ψ − (1 − λ)Rs/cos ψ]/N| at the bottom joint and
         |T|/N = |tan ψ + ½[σü_g + g_v tan ψ − (1 + λ)Rs/cos ψ]/N| at the top joint.
         """
-        c, least, most = self.c, self.least_axial, self.most_axial
-        cos, R, lam = self.cos, 0.5 * c.two_R, self.joints.lam
-        steepest = jnp.stack([self.sin / cos] * 2) * self.eccentricity
+        c, lam, least, most = self.c, self.joints.lam, self.least_axial[joint], self.most_axial[joint]
+        steepest = self.sin / self.cos * self.eccentricity
         fastest = jnp.maximum(self.deceleration.largest, self._acceleration)
-        inertia = R * jnp.stack([jnp.abs(1 - lam), 1 + lam]) / cos
-        over_both, over_one = (
+        inertia = 0.5 * c.two_R * (1 + lam if joint else jnp.abs(1 - lam)) / self.cos
+        forces = [
             jnp.maximum(jnp.abs(y.least), jnp.abs(y.largest)) for y in (self._over_both, self._over_one)
-        )
-        couple = c.cos_alpha * (over_both + over_one) * sincos(0.5 * self.angle)[0]
-        of_devices = 2 * (couple + over_one) / cos
+        ]
+        couple = c.cos_alpha * (forces[0] + forces[1]) * sincos(0.5 * self.angle)[0]
+        of_devices = 2 * (couple + forces[1]) / self.cos
         weight = (c.g + self.vertical) * steepest
-        ground_and_devices = self.ground + of_devices
-        # Bounds on the brackets above where they increase |T|/N beyond tan ψ (`along`), and where they
-        # reverse T (`opposite`).
-        opposite = ground_and_devices + weight + inertia * fastest
+        others = self.ground + of_devices
+        # Bounds on the bracket above where it increases |T|/N beyond tan ψ (`along`), and where it reverses T
+        # (`opposite`).
+        opposite = others + weight + inertia * fastest
+        # The largest demand is at ψ = α if N is at least half the weight of the column.
+        is_heavy = least > 0.5 * (c.g + self.vertical)
         if c.restraint is not None:
             along = opposite
-        else:
-            # The largest demand is at ψ = α if N is at least half the weight of the column.
-            is_heavy = least > 0.5 * (c.g + self.vertical)
+        elif joint:
             least_deceleration = self.deceleration.slope * c.sin_alpha - self.deceleration.offset  # at ψ = α
-            bottom = inertia[0] * fastest - jnp.where(is_heavy[0], (c.g - self.vertical) * steepest[0], 0.0)
-            top = weight[1] + inertia[1] * jnp.where(
-                is_heavy[1], -least_deceleration, self.deceleration.offset
-            )
-            along = ground_and_devices + jnp.stack([bottom, top])
-        is_closed = least > 0
+            along = others + weight
+            along = along + inertia * jnp.where(is_heavy, -least_deceleration, self.deceleration.offset)
+        else:
+            along = others + inertia * fastest
+            along = along - jnp.where(is_heavy, (c.g - self.vertical) * steepest, 0.0)
+        is_closed, carries_nothing = least > 0, (most == 0) & (least == 0)
         least, most = (jnp.where(is_closed, y, 1.0) for y in (least, most))
         demand = steepest + 0.5 * along / jnp.where(along > 0, least, most)
         demand = jnp.maximum(demand, 0.5 * opposite / least)
-        carries_nothing = (most == 0) & (self.least_axial == 0)
         return jnp.where(is_closed, demand, jnp.where(carries_nothing, 0.0, jnp.inf))
 
 

@@ -22,6 +22,9 @@ END_ZONE = 0.02  # a turning point of θ in this fraction of the step at either 
 # the derivatives of a vibrating superstructure's motion grow with every oscillation.
 END_ZONE_QUINTIC = 2e-3
 END_ZONE_CUBIC = 1e-4
+# The same for forces in the joints, which turn often: this factor times rtol^¼, limited to the other two
+# values. At the fraction z of the step, the error of a cubic is 16 z² of its largest error.
+END_ZONE_FORCES, LEAST_END_ZONE, LARGEST_END_ZONE = 0.1, 1e-4, 1e-2
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
 
 
@@ -58,10 +61,10 @@ class Cubic(NamedTuple):
 
 
 Sizes = Literal["absolute", "signed", "both"]  # which maxima `largest` returns
-_SIZES: dict[str, Callable[[Values], Values]] = {
-    "absolute": jnp.abs,
-    "signed": lambda y: y,
-    "both": lambda y: jnp.concatenate([-y, y]),
+_SIZES: dict[str, tuple[Callable[[Values], Values], ...]] = {
+    "absolute": (jnp.abs,),
+    "signed": (lambda y: y,),
+    "both": (jnp.negative, lambda y: y),
 }
 
 
@@ -77,7 +80,7 @@ class Path(Protocol):
 class Maximum(NamedTuple):
     """The largest value of a quantity, or of a row of quantities, over a step."""
 
-    value: Values
+    value: Any  # an array or a tuple, like the record
     retry_fraction: Values  # position z of the maximum if the next trial must end there; else inf
 
 
@@ -94,11 +97,12 @@ def largest(
     path: Path,
     h: Value,
     long: Flag,
-    record: Values,
+    record: Any,
     ends: tuple[End, End],
     end_zone: float = END_ZONE_QUINTIC,
     lands: bool = True,
     sizes: Sizes = "absolute",
+    zone_of_force: Value | None = None,
 ) -> Maximum:
     """Return max|f| in a step, and the fraction of the step to try next to end on this maximum.
 
@@ -109,41 +113,55 @@ def largest(
     - `ends`: f at both ends
     - `end_zone`: fraction of the step at both ends where an extremum needs no shorter step
     - `lands`: whether steps are shortened at all
-    - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a row of max(−f) and max f; `record` has
+    - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f; `record` has
       the same form
+    - `zone_of_force`: for forces in the joints, replaces `end_zone`; None for other quantities
 
-    If f turns twice in the step, and one of both extrema may raise the record, the step to try next ends
-    between the extrema.
+    If f turns twice in the step, and one of these extrema may raise the record, the step to try next ends
+    between them. For forces, an extremum must also exceed both ends: where a force grows by orders of
+    magnitude in a step, the cubic has a dip that the force does not have.
     """
-    size_of = _SIZES[sizes]
-    repeat = (lambda y: jnp.concatenate([y, y])) if sizes == "both" else (lambda y: y)
-    rates, end_sizes = [end.rate for end in ends], [size_of(end.value) for end in ends]
+    rates = [end.rate for end in ends]
     turned = rates[0] * rates[1] < 0
     z, dips = barrier(jax.lax.stop_gradient(path).turning_point_or_dip(turned, rates[0] > 0))
-    size_at_z = size_of(path.value(z))
-    value = jnp.where(repeat(turned), size_at_z, -jnp.inf)
+    extremum, change = path.value(z), jnp.abs(path.slope(z))
     mean_curvature = safe_ratio(rates[1] - rates[0], h, h > 0)
+    at_ends = []
     for z_end, end in zip((0.0, 1.0), ends, strict=True):
         at_end = safe_ratio(path.curvature(jnp.full_like(h, z_end)), h * h, h > 0)
         curvature = jnp.where(long, at_end, mean_curvature)
-        size = size_of(end.value + end.past * (end.rate + 0.5 * end.past * curvature))
-        value = jnp.where(size > value, size, value)
-    value = barrier(value)
+        at_ends.append(end.value + end.past * (end.rate + 0.5 * end.past * curvature))
     # A maximum that equals the value at an end up to rounding, as in short steps, needs no shorter step.
-    largest_end = jnp.maximum(*end_sizes)
     rounding = ROUNDING * jnp.finfo(h.dtype).eps
-    if sizes != "absolute":
-        exceeds_ends = jax.lax.stop_gradient(value > largest_end + rounding * jnp.abs(largest_end))
-        threshold = record - jnp.where(jnp.isfinite(record), NEAR_RECORD * jnp.abs(record), 0.0)
-    else:
-        exceeds_ends = jax.lax.stop_gradient(value > largest_end * (1 + rounding))
-        threshold = record * (1 - NEAR_RECORD)
-    shortens = lands & repeat(turned) & exceeds_ends & (value > threshold)
-    shortens |= repeat(long & dips) & (
-        jnp.maximum(largest_end, size_at_z + repeat(jnp.abs(path.slope(z)))) > threshold
-    )
-    shortens &= repeat((z > end_zone) & (z < 1 - end_zone))
-    return Maximum(value, jnp.where(shortens, repeat(z), jnp.inf))
+    values, fractions = [], []
+    for size_of, so_far in zip(_SIZES[sizes], record if sizes == "both" else (record,), strict=True):
+        size_at_z = size_of(extremum)
+        value = jnp.where(turned, size_at_z, -jnp.inf)
+        for at_end in at_ends:
+            size = size_of(at_end)
+            value = jnp.where(size > value, size, value)
+        value = barrier(value)
+        largest_end = jnp.maximum(*[size_of(end.value) for end in ends])
+        if sizes == "absolute":
+            exceeds_ends = jax.lax.stop_gradient(value > largest_end * (1 + rounding))
+            threshold = so_far * (1 - NEAR_RECORD)
+        else:
+            exceeds_ends = jax.lax.stop_gradient(value > largest_end + rounding * jnp.abs(largest_end))
+            threshold = so_far - jnp.where(jnp.isfinite(so_far), NEAR_RECORD * jnp.abs(so_far), 0.0)
+        shortens = lands & turned & exceeds_ends & (value > threshold)
+        size_of_dip = size_at_z + change  # bound of |f| at both turning points
+        if zone_of_force is not None:
+            threshold = jnp.maximum(threshold, largest_end - NEAR_RECORD * jnp.abs(largest_end))
+        else:
+            size_of_dip = jnp.maximum(largest_end, size_of_dip)
+        shortens |= long & dips & (size_of_dip > threshold)
+        zone = end_zone if zone_of_force is None else zone_of_force
+        shortens &= (z > zone) & (z < 1 - zone)
+        values.append(value)
+        fractions.append(jnp.where(shortens, z, jnp.inf))
+    if sizes == "both":
+        return Maximum(tuple(values), jnp.minimum(*fractions))
+    return Maximum(values[0], fractions[0])
 
 
 def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Quintic:

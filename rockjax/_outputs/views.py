@@ -10,7 +10,7 @@ depends on the parameters and has a derivative.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -28,7 +28,10 @@ from rockjax._excitations.base import Shaking
 from rockjax._outputs.maxima import (
     END_ZONE,
     END_ZONE_CUBIC,
+    END_ZONE_FORCES,
     END_ZONE_QUINTIC,
+    LARGEST_END_ZONE,
+    LEAST_END_ZONE,
     End,
     Maximum,
     Sizes,
@@ -73,7 +76,7 @@ def deck_acceleration(moment: Moment) -> Value:
     return beam_absolute(moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a)
 
 
-Quantity = Callable[[Moment], Values]
+Quantity = Callable[[Moment], Any]  # of values, or of tuples of values
 
 
 class Turn(NamedTuple):
@@ -147,7 +150,7 @@ class Step:
     ):
         self.scene, self.refines, self.ground_at = scene, refines, ground_at
         self.state, self.trial, self.guard = state, trial, guard
-        self._courses: dict[Quantity, Course] = {}
+        self._courses: dict[Quantity, list[Course]] = {}
         self.span = Span(trial.h, is_long(trial.h, scene.max_step), before, after)
 
     @property
@@ -167,6 +170,12 @@ class Step:
 
     def course(self, quantity: Quantity) -> Course:
         """Return a quantity over the step as a cubic. Automatic differentiation gives the rates in time."""
+        (course,) = self.courses(quantity)
+        return course
+
+    def courses(self, quantity: Quantity) -> list[Course]:
+        """Return the values of a quantity over the step as cubics, in the order of the tuple that the
+        quantity returns. Scalars in a tuple are much faster in batches than an array of them."""
         if quantity in self._courses:  # several outputs may use the same quantity
             return self._courses[quantity]
         state, trial, c, sigma = self.state, self.trial, self.c, self.sigma
@@ -180,10 +189,12 @@ class Step:
         start = jax.jvp(at_state, (state.t, state.x, state.v), (one, state.v, trial.a0))
         end = jax.jvp(at_state, (state.t + trial.h, after.x, after.v), (one, after.v, after.a))
         start, end = barrier((start, end))
-        course = self._courses[quantity] = Course(
-            cubic(start[0], start[1], end[0], end[1], trial.h), start, end
-        )
-        return course
+        jets = zip(*[jax.tree.leaves(y) for y in (*start, *end)], strict=True)
+        self._courses[quantity] = [
+            Course(cubic(f0, rate0, f1, rate1, trial.h), (f0, rate0), (f1, rate1))
+            for f0, rate0, f1, rate1 in jets
+        ]
+        return self._courses[quantity]
 
     @functools.cached_property
     def _jets(self) -> tuple[Jet, Jet]:
@@ -264,7 +275,7 @@ class Step:
     def largest(
         self,
         course: Course,
-        record: Values,
+        record: Any,
         end_zone: float = END_ZONE_CUBIC,
         lands: bool = True,
         sizes: Sizes = "absolute",
@@ -276,10 +287,37 @@ class Step:
         - `record`: largest absolute value so far
         - `end_zone`: fraction of the step at both ends where a maximum needs no shorter step
         - `lands`: whether the step is shortened at all
-        - `sizes`: "absolute" for |f|, "signed" for f, "both" for a row of −f and f, in `record` too
+        - `sizes`: "absolute" for |f|, "signed" for f, "both" for a pair of −f and f, in `record` too
         """
-        ends = End(*course.start, self.span.before), End(*course.end, self.span.after)
-        return largest(course.path, self.span.h, self.span.long, record, ends, end_zone, lands, sizes)
+        span, ends = self.span, self._ends(course)
+        return largest(course.path, span.h, span.long, record, ends, end_zone, lands, sizes)
+
+    def _ends(self, course: Course) -> tuple[End, End]:
+        return End(*course.start, self.span.before), End(*course.end, self.span.after)
+
+    def largest_forces(
+        self, courses: Sequence[Course], records: Sequence[Any], sizes: Sizes = "absolute"
+    ) -> Maximum:
+        """Return a tuple of the largest values of several forces in the step, and the least fraction of the
+        step to try next.
+
+        - `courses`: the forces over the step
+        - `records`: largest values so far, one for each force
+        - `sizes`: as for `largest`
+        """
+        span = self.span
+        zone = END_ZONE_FORCES * jnp.sqrt(jnp.sqrt(self.scene.rtol))
+        zone = jnp.clip(zone, LEAST_END_ZONE, LARGEST_END_ZONE)
+        each = [
+            largest(
+                course.path, span.h, span.long, record, self._ends(course), sizes=sizes, zone_of_force=zone
+            )
+            for course, record in zip(courses, records, strict=True)
+        ]
+        return Maximum(
+            tuple(maximum.value for maximum in each),
+            functools.reduce(jnp.minimum, [maximum.retry_fraction for maximum in each]),
+        )
 
     def time_to_turn(self, z: Value) -> Value:
         """Return the time from the start of the step to the turning point of θ near `z` [s], with its

@@ -16,6 +16,7 @@ from rockjax._outputs.joint_forces import (
     column_forces,
     impulses_of_columns,
     mean_forces,
+    of_all_columns,
     overturning_moment,
     sway_of_modes,
     total_weight,
@@ -72,7 +73,7 @@ def along(scene: history.Solved, t, left) -> dict[str, Array]:
         sigma, ground = instant.sigma, instant.ground
         state = c, sigma, ground, x, v, acceleration(c, sigma, ground, x, v)
         mean = mean_forces(*state)
-        horizontal, axial = column_forces(*state, None if arms is None else arms.offsets)
+        horizontal, axial = of_all_columns(column_forces, *state, arms=arms)
         forces = JointForces(horizontal.T / c.g, axial.T / c.g)
         series = {
             "joint_shear": forces.horizontal,
@@ -104,9 +105,8 @@ def at_impacts(scene: history.Solved, times) -> Array:
         node = history.node_before(nodes, time, is_impact)
         before = history.sample(c, excitation, nodes, method, node, time)
         x = (jnp.zeros_like(s), *before.x[1:])
-        offsets = None if arms is None else arms.offsets
-        sway = sway_of_modes(c, before.sigma, x)
-        impulses = impulses_of_columns(c, before.sigma, jnp.abs(before.v[0]), sway, offsets)
+        state = c, before.sigma, jnp.abs(before.v[0]), sway_of_modes(c, before.sigma, x)
+        impulses = of_all_columns(impulses_of_columns, *state, arms=arms)
         return jnp.where(is_impact, jnp.stack([y.T for y in impulses], axis=-1), jnp.nan)
 
     return jax.vmap(at_impact)(times)

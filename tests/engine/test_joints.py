@@ -91,7 +91,7 @@ def _forces(podium: rj.Podium, sigma, states: States, moves_up: bool) -> Found:
         a = acceleration(c, sigma, ground, x, v)
         whole = c, sigma, ground, x, v, a
         mean = joints.mean_forces(*whole)
-        T, N = joints.column_forces(*whole, None if arms is None else arms.offsets)
+        T, N = joints.of_all_columns(joints.column_forces, *whole, arms=arms)
         of_devices = joints.device_forces(c, sigma, x, v, a)
         moment = jnp.nan if arms is None else joints.overturning_moment(*whole)
         in_g = lambda *values: jnp.stack([jnp.asarray(y, float) for y in values]) / c.g
@@ -437,8 +437,8 @@ def impulses_at(podium: rj.Podium, sigma: int, theta_dot: float, u=()) -> tuple[
     if c.vibration is not None:
         x += (jnp.asarray(u) if several else jnp.asarray(u)[0],) if len(u) else (jnp.zeros(()),)
     mode = jnp.asarray(float(sigma))
-    sway, offsets = joints.sway_of_modes(c, mode, x), None if arms is None else arms.offsets
-    found = joints.impulses_of_columns(c, mode, jnp.abs(jnp.asarray(theta_dot)), sway, offsets)
+    state = c, mode, jnp.abs(jnp.asarray(theta_dot)), joints.sway_of_modes(c, mode, x)
+    found = joints.of_all_columns(joints.impulses_of_columns, *state, arms=arms)
     return np.asarray(found[0]), np.asarray(found[1])
 
 
@@ -773,6 +773,25 @@ def test_derivatives(place):
     assert np.all(np.abs(rows - expected * y) <= 1e-6 * scale + 1e-12)
 
 
+# ------------------------------------------------------------------------------------ scenes without forces
+def test_scenes_without_forces_pay_nothing():
+    """An elevation changes no operation and no bit where no force is requested."""
+    plain = S_E.replace(elevation=None)
+
+    def operations(podium: rj.Podium, outputs: tuple[str, ...]) -> str:
+        options = rj.Options(outputs=outputs)
+        peak = lambda a_p: rj.peak_response(podium, rj.Ricker(a_p, 1.0), options=options).peak_rotation
+        return str(jax.make_jaxpr(peak)(3.0))
+
+    outputs = rj.Options().outputs
+    assert operations(S_E, outputs) == operations(plain, outputs)
+    assert len(operations(S_E, (*outputs, "axial_force"))) > len(operations(S_E, outputs))
+    pulses = rj.Ricker(np.linspace(1.5, 4.0, 6), 1.0)
+    found, expected = (rj.peak_responses(podium, pulses) for podium in (S_E, plain))
+    for name in (*outputs, "overturned", "uplift_time"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+
+
 # ------------------------------------------------------------------------------------------ histories
 def states_at(scene: Scene, response, t: np.ndarray, left: bool = False) -> States:
     """States of a history; ground accelerations from formulas."""
@@ -948,10 +967,10 @@ def bounds_along(scene: Scene, response, podium: rj.Podium) -> dict[str, np.ndar
             return {
                 "holds": bounds.stays_inside | bounds.rests,
                 "rests": jnp.asarray(bounds.rests),
-                "least": found.least_axial,
-                "most": found.most_axial,
+                "least": jnp.stack(found.least_axial),
+                "most": jnp.stack(found.most_axial),
                 "shear": found.foundation_shear,
-                "friction": found.friction,
+                "friction": jnp.stack(found.friction),
             }
 
         return jax.vmap(at)(*nodes)

@@ -115,6 +115,13 @@ def starts_agree(design: optimise.Design, digits: float = 1e-4):
     assert np.ptp(found) <= digits * abs(design.objective)
 
 
+def least_force(drawing: optimise.Dimensions) -> float:
+    """The least axial force of all joints under the suite [m_c g]."""
+    options = TIGHT.replace(outputs=("axial_force",))
+    peaks = [rj.peak_response(drawing.podium(), motion, options=options) for motion in SUITE]
+    return min(float(np.min(np.asarray(peak.least_axial_force))) for peak in peaks)
+
+
 @pytest.mark.slow
 def test_least_spacing_that_keeps_joints_closed():
     """From ten starts, against the root of the margin found on its own."""
@@ -123,13 +130,47 @@ def test_least_spacing_that_keeps_joints_closed():
         DRAWING, {"position_2": (3.0, 20.0)}, spacing, [CLOSED], starts=10, options=HOW, progress=False
     )
     starts_agree(design)
-
-    def worst(distance):
-        podium = DRAWING.replace(positions=(0.0, distance)).podium()
-        peaks = [rj.peak_response(podium, y, options=TIGHT.replace(outputs=("axial_force",))) for y in SUITE]
-        return min(float(np.min(np.asarray(y.least_axial_force))) for y in peaks)
-
+    worst = lambda distance: least_force(DRAWING.replace(positions=(0.0, distance)))
     assert design.objective == pytest.approx(brentq(worst, 3.0, 20.0, xtol=1e-9), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_tendon_force_that_keeps_joints_closed():
+    """From ten starts at two spacings, against the root of the least force; less spacing needs more force."""
+    forces = []
+    for distance in (9.0, 8.5):
+        drawing = DRAWING.replace(positions=(0.0, distance), tendon_force=20e3, tendon_stiffness=2e6)
+        assert least_force(drawing.replace(tendon_force=1e3)) < 0
+        design = optimise.design(
+            drawing, {"tendon_force": (1e3, 400e3)}, lambda podium: podium.restrainers[0].prestress,
+            [CLOSED], starts=10, options=HOW, progress=False,
+        )  # fmt: skip
+        starts_agree(design, 1e-3)
+        found = design.variables["tendon_force"]
+        worst = lambda force, drawing=drawing: least_force(drawing.replace(tendon_force=force))
+        assert found == pytest.approx(brentq(worst, 0.9 * found, 1.1 * found, xtol=1e-3), rel=1e-3)
+        forces.append(found)
+    assert forces[0] < forces[1]
+
+
+@pytest.mark.slow
+def test_width_for_a_number_of_columns():
+    """From ten starts: more columns between the same outer ones need another width; designs hold anew."""
+    rotation, widths = optimise.PeakRotation(0.4, SUITE), []
+    for count in (2, 3):
+        drawing = DRAWING.replace(positions=tuple(np.linspace(0.0, 14.0, count)), columns=count)
+        design = optimise.design(
+            drawing, {"width": (0.3, 0.9)}, lambda podium: podium.width, [rotation, CLOSED],
+            starts=10, options=HOW, progress=False,
+        )  # fmt: skip
+        starts_agree(design)
+        for target in (rotation, CLOSED):
+            assert np.all(np.asarray(target.margins(design.podium, TIGHT)) >= -1e-5)
+        narrower = drawing.replace(width=0.99 * design.objective).podium()
+        margins = [np.asarray(target.margins(narrower, TIGHT)) for target in (rotation, CLOSED)]
+        assert np.min(np.concatenate(margins)) < 0
+        widths.append(design.objective)
+    assert widths[0] != pytest.approx(widths[1], rel=1e-3)
 
 
 @pytest.mark.slow
