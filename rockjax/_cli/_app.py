@@ -58,6 +58,7 @@ app.callback(help=unwrap_docstring(about))(about)
 
 
 def main() -> None:
+    """Run the command line; errors become messages and an exit status."""
     with terminal():
         try:
             app()

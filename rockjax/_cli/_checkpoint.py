@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def path_of(output: str | Path) -> Path:
-    """Return the path of the partial results of a run whose output is OUTPUT.nc."""
+    """Return the path of the partial results of a run; `output`: prefix of its files."""
     return Path(f"{output}.partial.nc")
 
 
@@ -46,7 +46,7 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
         raise ValueError(f"--resume needs {path}, which does not exist; leave out --resume")
     try:
         with netCDF4.Dataset(path) as file:
-            stored, saved_count = set(file.groups), int(file.getncattr("datasets"))
+            groups, saved_count = set(file.groups), int(file.getncattr("datasets"))
     except (OSError, AttributeError, RuntimeError) as error:
         raise ValueError(f"{path} is not the file of an interrupted run: {error}") from None
     if saved_count != count:
@@ -56,7 +56,7 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
         )
     group_names = [f"dataset-{k}" for k in range(count)]
     return [
-        _restore_attrs(xarray.load_dataset(path, group=group, engine="netcdf4")) if group in stored else None
+        _restore_attrs(xarray.load_dataset(path, group=group, engine="netcdf4")) if group in groups else None
         for group in group_names
     ]
 

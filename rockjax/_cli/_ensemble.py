@@ -20,8 +20,8 @@ from ._run import Report, command
 def ensemble(request: Request, report: Report, output: Output = "rockjax-ensemble") -> None:
     """Estimate distributions of the peaks of random structures under random motions, with confidence bounds.
 
-    The table [ensemble.spread] of the problem file has the distributions of parameters. If the set has
-    several motions, each scene draws one motion. Prints quantiles; writes OUTPUT.nc with all scenes, and a
+    The table [ensemble.spread] of the problem file has the distributions of parameters. From a set of
+    several motions, each scene draws one. Prints quantiles; writes OUTPUT.nc with all scenes, and a
     picture of the empirical distribution for each peak, such as OUTPUT-peak-rotation.png. Ctrl-C saves
     nothing.
 

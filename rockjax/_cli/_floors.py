@@ -22,7 +22,7 @@ from ._run import Report, command
 def floors(request: Request, report: Report, output: Output = "rockjax-floors") -> None:
     """Compute floor response spectra of deck and stories, of the ground, and of the building on a fixed base.
 
-    The picture shows medians if the set has several motions. Writes OUTPUT.nc and OUTPUT.png.
+    Writes OUTPUT.nc and OUTPUT.png, which shows medians for a set of several motions.
 
     \b
     Examples:
@@ -61,7 +61,7 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
     report.write(files.data(), data)
     report.draw(files.picture(), "floor_spectrum", data)
     g, overturned = float(podium.g), np.atleast_1d(data["overturned"].values)
-    note = f"; {int(overturned.sum())} of {overturned.size} scenes overturned, values until then"
+    note = f"; {int(overturned.sum())} of {overturned.size} scenes overturned, with values until overturning"
     report.say(f"{overturned.size} scenes{note if overturned.any() else ''}; largest values:")
     facts = {}
     for level in data["level"].values.tolist():

@@ -50,8 +50,8 @@ def fragility(
     Every record is scaled to all intensity levels, and its least overturning intensity is found (incremental
     dynamic analysis). A lognormal curve is fitted, with confidence intervals. Prints median, dispersion and
     sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
-    OUTPUT-fragility.png and OUTPUT-ida.png. Contents of floors in the problem file have fragility curves too:
-    a printed table, a group of OUTPUT.nc and OUTPUT-contents.png. Ctrl-C saves nothing.
+    OUTPUT-fragility.png and OUTPUT-ida.png. Fragility curves of contents in the problem file are printed as
+    a table, stored in a group of OUTPUT.nc and drawn in OUTPUT-contents.png. Ctrl-C saves nothing.
 
     \b
     Examples:
@@ -75,9 +75,10 @@ def fragility(
     measure = _measure(settings, suite)
     levels = levels_of(podium, suite, measure, settings.intensity, settings.levels)
     report.note(
-        f"{len(suite)} records of up to {max(map(len, suite))} samples × {levels.size} levels, and boundaries"
+        f"{len(suite)} records of up to {max(map(len, suite))} samples at {levels.size} levels; then the "
+        "least overturning intensity of each record"
     )
-    with report.progress(None, "scenes") as bar:  # the total is not known in advance
+    with report.progress(None, "scenes") as bar:  # the number of scenes is not known in advance
         analysis = rj.incremental_dynamic_analysis(
             podium,
             suite,
@@ -96,26 +97,29 @@ def fragility(
                 suite,
                 levels,
                 damage_states=settings.damage_states,
-                overturned=settings.overturned,
+                overturned=settings.overturned,  # "drop" or "exceed"
                 measure=measure,
                 names=make_unique(suite.names),
                 confidence=settings.confidence,
                 options=options,
                 progress=bar,
             )
-    _finish(report, files, analysis, settings, curves)
+    _report_curves(report, files, analysis, settings, curves)
     for line in joint_warnings(podium, analysis, settings.friction):
         report.say(line)
 
 
-def _finish(
+def _report_curves(
     report: Report,
     files: Outputs,
     analysis: xarray.Dataset,
     settings: models.Fragility,
     contents: xarray.Dataset | None,
 ) -> None:
-    """Fit the curve, report it and write the files; `contents`: fragility curves of contents, or None."""
+    """Fit the curve of the podium, print it and write all files.
+
+    `contents`: result of `contents_fragility`; None if the problem file has no contents
+    """
     import numpy as np
 
     from rockjax._results import OVERTURNED
@@ -179,7 +183,7 @@ def _finish(
 
 
 def _report_contents(report: Report, data: xarray.Dataset, unit_suffix: str) -> None:
-    """Print the table of the fragilities of contents; `unit_suffix`: unit of the measure after a space."""
+    """Print a table of the fragility curves of contents; `unit_suffix`: a space and the unit of intensity."""
     from rockjax._text.tables import align_rows
 
     rows = [["contents", "max|φ|/α_c", f"median {data.attrs['measure']}{unit_suffix}", "dispersion"]]
@@ -196,7 +200,7 @@ def _report_contents(report: Report, data: xarray.Dataset, unit_suffix: str) -> 
 
 
 def _curve(report: Report, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:
-    """Return the curve, without confidence intervals if these cannot be computed; None if no curve fits."""
+    """Return the fragility curve; without confidence intervals if these fail, None if no curve fits."""
     import rockjax as rj
 
     try:

@@ -16,7 +16,7 @@ ROUNDING = 1e-9  # rounding error of the impact eccentricity ξ_J
 
 
 def request_joints(podium: rj.Podium, options: rj.Options) -> rj.Options:
-    """Return the options with outputs of the joints if the podium has an elevation."""
+    """Return the options; if the podium has an elevation, with the outputs of the joints added."""
     if podium.elevation is None:
         return options
     return options.replace(outputs=tuple(dict.fromkeys((*options.outputs, *OUTPUTS))))
@@ -26,8 +26,8 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     """Yield a line for each assumption about the joints that does not hold or cannot be checked.
 
     - `podium`: the structure
-    - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of one scene or of many. In a
-      batch, scenes that overturn are ignored. None if there are no scenes
+    - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of one scene or of a batch, in
+      which scenes that overturn are ignored; None to check only the podium
     - `friction`: friction coefficient μ of the joints [–]; None if unknown
     """
     import numpy as np

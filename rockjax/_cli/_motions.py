@@ -138,7 +138,7 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], repo
 
 
 def _show(report: Report, facts: list[dict[str, Any]], numbers: bool = False) -> None:
-    """Print a table of motions with headings."""
+    """Print a table of motions with headings; `numbers`: align all columns but the first to the right."""
     from rockjax._text.tables import align_rows
 
     for line in align_rows(
@@ -234,7 +234,7 @@ def synthetic(
     for motion in suite:
         motion.save(output / f"{motion.name}.AT2")
         writer.writerow([f"{motion.name}.AT2", motion.name, *(motion.metadata[key] for key in parameters)])
-    # The table is written last, so a folder that has one is complete.
+    # The table is written last, after all motions in it.
     report.add_file(
         write_atomically(
             output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")

@@ -12,7 +12,8 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import OUTPUT, Flag
 
-# Default values of the options for one structure, for panels of structures and for pulses, by key.
+# Default values of options by key: for one structure, for a spectrum of several structures (each is drawn in
+# a panel of the picture), and for pulses.
 SINGLE_DEFAULTS = {
     "tan_alpha": 0.15,
     "R": 1.5,
@@ -27,12 +28,13 @@ PULSE_DEFAULTS = {"acceleration_ratio": 2.5, "T_p": 1.0}
 
 
 def option(*names: str, panel: str, help: str, **option_arguments: Any) -> Any:
-    """Return a Typer option. Brackets in its help enclose units, so they are escaped as markup."""
+    """Return a Typer option in the group `panel` of the help. Brackets in `help` enclose units, so they are
+    escaped as markup."""
     return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **option_arguments)
 
 
 def argument(help: str, **option_arguments: Any) -> Any:
-    """Return a Typer argument. Brackets in its help enclose units, so they are escaped as markup."""
+    """Return a Typer argument. Brackets in `help` enclose units, so they are escaped as markup."""
     return typer.Argument(help=help.replace("[", r"\["), **option_arguments)
 
 
@@ -96,10 +98,10 @@ class Option(NamedTuple):
 
 
 def options_of(model: type[models.Keys], *names: str, **defaults: Any) -> dict[str, Option]:
-    """Return the options of a model, by key.
+    """Return the options for the keys of a model, by key.
 
-    - `model`: model of a table of problem files
-    - `names`: keys for which options are made; by default all that have a panel
+    - `model`: pydantic model of a table of problem files
+    - `names`: keys for which options are made; by default all keys with a `Flag`
     - `defaults`: default values that replace those of the model, by key
     """
     options = {}

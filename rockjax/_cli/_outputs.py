@@ -28,15 +28,17 @@ UNSUPPORTED = (
 
 
 class Outputs(NamedTuple):
-    """The files of one run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png, with `format` instead of .png."""
+    """Paths of the files of a run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png; `format`: suffix of pictures."""
 
     prefix: Path
     format: str = ".png"
 
     def data(self, suffix: str = ".nc") -> Path:
+        """Return the path of the data file."""
         return Path(f"{self.prefix}{suffix}")
 
     def picture(self, name: str = "") -> Path:
+        """Return the path of a picture."""
         return Path(f"{self.prefix}{'-' if name else ''}{name}{self.format}")
 
     def check(self, pictures: Iterable[str] = (), suffix: str = ".nc") -> Outputs:
@@ -51,7 +53,7 @@ def parse_outputs(text: str, name: str) -> Outputs:
 
     - `text`: value of `--output`: a folder (existing, or with a final slash), a prefix, or a file name. The
       suffix of a picture sets the format of all pictures
-    - `name`: prefix of the files in a folder
+    - `name`: prefix of the files if `text` is a folder
 
     Raises `ValueError` for unsupported suffixes.
     """
@@ -87,7 +89,7 @@ def store_path(output: Path) -> Path:
 
 
 def require_writable(path: Path) -> None:
-    """Raise `OSError` if a file cannot be written, tested by a temporary file in the nearest folder."""
+    """Raise `OSError` if a path cannot be written, tested by a temporary file in its nearest folder."""
     if path.is_dir():
         raise OSError(f"{path} could not be written: it is a folder")
     folder = path.parent

@@ -17,7 +17,7 @@ def overturning(
 ) -> None:
     """Compute overturning boundaries against pulse frequency, with survival windows above the first boundary.
 
-    Without options it computes Fig. 7 of the paper, with exact boundaries. Writes OUTPUT.nc,
+    Without options, computes Fig. 7 of the paper with exact boundaries. Writes OUTPUT.nc,
     OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C saves the finished podiums
     in OUTPUT.partial.nc; --resume continues with the others.
 

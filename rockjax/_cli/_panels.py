@@ -1,4 +1,4 @@
-"""Panels: spectra of podiums that differ in mass ratio η/γ and period T_s, in one dataset."""
+"""Spectra of podiums with several mass ratios η/γ and periods T_s, each drawn in one panel of a picture."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def make_pulse(name: str, vertical_ratio: float | None) -> Any:
 
 
 def combine_panels(datasets: list, ratios: list[float], periods: list[float], zeta: float) -> xarray.Dataset:
-    """Return one dataset with the additional dims `eta_over_gamma` and `T_s`.
+    """Return the spectra of all panels as one dataset with the additional dims `eta_over_gamma` and `T_s`.
 
-    - `datasets`: dataset of each panel: all periods of the first mass ratio, then of the second, …
+    - `datasets`: spectrum of each panel: all periods of the first mass ratio, then of the second, …
     - `ratios`: mass ratios η/γ [–]
     - `periods`: periods T_s [s]; 0 for rigid
     - `zeta`: damping ratio [–]
@@ -30,8 +30,8 @@ def combine_panels(datasets: list, ratios: list[float], periods: list[float], ze
     import numpy as np
     import xarray
 
-    remaining = iter(datasets)
-    # Panels may differ in the number of boundaries.
+    next_spectra = iter(datasets)
+    # Spectra with fewer boundaries are filled up.
     concat_options = {
         "combine_attrs": "drop_conflicts",
         "join": "outer",
@@ -42,7 +42,7 @@ def combine_panels(datasets: list, ratios: list[float], periods: list[float], ze
     }
     rows = [
         xarray.concat(
-            [next(remaining).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods],
+            [next(next_spectra).assign_coords(T_s=period, eta_over_gamma=ratio) for period in periods],
             "T_s",
             **concat_options,
         )

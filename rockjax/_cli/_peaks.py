@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     accuracy(rtol=1e-8, overturn_ratio=1.0, method="dopri8"),
 )
 def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") -> None:
-    """Peaks under every motion of a set: rotation, building and joints, each with its estimated error.
+    """Compute peaks of rotation, building and joints under each motion of a set, with estimated errors.
 
-    Prints a row for each motion, in which the peaks of a motion that overturns the columns are those until
-    overturning. Writes OUTPUT.nc and OUTPUT.png.
+    Prints a row for each motion; if a motion overturns the columns, peaks are those until overturning.
+    Writes OUTPUT.nc and OUTPUT.png.
 
     \b
     Examples:
@@ -91,7 +91,7 @@ def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") ->
 
 
 def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:
-    """Return a row for each motion: name, result, number of impacts, and the worst value of each answer."""
+    """Return a row for each motion: name, result, number of impacts, and the worst value of each output."""
     from rockjax._outputs.base import worst_place
     from rockjax._outputs.registry import VARIABLES
 

@@ -31,11 +31,11 @@ def plot(
         option(
             "--kind",
             panel=OUTPUT,
-            help="Kinds of pictures, separated by commas; by default those of the command.",
+            help="Kinds of pictures, separated by commas; by default those that the command draws.",
         ),
     ] = "",
 ) -> None:
-    """Draw the pictures of a file: spectra, overturning spectra, responses, fragilities, design charts.
+    """Draw the results in a file: spectra, overturning spectra, responses, fragilities, design charts.
 
     Writes OUTPUT-KIND.png. Kinds for a rocking spectrum: rotation, overturning, sensitivity, lift-off; for an
     overturning spectrum: boundaries, sensitivity; for a fragility: fragility, ida, contents; for a response:

@@ -1,4 +1,4 @@
-"""Requests of commands: tables of a problem file, overridden by options and checked by the models."""
+"""Request of a command: tables of a problem file, overridden by command-line options and checked."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from rockjax._motions.motion import Motions
     from rockjax._structures import AbstractSuperstructure
 
-_SUPERSTRUCTURE = tuple(models.Superstructure.model_fields)
-_STRUCTURE = [*models.ByRatios.model_fields, *_SUPERSTRUCTURE, *models.ByDimensions.model_fields]
+# Keys of problem files that options of the same name override.
+_SUPERSTRUCTURE_KEYS = tuple(models.Superstructure.model_fields)
+_STRUCTURE_KEYS = [*models.ByRatios.model_fields, *_SUPERSTRUCTURE_KEYS, *models.ByDimensions.model_fields]
 _COLUMN_DIMENSIONS = ("width", "height", "column_mass")
-_PULSE = [name for name in models.Pulses.model_fields if name != "vertical_ratio"]
-_MOTION = [*models.Pulses.model_fields, *models.Record.model_fields]
+_PULSE_KEYS = [name for name in models.Pulses.model_fields if name != "vertical_ratio"]
+_MOTION_KEYS = [*models.Pulses.model_fields, *models.Record.model_fields]
+# Key → alternative key, such as acceleration_ratio → a_p.
 _ALTERNATIVES = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items() if len(y.instead_of) == 1}
 
 
@@ -37,9 +39,9 @@ def problem_file(problem: Path | None, example: str | None) -> Path | None:
 
 
 class Request:
-    """An optional problem file, with options that override it.
+    """An optional problem file and the options that override it; the result is the model `problem`.
 
-    - `command`: name of the command, whose table becomes `settings`
+    - `command`: name of the command; `settings` is the table of this name in `problem`
     - `path`: path of the problem file, or None
     - `values`: values of all options including defaults, by key
     - `explicit`: (flag, value) of the options on the command line, by key
@@ -56,11 +58,11 @@ class Request:
 
         self.command, self.path = command, path
         self.values = {name: value for name, value in values.items() if value is not None}
-        for name in ("file", "vertical"):  # the reader resolves relative paths from the folder of the file
+        for name in ("file", "vertical"):  # elsewhere, relative paths start at the folder of the problem file
             if name in self.values:
                 self.values[name] = str(Path(values[name]).absolute())
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
-        self.table = {} if path is None else reading.load_table(path)
+        self.file_tables = {} if path is None else reading.load_table(path)
         self.reader = reading.Reader(path, explicit)
         # keys of the command's table in the problem file
         self.keys = getattr(models, command.title(), models.Keys).model_fields
@@ -73,28 +75,28 @@ class Request:
         return {name: self.values[name] for name in names if name in self.flags}
 
     def _merged(self, option_names: Iterable[str]) -> dict[str, Any]:
-        """Return the tables of the file, overridden by the options."""
-        merged = dict(self.table)
+        """Return the tables of the problem file, overridden by the options."""
+        merged = dict(self.file_tables)
         if self.command in models.Problem.model_fields:
             table = merged.get(self.command, {})
             merged[self.command] = table | self.chosen(self.keys) if isinstance(table, dict) else table
         else:
             merged |= self.chosen(("starts", "seed"))
         merged["options"] = self._options(merged.get("options", {}))
-        if "R" in option_names:
+        if "R" in option_names:  # the command has options of structures
             merged["structure"] = self._structure(merged.get("structure"))
-        if "kind" in option_names:
+        if "kind" in option_names:  # the command has options of motions
             merged["motions"] = self._motions(merged)
         return {name: value for name, value in merged.items() if value is not None}
 
     def _options(self, table: Any) -> Any:
-        """Return the table of options: from the command line, else from the file, else by default."""
+        """Return the table [options]: values from the command line, else from the file, else defaults."""
         names = [
             name for name in models.Options.model_fields if name in self.values and name not in self.keys
         ]
         explicit = self.chosen(names)
         if not isinstance(table, dict):
-            return table
+            return table  # an error, which the check of the model explains
         merged = {name: self.values[name] for name in names} | table | explicit
         if "rtol" in explicit or ("rtol" in names and "atol" not in table):
             merged["atol"] = 0.01 * merged["rtol"] if isinstance(merged["rtol"], float) else None
@@ -103,10 +105,12 @@ class Request:
     def _structure(self, table: Any) -> Any:
         """Return the table of the structure, overridden by the options."""
         has_panels = self.command in ("spectrum", "overturning")  # `panels` sets the superstructure
-        explicit = self.chosen(name for name in _STRUCTURE if not (has_panels and name in ("T_s", "zeta")))
+        explicit = self.chosen(
+            name for name in _STRUCTURE_KEYS if not (has_panels and name in ("T_s", "zeta"))
+        )
         if table is None and not any(name in explicit for name in _COLUMN_DIMENSIONS):
             excluded = ("T_s", "zeta", "stories") if has_panels else ()
-            names = [name for name in _STRUCTURE if name in self.values and name not in excluded]
+            names = [name for name in _STRUCTURE_KEYS if name in self.values and name not in excluded]
             return self._by_ratios({}, {name: self.values[name] for name in names}) or None
         if not isinstance(table, dict | None):
             return table
@@ -122,9 +126,11 @@ class Request:
 
         A superstructure with T_s = 0 becomes rigid, and a superstructure without mass is removed.
         """
-        merged = self._override(table, {name: y for name, y in values.items() if name not in _SUPERSTRUCTURE})
+        merged = self._override(
+            table, {name: y for name, y in values.items() if name not in _SUPERSTRUCTURE_KEYS}
+        )
         superstructure = merged.pop("superstructure", {})
-        changes = {name: values[name] for name in _SUPERSTRUCTURE if name in values}
+        changes = {name: values[name] for name in _SUPERSTRUCTURE_KEYS if name in values}
         if changes and isinstance(superstructure, dict):
             superstructure = superstructure | changes
             if superstructure.get("T_s") == 0:  # rigid
@@ -158,12 +164,12 @@ class Request:
 
     def _motions(self, merged: Any) -> Any:
         """Return the sets of motions; options override the entries of the chosen set."""
-        explicit, sets, table = self.chosen(_MOTION), merged.get("motions", {}), merged[self.command]
+        explicit, sets, table = self.chosen(_MOTION_KEYS), merged.get("motions", {}), merged[self.command]
         if "file" in explicit:
             merged[self.command] = {**table, "motion": "record", "number": 1}
             return {"record": explicit}
         if not sets:
-            pulse = {name: self.values[name] for name in _PULSE if name in self.values}
+            pulse = {name: self.values[name] for name in _PULSE_KEYS if name in self.values}
             return {"pulse": self._override({}, pulse | explicit)}
         only_set = next(iter(sets)) if len(sets) == 1 else None
         name = table.get("motion", only_set) if isinstance(table, dict) else None
@@ -177,14 +183,14 @@ class Request:
     @property
     def changes_motion(self) -> bool:
         """True if options of the command line change a motion or select one from a set."""
-        return bool(self.chosen((*_MOTION, "number")))
+        return bool(self.chosen((*_MOTION_KEYS, "number")))
 
-    def options(self, **changes: Any) -> rj.Options:
-        """Return the options; `changes` are defaults of options that the problem file does not set."""
-        return self.reader.options(self.problem.options, **changes)
+    def options(self, **defaults: Any) -> rj.Options:
+        """Return the options; `defaults`: values that neither the command line nor the problem file sets."""
+        return self.reader.options(self.problem.options, **defaults)
 
     def podium(self) -> rj.Podium:
-        """Return the structure, and store its masses for the attributes of files."""
+        """Return the structure, and set `MASSES`, which output files contain as attributes."""
         structure, attributes = self.problem.structure, {}
         if isinstance(structure, models.ByDimensions):
             masses = ("column_mass", "beam_mass", "top_mass", "story_masses")
@@ -202,17 +208,20 @@ class Request:
         return self.reader.oscillators(self.problem.oscillators)
 
     def panels(self) -> Panels:
-        """Return podiums for each mass ratio η/γ and each period T_s (0 for a rigid superstructure).
+        """Return the podiums of a spectrum: one for each mass ratio η/γ and period T_s (0 for rigid).
 
-        By default, the structure of a problem file is the only panel. Raises `ValueError` for contradictory
-        options, and for options that cannot change the superstructure.
+        The structure of a problem file is the only podium unless the options or the table of the command set
+        η, η/γ, T_s or ζ. Raises `ValueError` for contradictory options, and for options that cannot change
+        the superstructure.
         """
         from rockjax._structures import superstructure_of
 
         podium, settings = self.podium(), self.settings
         explicit_keys = {*self.flags, *settings.model_fields_set}
         gamma, eta, top = float(podium.gamma), float(podium.eta), podium.superstructure
-        has_structure = "structure" in self.table or isinstance(self.problem.structure, models.ByDimensions)
+        has_structure = "structure" in self.file_tables or isinstance(
+            self.problem.structure, models.ByDimensions
+        )
         if {"eta", "eta_over_gamma"} <= self.flags.keys():
             raise ValueError("--eta and --eta-over-gamma are alternatives; give one")
         if "eta" in self.flags or (has_structure and "eta_over_gamma" not in explicit_keys):
@@ -237,7 +246,7 @@ class Request:
         return Panels([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
 
     def set_name(self, name: str | None, key: str = "motion") -> str:
-        """Return the name of the chosen set of motions."""
+        """Return the chosen set of motions, by default the only set; `key`: key of the choice."""
         sets = self.problem.motions
         if name is None and len(sets) > 1:
             self.reader.fail(
@@ -275,7 +284,7 @@ class Request:
 
 
 class Panels(NamedTuple):
-    """Podiums of panels: all periods of the first mass ratio, then of the second, …"""
+    """Podiums of a spectrum, one per panel: all periods of the first mass ratio, then of the second, …"""
 
     podiums: list[rj.Podium]
     ratios: list[float]  # mass ratios η/γ [–]
@@ -286,9 +295,9 @@ class Panels(NamedTuple):
 def read_records(reader: Any, paths: list[Path], keys: Mapping[str, Any]) -> Motions:
     """Return the motions of files, folders and tables.
 
-    - `reader`: reader of problem files
+    - `reader`: checks and reads the entries
     - `paths`: the files, folders and tables
-    - `keys`: keys of the entries of a problem file, such as `units` and `dt`, which apply to all paths
+    - `keys`: values of keys of all these entries, such as `units` and `dt`; `pattern` is used for folders
     """
     from rockjax._motions.readers import is_table
 

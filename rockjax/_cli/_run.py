@@ -20,7 +20,7 @@ from ._options import Example, Json, Option, ProblemFile, Quiet, Verbose
 if TYPE_CHECKING:
     import xarray
 
-NO_ANSWER, WRONG_INPUT, INTERRUPTED = 1, 2, 130
+NO_ANSWER, WRONG_INPUT, INTERRUPTED = 1, 2, 130  # exit statuses
 
 
 class Report:
@@ -49,7 +49,7 @@ class Report:
             typer.echo(line, err=True)
 
     def error(self, line: str, status: int = NO_ANSWER) -> None:
-        """Print why the answer is missing or incomplete, and set the exit status."""
+        """Print why results are missing or incomplete, and set the exit status."""
         typer.echo(f"rockjax: {line}", err=True)
         self.status = status
 
@@ -62,7 +62,7 @@ class Report:
     def write(
         self, path: str | Path, data: xarray.Dataset, groups: dict[str, xarray.Dataset] | None = None
     ) -> None:
-        """Write a dataset with the command as an attribute, and `groups` as groups of the file."""
+        """Write a dataset and its `groups`, with the command line and masses as attributes."""
         from rockjax._files import write_dataset
 
         data.attrs |= {"command": COMMAND.get()} | MASSES.get({})
@@ -77,7 +77,7 @@ class Report:
         self.add_file(write_figure(path, getattr(plots, draw)(data, **arguments).figure))
 
     def say_scenes(self, data: xarray.Dataset, total: int) -> dict[str, Any]:
-        """Print how many of `total` scenes overturned and failed; return these facts."""
+        """Print how many of `total` scenes overturned and failed; return these numbers by name."""
         from rockjax._responses.peak import UNTIL_OVERTURNING
         from rockjax._results import OVERTURNED
 
@@ -90,7 +90,7 @@ class Report:
         self.written.append(path)
 
     def close(self) -> None:
-        """Print the end of the summary."""
+        """Print the paths of all written files, or the JSON object."""
         seconds = time.perf_counter() - self.start_time
         for path in self.written:
             self.say(f"wrote {path}")
@@ -112,8 +112,8 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
     - `groups`: options from the models of problem files, by key
     - `jax`: True to configure JAX's cache of compiled programs and logging before the call
 
-    The function has the argument `report` and arguments for its other options. It may have the argument
-    `request`, for the problem file and the options of `groups`, or `reader`, for the options alone.
+    The function takes `report` and its own options. It may also take `request`, which has the problem file
+    and the options of `groups`, or `reader`, which checks these options without a problem file.
     """
     options = {name: entry for group in groups for name, entry in group.items()}
 
@@ -230,9 +230,9 @@ def prepare(report: Report) -> None:
     from rockjax._programs import key, store
 
     if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        # JAX's cache serves programs that are traced in every run; the process runs only this command, so
-        # nothing else is affected. Programs from this cache cannot be stored again, so each version of
-        # rockjax has its own folder.
+        # JAX's own cache serves programs that every run traces. The process runs only this command, so the
+        # setting affects nothing else. Programs loaded from JAX's cache cannot be stored by rockjax, so each
+        # version of rockjax has its own folder.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if report.quiet:
@@ -254,7 +254,7 @@ def save_interrupted(
     """Save partial results, print how to resume, and return the exception that ends the command.
 
     - `output`: prefix of the files of the command
-    - `datasets`: results of each podium, complete or not; None if there are none
+    - `datasets`: results of each podium, complete or not; None for a podium without results
     - `message`: reason of the interruption, which is printed
     """
     from rockjax._cli import _checkpoint

@@ -21,7 +21,7 @@ def spectrum(
 ) -> None:
     """Compute rocking spectra: peak rotation and overturning against pulse frequency and acceleration.
 
-    Without options it computes the 12 panels of Fig. 6 of the paper, and Fig. 7. Boundaries are refined
+    Without options, computes the 12 spectra of Fig. 6 of the paper, and Fig. 7. Boundaries are refined
     between grid points with different outcomes; `rockjax overturning` also finds boundaries between points
     with the same outcome.
     Writes OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities,

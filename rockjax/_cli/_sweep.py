@@ -141,7 +141,7 @@ def _axes(request: Request, texts: list[str]) -> dict[str, Any]:
 
 
 def _parse_axis(text: str) -> Any:
-    """Return the values of `--axis` in the form of a problem file."""
+    """Return the values of `--axis` as an entry of [sweep.axes]."""
     message = (
         f"--axis needs numbers separated by commas, low:high:points or low:high:points:log, got {text!r}"
     )
@@ -173,7 +173,7 @@ def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
         with Client(**connection) as client:
             yield client
         return
-    # Workers share the compiled programs.
+    # Worker processes read these variables and share the compiled programs.
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if folder is not None:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))

@@ -32,7 +32,7 @@ class Job(NamedTuple):
     skeleton: Any  # (structures, excitations, initial, t_end) with names in place of their values
     options: Options
     precision: bool  # True for float64
-    sensitivities: tuple[str, ...] = ()  # names of the parameters of sensitivities
+    sensitivities: tuple[str, ...] = ()  # parameters of the sensitivities
 
     def solve(self, k: int, threads: int | None, devices: Devices) -> ChunkRow:
         """Solve a chunk and write it, unless another process has already done so.
@@ -41,7 +41,7 @@ class Job(NamedTuple):
         - `threads`: number of CPU threads; None for all cores
         - `devices`: JAX devices, as for [`rockjax.sweep`][]
 
-        Returns the row of the chunk.
+        Returns the row of the chunk in the store: its checksum and cost.
         """
         store, scene_arrays = _open_store(self)
         if (row := store.row(k)) is not None:
@@ -51,10 +51,10 @@ class Job(NamedTuple):
             arguments = scene_arrays.in_box(store.layout.box(k))
             peaks = solve_scenes(arguments, self.options, threads, devices, self.sensitivities)
         variables = data_variables(peaks, self.options.outputs, ())
-        answers = {name: values for name, (_, values, _) in variables.items()}
-        failed = int(np.sum(answers["result"] > results.OVERTURNED))
+        arrays = {name: values for name, (_, values, _) in variables.items()}
+        failed = int(np.sum(arrays["result"] > results.OVERTURNED))
         return store.write(
-            k, answers, time.perf_counter() - start_time, float(count_trial_steps(peaks).sum()), failed
+            k, arrays, time.perf_counter() - start_time, float(count_trial_steps(peaks).sum()), failed
         )
 
 
@@ -99,15 +99,15 @@ def solve_scenes(
     - `options`: options of the scenes
     - `threads`: number of CPU threads; None for all cores
     - `devices`: JAX devices, as for [`rockjax.sweep`][]
-    - `sensitivities`: names of the parameters of sensitivities
+    - `sensitivities`: parameters of the sensitivities
     """
-    stop = threading.Event()  # with an event, Ctrl-C raises `Interrupted`
+    stop = threading.Event()  # makes Ctrl-C raise `Interrupted`
     workers = _worker_arguments(devices, threads)
     return responses(*arguments, options, False, stop, sensitivities=sensitivities, **workers)
 
 
 def _worker_arguments(devices: Devices, threads: int | None) -> dict[str, Any]:
-    """Return the arguments of the batch that select devices or threads."""
+    """Return the arguments of `responses` that select devices or threads."""
     if devices is None:
         return {"threads": threads}
     return {"devices": jax.local_devices() if devices == "all" else devices}

@@ -60,7 +60,7 @@ def _describe_labels(labels: np.ndarray) -> str:
 
 
 def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
-    """Return a grid of scenes over named axes, in the order of the arguments (host).
+    """Return a grid of scenes over named axes, in the order of the arguments; call it outside jit.
 
     - `structure`: a single podium, whose parameters the axes vary
     - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list), which
@@ -81,7 +81,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     that are not one-dimensional or outside their ranges.
     """
     require_instance("grid", "structure", structure, Podium, "a rockjax.Podium")
-    structure = structure.split()
+    structure = structure.split()  # splits rows over modes or columns, so that each array varies over podiums
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
     if shapes:
         raise ValueError(

@@ -33,6 +33,7 @@ class ChunkLayout(NamedTuple):
 
     @property
     def chunks_along(self) -> tuple[int, ...]:
+        """Number of chunks along each axis."""
         return tuple(-(-n // b) for n, b in zip(self.shape, self.block, strict=True))
 
     @property
@@ -42,8 +43,8 @@ class ChunkLayout(NamedTuple):
 
     def box(self, k: int) -> Box:
         """Return the slices of the grid that form chunk k."""
-        corner = np.unravel_index(k, self.chunks_along)
-        starts = [int(j) * b for j, b in zip(corner, self.block, strict=True)]
+        position = np.unravel_index(k, self.chunks_along)
+        starts = [int(j) * b for j, b in zip(position, self.block, strict=True)]
         return tuple(slice(i, min(i + b, n)) for i, b, n in zip(starts, self.block, self.shape, strict=True))
 
     def sizes(self) -> np.ndarray:

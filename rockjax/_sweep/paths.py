@@ -44,7 +44,7 @@ def require_creatable(path: str | Path) -> None:
 def zarr_store(path: str) -> Any:
     """Return the object that zarr and xarray open as the store at a path.
 
-    Without this object they would parse a local path with `#`, `?` or `:` as a URL.
+    A local path becomes a `LocalStore`, because zarr takes a string with `#`, `?` or `:` for a URL.
     """
     if not is_local(path):
         return path

@@ -18,7 +18,7 @@ from .spec import SweepSpec
 from .store import compressed_size, variable_for
 
 SAMPLE = (256, 16384)  # smallest and largest number of sampled scenes
-SHARE = 50  # number of scenes for each sampled scene, within these limits
+SCENES_PER_SAMPLE = 50  # one of this number of scenes is sampled, within these limits
 # Shortest and longest wall time of a chunk [s]. Writing the files of shorter chunks would take a large share
 # of the time; longer chunks would lose more work after a failure.
 CHUNK_SECONDS = 2.5, 10.0
@@ -35,7 +35,7 @@ class Pilot(NamedTuple):
     core_seconds: float  # time of one core for one trial step [s]
     variables: dict[str, Any]  # arrays of results, by name
     scene_bytes: float  # size of a scene in the store [bytes]
-    memory: int  # memory of the process [bytes]
+    memory: int  # peak memory of the process that solved the sample [bytes]
 
     def chunk_size(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
         """Return the number of scenes of a chunk whose wall time is in `CHUNK_SECONDS`.
@@ -55,9 +55,9 @@ class Pilot(NamedTuple):
         The estimate for a chunk uses its sampled scenes, or all sampled scenes if the chunk has none.
         """
         chunks = layout.chunk_of(self.scenes)
-        sampled = np.bincount(chunks, minlength=layout.chunk_count)
+        sample_counts = np.bincount(chunks, minlength=layout.chunk_count)
         total = np.bincount(chunks, weights=self.steps, minlength=layout.chunk_count)
-        mean = np.where(sampled > 0, total / np.maximum(sampled, 1), self.steps.mean())
+        mean = np.where(sample_counts > 0, total / np.maximum(sample_counts, 1), self.steps.mean())
         return mean * layout.sizes()
 
 
@@ -70,21 +70,21 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     """
     scene_arrays, options = spec.scene_arrays, spec.options
     low, high = SAMPLE
-    count = min(scene_arrays.size, max(low, min(high, scene_arrays.size // SHARE)))
+    count = min(scene_arrays.size, max(low, min(high, scene_arrays.size // SCENES_PER_SAMPLE)))
     rng = np.random.default_rng(0)
     edges = np.linspace(0, scene_arrays.size, count + 1).astype(np.int64)
     scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
     with precision(spec.precision):
         names = spec.sensitivities
         solve = lambda indices: solve_scenes(scene_arrays.at(indices), options, threads, devices, names)
-        solve(scenes[:: max(1, count // low)])  # compiles
+        solve(scenes[:: max(1, count // low)])  # compiles the programs before the measurement
         start_time = time.perf_counter()
         peaks = solve(scenes)
         seconds = time.perf_counter() - start_time
     steps = count_trial_steps(peaks)
-    answers = data_variables(peaks, options.outputs, ())
-    variables = {name: variable_for(values, attrs, dims) for name, (dims, values, attrs) in answers.items()}
-    arrays = {name: values.astype(variables[name].dtype) for name, (_, values, _) in answers.items()}
+    results = data_variables(peaks, options.outputs, ())
+    variables = {name: variable_for(values, attrs, dims) for name, (dims, values, attrs) in results.items()}
+    arrays = {name: values.astype(variables[name].dtype) for name, (_, values, _) in results.items()}
     per_step = seconds / steps.sum() * min(count_cores(devices, threads), -(-count // LANES))
     return Pilot(scenes, steps, per_step, variables, compressed_size(arrays) / count, _resident_memory())
 

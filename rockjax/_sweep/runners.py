@@ -32,7 +32,7 @@ class LocalRunner:
         """Solve chunks one after the other.
 
         - `job`: data of the sweep
-        - `unsolved`: indices of the chunks, in the order of their solution
+        - `unsolved`: indices of the unsolved chunks, in the order of their solution
         - `bar`: progress bar to advance
 
         Returns the `KeyboardInterrupt` of Ctrl-C, or None. Raises `OSError` if a chunk cannot be written.
@@ -40,7 +40,7 @@ class LocalRunner:
         try:
             for k in map(int, unsolved):
                 job.solve(k, None, self.devices)
-                bar.finished(k)
+                bar.advance(k)
         except KeyboardInterrupt as interrupt:
             return interrupt
         except OSError as error:
@@ -49,6 +49,7 @@ class LocalRunner:
 
 
 def _write_error(job: Job, bar: ChunkProgress, error: BaseException) -> OSError:
+    """Return an error that names the store, the cause and the number of stored chunks."""
     cause = getattr(error, "strerror", None) or error
     stored_note = f"{bar.done} of {bar.count} chunks are stored; repeat the call to continue"
     return OSError(f"{job.store} could not be written: {cause}; {stored_note}")
@@ -74,7 +75,7 @@ class DaskRunner:
         return max(1, sum(threads.values()))
 
     def pilot(self, spec: SweepSpec) -> Pilot:
-        scattered: Any = self.client.scatter([spec])  # records may be long
+        scattered: Any = self.client.scatter([spec])  # sends long records only once
         key = f"rockjax-pilot-{uuid.uuid4().hex}"
         return _result(self.client.submit(pilot, scattered[0], 1, self.devices, key=key))
 
@@ -82,7 +83,7 @@ class DaskRunner:
         """Solve chunks on the workers.
 
         - `job`: data of the sweep
-        - `unsolved`: indices of the chunks, in order of priority
+        - `unsolved`: indices of the unsolved chunks, in order of priority
         - `bar`: progress bar to advance
 
         Returns the `KeyboardInterrupt` of Ctrl-C, or None. Raises `OSError` if a chunk cannot be written, and
@@ -98,7 +99,7 @@ class DaskRunner:
                 tasks[self.client.submit(_task, job, k, self.devices, key=key, pure=False, retries=1)] = k
             for task in as_completed(list(tasks)):
                 _result(task)
-                bar.finished(tasks[task])
+                bar.advance(tasks[task])
         except KeyboardInterrupt as interrupt:
             return interrupt
         except OSError as error:
@@ -110,6 +111,7 @@ class DaskRunner:
 
 
 def _task(job: Job, k: int, devices: Devices) -> ChunkRow:
+    """Solve chunk k on one core or on devices of a worker."""
     return job.solve(k, 1, devices)
 
 
@@ -135,7 +137,7 @@ def _first_line(error: BaseException) -> str:
 
 
 class ChunkProgress:
-    """Progress bar whose unit is the expected trial step, because chunks differ in cost."""
+    """Progress bar that counts expected steps, accepted and rejected, because chunks differ in cost."""
 
     def __init__(self, store: Store, unsolved: np.ndarray, solved: np.ndarray, progress: bool):
         from tqdm.auto import tqdm  # a widget in notebooks
@@ -162,8 +164,8 @@ class ChunkProgress:
     def _describe(self) -> str:
         return f"{self.done} of {self.count} chunks"
 
-    def finished(self, k: int) -> None:
-        """Advance by chunk k. The minimum prevents rounding from exceeding the total."""
+    def advance(self, k: int) -> None:
+        """Count chunk k as solved. The minimum keeps rounding errors within the total."""
         self.done += 1
         self.bar.set_description_str(self._describe(), refresh=False)
         self.bar.update(min(float(self.expected[k]), self.bar.total - self.bar.n))

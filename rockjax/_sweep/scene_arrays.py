@@ -17,10 +17,10 @@ Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_en
 class SceneArrays(NamedTuple):
     """The leaves of (structures, excitations, initial, t_end) of a grid of scenes.
 
-    - `arrays`: leaves by name, as arrays or objects that can be sliced like arrays. First come the axes
-      of the grid, each of full length or of length 1, then the axes of a single scene, such as the samples of
-      a record. Leaves common to all scenes do not have the axes of the grid
-    - `skeleton`: the arguments with names in place of the leaves
+    - `arrays`: leaves by name, as arrays or objects that can be sliced like arrays. Their first axes are
+      those of the grid, each of full length or of length 1; the others are those of a single scene, such as
+      the samples of a record. Leaves common to all scenes do not have the axes of the grid
+    - `skeleton`: (structures, excitations, initial, t_end) with names in place of the leaves
     - `shape`: number of scenes along each axis of the grid
     """
 
@@ -32,7 +32,7 @@ class SceneArrays(NamedTuple):
     def of(cls, owner: str, structures, excitations, initial, t_end) -> Self:
         """Collect the leaves of the arguments of a batch of scenes.
 
-        - `owner`: function that error messages name
+        - `owner`: name of the public function, for error messages
         - `structures`, `excitations`, `initial`, `t_end`: arguments whose arrays broadcast to the shape of
           the grid
 

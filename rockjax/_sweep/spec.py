@@ -32,7 +32,7 @@ class SweepSpec(NamedTuple):
     labels: dict[str, np.ndarray]  # labels along the axes, by name
     options: Options
     precision: bool  # True for float64
-    sensitivities: tuple[str, ...] = ()  # names of the parameters of sensitivities
+    sensitivities: tuple[str, ...] = ()  # parameters of the sensitivities
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -40,11 +40,12 @@ class SweepSpec(NamedTuple):
 
     @property
     def scenes(self) -> int:
+        """Number of scenes."""
         return self.scene_arrays.size
 
     def identity(self, layout: ChunkLayout) -> dict[str, Any]:
         """Return the identity of this sweep: JSON values that differ if the results may differ."""
-        excluded = ("throw", "history", "_stride")
+        excluded = ("throw", "history", "_stride")  # do not change results
         fields = [field.name for field in dataclasses.fields(Options) if field.name not in excluded]
         values = {name: getattr(self.options, name) for name in fields}
         entries = {
@@ -130,7 +131,7 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
 
 
 def check_same(store: Store, spec: SweepSpec, chunk: int | None) -> None:
-    """Raise `ValueError` unless a store has this sweep, and chunks of `chunk` scenes if that is not None."""
+    """Raise `ValueError` unless a store contains this sweep, in chunks of `chunk` scenes if this is given."""
     layout = store.layout if chunk is None else ChunkLayout.of(spec.shape, chunk)
     differences = list(_differences(store.identity, spec.identity(layout)))
     if differences:
@@ -143,7 +144,7 @@ def check_same(store: Store, spec: SweepSpec, chunk: int | None) -> None:
 def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any]) -> Iterator[str]:
     """Yield a description of each difference between two identities of sweeps."""
 
-    def compare(name: str, old, new) -> str:
+    def describe(name: str, old, new) -> str:
         return f"{name} is {old} in the store and {new} in this call"
 
     for name in requested:
@@ -151,10 +152,10 @@ def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any]) -> Ite
         if isinstance(old, dict) and isinstance(new, dict):
             for key in {**old, **new}:
                 if old.get(key) != new.get(key):
-                    option_difference = compare(f"options.{key}", old.get(key), new.get(key))
+                    option_difference = describe(f"options.{key}", old.get(key), new.get(key))
                     yield option_difference if name == "options" else f"the {name} of {key} differ"
         elif old != new and name != "fingerprint":
-            yield compare(name, old, new)
+            yield describe(name, old, new)
 
 
 def sweep_coords(spec: SweepSpec) -> Iterator[tuple[str, Any]]:

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     import xarray
     import zarr
 
-FORMAT = 1
+FORMAT = 1  # version of the format of stores
 _IDENTITY = "sweep"  # attribute of the group `progress` that contains the identity of the sweep
-_LONG_INPUT = 1_000_000  # inputs with more entries than this are stored in chunks
+_LONG_INPUT = 1_000_000  # inputs and coordinates with more entries than this are stored in chunks
 
 
 class ChunkRow(NamedTuple):
@@ -44,7 +44,7 @@ class ChunkRow(NamedTuple):
 
 
 class Variable(NamedTuple):
-    """Array of results."""
+    """Properties of an array of results."""
 
     dtype: np.dtype
     attrs: dict[str, Any]
@@ -105,22 +105,22 @@ class Store:
     def open(cls, path: str | Path) -> Store | None:
         """Return the store at a path; None if the path does not exist or is an empty folder.
 
-        Raises `ValueError` if the path is something else, or if the metadata of the store cannot be read.
+        Raises `ValueError` if the path is a file or another folder, or if metadata of the store are damaged.
         """
         path = expand_path(path)
         if is_local(path) and not Path(path).exists():
             return None
-        no_store = ValueError(
+        not_a_sweep = ValueError(
             f"{path} exists and is not the store of a sweep; give another path or remove it"
         )
         if is_local(path) and not Path(path).is_dir():
-            raise no_store
+            raise not_a_sweep
         with _explain_damage(path):
             try:
                 group = _zarr().open_group(zarr_store(path), mode="r+")
             except FileNotFoundError:
                 if is_local(path) and any(Path(path).iterdir()):
-                    raise no_store from None
+                    raise not_a_sweep from None
                 return None
             if _read_identity(group):
                 return cls(path, group)
@@ -145,7 +145,7 @@ class Store:
         - `path`: folder or URL
         - `identity`: identity of the sweep (`SweepSpec.identity`)
         - `dims`: names of the axes
-        - `coords`: coordinates of the axes
+        - `coords`: coordinates of the results
         - `variables`: arrays of results, by name
         - `inputs`: parameters of the scenes, by name
         - `expected`: expected trial steps of every chunk, shape (chunks,)
@@ -159,7 +159,7 @@ class Store:
         layout = ChunkLayout(tuple(identity["shape"]), tuple(identity["chunk"]))
         with atomic_folder(path) as temporary:
             blocks = dict(zip(dims, layout.block, strict=True))
-            # 1-D coordinates are stored as one chunk, others in the chunks of the results.
+            # Short 1-D coordinates are stored as one chunk, others in the chunks of the results.
             coord_encoding = {
                 name: {"chunks": _coord_chunks(array, blocks)} for name, array in coords.variables.items()
             }
@@ -281,9 +281,9 @@ def _read_identity(group: zarr.Group) -> dict[str, Any]:
 
 
 def _input_chunks(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
-    """Return the chunk shape of an input, which equals that of the results along the axes of the grid.
+    """Return the shape of the chunks of an input: along the axes of the grid that of the results.
 
-    Inputs without the axes of the grid form one chunk.
+    An input without the axes of the grid is one chunk.
     """
     grid_ndim = len(layout.shape)
     if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < grid_ndim:
@@ -301,13 +301,13 @@ def _coord_chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[in
 
 @contextlib.contextmanager
 def _explain_damage(path: str) -> Iterator[None]:
-    """Replace errors of zarr about unreadable metadata by a `ValueError` that names store, file and cure."""
+    """Replace errors of zarr about damaged metadata by a `ValueError` with the file and the remedy."""
     try:
         yield
     except (ValueError, KeyError, TypeError) as error:
         damaged = _first_damaged_file(path) if is_local(path) else None
         if damaged is None and str(error).startswith(path):
-            raise  # already a clear message
+            raise  # its message already names the store
         cause = f"{damaged} is damaged" if damaged else f"its metadata cannot be read ({error})"
         raise ValueError(
             f"{path}: {cause}, so this sweep cannot be resumed; restore the file from a copy, or move the "
@@ -333,7 +333,7 @@ def _codecs() -> list[Any]:
 
 
 def compressed_size(arrays: Mapping[str, np.ndarray]) -> int:
-    """Return the number of bytes of results in a store."""
+    """Return the size of results in a store [bytes]."""
     zarr = _zarr()
     total = 0
     for values in arrays.values():
@@ -358,6 +358,7 @@ def require_zarr() -> None:
 
 
 def _zarr() -> Any:
+    """Return the package zarr, which sweeps alone import."""
     import zarr
 
     return zarr

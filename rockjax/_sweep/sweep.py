@@ -54,7 +54,7 @@ def sweep(
     progress: bool = True,
     dry_run: bool = False,
 ) -> xarray.Dataset | SweepPlan:
-    """Compute peak responses of any number of scenes and save them in a zarr store, chunk by chunk (host).
+    """Compute peak responses of any number of scenes and save them in a zarr store, in chunks; outside jit.
 
     Scenes are defined as for [`rockjax.peak_responses`][]: the parameters of `structures`, `excitations`,
     `initial` and `t_end` may be arrays, which broadcast to the shape of the sweep. [`rockjax.grid`][] returns
@@ -62,7 +62,7 @@ def sweep(
 
     The same call resumes an interrupted sweep. Chunks in the store are verified by their checksums and
     reused; missing or damaged chunks are solved. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is
-    the dataset so far.
+    the dataset with the results so far.
 
     - `structures`, `excitations`, `initial`, `t_end`: as for [`rockjax.peak_responses`][]
     - `coords`: names of the axes in order, or a dictionary with their labels. The default is `scene` for one
@@ -94,32 +94,32 @@ def sweep(
     if chunk is not None:
         require_whole("sweep", "chunk", chunk, 1)
     require_instance("sweep", "store", store, str | Path, "a folder or a URL")
-    opened = Store.open(store)
-    if opened is not None:
-        check_same(opened, spec, chunk)
+    open_store = Store.open(store)
+    if open_store is not None:
+        check_same(open_store, spec, chunk)
     runner = LocalRunner(devices) if client is None else DaskRunner(client, devices)
-    if opened is None or dry_run:
+    if open_store is None or dry_run:
         if not dry_run:
             require_creatable(store)
         pilot = runner.pilot(spec)
         chunk_size = chunk or pilot.chunk_size(spec.scenes, runner.cores, runner.cores_of_chunk)
-        layout = ChunkLayout.of(spec.shape, chunk_size) if opened is None else opened.layout
+        layout = ChunkLayout.of(spec.shape, chunk_size) if open_store is None else open_store.layout
         if dry_run:
-            return _plan(spec, layout, pilot, opened, runner, expand_path(store))
-        opened = _create_store(store, spec, layout, pilot, chunk, describe_motions(excitations))
-    fingerprint, skeleton = opened.identity["fingerprint"], spec.scene_arrays.skeleton
-    job = Job(opened.path, fingerprint, skeleton, spec.options, spec.precision, spec.sensitivities)
-    unsolved, solved = _find_unsolved(opened, progress)
-    with ChunkProgress(opened, unsolved, solved, progress) as bar:
+            return _plan(spec, layout, pilot, open_store, runner, expand_path(store))
+        open_store = _create_store(store, spec, layout, pilot, chunk, describe_motions(excitations))
+    fingerprint, skeleton = open_store.identity["fingerprint"], spec.scene_arrays.skeleton
+    job = Job(open_store.path, fingerprint, skeleton, spec.options, spec.precision, spec.sensitivities)
+    unsolved, solved = _find_unsolved(open_store, progress)
+    with ChunkProgress(open_store, unsolved, solved, progress) as bar:
         interrupt = runner.run(job, unsolved, bar)
-    data = opened.dataset()
+    data = open_store.dataset()
     if interrupt is not None:
         message = (
-            f"stopped with {bar.done} of {opened.layout.chunk_count} chunks in {opened.path}; "
+            f"stopped with {bar.done} of {open_store.layout.chunk_count} chunks in {open_store.path}; "
             "repeat the call to continue"
         )
         raise Interrupted(message, data) from interrupt
-    failed = int(np.nansum(opened.rows()[:, -1]))
+    failed = int(np.nansum(open_store.rows()[:, -1]))
     if failed:
         message = f"{failed} of {spec.scenes} scenes did not finish; their variable 'result' names the cause"
         warnings.warn(message, RuntimeWarning, stacklevel=2)
@@ -129,7 +129,7 @@ def sweep(
 def _create_store(
     path, spec: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None, motions
 ) -> Store:
-    """Return a new store, or the store of another process that has just started the same sweep."""
+    """Create the store; if another process has just created it for the same sweep, return that store."""
     import xarray
 
     coords = xarray.Dataset(coords=dict(sweep_coords(spec)))
