@@ -1,4 +1,7 @@
-"""Rocking of unanchored bodies by ASCE/SEI 43-05, (P5), in its energy form."""
+"""Rocking of unanchored bodies by ASCE/SEI 43-05, Eqs. (P5), derived from the energy.
+
+ĥ is the half height of the equivalent block.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numpy as np
 
 from rockjax._motions.motion import Motion
 
-from .base import AbstractMethod, Case, Outcome, Quantity, damping_gaps
+from .base import AbstractMethod, Case, Outcome, Quantity, damping_obstacles
 from .block import Block
 from .roots import Roots, find_roots
 from .spectra import spectrum
@@ -37,14 +40,14 @@ def capacity(theta, tan_alpha: float):
     return 2 * rise(theta, tan_alpha) / theta
 
 
-def frequency(theta, tan_alpha: float, ratio: float):
+def frequency(theta, tan_alpha: float, g_by_height: float):
     """Return the effective frequency f_e = √(2gB/(C_3θ²ĥ))/2π, (P5) [Hz].
 
     - `theta`: rotation > 0, a number or any shape [rad]
     - `tan_alpha`: tan α [–]
-    - `ratio`: g/ĥ [1/s²]
+    - `g_by_height`: g/ĥ [1/s²]
     """
-    squared = capacity(theta, tan_alpha) * ratio / (inertia_factor(tan_alpha) * theta)
+    squared = capacity(theta, tan_alpha) * g_by_height / (inertia_factor(tan_alpha) * theta)
     return np.sqrt(squared) / (2 * math.pi)
 
 
@@ -60,7 +63,7 @@ def damping(restitution: float) -> float:
 
 
 def rotations(block: Block, motion: Motion) -> Roots:
-    """Return all roots φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5), with the absolute acceleration S_a.
+    """Return the roots φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5), where S_a is absolute acceleration.
 
     - `block`: the block
     - `motion`: ground motion
@@ -96,8 +99,8 @@ class AsceRocking(AbstractMethod):
         "factors of safety are left out, because they were not found; the rotation is the best estimate",
     )
 
-    def gaps(self, case: Case) -> tuple[str, ...]:
-        return damping_gaps(damping(case.block.restitution))
+    def obstacles(self, case: Case) -> tuple[str, ...]:
+        return damping_obstacles(damping(case.block.restitution))
 
     def outcome(self, case: Case) -> Outcome:
         block = case.block

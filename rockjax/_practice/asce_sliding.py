@@ -1,4 +1,4 @@
-"""Sliding of unanchored bodies by ASCE/SEI 43-05, (P6)."""
+"""Sliding of unanchored bodies by ASCE/SEI 43-05, Eqs. (P6)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .spectra import period_grid, refined_maximum, spectrum
 
 DAMPING = 0.10  # damping ratio of the spectrum [–]
 LONGEST = 10.0  # longest period of the spectrum [s]
-ZOOM = 64  # points of each refinement of f_es
+ZOOM = 64  # periods in each refinement of f_es
 
 
 def effective_friction(friction: float, vertical: float, g: float) -> float:
@@ -27,13 +27,13 @@ def effective_friction(friction: float, vertical: float, g: float) -> float:
 
 
 def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
-    """Return the largest absolute acceleration of the 10 % spectrum [m/s²], and f_es [Hz].
+    """Return the largest spectral acceleration at 10 % damping [m/s²], and the frequency f_es [Hz].
 
     f_es is the lowest frequency at which the spectrum reaches c_s; nan if the spectrum stays below c_s at all
     periods from 2 dt to 10 s.
 
     - `motion`: ground motion
-    - `capacity`: c_s [m/s²]
+    - `capacity`: capacity c_s [m/s²]
     """
     values_at = lambda periods: spectrum(motion, periods, DAMPING).acceleration
     periods = period_grid(2 * motion.dt, LONGEST)
@@ -41,11 +41,11 @@ def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
     largest = max(refined_maximum(values_at, periods, values), motion.pga)
     longest = math.nan
     for _ in range(3):
-        reaches = np.flatnonzero(values >= capacity)
-        if not reaches.size:
+        indices = np.flatnonzero(values >= capacity)
+        if not indices.size:
             break
-        longest, after = periods[reaches[-1]], periods[min(reaches[-1] + 1, periods.size - 1)]
-        periods = np.linspace(longest, after, ZOOM)
+        longest, next_period = periods[indices[-1]], periods[min(indices[-1] + 1, periods.size - 1)]
+        periods = np.linspace(longest, next_period, ZOOM)
         values = values_at(periods)
     return largest, float(1 / longest)
 
@@ -67,7 +67,7 @@ class AsceSliding(AbstractMethod):
     )
     missing = ("the sliding distance is not computed, because its formula was not found",)
 
-    def gaps(self, case: Case) -> tuple[str, ...]:
+    def obstacles(self, case: Case) -> tuple[str, ...]:
         reasons = []
         if case.friction is None:
             reasons.append("not made: it needs friction, the coefficient of friction μ")
@@ -76,7 +76,7 @@ class AsceSliding(AbstractMethod):
         return tuple(reasons)
 
     def outcome(self, case: Case) -> Outcome:
-        if case.friction is None or case.vertical is None:  # excluded by `gaps`
+        if case.friction is None or case.vertical is None:  # for type checkers: `obstacles` excludes it
             return Outcome(is_complete=False)
         g = case.block.g
         mu_e = effective_friction(case.friction, case.vertical, g)

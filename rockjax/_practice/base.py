@@ -49,33 +49,33 @@ class Case:
     vertical: float | None
     confidence_factor: float
 
-    def each(self, function: Callable[[Motion], float]) -> np.ndarray:
-        """Evaluate a function for each motion, shape (motions,)."""
+    def for_each_motion(self, function: Callable[[Motion], float]) -> np.ndarray:
+        """Return the values of a function for the motions, shape (motions,)."""
         return np.array([function(motion) for motion in self.motions])
 
     @property
     def pga(self) -> np.ndarray:
         """Peak ground accelerations, shape (motions,) [m/s²]."""
-        return self.each(lambda motion: motion.pga)
+        return self.for_each_motion(lambda motion: motion.pga)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MethodResult:
     """Result of a simplified method for one podium and n motions.
 
-    - `name`: name in the registry; `title`: name of the method; `source`: publication and clause
+    - `name`: name for programs; `title`: name for readers; `source`: publication and clause
     - `equation`, `formula`: number and text of the formula
-    - `quantity`, `unit`: quantity of capacity and demand, and its unit (`"1"` for ratios)
+    - `quantity`, `unit`: what capacity and demand measure, and their unit (`"1"` for ratios)
     - `capacity`: capacity; None if it was not computed
     - `demand`: demand in each motion, shape (n,); None if it was not computed
     - `statistic`: whether the `"max"` or the `"mean"` of the n demands is compared with the capacity
     - `passes`: whether the method accepts the podium; None if the method is incomplete
-    - `rotation_ratio`: θ/α in each motion, the largest if there are several answers; 1 for overturning and 0
-      without uplift, shape (n,) [–]. None for methods that compute no rotation
-    - `answers`: all stable answers θ/α for each motion, ascending; 1 stands for overturning. None for methods
-      that compute no rotation
+    - `rotation_ratio`: largest of `answers` in each motion; 1 for overturning, 0 without uplift, (n,) [–].
+      None for methods that compute no rotation
+    - `answers`: all stable solutions θ/α for each motion, ascending; 1 stands for overturning. None for
+      methods that compute no rotation
     - `values`: intermediate numbers by name, each a `Quantity`
-    - `conservative`: `"yes"`, `"no"` or `"depends"`
+    - `conservative`: whether the method is on the safe side: `"yes"`, `"no"` or `"depends"`
     - `verdict_known`: what is known about the reliability of the method
     - `missing`: what was not computed, and why
     - `motions`: names of the motions
@@ -109,7 +109,7 @@ class MethodResult:
 
     @property
     def utilisation(self) -> float | None:
-        """Governing demand divided by the capacity [–], inf for a capacity of 0; None if either is None."""
+        """Governing demand divided by the capacity [–], inf for a capacity of 0; None if one is missing."""
         demand = self.governing_demand
         if demand is None or self.capacity is None:
             return None
@@ -117,8 +117,8 @@ class MethodResult:
 
     @property
     def stable_roots(self) -> np.ndarray | None:
-        """Number of stable answers for each motion, including overturning, shape (n,); 0 if the method
-        predicts no uplift. None for methods that compute no rotation."""
+        """Number of `answers` for each motion, including overturning, shape (n,); 0 if the method predicts
+        no uplift. None for methods that compute no rotation."""
         return None if self.answers is None else np.array([len(stable) for stable in self.answers])
 
     def __repr__(self) -> str:
@@ -133,7 +133,7 @@ class MethodResult:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """Results of a method for a case. Fields that are not listed are as in `MethodResult`.
+    """Results of a method for a case. The other fields are those of `MethodResult`.
 
     - `rotations`: roots for each motion; None for methods that compute no rotation
     - `is_complete`: whether the numbers suffice for a verdict
@@ -148,7 +148,7 @@ class Outcome:
 
 
 class AbstractMethod(abc.ABC):
-    """A simplified method. Subclasses define the texts and `outcome`."""
+    """A simplified method. Subclasses define the class variables and `outcome`."""
 
     name: ClassVar[str]
     title: ClassVar[str]
@@ -166,15 +166,15 @@ class AbstractMethod(abc.ABC):
     def outcome(self, case: Case) -> Outcome:
         """Return capacity, demands and intermediate numbers of a case."""
 
-    def gaps(self, case: Case) -> tuple[str, ...]:
-        """Return the reasons why the method cannot be applied to a case; none by default."""
+    def obstacles(self, case: Case) -> tuple[str, ...]:
+        """Return the reasons why the method cannot be applied to a case; by default there are none."""
         del case
         return ()
 
     def evaluate(self, case: Case) -> MethodResult:
         """Return the result of the method for a case."""
-        gaps = (*restrainer_gaps(case), *self.gaps(case))
-        outcome = Outcome(is_complete=False, missing=gaps) if gaps else self.outcome(case)
+        obstacles = (*restrainer_obstacles(case), *self.obstacles(case))
+        outcome = Outcome(is_complete=False, missing=obstacles) if obstacles else self.outcome(case)
         roots = outcome.rotations
         result = MethodResult(
             capacity=outcome.capacity,
@@ -194,19 +194,20 @@ class AbstractMethod(abc.ABC):
         return dataclasses.replace(result, passes=passes)
 
     def _texts(self) -> dict[str, Any]:
+        """Return the fields of `MethodResult` that are class variables of the method."""
         names = "name title source equation formula quantity unit statistic conservative verdict_known"
         return {name: getattr(self, name) for name in names.split()}
 
 
-def restrainer_gaps(case: Case) -> tuple[str, ...]:
-    """Return the reason why no method applies, if the podium has restrainers."""
+def restrainer_obstacles(case: Case) -> tuple[str, ...]:
+    """Return the reason why no method applies to a podium with restrainers; none without them."""
     if case.podium.without_idle_restrainers().restrainers:
         return ("not made: no simplified method covers tendons, dampers or inerters",)
     return ()
 
 
-def damping_gaps(damping: float) -> tuple[str, ...]:
-    """Return the reason why an equivalent damping ratio cannot be used, if it is not in [0, 1)."""
+def damping_obstacles(damping: float) -> tuple[str, ...]:
+    """Return the reason against an equivalent damping ratio outside [0, 1); none for other ratios."""
     if math.isfinite(damping) and 0 <= damping < 1:
         return ()
     return ("not made: the equivalent damping ratio for this restitution factor is not below 1",)

@@ -13,19 +13,19 @@ from rockjax._structures import Podium
 class Block:
     """A solitary rocking block that replaces a podium.
 
-    If the superstructure is rigid, the block rocks like the podium (`Podium.equivalent_block`). If it is
-    elastic, the block is an assumption of the methods, which treat the superstructure as rigid.
+    The block rocks like a podium with a rigid superstructure (`Podium.equivalent_block`). For an elastic
+    superstructure, the block is an assumption of the methods, which treat every superstructure as rigid.
 
     - `alpha`: slenderness α, in (0, π/2) [rad]; `g`: acceleration of gravity, > 0 [m/s²]
     - `R`: half diagonal of a column, > 0 [m]; `lam`: inertia factor λ of a column, ≥ 0 [–]
-    - `carried`: Γ = γ + η, the mass of beam and superstructure divided by that of the columns, ≥ 0 [–]
+    - `mass_ratio`: Γ = γ + η, the mass of beam and superstructure divided by that of the columns, ≥ 0 [–]
     - `restitution`: velocity factor e of an impact, from the restitution law of the podium [–]
     """
 
     alpha: float
     R: float
     lam: float
-    carried: float
+    mass_ratio: float
     restitution: float
     g: float
 
@@ -59,7 +59,7 @@ class Block:
     @property
     def size(self) -> float:
         """Half diagonal of the equivalent block R̂ = R[3Γ+¾(1+λ)]/(1+2Γ) [m]."""
-        return self.R * (3 * self.carried + 0.75 * (1 + self.lam)) / (1 + 2 * self.carried)
+        return self.R * (3 * self.mass_ratio + 0.75 * (1 + self.lam)) / (1 + 2 * self.mass_ratio)
 
     @property
     def p(self) -> float:

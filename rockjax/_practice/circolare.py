@@ -1,4 +1,4 @@
-"""Capacities of the kinematic mechanism according to the Italian Circolare 7/2019, (P7)."""
+"""Capacities of the kinematic mechanism according to the Italian Circolare 7/2019, Eqs. (P7)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ class LimitState(NamedTuple):
     """A limit state of the Circolare.
 
     - `name`: SLV (life safety) or SLC (collapse)
-    - `share`: displacement d of the limit state divided by d_0 [–]
-    - `factor`: period divided by π√(d/a), with a = a(d) of the capacity curve [–]
+    - `share`: displacement d of the limit state, divided by d_0 of `Mechanism` [–]
+    - `factor`: period divided by π√(d/a), where a = a(d) is the capacity curve of `Mechanism` [–]
     - `damping`: damping ratio ξ of the spectrum [–]
     """
 
@@ -28,7 +28,7 @@ SLC = LimitState("SLC", 0.6, 1.56, 0.10)
 
 
 class Mechanism(NamedTuple):
-    """Linear capacity curve a(d) = a_0*(1 − d/d_0) of the frame, (P7).
+    """Linear capacity curve a(d) = a_0*(1 − d/d_0) of the frame, (P7), with Γ = `Block.mass_ratio`.
 
     - `mass_share`: e* = (1+2Γ)²/[(1+Γ)(1+4Γ)], the share of the mass that takes part [–]
     - `acceleration`: a_0* = g tan α/(e* FC) [m/s²]
@@ -42,9 +42,9 @@ class Mechanism(NamedTuple):
     @classmethod
     def of(cls, block: Block, confidence_factor: float) -> Mechanism:
         """Return the mechanism of a block with the confidence factor FC ≥ 1 [–]."""
-        carried = block.carried
-        share = (1 + 2 * carried) ** 2 / ((1 + carried) * (1 + 4 * carried))
-        displacement = block.half_width * (1 + 4 * carried) / (1 + 2 * carried)
+        ratio = block.mass_ratio
+        share = (1 + 2 * ratio) ** 2 / ((1 + ratio) * (1 + 4 * ratio))
+        displacement = block.half_width * (1 + 4 * ratio) / (1 + 2 * ratio)
         return cls(share, block.threshold / (share * confidence_factor), displacement)
 
     def limit(self, state: LimitState) -> float:

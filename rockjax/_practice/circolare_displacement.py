@@ -8,7 +8,7 @@ from .spectra import largest_displacement
 
 
 class CircolareDisplacement(AbstractMethod):
-    """Check of the mean displacement demand against d_SLV, (P7)."""
+    """Check of the mean displacement demand against the capacity d_SLV, (P7)."""
 
     name = "circolare_displacement"
     title = "Circolare 7/2019, displacements"
@@ -30,7 +30,7 @@ class CircolareDisplacement(AbstractMethod):
     def outcome(self, case: Case) -> Outcome:
         mechanism = Mechanism.of(case.block, case.confidence_factor)
         demand = {
-            state.name: case.each(
+            state.name: case.for_each_motion(
                 lambda motion, state=state: largest_displacement(
                     motion, mechanism.period(state), state.damping
                 )

@@ -29,17 +29,17 @@ def simplified_methods(
     confidence_factor: float = 1.0,
     methods: Sequence[str] | None = None,
 ) -> tuple[MethodResult, ...]:
-    """Apply simplified methods of practice, (P1) to (P7), to a podium and ground motions (host).
+    """Apply simplified methods of practice, (P1) to (P7), to a podium and ground motions, outside jit.
 
     The methods are for comparison with the exact answer ([`rockjax.peak_responses`][]) and do not replace it;
-    each result states what is known about its reliability. Only (P2) considers that the superstructure
-    vibrates; the others treat it as rigid. Vertical motion enters only (P6), as A_v.
+    each result states how reliable its method is. Only (P2) considers that the superstructure vibrates; the
+    others treat it as rigid. Vertical motion enters only (P6), as A_v.
 
     - `podium`: a single podium, with any superstructure. With tendons, dampers or inerters no method applies
     - `motions`: n sampled motions: a [`rockjax.Motion`][], [`rockjax.Motions`][], records or a list of them
     - `friction`: coefficient of friction μ in (P6), ≥ 0 [–]; (P6) needs it
     - `vertical`: largest vertical ground acceleration A_v in (P6), ≥ 0 [m/s²]; by default the largest of the
-      vertical components. (P6) needs one or the other
+      vertical components, if every motion has one. (P6) needs A_v
     - `confidence_factor`: confidence factor FC in (P7), ≥ 1 [–]
     - `methods`: names of methods, in the order of the results; by default all: `"static"` (P1),
       `"spectral_uplift"` (P2), `"priestley"` (P3), `"fema_356"` (P4), `"asce_43_05_rocking"` (P5),
@@ -79,8 +79,8 @@ def _require_single(podium: Podium) -> None:
     """Raise `ValueError` for a batch of podiums, and for traced parameters."""
     if any(concrete(leaf) is None for leaf in jax.tree.leaves(podium)):
         raise ValueError(f"{OWNER}: podium must have concrete numbers; call it outside jit and grad")
-    shapes = (podium.alpha, podium.R, podium.gamma, podium.lam, podium.g, podium.eta)
-    if any(np.ndim(value) for value in (*shapes, podium.restitution_factor)):
+    parameters = (podium.alpha, podium.R, podium.gamma, podium.lam, podium.g, podium.eta)
+    if any(np.ndim(value) for value in (*parameters, podium.restitution_factor)):
         raise ValueError(f"{OWNER}: podium must be a single podium, got arrays of parameters")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from rockjax._motions.motion import Motion
 
-from .base import AbstractMethod, Case, Outcome, Quantity, damping_gaps
+from .base import AbstractMethod, Case, Outcome, Quantity, damping_obstacles
 from .block import Block
 from .roots import Roots, find_roots
 from .spectra import spectrum
@@ -43,7 +43,7 @@ def amplitude_after_impacts(phi: float, restitution: float, impacts: int) -> flo
 
 def damping_of_decay(phi: float, restitution: float, impacts: int) -> float:
     """Return β = ln(φ_0/φ_n)/(nπ), the damping ratio of an oscillator that decays like n impacts of a block,
-    Eq. (10) of Makris & Konstantinidis (2003) [–]. `damping` approximates it.
+    Eq. (10) of Makris & Konstantinidis (2003) [–]. `damping` approximates this β.
 
     - `phi`: amplitude φ_0 = θ/α at the start, in (0, 1) [–]
     - `restitution`: velocity factor e of an impact, in (0, 1] [–]
@@ -53,7 +53,7 @@ def damping_of_decay(phi: float, restitution: float, impacts: int) -> float:
 
 
 def rotations(block: Block, motion: Motion, damping_ratio: float) -> Roots:
-    """Return all roots of φ = S_d(T(φ), β)/(ĥα), (P3), (P4).
+    """Return the roots φ of φ = S_d(T(φ), β)/(ĥα), (P3), (P4).
 
     - `block`: the block
     - `motion`: ground motion
@@ -87,8 +87,8 @@ class Priestley(AbstractMethod):
         """Return the equivalent damping ratio for a velocity factor e [–]."""
         return damping(restitution)
 
-    def gaps(self, case: Case) -> tuple[str, ...]:
-        return damping_gaps(self.damping(case.block.restitution))
+    def obstacles(self, case: Case) -> tuple[str, ...]:
+        return damping_obstacles(self.damping(case.block.restitution))
 
     def outcome(self, case: Case) -> Outcome:
         block = case.block

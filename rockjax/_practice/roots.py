@@ -1,4 +1,4 @@
-"""Fixed points of a method: rotations φ for which the method, if it assumes φ, computes φ."""
+"""Solutions of a method that computes a rotation F(φ) from an assumed rotation φ: roots of F(φ) = φ."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ ZOOM = 64  # points of each of the two refinements of a bracket
 
 
 class Roots(NamedTuple):
-    """Roots φ = θ/α of F(φ) = φ, ascending [–]. F(φ) is the rotation that a method computes if it assumes φ.
+    """Roots φ = θ/α of F(φ) = φ, ascending [–]. F(φ) is the rotation that a method computes from φ.
 
     - `stable`: roots at which F − φ changes from + to −, to which an iteration converges
-    - `unstable`: roots at which it changes from − to +
+    - `unstable`: roots at which F − φ changes from − to +
     - `overturns`: whether F(φ) ≥ φ at the end of the scan, φ = 0.999
     """
 
@@ -26,20 +26,20 @@ class Roots(NamedTuple):
 
     @property
     def answer(self) -> float:
-        """The largest answer θ/α: 1 for overturning, 0 if there is no root [–]."""
+        """The largest solution θ/α: 1 for overturning, 0 if there is no stable root [–]."""
         return 1.0 if self.overturns else float(self.stable.max(initial=0.0))
 
     @property
     def answers(self) -> tuple[float, ...]:
-        """All stable answers θ/α, ascending; 1 stands for overturning [–]."""
+        """All stable solutions θ/α, ascending; 1 stands for overturning [–]."""
         return (*map(float, self.stable), *([1.0] if self.overturns else []))
 
 
 def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
     """Return the roots of F(φ) − φ in 0.01 ≤ φ ≤ 0.999.
 
-    The function is evaluated at 1001 equally spaced points. Two roots between neighbouring points are missed.
-    The bracket of each root is divided twice into 63 parts; the last part is interpolated linearly.
+    `excess` is evaluated at 1001 equally spaced points. Two roots between neighbouring points are missed.
+    The bracket of each root is divided twice into 63 parts; `excess` is linear in the last one.
 
     - `excess`: F(φ) − φ, or a quantity of the same sign, for an array of φ [–]
     """
@@ -47,9 +47,9 @@ def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
     values = excess(phi)
     is_above = values > 0
     first = np.flatnonzero(is_above[:-1] != is_above[1:])
-    falls = is_above[first]
-    roots = _refined(excess, phi[first], phi[first + 1], np.where(falls, 1.0, -1.0))
-    return Roots(roots[falls], roots[~falls], bool(values[-1] >= 0))
+    is_falling = is_above[first]
+    roots = _refined(excess, phi[first], phi[first + 1], np.where(is_falling, 1.0, -1.0))
+    return Roots(roots[is_falling], roots[~is_falling], bool(values[-1] >= 0))
 
 
 def _refined(
@@ -63,7 +63,7 @@ def _refined(
     for _ in range(2):
         points = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, ZOOM)
         values = sign[:, None] * excess(points.ravel()).reshape(points.shape)
-        # The last point before the largest root of the bracket.
+        # Index of the last point before the largest root in the bracket.
         last = ZOOM - 2 - np.argmax((values[:, :-1] > 0)[:, ::-1], axis=1)
         low, high = points[rows, last], points[rows, last + 1]
         at_low, at_high = values[rows, last], values[rows, last + 1]

@@ -1,5 +1,5 @@
-"""Response spectra of ground motions that are linear between samples and zero after the last, exact to
-rounding."""
+"""Response spectra, exact to rounding, of ground motions that are linear between samples and zero after the
+last sample."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from rockjax._motions.motion import Motion
 from rockjax._oscillators import ground_load, largest
 
 STEP = 1.02  # ratio of consecutive periods in the search for the largest value of a spectrum
-ZOOM = 32  # points of each of the two refinements in this search
-NEAR_LARGEST = 0.98  # a period enters the refinements if its value exceeds this fraction of the largest
+ZOOM = 32  # periods in each of the two refinements of a maximum
+NEAR_LARGEST = 0.98  # refined maxima of the spectrum, as a fraction of its largest value
 
 
 class Spectrum(NamedTuple):
@@ -29,7 +29,7 @@ class Spectrum(NamedTuple):
 
 
 def spectrum(motion: Motion, periods, damping) -> Spectrum:
-    """Return the spectrum of a motion, which includes free vibration after its end.
+    """Return the spectrum of a motion, including free vibration after the motion.
 
     - `motion`: ground motion
     - `periods`: periods > 0, a number or shape (periods,) [s]
@@ -48,13 +48,13 @@ def refined_maximum(
     All local maxima within 2 % of the largest are refined twice.
 
     - `values_at`: values of the spectrum at an array of periods
-    - `periods`, `values`: ascending periods in steps of at most 2 % [s], and the values there
+    - `periods`, `values`: ascending periods in steps of at most 2 % [s], and the values at these
     """
     for _ in range(2):
         padded = np.concatenate([[-np.inf], values, [-np.inf]])
-        is_top = (values > padded[:-2]) & (values >= padded[2:]) & (values >= NEAR_LARGEST * values.max())
-        top = np.flatnonzero(is_top)
-        low, high = periods[np.maximum(top - 1, 0)], periods[np.minimum(top + 1, periods.size - 1)]
+        is_peak = (values > padded[:-2]) & (values >= padded[2:]) & (values >= NEAR_LARGEST * values.max())
+        peaks = np.flatnonzero(is_peak)
+        low, high = periods[np.maximum(peaks - 1, 0)], periods[np.minimum(peaks + 1, periods.size - 1)]
         periods = np.unique(np.linspace(low, high, ZOOM))
         values = values_at(periods)
     return float(values.max())
@@ -68,7 +68,7 @@ def period_grid(shortest: float, longest: float) -> np.ndarray:
 def largest_displacement(motion: Motion, longest: float, damping: float) -> float:
     """Return the largest S_d(T) of all periods 0 < T ≤ `longest` [m].
 
-    An oscillator under |ü_g| ≤ PGA stays within |x| ≤ PGA/ω² coth(πζ/2√(1−ζ²)), which excludes short periods.
+    An oscillator under |ü_g| ≤ PGA stays within |x| ≤ PGA/ω² coth(πζ/2√(1−ζ²)); short periods are excluded.
 
     - `motion`: ground motion
     - `longest`: longest period > 0 [s]

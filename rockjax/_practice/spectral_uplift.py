@@ -14,8 +14,8 @@ from .spectra import spectrum
 def effective_acceleration(podium: Podium, motion: Motion) -> float:
     """Return a_eff = [(1+2γ) PGA + 2Σ η_i S_a(T_i, ζ_i)]/(1+2γ+2η), (P2) [m/s²].
 
-    S_a is absolute. Masses that move with the beam count in γ, and η is the vibrating mass. The triangle
-    inequality applied to Eq. (9) shows that the columns cannot lift if a_eff ≤ g tan α.
+    S_a is absolute. γ includes the masses that move with the beam; η includes only vibrating masses. The
+    triangle inequality applied to Eq. (9) shows that the columns cannot lift if a_eff ≤ g tan α.
 
     - `podium`: single podium without restrainers, whose damping ratios are below 1
     - `motion`: ground motion
@@ -39,7 +39,7 @@ def _modes(podium: Podium) -> np.ndarray:
 
 
 class SpectralUplift(AbstractMethod):
-    """Uplift check with the response spectrum of the fixed-base building, (P2)."""
+    """Uplift check with the response spectrum at the fixed-base periods of the building, (P2)."""
 
     name = "spectral_uplift"
     title = "Spectral uplift"
@@ -54,12 +54,12 @@ class SpectralUplift(AbstractMethod):
         "instead of the sum, a_eff is not a bound."
     )
 
-    def gaps(self, case: Case) -> tuple[str, ...]:
+    def obstacles(self, case: Case) -> tuple[str, ...]:
         if np.any(_modes(case.podium)[2] >= 1):
             return ("not made: response spectra need damping ratios of the superstructure below 1",)
         return ()
 
     def outcome(self, case: Case) -> Outcome:
-        demand = case.each(lambda motion: effective_acceleration(case.podium, motion))
+        demand = case.for_each_motion(lambda motion: effective_acceleration(case.podium, motion))
         values = {"pga": Quantity(case.pga, "m/s2", "PGA of each motion")}
         return Outcome(case.block.threshold, demand, values=values)

@@ -1,4 +1,4 @@
-"""Static equilibrium, (P1)."""
+"""Static equilibrium of the frame, Eqs. (P1)."""
 
 from __future__ import annotations
 

@@ -55,8 +55,8 @@ def load_table(path: Path) -> dict[str, Any]:
 class Reader:
     """Reader of the tables of a problem file. Errors name the file, the key and the cause.
 
-    - `path`: the file, and the folder to which other paths are relative; None for tables without a file
-    - `options`: key → (flag, value) for keys that the command line has set; errors in them name the flag
+    - `path`: the problem file, whose folder is the base of relative paths; None for tables without a file
+    - `options`: key → (flag, value) for keys that the command line has set; errors about them name the flag
     """
 
     def __init__(self, path: Path | None = None, options: Mapping[str, tuple[str, Any]] | None = None):
@@ -94,9 +94,9 @@ class Reader:
         path = [where, *([key] if key != "file" else [])] if where else [key]
         return self.fail(".".join(path), reason)
 
-    def options(self, given: models.Options, **changes: Any) -> Options:
-        """Return the options of a file; `changes` replace the defaults of options that the file omits."""
-        arguments: dict[str, Any] = {"throw": False} | changes | given.as_arguments()
+    def options(self, given: models.Options, **defaults: Any) -> Options:
+        """Return the options; `defaults`: values of those that neither the command line nor the file sets."""
+        arguments: dict[str, Any] = {"throw": False} | defaults | given.as_arguments()
         with self.at("options"):
             return Options(**arguments)
 
@@ -143,15 +143,15 @@ class Reader:
             return classes.get(type(given), superstructure_of)(**given.as_arguments())
 
     def contents(self, given: Iterable[models.Contents]) -> dict[str, Contents]:
-        """Return the blocks on floors of a file by name."""
+        """Return name → block on a floor."""
         return self._named("contents", given, _contents)
 
     def oscillators(self, given: Iterable[models.Oscillator]) -> dict[str, Oscillator]:
-        """Return the oscillators on floors of a file by name."""
+        """Return name → oscillator on a floor."""
         return self._named("oscillators", given, Oscillator)
 
     def _named(self, table: str, given: Iterable[Any], make: Callable[..., T]) -> dict[str, T]:
-        """Build the objects of a table; the default name of an object is that of the table and a number."""
+        """Build the objects of a table; an object without a name is called `table`-1, `table`-2 …"""
         objects: dict[str, T] = {}
         for k, entry in enumerate(given):
             with self.at(f"{table}[{k}]"):
@@ -174,7 +174,7 @@ class Reader:
 
         - `sets`: all sets by name
         - `name`: name of the set
-        - `podium`: structure to which ratios of pulses refer, or None
+        - `podium`: structure for pulses that are given by ratios; None if there is none
         """
         motions, is_list = [], isinstance(sets[name], list)
         for k, entry in enumerate(entries_of(sets[name])):
@@ -216,13 +216,13 @@ class Reader:
         return motions.paired() if getattr(entry, "paired", False) else motions
 
     def _record(self, path: Path, arguments: dict[str, Any]) -> Motion:
-        """Return the record of a file, with the vertical component if the entry gives one."""
-        scale, file, component = (
+        """Return the record of a file, with a vertical component if `arguments` name its file."""
+        scale, vertical_file, component = (
             arguments.pop(name, None) for name in ("scale", "vertical", "vertical_component")
         )
         motion = read_motion(path, **arguments)
-        if file is not None:
-            vertical = read_motion(self.folder / file, **arguments | {"component": component})
+        if vertical_file is not None:
+            vertical = read_motion(self.folder / vertical_file, **arguments | {"component": component})
             motion = dataclasses.replace(motion, vertical=vertical)
         return motion if scale in (None, 1) else motion.scaled(scale)
 
@@ -252,7 +252,7 @@ def _explain(error: ValidationError, table: Any) -> tuple[str, str, Any]:
 
 
 def _contents(**given: Any) -> Contents:
-    """Return a block by its dimensions, or by slenderness and size."""
+    """Return a block on a floor, built from its dimensions or from slenderness and size."""
     return Contents.from_dimensions(**given) if "width" in given else Contents(**given)
 
 
@@ -272,7 +272,7 @@ def to_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
 
 
 def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitation]:
-    """Return the pulses of an entry; `podium`: structure to which ratios of pulses refer, or None."""
+    """Return the pulses of an entry; `podium`: structure for pulses that are given by ratios, or None."""
     pulse_class = PULSES[entry.kind]
     a_p = (
         entry.a_p

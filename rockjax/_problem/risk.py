@@ -17,13 +17,13 @@ from . import models
 
 
 def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
-    """Return the curve of `[risk]`: a dataset from a file, a lognormal distribution, or None.
+    """Return the curve of `[risk]`: a dataset from a file, a lognormal distribution, or None without either.
 
-    - `settings`: the table
-    - `find`: function that returns the path of a named file
+    - `settings`: the table `[risk]`
+    - `find`: function that turns a file name of the table into a path
 
-    Raises `ValueError` if the file is not a fragility, if both a file and values are given, and if only one
-    of median and dispersion is given.
+    Raises `ValueError` if the file contains no fragility curve, if both a file and values are given, and
+    if only one of median and dispersion is given.
     """
     parameters = [value for value in (settings.median, settings.dispersion) if value is not None]
     if settings.fragility is None:
@@ -68,6 +68,7 @@ def check_structure(curve: Any, podium: Podium, name: str) -> None:
 
 
 def _curve_of_model(path: Path, model: dict[str, Any], structure: str | None) -> Any:
+    """Return the curve of a named structure; without a name, of the only structure of the model."""
     if structure is None and len(model) > 1:
         raise ValueError(f"{path} has several structures; choose one of {', '.join(model)} with --structure")
     name = next(iter(model)) if structure is None else structure

@@ -20,15 +20,16 @@ from pydantic_core import PydanticCustomError
 
 from rockjax._excitations.names import PULSE_CLASSES
 
+# Headings under which the help of the command line lists options.
 STRUCTURE, MOTION, GRID, ACCURACY, OUTPUT = "Structure", "Ground motion", "Grid", "Accuracy", "Output"
 STATISTICS, CURVE, HAZARD, MACHINES = "Statistics", "Fragility", "Hazard", "Machines"
 
 
 class Flag(NamedTuple):
-    """A command-line option for a key: its panel in the help, and its name if it differs from the key.
+    """A command-line option for a key: `panel`, its heading in the help, and a `name` unless that is the key.
 
-    It is stored as `json_schema_extra` of the field, which pydantic calls with the schema; the call leaves
-    the schema unchanged.
+    A `Flag` is stored as `json_schema_extra` of a field. Pydantic calls it with the JSON schema of the field,
+    which the call leaves unchanged.
     """
 
     panel: str
@@ -39,10 +40,10 @@ class Flag(NamedTuple):
 
 
 def key(default: Any, meaning: str, panel: str = "", name: str = "") -> Any:
-    """Return the field of a key; with a panel, the key is also an option of the command line.
+    """Return the field of a key; with a `panel`, the key is also an option of the command line.
 
     - `default`: default value, `...` for a required key; `meaning`: description of the key, with the unit
-    - `panel`: panel of the option in the help; `name`: name of the option if it differs from the key
+    - `panel`: heading of the option in the help; `name`: name of the option if it differs from the key
     """
     return Field(default, description=meaning, json_schema_extra=Flag(panel, name) if panel else None)
 
@@ -82,7 +83,7 @@ Positives = Annotated[list[Positive], Field(min_length=1), described_as("a list 
 NotNegatives = Annotated[list[NotNegative], Field(min_length=1), described_as("a list of numbers >= 0")]
 OneOrMore = Annotated[float | Numbers, described_as("a number or a list of numbers")]
 Periods = Annotated[Positive | Positives, described_as("a number > 0 or a list of such numbers")]
-Shares = Annotated[NotNegative | NotNegatives, described_as("a number >= 0 or a list of such numbers")]
+DampingRatios = Annotated[NotNegative | NotNegatives, described_as("a number >= 0 or a list of such numbers")]
 Share = Annotated[float, Field(gt=0, lt=1), described_as("a number in (0, 1)")]
 _ENDS = "two numbers [lowest, highest] with"
 Ends = Annotated[tuple[float, float], Strict(False)]

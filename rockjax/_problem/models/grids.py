@@ -37,12 +37,12 @@ class Sweep(OneMotion):
     outputs: list[str] = key(
         ["peak_rotation"], "Requested outputs: peak_rotation, peak_shear, margin …", GRID
     )
-    chunk: Count | None = key(None, "Scenes in a chunk; by default some seconds of work.", MACHINES)
+    chunk: Count | None = key(None, "Scenes computed at a time; by default some seconds of work.", MACHINES)
     axes: dict[str, Axis] = key({}, "Axes of the grid: name of a parameter → values, as in `rockjax.grid`.")
 
 
 class Normal(Keys):
-    """A normal distribution, truncated where low or high are given."""
+    """A normal distribution, truncated at the ends `low` and `high` if they are given."""
 
     kind: Literal["normal"] = key(..., "Kind of the distribution.")
     mean: Number = key(..., "Mean before truncation.")
@@ -102,7 +102,7 @@ Spread = Annotated[
 
 
 class Ensemble(OneMotion):
-    """Table of `rockjax ensemble`; without a number, every scene draws one of the motions of a set."""
+    """Table of `rockjax ensemble`. Without `number`, every scene draws one of the motions of a set."""
 
     n: Count = key(1000, "Number of scenes.", GRID)
     seed: Index = key(0, "Seed of the random numbers; equal seeds give equal draws.", GRID)

@@ -57,7 +57,7 @@ class _Recorded(Keys):
 
     units: RecordUnit | None = key(None, "Unit of the samples, if the file does not state it.", MOTION)
     dt: Positive | None = key(None, "Sampling interval [s], if the file does not state it.", MOTION)
-    component: Label | None = key(None, "Number or name of the channel, if there are several.", MOTION)
+    component: Label | None = key(None, "Number or name of the channel, if the file has several.", MOTION)
     scale: Number | None = key(None, "Factor on the record [–]; by default 1.", MOTION)
     vertical_ratio: Number | None = key(None, "Ratio of vertical to horizontal ground acceleration [–].")
 
@@ -112,10 +112,12 @@ class Measures(Keys):
     damping: NotNegative = key(0.05, "Damping ratio of Sa(T) [–].", GRID)
 
 
+# Keys that tell the kinds of entries apart; an entry has exactly one of them.
 SOURCES = ("kind", "file", "suite", "synthetic")
 
 
-def _source(given: Any) -> str | None:
+def _source_tag(given: Any) -> str | None:
+    """Return the tag of the model of an entry; None unless the entry has exactly one of `SOURCES`."""
     found = [name for name in SOURCES if isinstance(given, dict) and name in given]
     return found[0].title() if len(found) == 1 else None
 
@@ -126,7 +128,7 @@ Entry = Annotated[
     | Annotated[Suite, Tag("Suite")]
     | Annotated[Synthetic, Tag("Synthetic")],
     Discriminator(
-        _source,
+        _source_tag,
         "source",
         "needs one of kind (for a pulse), file (for a record), suite (for records) and synthetic (a number)",
     ),

@@ -53,9 +53,9 @@ class JointKeys(Keys):
 class ReportKeys(Keys):
     """Settings of `rockjax report`."""
 
-    units: list[str] | None = key(None, "Units of the page, one for each quantity: kN, m, deg, g, mm.")
+    units: list[str] | None = key(None, "Units of the page, such as kN, m, deg, g, mm.")
     spread: Annotated[float, Field(gt=0, lt=1), described_as("a number in (0, 1)")] = key(
-        0.05, "Relative change of each parameter for the range of the utilisations [–]."
+        0.05, "Relative change of each input, for the range of utilisations [–]."
     )
     laws: list[Literal["paper", "compatible"]] = key(
         ["paper", "compatible"], "Laws of impact that are compared with the law of the structure."

@@ -13,6 +13,7 @@ from rockjax._parameters import table
 from .fields import (
     STRUCTURE,
     Count,
+    DampingRatios,
     Index,
     Keys,
     NotNegative,
@@ -22,7 +23,6 @@ from .fields import (
     OneOrMore,
     Positive,
     Positives,
-    Shares,
     described_as,
     key,
     require_one,
@@ -36,14 +36,15 @@ def type_of(entry: table.Parameter) -> Any:
     closed, (low, high) = entry.range.closed, entry.range[:2]
     ends = {"ge" if closed[0] else "gt": low, "le" if closed[1] else "lt": high}
     limits: dict[str, Any] = {name: end for name, end in ends.items() if math.isfinite(end)}
-    kind = Annotated[float, Field(**limits)]
+    number = Annotated[float, Field(**limits)]
     if entry.name == "restitution":
-        return Annotated[Literal["paper", "compatible"] | kind, described_as(_LAW)]
+        return Annotated[Literal["paper", "compatible"] | number, described_as(_LAW)]
     words = f"a number {entry.range.words}".rstrip()
-    return Annotated[kind, described_as(f"{words}; {entry.note}" if entry.note else words)]
+    return Annotated[number, described_as(f"{words}; {entry.note}" if entry.note else words)]
 
 
 _LAW = "'paper', 'compatible' or a factor in [0, 1]"
+# What the description of a key adds to the heading in the table of parameters.
 _NOTES = {
     "alpha": ", instead of tan_alpha",
     "restitution": ": paper, Eq. (27); compatible, with Eq. (26); or a number",
@@ -56,8 +57,8 @@ def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
     # `damping` has no option, because --zeta sets both damping ratios.
     panel = "" if name == "damping" or entry.place.count(".") > 1 else STRUCTURE
     note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
-    kind, meaning = type_of(entry), f"{entry.heading}{note}."
-    return (kind, key(..., meaning, panel)) if needed else (kind | None, key(None, meaning, panel))
+    key_type, meaning = type_of(entry), f"{entry.heading}{note}."
+    return (key_type, key(..., meaning, panel)) if needed else (key_type | None, key(None, meaning, panel))
 
 
 def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
@@ -67,13 +68,14 @@ def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
 
 
 def _stored_in(*places: str) -> dict[str, table.Parameter]:
-    """Return the structural parameters, except width and height, whose place begins with one of `places`."""
+    """Return the structural parameters, except width and height, whose place in a podium begins with one of
+    `places`."""
     entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.WIDTH_AND_HEIGHT}
     return {name: entry for name, entry in entries.items() if entry.place.partition(".")[0] in places}
 
 
 class Superstructure(make_model(_stored_in("superstructure") | table.BUILDING, "eta")):
-    """A superstructure. Without T_s it is rigid; with `stories` its stories are equal."""
+    """A superstructure: rigid without T_s; with `stories`, a building of equal stories."""
 
     @model_validator(mode="after")
     def _check(self) -> Superstructure:
@@ -88,7 +90,7 @@ class ModesOfSuperstructure(Keys):
 
     eta: NotNegatives = key(..., "Mass ratios of the modes [–].")
     T: Positives = key(..., "Periods of the modes [s].")
-    zeta: Shares | None = key(None, "Damping ratios, or one for all modes [–].")
+    zeta: DampingRatios | None = key(None, "Damping ratios, or one for all modes [–].")
     residual: NotNegative | None = key(None, "Ratio of the residual mass, which moves with the beam [–].")
 
 
@@ -97,7 +99,7 @@ class Building(Keys):
 
     masses: Positives = key(..., "Mass ratios of the floors [–].")
     stiffnesses: Positives = key(..., "Stiffnesses of the stories divided by the mass of all columns [1/s²].")
-    damping: Shares | None = key(None, "Damping ratios of the modes, or one for all modes [–].")
+    damping: DampingRatios | None = key(None, "Damping ratios of the modes, or one for all modes [–].")
     modes: Index | None = key(None, "Number of modes in the analysis; by default all.")
     heights: Positives | None = key(None, "Heights of the stories [m].")
 
@@ -116,7 +118,8 @@ class Elevation(Keys):
     residual_height: Number | None = key(None, _RESIDUAL)
 
 
-def _top(given: Any) -> str:
+def _superstructure_tag(given: Any) -> str:
+    """Return the tag of the model of a superstructure."""
     tags = {"masses": "Building", "T": "Modes"}  # tags differ from keys, so that messages omit them
     return next((tags[name] for name in tags if isinstance(given, dict) and name in given), "one")
 
@@ -131,7 +134,7 @@ class ByRatios(
             Annotated[Superstructure, Tag("one")]
             | Annotated[ModesOfSuperstructure, Tag("Modes")]
             | Annotated[Building, Tag("Building")],
-            Discriminator(_top),
+            Discriminator(_superstructure_tag),
         ]
         | None
     ) = key(None, "Superstructure on the beam; by default none.")
@@ -156,7 +159,7 @@ class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "heigh
     residual_height: Number | None = key(None, _RESIDUAL)
 
 
-def _structure(given: Any) -> str:
+def _structure_tag(given: Any) -> str:
     """Return the tag of the model of a structure."""
     has_dimensions = isinstance(given, dict) and any(
         name in given for name in (*table.WIDTH_AND_HEIGHT, "column_mass")
@@ -165,7 +168,8 @@ def _structure(given: Any) -> str:
 
 
 Structure = Annotated[
-    Annotated[ByRatios, Tag("ratios")] | Annotated[ByDimensions, Tag("dimensions")], Discriminator(_structure)
+    Annotated[ByRatios, Tag("ratios")] | Annotated[ByDimensions, Tag("dimensions")],
+    Discriminator(_structure_tag),
 ]
 
 
@@ -191,19 +195,17 @@ class Contents(Keys):
         | None
     ) = key(None, "Law of the block's impacts: paper, or a velocity factor [–].")
     level: Level = key("deck", _LEVEL)
-    vertical: bool | None = key(None, "Whether the vertical motion of the floor acts; by default true.")
+    vertical: bool | None = key(None, "Whether the vertical motion of the floor is applied; by default true.")
     overturn_ratio: Positive | None = key(None, "|φ|/α_c that counts as overturning [–]; by default 1.")
 
     @model_validator(mode="after")
     def _check(self) -> Contents:
-        pair = ("alpha", "R") if require_one(self.as_arguments(), "alpha", "width") == "alpha" else _SIZES
+        first = require_one(self.as_arguments(), "alpha", "width")
+        pair = first, {"alpha": "R", "width": "height"}[first]
         other = [name for name in ("R", "height") if name not in pair and getattr(self, name) is not None]
         if getattr(self, pair[1]) is None or other:
             raise ValueError("needs alpha and R, or width and height")
         return self
-
-
-_SIZES = "width", "height"
 
 
 class Oscillator(Keys):

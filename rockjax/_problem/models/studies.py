@@ -49,8 +49,8 @@ class Options(Keys):
 class OneMotion(Keys):
     """Keys that select a motion."""
 
-    motion: str | None = key(None, "Name of the set of motions, if there are several.", MOTION)
-    number: Count | None = key(None, "Number of the motion in the set, if there are several.", MOTION)
+    motion: str | None = key(None, "Name of the set of motions, if the file has several.", MOTION)
+    number: Count | None = key(None, "Number of the motion in the set, if the set has several.", MOTION)
 
 
 FRICTION = "Friction coefficient μ of the joints, for a warning [–]."
@@ -59,7 +59,7 @@ FRICTION = "Friction coefficient μ of the joints, for a warning [–]."
 class Response(OneMotion):
     """Table of `rockjax response`."""
 
-    t_end: Number | None = key(None, "End [s]; by default 30/p after the motion, or 10 T_s.", GRID)
+    t_end: Number | None = key(None, "End [s]; by default max(30/p, 10 T_s) after the motion.", GRID)
     friction: Positive | None = key(None, FRICTION, STRUCTURE)
 
 
@@ -74,7 +74,7 @@ class Peaks(OneMotion):
     )
     factor: Positive = key(1.0, "Factor on the motions [–].", MOTION)
     friction: Positive | None = key(None, FRICTION, STRUCTURE)
-    t_end: Number | None = key(None, "End [s]; by default 30/p after the motion, or 10 T_s.", GRID)
+    t_end: Number | None = key(None, "End [s]; by default max(30/p, 10 T_s) after the motion.", GRID)
 
 
 class Floors(OneMotion):
@@ -88,11 +88,11 @@ class Floors(OneMotion):
     oscillator_damping: NotNegatives = key([0.05], "Damping ratios of the oscillators [–].", GRID)
     direction: Literal["horizontal", "vertical"] = key("horizontal", "Direction of the motion.", GRID)
     t_end: Number | None = key(None, "End [s]; by default at least 5 T_e after the motion.", GRID)
-    sensitivities: list[str] = key([], "Parameters y for y ∂/∂y of the spectra.", GRID)
+    sensitivities: list[str] = key([], "Parameters y of the derivatives y ∂/∂y of the spectra.", GRID)
 
 
 class _Panels(Keys):
-    """Structures with different superstructures, under one kind of pulse."""
+    """Keys of plots with a panel for each superstructure, under one kind of pulse."""
 
     pulse: PulseName = key("ricker", "Kind of the pulse.", MOTION)
     vertical_ratio: Number | None = key(
@@ -104,11 +104,11 @@ class _Panels(Keys):
 
 
 class Spectrum(_Panels):
-    """Table of `rockjax spectrum`. If the file has a structure, it is the only panel by default."""
+    """Table of `rockjax spectrum`. By default, the structure of the file is the only panel of the plot."""
 
     acceleration_ratio: Amplitudes = key((1.0, 12.0), "Range of a_p/(g tan α) [–].", GRID, "--acceleration")
     points: Points = key(100, "Points along each axis.", GRID)
-    sensitivities: list[str] = key([], "Parameters y of ∂(max|θ|/α)/∂ ln y.", GRID)
+    sensitivities: list[str] = key([], "Parameters y of the derivatives ∂(max|θ|/α)/∂ ln y.", GRID)
 
 
 class Overturning(_Panels):
@@ -116,7 +116,7 @@ class Overturning(_Panels):
 
     max_acceleration_ratio: Positive = key(12.0, "Largest a_p/(g tan α) [–].", GRID, "--max-acceleration")
     points: Points = key(141, "Number of frequencies.", GRID)
-    sensitivities: list[str] = key(["alpha", "gamma"], "Parameters y of d a_ov/d ln y.", GRID)
+    sensitivities: list[str] = key(["alpha", "gamma"], "Parameters y of the derivatives d a_ov/d ln y.", GRID)
 
 
 class Fragility(Keys):
@@ -147,7 +147,7 @@ class Fragility(Keys):
     overturned: Literal["drop", "exceed"] = key(
         "drop", "Leave out scenes in which the podium overturns, or count them as damage of the contents."
     )
-    sensitivities: list[str] = key([], "Parameters y of d ln(median)/d ln y.", STATISTICS)
+    sensitivities: list[str] = key([], "Parameters y of the derivatives d ln(median)/d ln y.", STATISTICS)
     friction: Positive | None = key(None, FRICTION, STRUCTURE)
 
 
@@ -155,9 +155,9 @@ class Risk(Keys):
     """Table of `rockjax risk`."""
 
     fragility: str | None = key(None, "File of `rockjax fragility` (.nc) or OpenQuake's (.xml).", CURVE)
-    structure: str | None = key(None, "Name of the structure in a model (.xml), if it has several.", CURVE)
+    structure: str | None = key(None, "Name of the structure in a model (.xml) of several structures.", CURVE)
     median: Positive | None = key(None, "Median of the curve, in SI units, instead of a file.", CURVE)
     dispersion: Positive | None = key(None, "Logarithmic standard deviation, with the median [–].", CURVE)
     hazard: str | None = key(None, "Hazard curve: a CSV file with two columns, or one of OpenQuake.", HAZARD)
-    site: Index | None = key(None, "Row of an OpenQuake file, counted from 0.", HAZARD)
+    site: Index | None = key(None, "Row of the site in an OpenQuake hazard file, counted from 0.", HAZARD)
     years: NotNegative = key(50.0, "Period of the reported probability of failure [years].", OUTPUT)
