@@ -35,7 +35,7 @@ class AnnualFrequency(AbstractScaleTarget):
     - `suite`: two or more records or motions, or `FreshSamples` of records; intensities are measured on the
       horizontal component
     - `max_intensity`: highest intensity searched, by default the last point of the hazard [unit of `hazard`];
-      motions that do not overturn the columns up to this intensity count as censored
+      motions that do not overturn the columns up to this intensity are censored observations
     - `width`: verification finds every overturning window wider than `width` times `max_intensity` [–]
     - `name`: name in reports
 

@@ -1,4 +1,4 @@
-"""The result of a design: outcomes of all starts, and margins and shadow prices of the best start."""
+"""The result of a design: outcomes of the searches from all starting points ("starts"), and the best one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ._variables import Structure, Variables, as_podium, make_variables
 class Outcome(NamedTuple):
     """Outcome of one start.
 
-    - `variables`: name → value in user units; `objective`: verified value of the objective
+    - `variables`: name → value in the unit of the parameter; `objective`: verified value of the objective
     - `margin`: worst verified margin [–]; `satisfied`: whether all margins are ≥ 0
     - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations
     """
@@ -56,7 +56,7 @@ class Design(Module):
 
     - `podium`: the designed podium; `structure`: the designed structure, of the same type as the argument
       (`Podium` or `Dimensions`)
-    - `variables`: name → value in user units; `objective`: value of the objective at the design, the largest
+    - `variables`: name → value, in `units`; `objective`: value of the objective at the design, the largest
       entry if it is a vector
     - `satisfied`: whether all margins are ≥ 0 in the verification: a simulation with rtol ≤ 1e-11 and
       atol ≤ 1e-13, or an independent sample
@@ -204,20 +204,20 @@ class SearchResult(NamedTuple):
     """Result of a search.
 
     - `ends`: end of every start; `evaluations`: verified evaluations at the ends
-    - `sizes`: name of a target → number of its margins; `scale`: unit of the objective in the search
+    - `margin_counts`: name of a target → number of its margins; `scale`: unit of the objective in the search
     - `history`: iterates of all starts; `effort`: cost of the search
     """
 
     ends: list[End]
     evaluations: list[Evaluation]
-    sizes: dict[str, int]
+    margin_counts: dict[str, int]
     scale: float
     history: list[Iterate]
     effort: Effort
 
 
 def build_design(
-    given: Structure,
+    original: Structure,
     variables: Variables,
     objective: AbstractObjective | None,
     search: SearchResult,
@@ -225,7 +225,7 @@ def build_design(
 ) -> Design:
     """Return the design at the end of the best start, with the outcomes of all starts.
 
-    - `given`: the structure as the user gave it; `variables`: the design variables
+    - `original`: the structure as the user passed it; `variables`: the design variables
     - `objective`: the minimised objective, None for the nearest design
     - `search`: result of the search
     - `estimate_samples`: function that returns the estimates from independent samples at scaled variables
@@ -233,9 +233,9 @@ def build_design(
     """
     pairs = zip(search.ends, search.evaluations, strict=True)
     outcomes = tuple(_outcome(variables, end, evaluation) for end, evaluation in pairs)
-    best = min(range(len(outcomes)), key=lambda k: _rank_outcome(outcomes[k], bool(search.sizes)))
+    best = min(range(len(outcomes)), key=lambda k: _rank_outcome(outcomes[k], bool(search.margin_counts)))
     best_outcome, best_end, evaluation = outcomes[best], search.ends[best], search.evaluations[best]
-    offsets = np.cumsum([0, *search.sizes.values()])
+    offsets = np.cumsum([0, *search.margin_counts.values()])
     spans = [slice(first, end) for first, end in itertools.pairwise(offsets)]
     estimates = estimate_samples(best_end.x)
     margins = evaluation.c.copy()
@@ -250,17 +250,17 @@ def build_design(
     lower_and_upper = np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist()
     bounds = dict(zip(variables.names, zip(*lower_and_upper, strict=True), strict=True))
     minimised = "distance from the start" if objective is None else objective.describe()
-    # Start from `given`, because `variables.base` has arrays in place of the user's numbers.
-    structure = make_variables(given, bounds).structure(best_end.x)
-    names = list(search.sizes)
+    # The result has the user's numbers for unvaried parameters; `variables.base` has arrays.
+    structure = make_variables(original, bounds).structure(best_end.x)
+    names = list(search.margin_counts)
     return Design(
         podium=as_podium(structure),
         structure=structure,
         variables=best_outcome.variables,
         objective=best_outcome.objective,
         satisfied=best_outcome.satisfied,
-        margins={name: margins[span] for name, span in zip(search.sizes, spans, strict=True)},
-        multipliers={name: prices[span] for name, span in zip(search.sizes, spans, strict=True)},
+        margins={name: margins[span] for name, span in zip(search.margin_counts, spans, strict=True)},
+        multipliers={name: prices[span] for name, span in zip(search.margin_counts, spans, strict=True)},
         result=best_outcome.result,
         history=tuple(search.history),
         stats=search.effort,
@@ -280,7 +280,7 @@ def build_design(
 
 
 def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
-    """Return the outcome of a start. The verified evaluation may change the result of the search."""
+    """Return the outcome of a start. The verified evaluation takes precedence over `end.result`."""
     is_finite = bool(np.isfinite(evaluation.c).all() and np.isfinite(evaluation.f).all())
     satisfied = is_finite and evaluation.violation == 0
     code = end.result if is_finite else NOT_FINITE

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def _axes(owner: str, T_p, a_p) -> tuple[np.ndarray, np.ndarray]:
+def _check_axes(owner: str, T_p, a_p) -> tuple[np.ndarray, np.ndarray]:
     """Return periods and amplitudes as arrays; raise `ValueError` if they are invalid."""
     periods = np.asarray(as_float(T_p, f"{owner}: T_p"))
     if periods.ndim != 1 or periods.size == 0 or np.any(np.diff(periods) <= 0):
@@ -45,10 +45,10 @@ def design_chart(
     options: rj.Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Return the smallest safe value of a design variable, such as α, against the pulse period (host).
+    """Return the smallest safe value of a design variable, such as α, against the pulse period; outside jit.
 
     - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; all other parameters keep their values
-    - `vary`: (name, (lowest, highest)) in user units, as in [`optimise.design`][]
+    - `vary`: (name, (lowest, highest)) in the unit of the parameter, as in [`optimise.design`][]
     - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude or amplitudes, > 0 [m/s²]; `T_p`:
       periods, shape (n,), > 0, ascending [s]
     - `resolution`: number of values of the variable in the first scan of each period, ≥ 4
@@ -74,7 +74,7 @@ def design_chart(
     make_variables(podium, {name: (low, high)}, owner)
     pulse = as_pulse(owner, pulse)
     require_instance(owner, "options", options, rj.Options, "rockjax.Options")
-    periods, amplitudes = _axes(owner, T_p, a_p)
+    periods, amplitudes = _check_axes(owner, T_p, a_p)
     require_whole(owner, "resolution", resolution, 4)
     boundary_tables, least_safe, scene_counts = [], [], []
     for amplitude in amplitudes:

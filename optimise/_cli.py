@@ -25,8 +25,8 @@ def design_command(
 ) -> tuple[Design, list[Path], rj.Interrupted | None]:
     """Solve a design problem; write the design and its pictures.
 
-    - `problem`: the design problem; `output`: prefix OUTPUT of the files OUTPUT.json, OUTPUT-convergence.png
-      and, if the problem has motions, OUTPUT-response.png
+    - `problem`: the design problem; `output`: prefix of the files OUTPUT.json, OUTPUT-convergence.png and, if
+      the problem has motions, OUTPUT-response.png
     - `quiet`: whether to hide the progress bar; `suffix`: file extension of the pictures
 
     Returns the design, the paths of the written files, and the `rockjax.Interrupted` error of an interrupted

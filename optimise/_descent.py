@@ -1,7 +1,7 @@
 """Data types of a search: evaluations, settings, iterates and ends of descents.
 
-A descent is a coroutine: it yields points and receives their evaluations, so that many descents are evaluated
-as one batch.
+A descent, the search from one start, is a coroutine: it yields points and receives their evaluations, so that
+many descents are evaluated as one batch.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Evaluation(NamedTuple):
 class Rules(NamedTuple):
     """Settings of a descent.
 
-    - `scale`: unit of the objective in the descent; `shift`: margin aimed at [–]
+    - `scale`: unit of the objective in the descent; `shift`: least margin that the descent aims at [–]
     - `radius`: first radius of the trust region, in scaled variables
     - `tolerance`: largest residual of the optimality conditions at convergence; `max_iterations`: largest
       number of iterations

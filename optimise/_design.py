@@ -30,9 +30,9 @@ from ._variables import Structure, Variables, make_variables
 if TYPE_CHECKING:
     import optax
 
-MAX_REFINEMENTS = 3  # rounds that correct designs in which verification finds a small violation
+MAX_REFINEMENTS = 3  # largest number of rounds that correct small violations found in the verification
 SAMPLED_TOLERANCE = 1e-4  # smallest tolerance with sampled probabilities, whose scatter is larger
-MAX_CORRECTIONS = 3  # rounds that continue a search after independent samples
+MAX_CORRECTIONS = 3  # largest number of rounds that continue a search if independent samples contradict it
 MAX_CHECKED_ENDS = 4  # ends at which independent samples are taken in one round
 MAX_SAMPLE_VIOLATION = 0.2  # largest violation in an independent sample that is corrected [–]
 
@@ -51,12 +51,12 @@ def design(
     max_iterations: int | None = None,
     progress: Any = False,
 ) -> Design:
-    """Find the structure that satisfies all targets and minimises an objective (host).
+    """Find the structure that satisfies all targets and minimises an objective; outside jit.
 
     - `podium`: the first start, a `rockjax.Podium` or an `optimise.Dimensions`, whose masses can vary too.
       All parameters that are not varied keep their values
-    - `vary`: name → (lowest, highest) in user units. Names are the parameters of the structure, for a
-      `Podium` for instance `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
+    - `vary`: name → (lowest, highest) in the unit of the parameter. Names are parameters of the structure,
+      for a `Podium` for instance `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
       `zeta`, or `width` and `height` (varying one keeps the other). A positive range wider than a factor of
       10 is scaled logarithmically
     - `minimise`: an objective, or a function of the podium that returns a number or a vector, whose largest
@@ -116,9 +116,9 @@ def design(
             search = DescentSearch(transformation, evaluate, points, tolerance, max_iterations)
         is_interrupted = search.run()
     effort = evaluate.effort(search.iterations, time.perf_counter() - start_time)
-    sizes = _margin_counts(targets, evaluate.sizes)
+    margin_counts = _margin_counts(targets, evaluate.margin_counts)
     answer = build_design(
-        podium, variables, objective, search.search_result(sizes, effort), search.estimate_samples
+        podium, variables, objective, search.search_result(margin_counts, effort), search.estimate_samples
     )
     if is_interrupted:
         raise rj.Interrupted(f"stopped after {effort.iterations} iterations", answer)
@@ -188,7 +188,7 @@ class DescentSearch:
     def verify(self) -> None:
         """Verify the ends by accurate simulation, and correct small violations by further descents."""
         tolerance = self.tolerance
-        self.evaluations = self.evaluate_checked()
+        self.evaluations = self.evaluate_with_samples()
         rules = Rules(self.scale, tolerance, 1e-2, tolerance, 12)
         limit = MAX_SAMPLE_VIOLATION if self.evaluate.sampled_targets.targets else 1e3 * tolerance
         for _ in range(MAX_REFINEMENTS):
@@ -202,12 +202,12 @@ class DescentSearch:
             if not descents:
                 break
             run_descents(descents, self.evaluate, self.end_points, self.evaluations, self.ends)
-            self.evaluations = self.evaluate_checked()
+            self.evaluations = self.evaluate_with_samples()
 
-    def evaluate_checked(self) -> list[Evaluation]:
-        """Return the evaluations at the ends, after independent samples have been taken at the best end.
+    def evaluate_with_samples(self) -> list[Evaluation]:
+        """Take independent samples at the best end, and return the evaluations at all ends.
 
-        A new sample may change which end is best; at most `MAX_CHECKED_ENDS` ends are sampled.
+        A new sample may make another end the best; at most `MAX_CHECKED_ENDS` ends are sampled.
         """
         for _ in range(MAX_CHECKED_ENDS):
             evaluations = self.evaluate(self.end_points)
@@ -254,15 +254,16 @@ class DescentSearch:
 
     @property
     def end_points(self) -> np.ndarray:
+        """Scaled variables at the ends of all starts (starts, n)."""
         return np.stack([self.ends[k].x for k in range(len(self.ends))])
 
     @property
     def iterations(self) -> int:
         return sum(end.iterations for end in self.ends.values())
 
-    def search_result(self, sizes: dict[str, int], effort: Effort) -> SearchResult:
+    def search_result(self, margin_counts: dict[str, int], effort: Effort) -> SearchResult:
         ends = [self.ends[k] for k in range(len(self.points))]
-        return SearchResult(ends, self.evaluations, sizes, self.scale, self.history, effort)
+        return SearchResult(ends, self.evaluations, margin_counts, self.scale, self.history, effort)
 
 
 def _check_fresh(
@@ -327,15 +328,15 @@ def _best(evaluations: list[Evaluation]) -> int:
     return min(range(len(keys)), key=keys.__getitem__)
 
 
-def _margin_counts(targets: tuple[AbstractTarget, ...], sizes: list[int]) -> dict[str, int]:
+def _margin_counts(targets: tuple[AbstractTarget, ...], counts: list[int]) -> dict[str, int]:
     """Return target name → number of margins; repeated names are numbered."""
     names: dict[str, int] = {}
-    for target, size in zip(targets, sizes, strict=True):
+    for target, count in zip(targets, counts, strict=True):
         base_name = target.name or target.describe()
         name, k = base_name, 2
         while name in names:
             name, k = f"{base_name} ({k})", k + 1
-        names[name] = size
+        names[name] = count
     return names
 
 

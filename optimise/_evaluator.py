@@ -121,7 +121,7 @@ def build_problem(
 
 
 def _floats_to_arrays(item: Any) -> Any:
-    """Turn Python floats into arrays, so that they are not compiled in.
+    """Turn Python floats into arrays, which compiled programs take as arguments, not as constants.
 
     Zeros stay floats, because they may mean that a component is absent.
     """
@@ -159,11 +159,13 @@ def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[
 
 @functools.partial(StoredProgram, arrays_only=True)
 def _least_scales(target: AbstractScaleTarget, options: rj.Options, podium: rj.Podium):
+    """Return the overturning scales of the motions of a target (k,)."""
     return target.least_scales(podium, options)
 
 
 @functools.partial(StoredProgram, arrays_only=True)
 def _margins_of_samples(target: AbstractScaleTarget, scales: Float[Array, "samples k"]):
+    """Return the margins of a target for each sample of overturning scales (samples, margins)."""
     return jax.vmap(target.margins_of_scales)(scales)
 
 
@@ -193,21 +195,21 @@ def verification_options(options: rj.Options) -> rj.Options:
 
 
 def options_as_arrays(options: rj.Options) -> rj.Options:
-    """Return options with their numbers as arrays, so that they are not compiled in."""
+    """Return options with their numbers as arrays, which compiled programs take as arguments."""
     return jax.tree.map(as_float, options)
 
 
 class Evaluator:
     """Evaluate one point of every start in one batch, store the best point of each start and count the cost.
 
-    Points are ranked by their violation of the margin aimed at, and then by their objective.
+    Points are ranked by the shortfall of their margins from `target_margin`, and then by their objective.
 
     - `problem`: objective and traced targets; `sampled_targets`: targets on probabilities of failure
     - `options`: options of the simulations; `points`: starting points (starts, n), in scaled variables
-    - `target_margin`: margin aimed at [–]; `bar`: progress bar
+    - `target_margin`: least margin that the search aims at [–]; `bar`: progress bar
 
-    `best` holds the best point of every start and its evaluation, `sizes` the number of margins of each
-    target, `evaluations` the number of evaluated points. `sources` holds fresh samples by index of the
+    `best` holds the best point of every start and its evaluation, `margin_counts` the number of margins of
+    each target, `evaluations` the number of evaluated points. `sources` holds fresh samples by index of their
     target.
     """
 
@@ -220,7 +222,7 @@ class Evaluator:
         target_margin: float,
         bar,
     ):
-        self.sampled_targets, self.draws, self.verification_scenes = sampled_targets, 0, 0
+        self.sampled_targets, self.draw_count, self.verification_scenes = sampled_targets, 0, 0
         self.accurate = False  # whether evaluations use the tolerances of verification
         self.sources = {k: s for k, t in enumerate(problem.targets) if (s := fresh_samples_of(t)) is not None}
         self.start_count, self.target_margin, self.bar = len(points), target_margin, bar
@@ -231,29 +233,29 @@ class Evaluator:
             objective=None if objective is None else objective.while_searching(),
             targets=tuple(target.while_searching() for target in problem.targets),
         )
-        self.evaluations, self.sizes = 0, []
+        self.evaluations, self.margin_counts = 0, []
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Return the evaluations at points (starts, n).
 
-        `count` is the number of points added to `evaluations`, by default all. Accurate evaluations use the
-        tolerances of verification and the widths of the targets.
+        `count` is the number of points added to `evaluations`, by default all. If `accurate` is
+        set, simulations use the tolerances of verification, and targets their own widths.
         """
         options = verification_options(self.options) if self.accurate else self.options
         problem = self.full_problem if self.accurate else self.problem
         if self.sources:  # draw new motions
             targets = list(problem.targets)
             for k, source in self.sources.items():
-                targets[k] = _with_records(self.problem.targets[k], source.draw(self.draws))
+                targets[k] = _with_records(self.problem.targets[k], source.draw(self.draw_count))
             problem = dataclasses.replace(problem, targets=tuple(targets))
-            self.draws += 1
+            self.draw_count += 1
         slopes, values = _evaluate_points(problem, options_as_arrays(options), as_float(points))
         (f, margins, overturned), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
         margins, slopes = self._insert_sampled(points, margins, slopes)
         for k in self.sampled_targets.targets:
             overturned = np.insert(overturned, k, 0, axis=1)
-        self.sizes = [margin.shape[1] for margin in margins]
+        self.margin_counts = [margin.shape[1] for margin in margins]
         self.evaluations += self.start_count if count is None else count
         # Empty arrays come first, so that a design without targets has margins of shape (starts, 0).
         empty = np.zeros((self.start_count, 0)), np.zeros((self.start_count, 0, points.shape[1]))
@@ -304,6 +306,7 @@ class Evaluator:
         self.sampled_targets.use_accurate()
 
     def _rank_pair(self, pair: tuple[np.ndarray, Evaluation]) -> tuple[float, float]:
+        """Return the sort key of a point and its evaluation."""
         _, evaluation = pair
         return (
             rank(evaluation._replace(c=evaluation.c - self.target_margin))

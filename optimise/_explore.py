@@ -54,14 +54,14 @@ TIME_AFTER = 12.0  # time drawn after the end of the motion, in units of 1/p
 _WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch
 PIXEL_RATIO = 2  # width of the PNG divided by its width on the page, for high-resolution screens
 SLIDER_POSITIONS = 500  # approximate number of positions of a slider
-MAX_REFINEMENTS = 3  # a slider step is divided by at most 10^MAX_REFINEMENTS to reach the initial value
+MAX_REFINEMENTS = 3  # a slider step is divided by 10 at most as often, to reach the initial value
 
 
 class Explorer:
     """Sliders for a structure and its ground motion, and the response.
 
     - `widget`: widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
-    - `values`: name → value in user units; exactly the initial value until the slider moves
+    - `values`: name → value in the unit of the parameter; exactly the initial value until the slider moves
     - `structure`, `podium`, `excitation`, `peak`: structure, motion and peak response for these values
     - `picture`: picture of the response as PNG, twice as wide as on the page
     """
@@ -86,8 +86,8 @@ class Explorer:
             layout={"flex": "1 1 0", "overflow": "hidden", "max_width": f"{_WIDTH * _DPI:.0f}px"},
         )
         self.widget = ipywidgets.HBox([left, right], layout={"align_items": "flex-start"})
-        self._first = self._solve()
-        self._drawing = _Drawing(self._first, self._study.structure)
+        self._initial_simulation = self._solve()
+        self._drawing = _Drawing(self._initial_simulation, self._study.structure)
         self._update()
         for name, slider in self.sliders.items():
             slider.observe(functools.partial(self._on_slider, name), "value")
@@ -110,7 +110,7 @@ class Explorer:
 
     @property
     def peak(self) -> rj.Peak:
-        return self._last.peak
+        return self._present_simulation.peak
 
     @property
     def picture(self) -> bytes:
@@ -120,19 +120,20 @@ class Explorer:
         """Return the values of all sliders (n,)."""
         return np.array(list(self._values.values()))
 
-    def _solve(self) -> _Answer:
-        return jax.tree.map(np.asarray, _answer(self._study, self._slider_values(), self._options))
+    def _solve(self) -> _Simulation:
+        return jax.tree.map(np.asarray, _simulate(self._study, self._slider_values(), self._options))
 
     def _on_slider(self, name: str, change: Mapping[str, Any]) -> None:
+        """Store the value of a moved slider and update table and picture."""
         value = self._grids[name].read(change["new"], self._initial_values[name])
         if value != self._values[name]:
             self._values[name] = value
             self._update()
 
     def _update(self) -> None:
-        self._last = self._solve()
-        self._text.value = _peak_table(self._first.peak, self._last.peak)
-        self._image.value = self._drawing(self._last)
+        self._present_simulation = self._solve()
+        self._text.value = _peak_table(self._initial_simulation.peak, self._present_simulation.peak)
+        self._image.value = self._drawing(self._present_simulation)
 
     def _repr_mimebundle_(self, **kwargs) -> Any:
         return self.widget._repr_mimebundle_(**kwargs)
@@ -149,7 +150,7 @@ def explore(
 
     - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion. Parameters that
       are not varied keep their values
-    - `vary`: name → (lowest, highest) in user units. Names are those of the structure, as in
+    - `vary`: name → (lowest, highest) in the unit of the parameter. Names are those of the structure, as in
       [`optimise.design`][], and scalar fields of the motion, such as `a_p` and `T_p` of a pulse or `scale` of
       a record. A name that both have means the parameter of the structure
     - `options`: options of the simulations; `outputs` and `throw` are replaced as needed
@@ -171,7 +172,7 @@ def explore(
         )
     motion_names = _motion_names(structure, excitation, tuple(vary))
     structure_bounds = {name: bounds for name, bounds in vary.items() if name not in motion_names}
-    if structure_bounds or not isinstance(structure, Structure):
+    if structure_bounds:
         make_variables(structure, structure_bounds, "explore")
     study = _Study(structure, excitation, tuple(vary))
     for name, pair in vary.items():
@@ -200,7 +201,7 @@ def explore(
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
-    """Return the outputs to request; the margin needs the flat engine and `overturn_ratio` ≤ 1."""
+    """Return the outputs to request; the overturning margin needs engine="flat" and overturn_ratio ≤ 1."""
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 
@@ -239,8 +240,8 @@ class _Study(Module):
         return float(value), displayed(parameter(self.structure, name).unit)
 
 
-class _Answer(Module):
-    """Peaks, and curves over time: θ/α, deformation of the superstructure [m], ground acceleration [g]."""
+class _Simulation(Module):
+    """Peaks of a scene, and curves over time t: θ/α, deformation of the superstructure [m], ground [g]."""
 
     peak: rj.Peak
     t: Float[Array, " n"]
@@ -250,7 +251,8 @@ class _Answer(Module):
 
 
 @eqx.filter_jit
-def _answer(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options) -> _Answer:
+def _simulate(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options) -> _Simulation:
+    """Simulate the scene for values of the sliders, and sample the curves."""
     structure, excitation = study.at(values)
     podium = as_podium(structure)
     response = rj.simulate(podium, excitation, options=options)
@@ -260,7 +262,7 @@ def _answer(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options) 
         **{field.name: getattr(response, field.name) for field in dataclasses.fields(AbstractPeak)}
     )
     ground = excitation.horizontal if isinstance(excitation, rj.GroundMotion) else excitation
-    return _Answer(
+    return _Simulation(
         peak, t, response(t).theta / podium.alpha, _deformation(response, podium, t), ground(t) / podium.g
     )
 
@@ -274,6 +276,7 @@ def _deformation(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]
 
 
 def _deformation_label(podium: rj.Podium) -> str:
+    """Return the axis label of `_deformation`."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return "roof\n[mm]"
     return "mode 1\n[mm]" if isinstance(podium.superstructure, rj.Modes) else "deformation\n[mm]"
@@ -290,7 +293,7 @@ class _Grid(NamedTuple):
     def containing(cls, low: float, high: float, value: float) -> _Grid:
         """Return a grid with a round step and about `SLIDER_POSITIONS` positions.
 
-        The step is divided by up to 10^MAX_REFINEMENTS if this makes `value` a position.
+        The step is divided by 10 until `value` is a position, at most `MAX_REFINEMENTS` times.
         """
         rough_step = (high - low) / SLIDER_POSITIONS
         power = 10.0 ** math.floor(math.log10(rough_step))
@@ -304,7 +307,7 @@ class _Grid(NamedTuple):
         return abs(position - round(position)) < 1e-6
 
     def read(self, shown_value: float, initial_value: float) -> float:
-        """Return the value of a slider: the shown value, or the initial value if the browser rounded it."""
+        """Return the shown value, or the initial value if the slider shows the position nearest to it."""
         if not self.holds(shown_value):
             return shown_value
         shown_value = float(f"{shown_value:.12g}")  # browsers compute positions in floating point
@@ -330,7 +333,7 @@ def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.Float
 class _Drawing:
     """Figure of the initial and the present response. Calling it redraws the present response."""
 
-    def __init__(self, first: _Answer, structure: Structure):
+    def __init__(self, initial: _Simulation, structure: Structure):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -352,7 +355,7 @@ class _Drawing:
             self.figure.subplots_adjust(left=0.11, right=0.98, top=0.97, bottom=0.25 / len(rows), hspace=0.12)
             self.curves: list[tuple[Axes, Line2D, Any]] = []
             for ax, (quantity, label, colour) in zip(axes, rows, strict=True):
-                ax.plot(np.asarray(first.t), quantity(first), color="0.6", ls="--", label="initial")
+                ax.plot(np.asarray(initial.t), quantity(initial), color="0.6", ls="--", label="initial")
                 (line,) = ax.plot([], [], color=colour, ls="-", label="now")
                 ax.set_ylabel(label)
                 ax.grid(visible=True)
@@ -361,14 +364,14 @@ class _Drawing:
             axes[0].legend(loc="upper right", ncols=2)
             axes[-1].set_xlabel("time [s]")
 
-    def __call__(self, answer: _Answer) -> bytes:
+    def __call__(self, simulation: _Simulation) -> bytes:
         """Draw a response and return the picture as PNG."""
         for ax, line, quantity in self.curves:
-            line.set_data(np.asarray(answer.t), quantity(answer))
+            line.set_data(np.asarray(simulation.t), quantity(simulation))
             if ax.get_autoscaley_on():
                 ax.relim()
             ax.autoscale_view(scalex=False)
-        self.curves[0][0].set_xlim(float(answer.t[0]), float(answer.t[-1]))
+        self.curves[0][0].set_xlim(float(simulation.t[0]), float(simulation.t[-1]))
         file = io.BytesIO()
         self.figure.savefig(file, format="png", dpi=PIXEL_RATIO * _DPI, pil_kwargs={"compress_level": 1})
         return file.getvalue()
@@ -386,7 +389,7 @@ _ROWS = {
 }
 
 
-def _peak_table(first: rj.Peak, present: rj.Peak) -> str:
+def _peak_table(initial: rj.Peak, present: rj.Peak) -> str:
     """Return an HTML table of the initial and the present peaks."""
 
     def formatted_peak(peak: rj.Peak, field: str, factor: float) -> str:
@@ -395,13 +398,13 @@ def _peak_table(first: rj.Peak, present: rj.Peak) -> str:
     available = {
         name: field_and_factor
         for name, field_and_factor in _ROWS.items()
-        if getattr(first, field_and_factor[0]) is not None
+        if getattr(initial, field_and_factor[0]) is not None
     }
     rows = [
-        (name, *(formatted_peak(peak, *field_and_factor) for peak in (first, present)))
+        (name, *(formatted_peak(peak, *field_and_factor) for peak in (initial, present)))
         for name, field_and_factor in available.items()
     ]
-    rows += [("result", _describe_end(first), _describe_end(present))]
+    rows += [("result", _describe_end(initial), _describe_end(present))]
     cell = '<td style="padding: 1px 6px; text-align: left">'
     heading = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "initial", "now"))
     lines = ["".join(f"{cell}{text}</td>" for text in row) for row in rows]

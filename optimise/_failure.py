@@ -28,7 +28,7 @@ from ._targets import AbstractTarget, Name, check_limit
 
 SAFETY_FACTOR = 1.645  # safety margin in standard errors of ln P; covers 95 % of independent samples
 MAX_SCENES = 10_000_000  # largest number of scenes of an independent sample
-SAME_STRUCTURE = 1e-3  # an independent sample is reused if all parameters differ relatively by at most this
+SAME_STRUCTURE = 1e-3  # largest relative difference of parameters with which an independent sample is reused
 
 
 class FailureProbability(AbstractTarget):
@@ -81,13 +81,13 @@ class FailureProbability(AbstractTarget):
         self.motion, self.limit, self.rays, self.seed, self.name = motion, limit, rays, seed, name
 
     def probability(self, podium: rj.Podium, seed: int = 0) -> rj.FailureProbability:
-        """Estimate the probability of failure of a structure by subset simulation (host)."""
+        """Estimate the probability of failure of a structure by subset simulation; outside jit."""
         return rj.failure_probability(
             podium, self.motion, limit=self.limit, cov=self.cov, seed=seed, max_scenes=MAX_SCENES
         )
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
-        """Return the margin of a structure (1,) from rays sampled for this structure (host)."""
+        """Return the margin of a structure (1,) from rays sampled for this structure; outside jit."""
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
                 "FailureProbability: margins cannot be traced, because they are sampled; use the target in "
@@ -106,7 +106,7 @@ class MarginAndSlopes(NamedTuple):
     slopes: Mapping[str, float]
 
 
-class _Check(NamedTuple):
+class _IndependentSample(NamedTuple):
     """An independent sample at a structure.
 
     - `parameters`: all scalar parameters of the structure (n,); `estimate`: its probability of failure
@@ -119,15 +119,15 @@ class _Check(NamedTuple):
 
 
 class RayTarget:
-    """A target with rays, which are sampled at the first structure of a search (host).
+    """A target with rays, which are sampled at the first structure of a search; outside jit.
 
-    - `scenes`: number of scenes simulated so far; `checks`: independent samples taken so far
+    - `scenes`: number of scenes simulated so far; `samples`: independent samples taken so far
     - `is_verifying`: whether a design is being verified; margins then have no safety margin
     """
 
     def __init__(self, target: FailureProbability, podium: rj.Podium):
         self.target, self.scenes = target, 0
-        self.checks: list[_Check] = []
+        self.samples: list[_IndependentSample] = []
         self.is_verifying = False
         limit = self._limit(podium)
         try:
@@ -161,11 +161,11 @@ class RayTarget:
         return SAFETY_FACTOR * math.sqrt(2) * self.target.cov
 
     def _ratio(self, podium: rj.Podium) -> float:
-        """Return the ratio of the independent sample at the nearest structure, 1 before any sample."""
-        if not self.checks:
+        """Return `ratio` of the independent sample at the nearest structure, 1 before the first sample."""
+        if not self.samples:
             return 1.0
         parameters = _parameters(podium)
-        return min(self.checks, key=lambda check: _largest_difference(check.parameters, parameters)).ratio
+        return min(self.samples, key=lambda sample: _largest_difference(sample.parameters, parameters)).ratio
 
     def check(self, podium: rj.Podium) -> float | None:
         """Take an independent sample at a structure and return the change of the estimate of ln P.
@@ -177,25 +177,25 @@ class RayTarget:
         before = self._ratio(podium)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the design reports missing convergence
-            estimate = self.target.probability(podium, seed=self.target.seed + 1 + len(self.checks))
+            estimate = self.target.probability(podium, seed=self.target.seed + 1 + len(self.samples))
         self.scenes += estimate.scenes
         ratio = before
         if estimate.converged:
             limit = self._limit(podium)
             ratio = estimate.probability / max(probability_at(limit, self.rays, 1.0), 1e-300)
             self.scenes += limit.scenes
-        self.checks.append(_Check(_parameters(podium), estimate, ratio))
+        self.samples.append(_IndependentSample(_parameters(podium), estimate, ratio))
         return math.log(ratio / before)
 
     def checked_estimate(self, podium: rj.Podium) -> rj.FailureProbability | None:
         """Return the estimate of the independent sample at this structure, None if there is none."""
         parameters = _parameters(podium)
-        nearby = [c for c in self.checks if _largest_difference(c.parameters, parameters) <= SAME_STRUCTURE]
+        nearby = [s for s in self.samples if _largest_difference(s.parameters, parameters) <= SAME_STRUCTURE]
         return nearby[-1].estimate if nearby else None
 
 
 def _parameters(podium: rj.Podium) -> np.ndarray:
-    """Return all scalar parameters of a podium (n,)."""
+    """Return the values of all leaves of a podium (n,)."""
     return np.array([float(y) for y in jax.tree.leaves(podium)])
 
 

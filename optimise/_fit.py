@@ -40,7 +40,7 @@ class Fit(Module):
     - `variables`: name → value; `errors`: name → standard error, from the Jacobian and the scatter of the
       residuals. All errors are inf if the measurement does not determine every variable; errors at a bound
       are only indicative
-    - `covariance`: covariance matrix of the variables, in user units, in the order of `variables`
+    - `covariance`: covariance matrix of the variables, in the units `units` and the order of `variables`
     - `rms`: root mean square of the residuals [rad]; `residuals`: measured minus fitted θ [rad]
     - `starts`: rms of the fit of every start [rad]; `best`: index of the returned start; `converged`: whether
       the solver converged on the last window of this start
@@ -100,7 +100,7 @@ def fit(
     options: rj.Options = rj.Options(rtol=1e-9, atol=1e-11, history=1024, throw=False),
     tolerance: float = 1e-8,
 ) -> Fit:
-    """Fit parameters of a podium to a measured rotation θ(t) by least squares (host).
+    """Fit parameters of a podium to a measured rotation θ(t) by least squares; outside jit.
 
     - `podium`, `vary`: as in [`optimise.design`][]; `podium` is the first start
     - `times`: times of the measurement, ascending, n ≥ 2 [s]; `theta`: rotation measured at `times` [rad]

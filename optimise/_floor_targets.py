@@ -17,7 +17,7 @@ from ._targets import AbstractTarget, Name, check_limit
 
 
 class AbstractFloorTarget(AbstractTarget):
-    """A target on `things`, contents or oscillators on floors, under every motion of a suite."""
+    """A target on contents or oscillators on floors (the field `things`) under every motion of a suite."""
 
     limit: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
@@ -31,7 +31,7 @@ class AbstractFloorTarget(AbstractTarget):
         return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
     def limited_value(self, answer: Any) -> Margins:
-        """Return the quantity that `limit` bounds, for every motion (k,)."""
+        """Return the quantity that `limit` bounds, from the responses of one of `things` (k,)."""
         raise NotImplementedError
 
     @property

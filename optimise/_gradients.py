@@ -70,8 +70,8 @@ class GradientSteps:
     """Gradient steps of all starts in one batch, under the same motions.
 
     The first axis of arrays is the start: margins have shape (s, m), scaled variables (s, n). The attribute
-    `target_margins` holds the margins aimed at, and `last_steps` the points and evaluations of the second
-    half of the steps.
+    `target_margins` holds the margins aimed at, `squared_slopes` the running means of |∇c_j|², `is_excluded`
+    starts that are not finite, and `last_steps` the points and evaluations of the second half of the steps.
 
     - `transformation`: an Optax gradient transformation; `evaluate`: evaluates one point of every start
     - `points`: starting points (s, n); `evaluations`: the evaluations of these points
@@ -146,6 +146,7 @@ class GradientSteps:
         return float(value), gradient
 
     def _record(self, k: int, evaluation: Evaluation, factor: float, step: float) -> None:
+        """Append an iterate to the history."""
         margin, value = float(np.min(evaluation.c, initial=np.inf)), float(np.max(evaluation.f))
         row = Iterate(k, self.iteration, self.x[k], value, margin, np.nan, factor, RHO, step, True)
         self.history.append(row)

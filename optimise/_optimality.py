@@ -1,4 +1,4 @@
-"""Optimality conditions at a point: residual and multipliers, from linear models."""
+"""Optimality conditions of the merit (`Evaluation.merit`) at a point: residual and multipliers."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ EvaluatedPoints = list[tuple[Vector, Evaluation]]
 class Optimality(NamedTuple):
     """Multipliers of the margins and residual of the optimality conditions.
 
-    The step of unit curvature minimises the merit of the linear models plus half its squared length.
+    They belong to the step that minimises the merit of linear models plus half the squared step length.
 
     - `multipliers`: multipliers of the margins (m,)
-    - `residual`: largest entry of this step, like the norm of a projected gradient; 0 exactly where the merit
-      is stationary within the bounds
+    - `residual`: largest entry of this step, comparable to the norm of a projected gradient; 0 exactly where
+      the merit is stationary within the bounds
     - `violation`: modelled violation after this step [–]
     """
 
@@ -88,5 +88,5 @@ def _solve_optimality(
     step = solve(model, np.eye(len(x)), weight, penalty, -x, 1 - x)
     if step is None:
         return Optimality(np.zeros(len(current.c)), np.inf, current.violation)
-    multipliers = np.bincount(model.margin_of, step.margin_multipliers, minlength=len(current.c))
+    multipliers = np.bincount(model.margin_index, step.margin_multipliers, minlength=len(current.c))
     return Optimality(multipliers, float(np.max(np.abs(step.d))), step.violation)

@@ -69,6 +69,7 @@ class PeakLimit(AbstractResponseTarget):
     def __init__(self, output: str | AbstractOutput, limit, excitations, name: Name = None):
         owner = type(self).__name__
         check_limit(owner, "limit", limit)
+        # An output that can be infinite is replaced by a smooth one with its own limit.
         self.output, self.limit = limited_output(owner, output).for_limit(float(limit))
         self.name = name
         self.suite = Suite.of(excitations, owner)
@@ -86,7 +87,7 @@ class PeakLimit(AbstractResponseTarget):
 
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
-    """Return an output from its name or itself. Raises `ValueError` for an output that is not a peak."""
+    """Return an output, given as itself or by name. Raises `ValueError` for an output that is not a peak."""
     instance = output if isinstance(output, AbstractOutput) else REGISTRY.get(output)
     if instance is None or not _is_peak(instance):
         peaks = [name for name, registered in REGISTRY.items() if _is_peak(registered)]
@@ -97,8 +98,8 @@ def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
 
 
 def _is_peak(output: AbstractOutput) -> bool:
-    """Return whether the answer with the name of an output is a peak."""
-    return any(answer.name == output.name and answer.until_overturning for answer in output.variables)
+    """Return whether the variable with the same name as an output is a peak."""
+    return any(y.name == output.name and y.until_overturning for y in output.variables)
 
 
 def with_margin(output: AbstractOutput) -> tuple[str | AbstractOutput, ...]:

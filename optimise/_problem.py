@@ -67,6 +67,7 @@ PEAKS = {
     for name, output in REGISTRY.items()
     if any(y.name == name and y.until_overturning for y in output.variables)
 }
+# Objectives on the worst response: name in problem files → class.
 WORST: dict[str, Any] = {
     kind: functools.partial(WorstPeak, name)
     for kind, name in PEAKS.items()
@@ -166,7 +167,7 @@ def problem_schema() -> dict[str, Any]:
     return create_model("ProblemFile", __base__=ProblemFile, **fields).model_json_schema()
 
 
-SETTINGS = ("starts", "seed", "tolerance", "max_iterations")
+SETTINGS = ("starts", "seed", "tolerance", "max_iterations")  # arguments of `design` that a file may set
 
 
 class Problem(NamedTuple):
@@ -340,7 +341,9 @@ class _Reader(Reader):
                 self.fail(
                     f"{where}.vertical", f"the motions of {entry.keys.motions} have no vertical component"
                 )
-        arguments.pop("curve", None)  # a fragility curve in the file belongs to one structure
+        arguments.pop(
+            "curve", None
+        )  # the file's fragility curve belongs to its structure, not to other designs
         with self.at(where):
             measure, period = arguments.pop("measure", ("scale", None))
             if entry.kind == "median-capacity" and measure != "scale":

@@ -24,16 +24,16 @@ class Model(NamedTuple):
 
     - `f`: values at d = 0 (k,); `f_slope`: their Jacobian (k, n)
     - `c`: margins at d = 0 (m,); `c_slope`: their Jacobian (m, n)
-    - `value_of` (k,), `margin_of` (m,): index of the value or margin that a row models; several rows may
-      model the same value or margin
+    - `value_index` (k,), `margin_index` (m,): index of the value or margin that each entry of `f` or `c`
+      models; several entries may model the same value or margin
     """
 
     f: Vector
     f_slope: Vector
     c: Vector
     c_slope: Vector
-    value_of: Vector
-    margin_of: Vector
+    value_index: Vector
+    margin_index: Vector
 
     def value(self, d: Vector) -> float:
         """Return the largest modelled value after a step d (n,)."""
@@ -59,7 +59,7 @@ class Step(NamedTuple):
 
 
 ON_BOUND = 1e-10  # a step that is closer to a bound than this is moved onto the bound
-_SOLVED = ("Solved", "AlmostSolved")
+_SUCCESSES = ("Solved", "AlmostSolved")
 
 
 def solve(
@@ -99,7 +99,7 @@ def solve(
         settings,
     )
     answer = solver.solve()
-    if str(answer.status) not in _SOLVED and not (
+    if str(answer.status) not in _SUCCESSES and not (
         str(answer.status) == "InsufficientProgress" and answer.r_prim < 1e-7
     ):
         return None

@@ -1,4 +1,4 @@
-"""Sampled targets of a design, with margins and slopes at design points."""
+"""Sampled targets of a design (probabilities of failure), with margins and slopes at design points."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class _StructureParameters:
 
 
 class SampledTargets:
-    """The sampled targets of a design (host).
+    """The sampled targets of a design; outside jit.
 
     - `variables`: the design variables; `targets`: all targets of the design
 

@@ -65,7 +65,7 @@ def _descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first:
     while search.iteration < rules.max_iterations:
         search.linearise()
         if search.is_stationary:
-            result = search.raise_penalty()
+            result = search.end_or_reweight()
         else:
             result = yield from search.advance()
         if result is not None:
@@ -120,7 +120,7 @@ class _Trial(NamedTuple):
 class _DescentState:
     """State of one descent.
 
-    `raise_penalty`, `advance` and the methods that they call return a result code if the descent ends, None
+    `end_or_reweight`, `advance` and the methods that they call return a result code if the descent ends, None
     otherwise.
     """
 
@@ -135,9 +135,11 @@ class _DescentState:
         self.is_initial = True  # the curvature is still the identity, not an update
 
     def end(self, result: int) -> End:
+        """Return the end of the descent at the present point."""
         return End(self.x, self.multipliers, result, self.iteration, self.current)
 
     def record(self, step: float, accepted: bool) -> None:
+        """Append an iterate to the history; `step`: largest entry of the step."""
         margin = float(np.min(self.current.c, initial=np.inf)) + self.rules.shift
         value = float(np.max(self.current.f)) * self.rules.scale
         radius, penalty = self.merit.radius, self.merit.penalty
@@ -173,11 +175,12 @@ class _DescentState:
 
     @property
     def is_stationary(self) -> bool:
+        """True if no step improves the merit or removes much of a violation."""
         # Where margins are steep, a step shorter than the tolerance may remove a violation.
         is_correctable = self.is_violated and self.modelled_violation <= 0.5 * self.current.violation
         return self.residual <= self.rules.tolerance and not is_correctable
 
-    def raise_penalty(self) -> int | None:
+    def end_or_reweight(self) -> int | None:
         """Return the result of a stationary point, or change the weights of the merit and return None."""
         merit = self.merit
         if not self.is_violated:
@@ -274,6 +277,7 @@ class _DescentState:
         return _Trial(corrected_x, corrected_evaluation, corrected_ratio)
 
     def accept(self, trial: _Trial, step: Step, length: float) -> None:
+        """Move to the trial point, and update curvature, radius and cuts."""
         merit, ratio = self.merit, trial.ratio
         change = _lagrangian_slope(trial.evaluation, step, self.current) - _lagrangian_slope(
             self.current, step, self.current
@@ -290,6 +294,7 @@ class _DescentState:
         self.x, self.current = trial.x, trial.evaluation
 
     def reject(self, trial: _Trial, length: float) -> int | None:
+        """Store the trial point as a cut and shrink the region; end the descent if it is tiny."""
         if trial.evaluation.is_finite:
             self.cuts.append((trial.x, trial.evaluation))
         self.merit = self.merit._replace(radius=(0.5 if trial.ratio > -1 else 0.25) * length)
@@ -324,6 +329,7 @@ def _step_and_penalty(
 
 
 def _lagrangian_slope(trial: Evaluation, step: Step, current: Evaluation) -> Vector:
+    """Return the gradient of the Lagrangian at `trial`, with the multipliers of `step`."""
     k, m = len(current.f), len(current.c)
     return step.value_multipliers[:k] @ trial.f_slope - step.margin_multipliers[:m] @ trial.c_slope
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 MAX_ITERATIONS = 300
 MAX_CORRECTIONS = 3  # further searches after the first
 STEPS_DIVISOR = 4  # a further search has max_iterations/STEPS_DIVISOR steps
-SAFETY_FACTOR = 1.645 * np.sqrt(2)  # safety margin in standard errors; covers 95 % of second samples
+SAFETY_FACTOR = 1.645 * np.sqrt(2)  # safety margin in standard errors; covers 95 % of further samples
 EXACT_PENALTY = 1e4  # penalty of violations in the computation of multipliers
 
 
@@ -69,7 +69,7 @@ class FreshSearch:
             self.take_steps(self.max_iterations, ~self.steps.is_excluded)
             self.verify()
             for k in range(MAX_CORRECTIONS):
-                continuing = self.shift_margins(first=k == 0)
+                continuing = self.shift_margins(is_first=k == 0)
                 if not continuing.any():
                     break
                 self.take_steps(max(self.max_iterations // STEPS_DIVISOR, 2), continuing)
@@ -81,6 +81,7 @@ class FreshSearch:
         return self.is_interrupted
 
     def take_steps(self, steps: int, active: np.ndarray) -> None:
+        """Take gradient steps with the starts for which `active` is True, and move to their means."""
         self.steps.take_steps(steps, active)
         self.move_to_means()
 
@@ -101,14 +102,15 @@ class FreshSearch:
         self.evaluations = [self._with_estimates(evaluation, estimates) for evaluation, estimates in pairs]
 
     @property
-    def ends(self) -> np.ndarray:
-        """Ends of the targets in the vector of margins, after a leading 0, (targets + 1,)."""
-        return np.cumsum([0, *self.evaluate.sizes])
+    def margin_offsets(self) -> np.ndarray:
+        """Index of the first margin of each target, then the number of margins, (targets + 1,)."""
+        return np.cumsum([0, *self.evaluate.margin_counts])
 
     def _with_estimates(self, evaluation: Evaluation, estimates: dict[int, MarginEstimate]) -> Evaluation:
-        c, ends = evaluation.c.copy(), self.ends
+        """Return an evaluation with the margins of targets with fresh samples replaced by their estimates."""
+        c, offsets = evaluation.c.copy(), self.margin_offsets
         for index, estimate in estimates.items():
-            c[ends[index] : ends[index + 1]] = estimate.margins
+            c[offsets[index] : offsets[index + 1]] = estimate.margins
         return evaluation._replace(c=c)
 
     def errors(self, k: int) -> Vector:
@@ -116,16 +118,16 @@ class FreshSearch:
 
         The errors combine the scatter of the independent sample and the scatter of the last steps.
         """
-        ends = self.ends
-        standard_errors = np.zeros(ends[-1])
+        offsets = self.margin_offsets
+        standard_errors = np.zeros(offsets[-1])
         for index, estimate in self.estimates[k].items():
-            standard_errors[ends[index] : ends[index + 1]] = estimate.errors
+            standard_errors[offsets[index] : offsets[index + 1]] = estimate.errors
         tail = self.steps.last_steps[k]
-        margins = np.stack([evaluation.c for _, evaluation in tail]) if tail else np.zeros((1, ends[-1]))
+        margins = np.stack([evaluation.c for _, evaluation in tail]) if tail else np.zeros((1, offsets[-1]))
         mean_error = margins.std(axis=0) / np.sqrt(len(margins))
         return np.where(standard_errors > 0, np.hypot(standard_errors, mean_error), 0.0)
 
-    def shift_margins(self, first: bool) -> np.ndarray:
+    def shift_margins(self, is_first: bool) -> np.ndarray:
         """Correct the margins aimed at, using the independent sample; return which starts continue (s,).
 
         Violated margins are corrected. After the first search, margins of active targets that exceed twice
@@ -137,7 +139,7 @@ class FreshSearch:
                 continue
             safety = np.maximum(SAFETY_FACTOR * self.errors(k), self.tolerance)
             is_active = steps.multipliers[k] > 1e-3 * np.max(steps.multipliers[k], initial=0.0)
-            is_corrected = (evaluation.c < 0) | (first & is_active & (evaluation.c > 2 * safety))
+            is_corrected = (evaluation.c < 0) | (is_first & is_active & (evaluation.c > 2 * safety))
             steps.target_margins[k] += np.where(is_corrected, safety - evaluation.c, 0.0)
             continuing[k] = bool(is_corrected.any())
         return continuing
@@ -160,9 +162,11 @@ class FreshSearch:
         code = INTERRUPTED if self.is_interrupted else AVERAGED if evaluation.violation == 0 else INFEASIBLE
         return End(self.x[k], multipliers, code, count, evaluation)
 
-    def search_result(self, sizes: dict[str, int], effort: Effort) -> SearchResult:
+    def search_result(self, margin_counts: dict[str, int], effort: Effort) -> SearchResult:
         ends = [self.end(k) for k in range(len(self.x))]
-        return SearchResult(ends, self.evaluations, sizes, self.steps.scale, self.steps.history, effort)
+        return SearchResult(
+            ends, self.evaluations, margin_counts, self.steps.scale, self.steps.history, effort
+        )
 
     def estimate_samples(self, x: Vector) -> SampleEstimates:
         """Return the standard errors of the last independent sample at the end of a start."""

@@ -85,7 +85,7 @@ class Suite(Module):
 
     def map_motions(self, function) -> Any:
         """Return `function(motion)` of every motion, stacked in the order of the motions."""
-        results = [jax.vmap(function, in_axes=(_axes(group),))(group) for group in self.groups]
+        results = [jax.vmap(function, in_axes=(_vmap_axes(group),))(group) for group in self.groups]
         order = np.asarray(self.order)
         return jax.tree.map(lambda *ys: jnp.concatenate(ys)[order], *results)
 
@@ -126,20 +126,18 @@ class Suite(Module):
     def peaks(
         self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...], names: tuple[str, ...]
     ) -> dict[str, np.ndarray]:
-        """Simulate all motions on all cores; return name → answers (host, without derivatives).
+        """Simulate all motions on all cores; return name → values. Call it outside jit and grad.
 
         - `podium`: the structure; `options`: options of the simulations
-        - `outputs`: the requested outputs, as in `rockjax.Options`; `names`: names of the answers
+        - `outputs`: the requested outputs, as in `rockjax.Options`; `names`: names of the values
         """
         options = options.replace(outputs=outputs, throw=False)
-        answers = [rj.peak_responses(podium, group, options=options) for group in self.groups]
+        peaks = [rj.peak_responses(podium, group, options=options) for group in self.groups]
         order = list(self.order)
-        return {
-            name: np.concatenate([np.asarray(getattr(y, name)) for y in answers])[order] for name in names
-        }
+        return {name: np.concatenate([np.asarray(getattr(y, name)) for y in peaks])[order] for name in names}
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
-        """Return the overturning margins under all motions (k,), on all cores (host, without derivatives)."""
+        """Return the overturning margins under all motions (k,), on all cores; outside jit and grad."""
         return self.peaks(podium, options, ("margin",), ("margin",))["margin"]
 
 
@@ -166,8 +164,8 @@ def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
     return jax.tree.map(lambda *ys: as_array(array_module(ys).stack(ys)), *motions)
 
 
-def _axes(group: rj.AbstractExcitation) -> Any:
-    """Return the vmap axes of a group. Records share one table, so only row and scale are mapped."""
+def _vmap_axes(group: rj.AbstractExcitation) -> Any:
+    """Return the vmap axes of a group. Records share one table, so only `which` and `scale` are mapped."""
     if not isinstance(group, rj.Records):
         return 0
     none = jax.tree.map(lambda _: None, group)

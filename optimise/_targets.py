@@ -27,7 +27,7 @@ WIDTH_WHILE_SEARCHING = 1e-3  # smallest width during a search; verification use
 
 
 class AbstractTarget(Module):
-    """Base class of targets."""
+    """Base class of targets. `name`: name in reports; None for `describe()`."""
 
     name: eqx.AbstractVar[Name]
 
@@ -349,11 +349,11 @@ class OverturningProbability(AbstractResponseTarget):
         return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]
 
     def smoothed(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """Return P = mean Φ(−M/h) at a podium (host) [–]."""
+        """Return P = mean Φ(−M/h) at a podium [–]; outside jit."""
         return float(jnp.mean(norm.cdf(-self.suite.margins(podium, options) / self.smoothing)))
 
     def exact(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """Return the fraction of the suite that overturns a podium (host) [–]."""
+        """Return the fraction of the suite that overturns a podium [–]; outside jit."""
         return float(np.mean(self.suite.margins(podium, options) < 0))
 
     def describe(self) -> str:

@@ -1,4 +1,7 @@
-"""Design variables: parameters of a podium, or dimensions and masses, scaled to [0, 1]."""
+"""Design variables: parameters of a podium, or dimensions and masses, scaled to [0, 1].
+
+Unscaled values are in the unit of the parameter, such as m or rad.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ LOG_RATIO = 10.0  # positive ranges with highest/lowest above this ratio are sca
 
 
 def _row(values: Any, name: str) -> Any:
-    """Return a row of dimensions (n,) as an array, None if it is not given."""
+    """Return a row of dimensions, one per story or column, as an array (n,); None stays None."""
     return None if values is None else as_float(values, f"Dimensions: {name}")
 
 
@@ -131,7 +134,7 @@ class Variables(Module):
     """The varied parameters of a structure, scaled to x in [0, 1]ⁿ.
 
     - `base`: the structure, which provides all parameters that are not varied
-    - `lower`, `upper`: bounds in user units (n,); `names`: names of the variables, in the order of x
+    - `lower`, `upper`: unscaled bounds (n,); `names`: names of the variables, in the order of x
     - `logarithmic`: for each variable, whether it is scaled by its logarithm
     """
 
@@ -147,7 +150,7 @@ class Variables(Module):
         return tuple(displayed(parameter(self.base, name).unit) for name in self.names)
 
     def values(self, x: Float[Array, " n"] | np.ndarray) -> Float[Array, " n"]:
-        """Return the variables in user units (n,); x = 0 and x = 1 give exactly the bounds."""
+        """Return the unscaled variables (n,); x = 0 and x = 1 give exactly the bounds."""
         is_log, numpy = np.asarray(self.logarithmic), array_module(self, x)
         lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
         low, high = (numpy.log(numpy.where(is_log, bound, 1.0)) for bound in (lower, upper))
@@ -157,7 +160,7 @@ class Variables(Module):
         return clipped if numpy is np else values + jax.lax.stop_gradient(clipped - values)
 
     def scaled(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return the scaled variables (n,) of values in user units, which are clipped to the bounds."""
+        """Return the scaled variables (n,) of unscaled values, which are clipped to the bounds."""
         is_log, numpy = np.asarray(self.logarithmic), array_module(self, values)
         lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
         values = numpy.clip(values, lower, upper)
@@ -185,8 +188,8 @@ def make_variables(
 ) -> Variables:
     """Return the variables of a structure.
 
-    - `base`: the structure; `vary`: name → (lowest, highest) in user units
-    - `owner`: function that error messages name
+    - `base`: the structure; `vary`: name → (lowest, highest), unscaled
+    - `owner`: name of the public function, for error messages
 
     Raises `ValueError` for unknown or conflicting names, and for bounds that are not a range or do not define
     a podium.
@@ -241,7 +244,8 @@ def make_variables(
 
 
 def numbers_as_arrays(base: Structure) -> Structure:
-    """Turn the Python numbers of an `optimise.Dimensions` into arrays, so that they are not compiled in.
+    """Turn the Python numbers of an `optimise.Dimensions` into arrays, which compiled programs take as
+    arguments.
 
     Zeros stay, because a top mass of exactly 0 means no superstructure.
     """
@@ -282,6 +286,7 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
 
 
 def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
+    """Raise `ValueError` unless a name is a dimension that can vary."""
     rows = [(entry, getattr(base, entry.place)) for entry in ROWS_OF_DIMENSIONS.values()]
     variable_names = [entry.name for entry in DIMENSIONS.values() if not entry.is_integer]
     variable_names += [
@@ -334,7 +339,7 @@ def _row_entry(name: str) -> tuple[Parameter | None, int]:
 
 
 def value_of(base: Structure, name: str):
-    """Return the value of a variable in a structure, in user units."""
+    """Return the unscaled value of a variable in a structure."""
     if not isinstance(base, Dimensions):
         return variants.read(base, name)
     row, position = _row_entry(name)
@@ -342,7 +347,7 @@ def value_of(base: Structure, name: str):
 
 
 def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
-    """Return a variant of a structure with other values of variables, in user units."""
+    """Return a variant of a structure with other unscaled values of variables."""
     if not isinstance(base, Dimensions):
         return variants.with_values(base, values)
     changes: dict[str, Any] = {}
