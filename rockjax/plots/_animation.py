@@ -166,12 +166,14 @@ class _Stage:
         history_axes.plot(t, theta / self.alpha, color=COLOURS[2], ls="-", lw=1.0)
         (self.cursor,) = history_axes.plot([], [], "o", color=COLOURS[1], ms=5)
         history_axes.set(xlabel=TIME, ylabel=ROTATION, xlim=(times[0], times[-1]))
-        # Solve the layout once instead of for every frame.
+        # The layout is solved for the first frame and then fixed.
         self.show(0)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")
 
     def _build(self, ax: Axes, attributes) -> None:
+        """Add the polygons and lines of the structure, and set the limits of the axes."""
+
         def add_polygon(colour: str, **options) -> Polygon:
             polygon = Polygon(
                 np.zeros((4, 2)), closed=True, facecolor=colour, lw=1.0, **{"edgecolor": COLOURS[0]} | options
@@ -181,7 +183,7 @@ class _Stage:
 
         self.columns = [add_polygon("0.82") for _ in self.foot_positions]
         self.beam = add_polygon("0.6")
-        self.box = None
+        self.box = None  # a rigid superstructure
         if attributes["superstructure"] != "none" and not vibrates(attributes):
             self.box = add_polygon(COLOURS[2], alpha=0.75)
         self.slabs = [add_polygon(COLOURS[2], alpha=0.75) for _ in self.floors]
@@ -198,7 +200,7 @@ class _Stage:
         highest = self.height + self.beam_depth + top_height + float(np.max(lift))
         soil = self.width * 0.6
         x = max(self.half_beam + max_shift + 0.1 * self.height, 0.55 * (highest + soil))
-        # The soil is wider than the picture, so that it can move; hatching makes the motion visible.
+        # The soil ends outside the picture, even when the ground moves; hatching makes the motion visible.
         soil_end = x + float(np.max(np.abs(self.ground)))
         self.corners = np.array([(-soil_end, 0), (soil_end, 0), (soil_end, -soil), (-soil_end, -soil)])
         self.soil = add_polygon("0.93", edgecolor="0.4", hatch="///")
@@ -216,6 +218,7 @@ class _Stage:
         theta, ground = self.theta[k], self.ground[k]
         u, v = (float(y) for y in self._beam_displacement(k))
         half, sign = 0.5 * self.width, -1 if theta < 0 else 1
+        # Corners of an upright column, relative to the edge about which it rotates.
         upright = np.array([(-half, 0), (half, 0), (half, self.height), (-half, self.height)]) - (
             sign * half,
             0,
@@ -236,6 +239,7 @@ class _Stage:
         return [*self.columns, self.beam, self.soil, self.clock, self.cursor]
 
     def _show_floors(self, k: int, beam_x: float, base: float) -> None:
+        """Draw the masses on the beam and their columns; `beam_x`, `base`: middle and top of the beam [m]."""
         z, lower_shift, foot = np.linspace(0, 1, 21), 0.0, 0.0
         for floor, shift, slab, column_lines in zip(
             self.floors, self.floor_shifts[:, k], self.slabs, self.column_lines, strict=True

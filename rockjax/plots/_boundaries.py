@@ -112,7 +112,7 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
 
 
 def _windows(x: np.ndarray, boundaries: np.ndarray, highest: float) -> list[list[tuple[float, float]]]:
-    """Return polygons of survival above the minimum.
+    """Return the polygons of the windows of survival; the uppermost window may end at `highest`.
 
     At each x, windows extend from every second boundary to the next boundary. A window is connected to the
     overlapping windows at the next x; if there are none, it ends half-way.
@@ -136,7 +136,7 @@ def _windows(x: np.ndarray, boundaries: np.ndarray, highest: float) -> list[list
 
 
 def _jumps(curve: np.ndarray) -> np.ndarray:
-    """Return the indices of the points before jumps of a curve."""
+    """Return the indices before jumps of a curve: steps above 5 % and above 2.5 times their neighbours."""
     step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
     neighbours = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
     return np.flatnonzero((step > 0.05) & (step > 2.5 * neighbours))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray
 
 MAX_POINTS = 1000  # largest number of quantiles of a curve
-MARKED = (0.05, 0.16, 0.5, 0.84, 0.95)  # probabilities of the quantiles that are drawn with intervals
+MARKED_PROBABILITIES = (0.05, 0.16, 0.5, 0.84, 0.95)  # quantiles drawn with intervals
 
 
 @on_axes
@@ -30,7 +30,7 @@ def ensemble(
     component: int | None = None,
     confidence: float = CONFIDENCE,
 ) -> Axes:
-    """Plot empirical distribution functions of an answer with their bands, a curve for each ensemble.
+    """Plot empirical distribution functions of an output with their bands, a curve for each ensemble.
 
     - `ensembles`: a [`rockjax.Ensemble`][] or its dataset; or a dict label → ensemble for several curves
     - `ax`: axes to draw into
@@ -71,7 +71,7 @@ def quantile_quantile(
     component: int | None = None,
     confidence: float = CONFIDENCE,
 ) -> Axes:
-    """Plot the quantiles of an answer in two ensembles against each other, at equal probabilities.
+    """Plot the quantiles of an output in two ensembles against each other, at equal probabilities.
 
     - `ensembles`: dict label → ensemble with two entries; the first is on the horizontal axis
     - `ax`: axes to draw into
@@ -95,13 +95,14 @@ def quantile_quantile(
     is_drawn = np.isfinite(curve).all(axis=0)
     low, high = _limits(curve[:, is_drawn], output, members)
     ax.plot([low, high], [low, high], ":", color="0.5", lw=1, label="equal distributions")
-    until = "" if is_drawn.all() else f" up to {is_drawn.mean():.0%}"
-    ax.plot(*curve[:, is_drawn], color=COLOURS[2], ls="-", lw=1, label=f"quantiles{until}")
-    marked = [
-        y.quantiles(output, MARKED, component=component, confidence=confidence) for y in members.values()
+    range_note = "" if is_drawn.all() else f" up to {is_drawn.mean():.0%}"
+    ax.plot(*curve[:, is_drawn], color=COLOURS[2], ls="-", lw=1, label=f"quantiles{range_note}")
+    marked_quantiles = [
+        y.quantiles(output, MARKED_PROBABILITIES, component=component, confidence=confidence)
+        for y in members.values()
     ]
     points, lower, upper = (
-        np.stack([data[name] for data in marked]) for name in ("quantile", "lower", "upper")
+        np.stack([data[name] for data in marked_quantiles]) for name in ("quantile", "lower", "upper")
     )
     is_finite = np.isfinite(points).all(axis=0)
     points, lower, upper = (np.clip(y[:, is_finite], low, high) for y in (points, lower, upper))
@@ -116,7 +117,7 @@ def quantile_quantile(
         color=COLOURS[1],
         label=f"with {confidence:.0%} intervals",
     )
-    for probability, x, y in zip(np.array(MARKED)[is_finite], *points, strict=True):
+    for probability, x, y in zip(np.array(MARKED_PROBABILITIES)[is_finite], *points, strict=True):
         ax.annotate(f"{probability:.0%}", (x, y), (4, -11), textcoords="offset points", fontsize=8)
     (first, second), limits = members, (low, high)
     ax.set_title(_heading(members[first], output, component))
@@ -133,7 +134,7 @@ def _members(ensembles: Any) -> dict[str, Ensemble]:
 
 
 def _limits(values: np.ndarray, output: str, members: Mapping[str, Ensemble]) -> tuple[float, float]:
-    """Return the limits of the axis of an answer; infinite values are ignored."""
+    """Return the limits of the axis: 0 to the overturn ratio for rotations, else those of finite values."""
     if output == "peak_rotation":
         return 0.0, max(float(y.data.attrs["overturn_ratio"]) for y in members.values())
     values = values[np.isfinite(values)]
@@ -151,10 +152,10 @@ def _legend_entry(label: str, member: Ensemble) -> str:
 
 
 def _heading(member: Ensemble, output: str, component: int | None) -> str:
-    """Return an axis label: name and unit of an answer."""
+    """Return an axis label: name and unit of an output."""
     if output == "peak_rotation":
         return r"peak rotation $\max|\theta|\,/\,\alpha$"
-    answer = member.data[output]
-    is_worst = answer.ndim > 1 and component is None
-    suffix = "" if answer.ndim == 1 else ", worst" if is_worst else f", {answer.dims[1]} {component}"
-    return f"{answer.attrs['long_name']}{suffix} [{displayed(answer.attrs['units'])}]"
+    values = member.data[output]
+    is_worst = values.ndim > 1 and component is None
+    suffix = "" if values.ndim == 1 else ", worst" if is_worst else f", {values.dims[1]} {component}"
+    return f"{values.attrs['long_name']}{suffix} [{displayed(values.attrs['units'])}]"

@@ -13,7 +13,7 @@ from ._style import COLOURS, label_log_x, plt, styled
 if TYPE_CHECKING:
     import xarray
 
-COLUMNS = 3  # panels in a row
+COLUMNS = 3  # largest number of panels in a row
 # prefix of the variable → (label, line style)
 CURVES: dict[str, tuple[str, dict[str, Any]]] = {
     "ground_": ("ground", {"color": "0.55", "linestyle": "--"}),
@@ -37,11 +37,11 @@ def floor_spectrum(
     - `dataset`: from [`rockjax.floor_spectrum`][]. If it was computed with `fixed_base=True`, the spectra of
       the ground and of the building fixed at its base are drawn as well
     - `quantity`: `"pseudo_acceleration"`, `"absolute_acceleration"` or `"relative_displacement"`
-    - `damping`: ζ of the oscillators, by default the first
+    - `damping`: ζ of the oscillators, by default the first of the dataset
 
     With several motions, curves are medians over the motions. The podium also has a thin line for each
-    motion; its curves omit motions that overturn it. Levels without velocity jumps have a mark at their peak
-    acceleration. Raises `ValueError` for another quantity or damping.
+    motion; motions that overturn it are left out. In spectra of accelerations, levels without velocity jumps
+    have a mark at their peak acceleration. Raises `ValueError` for another quantity or damping.
     """
     if quantity not in LABELS:
         raise ValueError(f"plots.floor_spectrum: quantity must be one of {tuple(LABELS)}, got {quantity!r}")

@@ -24,7 +24,7 @@ ABOVE: dict[str, Any] = {
     "borderaxespad": 0.0,
     "frameon": False,
 }
-COLUMNS = 3  # panels in a row
+COLUMNS = 3  # largest number of panels in a row
 BAND = 0.2  # opacity of confidence bands
 
 
@@ -34,11 +34,11 @@ def _with_unit(name: str, unit: str) -> str:
 
 @on_axes
 def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot intensity against peak rotation, one curve for each record, with points at levels that do not
-    overturn.
+    """Plot intensity against peak rotation, one curve for each record, with points at levels that it
+    survives.
 
-    At the limit state, crosses mark the least overturning intensities, and dashes mark the boundaries of
-    survival windows above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
+    At the limit state, the right edge, crosses mark the least overturning intensities, and dashes mark the
+    boundaries of survival windows above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
     ratio = dataset.attrs["overturn_ratio"]
@@ -173,6 +173,7 @@ def contents_fragility(dataset: xarray.Dataset) -> Figure:
 
 
 def _state_label(state: float) -> str:
+    """Return the legend entry of a damage state, a threshold of max|φ|/α_c."""
     return {0.0: "rocks", 1.0: "overturns"}.get(state, rf"$|\varphi|$ reaches {state:g} $\alpha_c$")
 
 

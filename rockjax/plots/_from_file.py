@@ -38,7 +38,7 @@ class Picture:
 
 
 def _panels(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
-    """Adapt a function that draws panels of spectra to a single spectrum."""
+    """Return a function that also draws a single spectrum, as one panel."""
 
     def figure(data: xarray.Dataset) -> Figure:
         if "eta_over_gamma" not in data.dims:
@@ -170,6 +170,6 @@ def redraw(
         if picture.is_animation:
             written.append(picture.draw(f"{prefix}-{name}.gif", dataset))
             continue
-        drawn = picture.draw(dataset)
-        written.append(write_figure(f"{prefix}-{name}{suffix}", getattr(drawn, "figure", drawn)))
+        result = picture.draw(dataset)  # a figure or axes
+        written.append(write_figure(f"{prefix}-{name}{suffix}", getattr(result, "figure", result)))
     return written

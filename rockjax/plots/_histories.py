@@ -96,6 +96,7 @@ def _count_impacts(impacts: np.ndarray) -> str:
 
 
 def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
+    """Mark the peak rotation; a history without rotation has no mark."""
     peak, time = (
         float(data[name]) if name in data else 0.0 for name in ("peak_rotation", "peak_rotation_time")
     )
@@ -130,7 +131,7 @@ def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = N
     name = "drift" if "drift" in data else "deformation"
     if data[name].ndim > 1:
         title = "story" if name == "drift" else "mode"
-        _draw_rows(data, data[name].values * MM_PER_M, title, f"{name} [mm]", ax)
+        _draw_lines(data, data[name].values * MM_PER_M, title, f"{name} [mm]", ax)
         return ax
     return _draw_line(
         data, data["deformation"].values * MM_PER_M, "deformation\n$u_t - u_b$ [mm]", COLOURS[3], ax
@@ -152,7 +153,7 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
     return _draw_line(data, data["ground_acceleration"].values / g, label, COLOURS[0], ax)
 
 
-def _draw_rows(data: xarray.Dataset, values: np.ndarray, title: str, label: str, ax: Axes) -> None:
+def _draw_lines(data: xarray.Dataset, values: np.ndarray, title: str, label: str, ax: Axes) -> None:
     """Draw one line for each mode or story.
 
     - `data`: history; `values`: values to draw, (times, modes or stories)
@@ -181,6 +182,7 @@ def _draw_rows(data: xarray.Dataset, values: np.ndarray, title: str, label: str,
 
 
 def _draw_line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax: Axes) -> Axes:
+    """Draw values over time as one line; return the axes."""
     t = data["time"].values
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     ax.plot(t, values, color=colour, ls="-", lw=1.2)
@@ -280,10 +282,10 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
             jax.vmap(functools.partial(potential_slope, coefficients(podium)))(jnp.asarray(theta))
         )
         moments, label = slope / slope[0], "weights and tendons at rest"
-    backbone = np.concatenate([-theta[::-1], theta]) / alpha, np.concatenate([-moments[::-1], moments])
+    static_curve = np.concatenate([-theta[::-1], theta]) / alpha, np.concatenate([-moments[::-1], moments])
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     ax.axvline(0, color="0.7", lw=0.6, zorder=0)
-    ax.plot(*backbone, color="0.7", ls="-", lw=4, label=label)
+    ax.plot(*static_curve, color="0.7", ls="-", lw=4, label=label)
     ax.plot(ratio, moment, color=COLOURS[2], ls="-", lw=0.9, label="response")
     ax.set(
         xlabel=ROTATION,
@@ -308,19 +310,19 @@ def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) 
     weight = (attributes.get("eta", 0.0) + attributes["gamma"] + 0.5) * attributes["g_m_s2"]
     unit = 2 * attributes["R_m"] * weight * (1 - np.cos(attributes["alpha_rad"]))
     names = ("input_energy", "mechanical_energy", "impact_energy", "damping_energy")
-    work, mechanical, by_impacts, by_structure = (data[name].values / unit for name in names)
-    by_dampers = data["damper_energy"].values / unit if "damper_energy" in data else np.zeros_like(work)
+    work, mechanical, impact_loss, structure_loss = (data[name].values / unit for name in names)
+    damper_loss = data["damper_energy"].values / unit if "damper_energy" in data else np.zeros_like(work)
     residual = (
-        float(data["initial_energy"]) / unit + work - mechanical - by_impacts - by_structure - by_dampers
+        float(data["initial_energy"]) / unit + work - mechanical - impact_loss - structure_loss - damper_loss
     )
     t = data["time"].values
     curves = [
         ("work of the ground", work),
         ("mechanical energy", mechanical),
-        ("lost at impacts", by_impacts),
+        ("lost at impacts", impact_loss),
     ]
-    curves += [("lost in the superstructure's damper", by_structure)] if vibrates(attributes) else []
-    curves += [("lost in the columns' dampers", by_dampers)] if by_dampers.any() else []
+    curves += [("lost in the superstructure's damper", structure_loss)] if vibrates(attributes) else []
+    curves += [("lost in the columns' dampers", damper_loss)] if damper_loss.any() else []
     for k, (label, values) in enumerate(curves):
         ax.plot(t, values, label=label, lw=1.6 if k == 0 else 1.2, **curve_style(k))
     largest = float(np.nanmax(np.abs(residual)))

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 OPEN = "#F7D9CC"  # background of times at which a joint would be open, N < 0
 LEVELS = (-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # N divided by the dead load
-_LINES = {"bottom": "-", "top": "--"}
-_MAX_SHOWN = 4.0  # upper limit of the friction axis if a joint opens, divided by max(tan α, μ)
+_LINES = {"bottom": "-", "top": "--"}  # joint → line style
+_MAX_AXIS = 4.0  # upper limit of the friction axis if a joint opens, divided by max(tan α, μ)
 
 
 def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
@@ -120,8 +120,8 @@ def friction_demand(
 ) -> Axes:
     """Plot the friction demand |T|/N of the worst column over time at both joints, and at impacts.
 
-    A dotted line marks tan α, which heavy frames rarely exceed. Times at which a joint would be open are
-    shaded; near these times the demand grows without bound and leaves the axes.
+    A dotted line marks tan α, which the demand of heavy frames rarely exceeds. Times at which a joint would
+    be open are shaded; near these times the demand grows without bound and leaves the axes.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
     - `ax`: axes to draw into
@@ -160,7 +160,7 @@ def friction_demand(
     _shade_open_joints(data, ax)
     highest = max(ax.dataLim.y1, *limits, 0.0)
     if not np.all(demand.values < np.inf):
-        highest = min(highest, _MAX_SHOWN * max(limits))
+        highest = min(highest, _MAX_AXIS * max(limits))
     ax.set(xlabel=TIME, ylabel=r"friction demand $|T|\,/\,N$", xlim=time_limits(data))
     ax.set_ylim(0, 1.45 * highest)  # room for the legend
     ax.legend(loc="upper right", ncols=3, fontsize="small", framealpha=1.0)
@@ -188,12 +188,12 @@ def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LE
         )
     loads = dataset["dead_load"].where(dataset["dead_load"] > 0)
     ratios = (dataset["least_axial_force"] / loads).min("joint").where(~dataset["overturned"])
-    drawn = ratios.transpose("acceleration_ratio", "frequency_ratio").values
+    values = ratios.transpose("acceleration_ratio", "frequency_ratio").values
     x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
     ax.set_facecolor(OVERTURNED)
-    ax.contourf(x, y, drawn, levels=levels, cmap="RdBu", norm=CenteredNorm(halfrange=1.0), extend="both")
-    if np.nanmin(drawn) < 0 < np.nanmax(drawn):
-        ax.contour(x, y, drawn, levels=[0.0], colors="k", linewidths=1.0)
+    ax.contourf(x, y, values, levels=levels, cmap="RdBu", norm=CenteredNorm(halfrange=1.0), extend="both")
+    if np.nanmin(values) < 0 < np.nanmax(values):
+        ax.contour(x, y, values, levels=[0.0], colors="k", linewidths=1.0)
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
     return ax
 

@@ -122,6 +122,7 @@ def period_label(panels: xarray.Dataset, ratio: float, T_s: float) -> str:
 
 
 def _is_block(panels: xarray.Dataset) -> bool:
+    """Return whether all panels are of a solitary block, without beam and superstructure."""
     ratios = (
         np.atleast_1d(panels["eta_over_gamma"].values) if "eta_over_gamma" in panels.coords else np.zeros(1)
     )

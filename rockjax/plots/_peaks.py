@@ -19,21 +19,21 @@ from ._style import COLOURS, plt, styled
 if TYPE_CHECKING:
     import xarray
 
-COLUMNS = 3  # panels in a row
+COLUMNS = 3  # largest number of panels in a row
 
 
 @styled
 def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figure:
-    """Plot the peaks under each motion of a set, a panel for each answer.
+    """Plot the peaks under each motion of a set, a panel for each output.
 
     - `dataset`: peaks along the dim `motion`, as written by `rockjax peaks`
-    - `outputs`: names of answers such as `"peak_rotation"`; by default all peaks of the dataset
+    - `outputs`: names of outputs such as `"peak_rotation"`; by default all peaks of the dataset
 
     Each panel shows the worst story or joint. Motions that overturn the columns have an open mark: their
     peaks are those until overturning. The dashed line is the median of the other motions. An arrow at the
     right edge marks an infinite friction demand, where a joint opens.
 
-    Raises `ValueError` for answers that the dataset does not have.
+    Raises `ValueError` for outputs that the dataset does not have.
     """
     available = [name for name, (y, _) in VARIABLES.items() if name in dataset and y.until_overturning]
     names = available if outputs is None else list(outputs)
@@ -60,17 +60,17 @@ def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figu
 
 
 def _draw(ax: Axes, data: xarray.Dataset, name: str, overturned: np.ndarray) -> None:
-    """Draw the values of an answer, a mark for each motion."""
+    """Draw the values of an output, a mark for each motion."""
     variable, _ = VARIABLES[name]
     values = worst_place(name, data[name].values)
     rows, is_finite = np.arange(values.size), np.isfinite(values)
     ax.hlines(rows[is_finite], 0, values[is_finite], color="0.8", lw=0.8)
-    for chosen, colour, face in ((~overturned, COLOURS[2], COLOURS[2]), (overturned, COLOURS[1], "white")):
+    for is_chosen, colour, face in ((~overturned, COLOURS[2], COLOURS[2]), (overturned, COLOURS[1], "white")):
         label = "until overturning" if face == "white" else None
-        shown, infinite = rows[chosen & is_finite], rows[chosen & ~is_finite]
-        ax.plot(values[shown], shown, "o", ms=4, color=colour, mfc=face, label=label)
-        at_edge = np.full(infinite.size, 0.97)
-        ax.plot(at_edge, infinite, ">", ms=5, color=colour, mfc=face, transform=ax.get_yaxis_transform())
+        finite_rows, infinite_rows = rows[is_chosen & is_finite], rows[is_chosen & ~is_finite]
+        ax.plot(values[finite_rows], finite_rows, "o", ms=4, color=colour, mfc=face, label=label)
+        at_edge = np.full(infinite_rows.size, 0.97)
+        ax.plot(at_edge, infinite_rows, ">", ms=5, color=colour, mfc=face, transform=ax.get_yaxis_transform())
     if np.any(~overturned & is_finite):
         ax.axvline(float(np.median(values[~overturned])), color="0.4", ls="--", lw=0.8)
     unit = displayed(variable.unit)

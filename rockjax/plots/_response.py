@@ -30,15 +30,15 @@ def response(response: Response | xarray.Dataset, figure: Figure | None = None, 
     if isinstance(response, Response):
         response = response.dataset(np.linspace(*response.span, points))
     data = as_history(response)
-    panels = [rotation_history]
+    plot_functions = [rotation_history]
     if vibrates(data.attrs):
-        panels.append(deformation_history)
+        plot_functions.append(deformation_history)
     if "joint_axial_force" in data:
-        panels += [joint_forces, friction_demand]
-    panels.append(ground_motion)
-    figure = figure or plt.figure(figsize=(8, max(6.5, 2.2 * len(panels))), layout="constrained")
-    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for ax, draw in zip(axes, panels, strict=True):
+        plot_functions += [joint_forces, friction_demand]
+    plot_functions.append(ground_motion)
+    figure = figure or plt.figure(figsize=(8, max(6.5, 2.2 * len(plot_functions))), layout="constrained")
+    axes = figure.subplots(len(plot_functions), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, draw in zip(axes, plot_functions, strict=True):
         draw(data, ax)
         if ax is not axes[-1]:
             ax.set_xlabel("")

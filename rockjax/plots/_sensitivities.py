@@ -40,9 +40,9 @@ def sensitivity_spectrum(
     assert ax is not None
     slope, norm = _slope(dataset, parameter), BoundaryNorm(np.asarray(levels), 256, extend="both")
     x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
-    drawn = slope.where(~dataset["overturned"]).transpose("acceleration_ratio", "frequency_ratio")
+    values = slope.where(~dataset["overturned"]).transpose("acceleration_ratio", "frequency_ratio")
     ax.set_facecolor(OVERTURNED)
-    ax.pcolormesh(x, y, drawn.values, norm=norm, cmap=COLOURS_OF_SIGNS, shading="nearest", rasterized=True)
+    ax.pcolormesh(x, y, values.values, norm=norm, cmap=COLOURS_OF_SIGNS, shading="nearest", rasterized=True)
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
     return ax
 
@@ -77,11 +77,11 @@ def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
         panel = panels.isel(eta_over_gamma=i % ratios, T_s=j)
         sensitivity_spectrum(panel, cast(Axes, axes[i, j]), parameter)
         label_panel(panels, panel, axes, i, j, rf"$\ln {symbol_for(parameter)}$: ")
-    _bar(figure, right_end)
+    _draw_colour_bar(figure, right_end)
     return figure
 
 
-def _bar(figure: Figure, right_end: float) -> None:
+def _draw_colour_bar(figure: Figure, right_end: float) -> None:
     """Draw one colour bar to the right of all panels."""
     width, height = figure.get_figwidth(), figure.get_figheight()
     bar_height = min(0.8, 3.5 / height)

@@ -60,6 +60,7 @@ def _draw_over_height(
     drift_axes: Axes,
     acceleration_axes: Axes,
 ) -> None:
+    """Draw the largest drifts and floor accelerations of one response."""
     if bool(data["overturned"]):
         label = f"{label}, {UNTIL_OVERTURNING}" if label else UNTIL_OVERTURNING
     if "peak_drift" not in data or "peak_floor_acceleration" not in data:

@@ -61,8 +61,8 @@ STYLE: dict[str, Any] = {
 def in_style():
     """Return a context manager that applies `STYLE`.
 
-    The backend is loaded first. Otherwise the end of the context would reset the interactive mode, and a
-    notebook would not show the figures of later cells.
+    The backend is loaded first: the end of the context restores earlier settings, and they must include the
+    interactive mode of the backend, with which notebooks show figures.
     """
     plt.draw_if_interactive()
     return plt.style.context(STYLE)
@@ -100,9 +100,9 @@ def curve_style(k: int) -> dict[str, Any]:
 
 
 def label_log_x(ax: Axes) -> None:
-    """Label a logarithmic x axis with plain numbers 1, 2, 5, 10, …; more than 2.5 decades keep the default.
+    """Label a logarithmic x axis with plain numbers 1, 2, 5, 10, …, and 3 within one decade.
 
-    Call it after setting the limits.
+    More than 2.5 decades keep the default labels. Call this function after setting the limits.
     """
     low, high = ax.get_xlim()
     decades = math.log10(high / low)
