@@ -1,4 +1,4 @@
-"""The assumptions A1–A9 of the model, and their tests on the scenes of a report."""
+"""The assumptions A1–A9 of the model, and their tests on scenes: the structure under one motion each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Outcome(NamedTuple):
     """Result of testing an assumption on a set of scenes.
 
     - `violated`: whether each scene violates the assumption, (n,)
-    - `worst`: the worst value
+    - `worst`: value of the worst scene
     - `text`: description of the result, with `{}` in place of the worst value
     """
 
@@ -29,9 +29,9 @@ class Outcome(NamedTuple):
 class Assumption(NamedTuple):
     """An assumption.
 
-    - `id`, `text`: number and text
+    - `id`: number, such as "A1"; `text`: the assumption as a sentence
     - `conservative`: whether results are on the safe side if the assumption does not hold: "no" or "depends"
-    - `test`: function (problem, scenes of a set) → outcome, or a text that states why there is no test
+    - `test`: function (problem, peaks of scenes) → outcome, or a text that states why there is no test
     - `invalidates`: whether a violation turns the result PASS into NOT VALID
     """
 
@@ -42,7 +42,7 @@ class Assumption(NamedTuple):
     invalidates: bool = False
 
 
-def opens(data: xarray.Dataset) -> np.ndarray:
+def opens_joint(data: xarray.Dataset) -> np.ndarray:
     """Return for each scene whether a joint opens or the beam lifts off at an impact, (n,)."""
     return (data["least_axial_force"].values.min(axis=-1) < 0) | (
         data["least_impulse_share"].values.min(axis=-1) < 0
@@ -56,8 +56,8 @@ def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     if "peak_friction" not in data:
         return "Not tested: the structure has no positions of columns."
     demand = data["peak_friction"].values.max(axis=-1)
-    closed = ~opens(data) if "least_axial_force" in data else np.ones(len(demand), bool)
-    finite = np.where(np.isfinite(demand) & closed, demand, -np.inf)
+    is_closed = ~opens_joint(data) if "least_axial_force" in data else np.ones(len(demand), bool)
+    finite = np.where(np.isfinite(demand) & is_closed, demand, -np.inf)
     worst = float(finite.max())
     if worst == -np.inf:
         return "Not tested: a joint opens under every motion."
@@ -77,7 +77,7 @@ def _rests_on_all(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     if "least_axial_force" not in data:
         return "Not tested: the structure has no positions of columns."
     least = data["least_axial_force"].values.min(axis=-1)
-    return Outcome(opens(data), float(least.min()), "least axial force {} m_c g of a column")
+    return Outcome(opens_joint(data), float(least.min()), "least axial force {} m_c g of a column")
 
 
 def _never(reason: str) -> Callable[[Any, Any], str]:

@@ -1,7 +1,7 @@
 """Contents of a report: a page of sections, and the blocks that sections consist of.
 
-`sections` builds the blocks from an evaluation; `page.py` and the formats show them. Numbers are in SI. In
-texts they are `Quantity` parts, so that they follow the units of the page.
+`sections` builds the blocks from an evaluation; `page.py` and the formats show them. Numbers are in SI;
+numbers in texts are `Quantity` parts, which are shown in the units of the page.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Figure:
     - `caption`: text below the picture
     - `title`: short title
     - `description`: text for readers who cannot see the picture, with its most important number
-    - `is_narrow`: whether the picture is not stretched to the width of the page
+    - `is_narrow`: whether the picture may be narrower than the page
     """
 
     svg: str
@@ -145,10 +145,10 @@ class SummaryRow:
     - `limit`: the limit, or a word if there is none
     - `utilisation`: U, of kind "utilisation", or a word such as "> 1" or "no value"
     - `result`: one of `RESULTS`
-    - `governs`: motion, story and time
-    - `sensitivities`: the largest d ln U/d ln y
-    - `spread`: range of U of the whole set with each input changed by ± spread
-    - `reason`: why there is no result, instead of the three texts above
+    - `governs`: governing motion, story and time
+    - `sensitivities`: the largest d ln U/d ln y of inputs y
+    - `spread`: range of U when each input is decreased or increased by the spread of the file
+    - `reason`: why there is no value; replaces `governs`, `sensitivities` and `spread`
     - `section`: number of the section with the details, 1 … 13
     - `assumptions`: names of the violated assumptions, such as "A7", which are anchors in section 10
     - `flags`: other short marks beside the result
@@ -204,7 +204,7 @@ class SummaryRow:
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """The summary of checks, with at least one row. `note` explains its columns."""
+    """The summary of checks, with at least one row. `note` explains the columns."""
 
     rows: tuple[SummaryRow, ...]
     note: Text
@@ -283,10 +283,10 @@ class Page:
     - `head`: label → text, such as "Project", "Revision", "Author", "Date"
     - `verdict`: first sentence, which states whether all checks pass
     - `notices`: paragraphs below the verdict, such as violated assumptions
-    - `sections`: the sections in their order
+    - `sections`: the sections in the order of the page
     - `is_verified`: whether all checks pass
     - `subject`: line below the title
-    - `origin`: label → text in a second block, such as "Problem file" and "Command"
+    - `origin`: label → text below `head`, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages
 
     Raises `ValueError` if two sections, tables, rows or parts of figures share a number, name or id, for

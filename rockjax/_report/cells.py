@@ -1,4 +1,4 @@
-"""Cells for numbers that a word may replace, and names of tables."""
+"""Cells with a number, or a word where there is none, and parts of names of tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def number(value: Any, kind: str, error: Any = None, word: str = "none", note: str = "") -> Quantity | Word:
-    """Return a cell with a number, or with a word if the number is not finite."""
+    """Return a cell with a number, or with `word` if the number is not finite."""
     value = float(value)
     if not math.isfinite(value):
         return Word(word, "none", note=note)
@@ -24,7 +24,7 @@ def number(value: Any, kind: str, error: Any = None, word: str = "none", note: s
 
 
 def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | Word:
-    """Return a cell with a peak of scene `k`, until overturning if the scene overturned."""
+    """Return a cell with a peak of scene `k`; a note gives the time until which the peak counts, if any."""
     code = int(data["result"].values[k])
     if code > results.OVERTURNED:
         return Word(results.NAMES[code].replace("_", " "), "unanswered")

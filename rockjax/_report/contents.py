@@ -23,7 +23,7 @@ USUAL_UNITS = ("kN", "m", "deg", "g", "mm")
 
 
 def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -> Units:
-    """Return the units of a page: the given units, else those of `[report]`, else the usual ones."""
+    """Return the units of a page: `units`, else those of `[report]`, else `USUAL_UNITS`."""
     problem = evaluation.problem
     return Units.parse(units or problem.report.units or USUAL_UNITS, float(problem.podium.g))
 
@@ -31,7 +31,7 @@ def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -
 def page_of(evaluation: Evaluation, units: Units | None = None, command: str = "") -> Page:
     """Return the page of an evaluation.
 
-    - `units`: units of drawings and texts; by default those of the problem file
+    - `units`: units of drawings and texts; by default those of `units_of`
     - `command`: the command that made the report, for the head of the page
     """
     units = units or units_of(evaluation)

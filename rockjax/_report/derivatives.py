@@ -1,7 +1,7 @@
 """Derivatives of the values of checks with respect to the logarithms of the inputs.
 
-A `LogFunction` maps the logarithms of the factors on every input, and last of that on the motion, (n + 1,),
-to the value of a check. It is differentiated at zero, where it is exact to first order.
+A `LogFunction` returns the value of a check for the logarithms of n + 1 factors: one on each input, and the
+last on the motion. The function is differentiated at zero, where it is exact to first order.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, LogFunction
     """Return d ln(value)/d ln y of a check for every input y and the factor on the motion, along `motion` and
     `parameter`.
 
-    - `entry`: the check; `functions`: index of a case → its value as a function
+    - `entry`: the check; `functions`: index of a motion or pulse → value of the check
     """
     import xarray
 
     problem, motions = scenes.problem, list(functions)
     names = [*problem.variables, *(["motion"] if entry.motions else [])]
     hashes = [scenes.motion_set(entry.motions).hashes[k] for k in motions] if entry.motions else []
-    joints, about = problem.joints.model_dump(), (entry.kind, dict(entry.arguments))
-    mark = fingerprint(problem.podium, hashes, problem.options, about, names, motions, joints)
+    joints, settings = problem.joints.model_dump(), (entry.kind, dict(entry.arguments))
+    inputs_hash = fingerprint(problem.podium, hashes, problem.options, settings, names, motions, joints)
 
     def solve() -> xarray.Dataset:
         scenes.say(f"derivatives of {entry.id}")
@@ -53,11 +53,11 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, LogFunction
             coords={"parameter": names, "motion": motions},
         )
 
-    return scenes.store.get(f"slopes.{entry.id}", mark, solve)
+    return scenes.store.get(f"slopes.{entry.id}", inputs_hash, solve)
 
 
 def of_logs(problem: Problem, function: Callable[[Podium, Value], Value]) -> LogFunction:
-    """Turn a function of the podium and the factor on the motion into a function of the logarithms."""
+    """Turn a function of the podium and the factor on the motion into a `LogFunction`."""
     return lambda logs: function(varied(problem, logs), jnp.exp(logs[-1]))
 
 
@@ -72,9 +72,9 @@ def varied(problem: Problem, logs: Any) -> Podium:
 
 
 def scene_answers(scenes: Scenes, name: str, motion: int) -> Callable[[Any], dict[str, Any]]:
-    """Return the answers of a scene as a function of the logarithms, exact to first order.
+    """Return the outputs of a scene as a function of the logarithms, exact to first order.
 
-    One forward pass differentiates all answers of the scene, and one program serves all motions of a set.
+    One forward pass differentiates all outputs of the scene, and one program serves all motions of a set.
 
     - `name`: the set; `motion`: index of the motion
     """
@@ -83,7 +83,7 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> Callable[[Any], dic
     problem, motions = scenes.problem, scenes.motion_set(name)
     excitation = motions.excitations[motion].common_form()
     options = problem.options.replace(outputs=tuple(scenes.needed[name].outputs), throw=False)
-    mark = fingerprint(problem.podium, motions.hashes[motion], options, problem.variables)
+    inputs_hash = fingerprint(problem.podium, motions.hashes[motion], options, problem.variables)
 
     def values(logs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         scaled = excitation.scaled(jnp.exp(logs[-1]))
@@ -101,7 +101,7 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> Callable[[Any], dic
             data[f"{key}_slope"] = (*dims, "parameter"), np.asarray(slopes[key])
         return xarray.Dataset(data)
 
-    data = scenes.store.get(f"derivatives.{name}.{motion}", mark, solve)
+    data = scenes.store.get(f"derivatives.{name}.{motion}", inputs_hash, solve)
 
     def first_order(logs: Any) -> dict[str, Any]:
         names = [str(key) for key in data if not str(key).endswith("_slope")]

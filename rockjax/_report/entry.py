@@ -1,4 +1,4 @@
-"""Entries of `[[checks]]` and `[[targets]]`, and the keys that all kinds share."""
+"""Entries of `[[checks]]` and `[[targets]]`, and the keys that all kinds of checks share."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class CheckKeys(models.Keys):
     unit: str | None = key(None, "Unit of the limit; by default the SI unit.")
     vertical: bool = key(False, "Whether the motions must have a vertical component.")
     limit: Bound | None = key(None, "Limit in `unit`, or a key that holds it, such as 'joints.friction'.")
-    at_least: Bound | None = key(None, "Limit of a kind that needs a minimum.")
-    at_most: Bound | None = key(None, "Limit of the other kinds.")
+    at_least: Bound | None = key(None, "Limit, for kinds whose value has a minimum.")
+    at_most: Bound | None = key(None, "Limit, for kinds whose value has a maximum.")
 
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
     """An entry of `[[checks]]` or `[[targets]]`.
 
-    - `id`: identifier; `kind`: name of the kind; `keys`: table of the entry
-    - `arguments`: values of the keys of this kind, as objects: a class of pulses, a random motion …
+    - `id`: identifier; `kind`: name of the kind; `keys`: validated table of the entry
+    - `arguments`: keys that only this kind has → values, as objects: a class of pulses, a random motion …
     - `motions`: name of the set of motions, or None
     - `quantity`: what the value measures, one of `units.KINDS`; `limit`: limit [SI], 1 if the kind has none
     - `is_target`: whether it is a design target

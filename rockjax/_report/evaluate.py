@@ -31,13 +31,13 @@ PARTS = ("risk", "methods", "spread")  # valid names in `skip`
 def evaluate(
     problem: Problem | str | Path, *, skip: tuple[str, ...] = (), store: Any = None, progress: Any = None
 ) -> Evaluation:
-    """Evaluate all checks of a problem (host).
+    """Evaluate all checks of a problem, outside jit.
 
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
     - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
       `"methods"` (the simplified methods) and `"spread"` (changed parameters)
-    - `store`: path of a file (.nc) that keeps the answers of scenes, so that a later call does not solve them
-      again; None for no file
+    - `store`: path of a file (.nc) with the results of scenes, which a later call does not solve again; None
+      for no file
     - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`, or None
 
     Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for invalid files and other names in `skip`.
@@ -67,12 +67,12 @@ def needs_of_sets(problem: Problem) -> dict[str, Needs]:
         kind = KINDS[entry.kind]
         if entry.motions and not kind.missing(entry, problem):
             needed[entry.motions].outputs.update(dict.fromkeys(kind.outputs(entry)))
-            needed[entry.motions].things.update(kind.things(entry))
+            needed[entry.motions].on_floors.update(kind.on_floors(entry))
     return needed
 
 
 def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
-    """Evaluate an entry. If that fails, the result is NOT MADE, with the error message as the reason."""
+    """Evaluate an entry. The result of an entry that raises an error is NOT MADE, for this reason."""
     kind = KINDS[entry.kind]
     reason = kind.missing(entry, scenes.problem)
     if isinstance(kind, ByOthers):
@@ -88,7 +88,7 @@ def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
 
 
 def _computed(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
-    """Evaluate an entry that has all inputs."""
+    """Evaluate an entry that lacks no input."""
     values = kind.values(entry, scenes)
     value, error, governing = statistic_of(values, entry.keys.statistic, kind.is_minimum)
     utilisations = utilisations_of(value, error, entry.limit, kind.is_minimum, values.error_factor)
@@ -114,22 +114,22 @@ def _computed(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         values,
     )
     slopes = _sensitivities(check, scenes)
-    # A motion that hardly rocks may dominate the derivative of a mean, which is then meaningless.
+    # A motion that barely rocks may dominate the derivative of a mean, which is left out if it is so large.
     is_mean, spread = check.statistic == "mean", scenes.problem.report.spread
     is_smooth = not is_mean or all(abs(y) * spread <= 1 for y in slopes.values())
     return dataclasses.replace(
         check,
         sensitivities=slopes if is_smooth else {},
         no_slopes=Check.no_slopes if is_smooth else "not smooth",
-        spread=_spread(check, scenes) if scenes.with_spread and kind.is_repeated else {},
-        laws=_laws(check, scenes) if kind.is_repeated else {},
+        spread=_spread(check, scenes) if scenes.with_spread and kind.has_variants else {},
+        laws=_laws(check, scenes) if kind.has_variants else {},
     )
 
 
 def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int]:
     """Return the statistic of values, its error, and the index of the governing motion.
 
-    - `statistic`: "max" (the largest utilisation), "mean", "median" or "p84"
+    - `statistic`: "max" (of the utilisation), "mean", "median" or "p84"
     - `is_minimum`: whether the least value governs
 
     Scenes that overturn count as ±inf.
@@ -170,8 +170,8 @@ def utilisations_of(
         return limit / y if y > 0 else (math.inf if limit > 0 else 0.0 if y >= limit else math.inf)
 
     shifts = (-error_factor * error, 0.0, error_factor * error) if math.isfinite(value) else (0.0,) * 3
-    every = [utilisation(value + shift) for shift in shifts]
-    return min(every), every[1], max(every)
+    results = [utilisation(value + shift) for shift in shifts]
+    return min(results), results[1], max(results)
 
 
 def decide(utilisations: tuple[float, float, float], has_no_answer: bool, is_violated: bool) -> str:
@@ -190,7 +190,7 @@ def decide(utilisations: tuple[float, float, float], has_no_answer: bool, is_vio
 
 
 def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
-    """Return the numbers of the assumptions that do not hold in the scenes behind a check."""
+    """Return the ids, such as "A7", of the assumptions that do not hold in the tested scenes of a check."""
     data = kind.tested_scenes(entry, scenes)
     outcomes = {} if data is None else {y.id: y.test(scenes.problem, data) for y in INVALIDATING}
     return tuple(name for name, y in outcomes.items() if isinstance(y, Outcome) and y.violated.any())
@@ -201,21 +201,23 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
     if check.governing is None or not math.isfinite(check.value) or check.value == 0:
         return {}
     assert check.values is not None
-    of_all = check.statistic == "mean"
-    motions = tuple(range(len(check.values.values))) if of_all else (check.governing,)
+    is_mean = check.statistic == "mean"
+    motions = tuple(range(len(check.values.values))) if is_mean else (check.governing,)
     functions = {k: check.kind.value_function(check.entry, scenes, k) for k in motions}
-    known = {k: function for k, function in functions.items() if function is not None}
-    if not known:
+    differentiable = {k: function for k, function in functions.items() if function is not None}
+    if not differentiable:
         return {}
-    data = log_slopes(scenes, check.entry, known)
+    data = log_slopes(scenes, check.entry, differentiable)
     weights = data["value"] / data["value"].sum()
     slopes = (weights * data["slope"]).sum("motion")
     sign = -1 if check.kind.is_minimum else 1
     return {str(name): sign * float(y) for name, y in zip(data["parameter"].values, slopes, strict=True)}
 
 
-def _utilisation(check: Check, scenes: Scenes, law: str | None = None, change: str = "") -> Any:
-    values = check.kind.values(check.entry, scenes, law, change)
+def _utilisation(check: Check, scenes: Scenes, law: str | None = None, variation: str = "") -> Any:
+    """Return the utilisations, as `utilisations_of` does, and the values of a check for another law of impact
+    or a variation."""
+    values = check.kind.values(check.entry, scenes, law, variation)
     value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum)
     limit, is_minimum = check.entry.limit, check.kind.is_minimum
     return utilisations_of(value, error, limit, is_minimum, values.error_factor), values
@@ -223,9 +225,11 @@ def _utilisation(check: Check, scenes: Scenes, law: str | None = None, change: s
 
 def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:
     """Return input → U of the set with the input decreased and increased."""
-    changed = {change: _utilisation(check, scenes, change=change)[0][1] for change in scenes.changes}
-    names = dict.fromkeys(change[:-1] for change in scenes.changes)
-    return {name: (changed[f"{name}-"], changed[f"{name}+"]) for name in names}
+    varied = {
+        variation: _utilisation(check, scenes, variation=variation)[0][1] for variation in scenes.variations
+    }
+    names = dict.fromkeys(variation[:-1] for variation in scenes.variations)
+    return {name: (varied[f"{name}-"], varied[f"{name}+"]) for name in names}
 
 
 def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:

@@ -26,14 +26,14 @@ class Check:
     - `result`: `"PASS"`, `"FAIL"`, `"UNDECIDED"`, `"NOT VALID"`, `"NOT MADE"` or `"BY OTHERS"`
     - `reason`: why there is no value, or which scenes have no answer; "" otherwise
     - `violated`: numbers of the assumptions that do not hold, such as `"A7"`
-    - `limit`, `value`, `error`: [SI]; the value is ±inf if a word replaces it, and NaN if the check has none
+    - `limit`, `value`, `error`: [SI]; `value` is ±inf if a word replaces it, and NaN if there is none
     - `word`: word that replaces the value, such as "overturned at 5.85 s"; "" for a number
     - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn
-    - `governing`: index of the governing motion or pulse, or None; `place`: storey, joint or time
+    - `governing`: index of the governing motion or pulse, or None; `place`: its storey, joint or time
     - `values`: the values of all motions
-    - `sensitivities`: d ln U/d ln y for every input y and the factor on the motions; empty for the reason
-      `no_slopes`
-    - `spread`: input → U of the whole set with the input decreased and increased; empty if not computed
+    - `sensitivities`: d ln U/d ln y for every input y and the factor on the motions; if empty, `no_slopes` is
+      the reason
+    - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed
     - `laws`: law of impact → (U, result)
     """
 
@@ -94,7 +94,7 @@ class Evaluation:
 
     - `problem`: the problem; `scenes`: its solved scenes
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
-    - `assumptions`: set of motions → number of the assumption → its `Outcome`, or why it is not tested
+    - `assumptions`: set of motions → number of the assumption → `Outcome`, or why there is no test
     - `skipped`: names of the parts that were left out
     - `make_tables`: function that returns the tables of an evaluation
     """
@@ -122,15 +122,15 @@ class Evaluation:
         return self.make_tables(self)
 
 
-def verdict(words: list[str]) -> str:
-    """Return the verdict on checks with these results, such as "Verified: all 14 checks pass."."""
-    own = [word for word in words if word != "BY OTHERS"]
-    others = len(words) - len(own)
-    count = {word: own.count(word) for word in ("PASS", "FAIL", "UNDECIDED", "NOT VALID", "NOT MADE")}
+def verdict(results: list[str]) -> str:
+    """Return the verdict on checks with `results`, such as "Verified: all 14 checks pass."."""
+    made = [word for word in results if word != "BY OTHERS"]
+    others = len(results) - len(made)
+    count = {word: made.count(word) for word in ("PASS", "FAIL", "UNDECIDED", "NOT VALID", "NOT MADE")}
     by_others = f" {others} more {'is' if others == 1 else 'are'} made by others." if others else ""
-    if count["PASS"] == len(own) and own:
-        return f"Verified: {'all ' if len(own) > 1 else 'the only '}{_checks(len(own))}." + by_others
-    if not own:
+    if count["PASS"] == len(made) and made:
+        return f"Verified: {'all ' if len(made) > 1 else 'the only '}{_checks_pass(len(made))}." + by_others
+    if not made:
         return "Not verified: every check is made by others."
     phrases = {
         "PASS": ("passes", "pass"),
@@ -140,9 +140,9 @@ def verdict(words: list[str]) -> str:
         "NOT MADE": ("was not made", "were not made"),
     }
     parts = [f"{n} {phrases[word][n != 1]}" for word, n in count.items() if n or word == "PASS"]
-    total = f"{len(own)} checks" if len(own) > 1 else "one check"
+    total = f"{len(made)} checks" if len(made) > 1 else "one check"
     return f"Not verified: of {total} {', '.join(parts)}.{by_others}"
 
 
-def _checks(count: int) -> str:
+def _checks_pass(count: int) -> str:
     return f"{count} checks pass" if count > 1 else "check passes"

@@ -1,4 +1,4 @@
-"""HTML of texts, cells and tables. Everything that comes from a file is escaped here or by the template."""
+"""HTML of texts, cells and tables. All texts are escaped, here or by the template."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ from .units import Units
 # Classes of page.css by tone.
 CLASSES: Final[dict[Tone, str]] = {"plain": "", "good": "good", "bad": "bad", "open": "miss"}
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffe\uffff\ud800-\udfff]")
+# Start of the element around a table, which scrolls sideways on narrow screens.
 SCROLLS = Markup('<div class="scroll" tabindex="0" role="group" aria-label="table, scrolls sideways">')
 
 
@@ -79,14 +80,14 @@ def formula(part: Formula) -> Markup:
 
 
 def small(content: Text, units: Units) -> Markup:
-    """Return a text as a second line of a cell; nothing for an empty text."""
+    """Return a text as HTML for the second line of a cell; empty for an empty text."""
     return Markup("<small>{}</small>").format(text(content, units)) if content else Markup("")
 
 
 def value(cell: Cell, units: Units, *, unit: bool = True) -> Markup:
     """Return the content of a cell: its first line, its error and its note.
 
-    `unit`: whether to add the unit to a number; in columns of one kind, the heading has the unit
+    `unit`: whether to add the unit to a number; False in columns whose heading has the unit
     """
     if isinstance(cell, Formula):
         return formula(cell)
@@ -111,7 +112,7 @@ def table(content: Table, units: Units) -> Markup:
     ]
     heads = Markup("").join(
         Markup('<th scope="col"{}>{}{}</th>').format(
-            _right(right), safe(head(column, units)), small(column.note, units)
+            _alignment(right), safe(head(column, units)), small(column.note, units)
         )
         for column, right in zip(content.columns, is_number, strict=True)
     )
@@ -132,13 +133,13 @@ def _row(content: Table, number: int, is_number: list[bool], units: Units) -> Ma
     return Markup("<tr{}>{}</tr>").format(anchor, cells)
 
 
-def _cell(cell: Cell, column: Column, k: int, right: bool, units: Units) -> Markup:
+def _cell(cell: Cell, column: Column, k: int, is_number: bool, units: Units) -> Markup:
     shown_value = value(cell, units, unit=column.kind is None)
     if k == 0 and not isinstance(cell, Formula):
         return Markup('<th scope="row">{}</th>').format(shown_value)
-    attributes = Markup(' class="eq"') if isinstance(cell, Formula) else _right(right)
+    attributes = Markup(' class="eq"') if isinstance(cell, Formula) else _alignment(is_number)
     return Markup("<td{}>{}</td>").format(attributes, shown_value)
 
 
-def _right(right: bool) -> Markup:
-    return Markup(' class="r"' if right else "")
+def _alignment(is_number: bool) -> Markup:
+    return Markup(' class="r"' if is_number else "")

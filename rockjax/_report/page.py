@@ -36,7 +36,7 @@ def render(page: Page, units: Units) -> str:
     - `page`: content of the page [SI]
     - `units`: units in which numbers are shown
 
-    All texts are escaped. If the problem file gives a limit in another unit than the page, both are shown.
+    All texts are escaped. A limit that the problem file gives in another unit is shown in both units.
     """
     in_units = {
         name: functools.partial(function, units=units)
@@ -68,7 +68,7 @@ def css_string(text: str) -> str:
 
 
 def _limit(limit: Limit | Word, units: Units) -> Markup:
-    """Return the limit of a check, also in the unit of the problem file if that differs."""
+    """Return the limit of a check, in the unit of the page and, if another, in that of the problem file."""
     if isinstance(limit, Word):
         return markup.value(limit, units)
     quantity = limit.quantity
@@ -91,7 +91,7 @@ def _breakable(content: str) -> str:
 
 
 def _utilisation(cell: Quantity | Word, units: Units) -> Markup:
-    """Return a utilisation with a bar, on which a line marks 1; a word has no bar."""
+    """Return a utilisation after a bar with a mark at 1, or a word without a bar."""
     if isinstance(cell, Word):
         return Markup('<span class="nb">{}</span>').format(markup.text(cell.text, units))
     share = 100 * min(max(cell.value, 0.0), _LARGEST_U) / _LARGEST_U

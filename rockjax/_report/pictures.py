@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colours of figures that are variables of page.css, and change with its light and dark themes.
+# Colours of figures → variables of page.css, which differ in the light and the dark theme.
 COLUMN, BEAM = "#cfd8e3", "#e6e9ee"
 VARIABLES = {
     "#d55e00": "--c-red",
@@ -42,7 +42,7 @@ _FAMILY = re.compile(r"font-family: [^;\"]*")
 _REFERENCE = re.compile(r'(\bid="|url\(#|\bxlink:href="#)')
 _COLOUR = re.compile(r"\b(fill|stroke): (#[0-9a-f]{6})(?:; \1-opacity: ([0-9.]+))?")
 _DECIMALS = {"m": 2, "cm": 1, "mm": 0}  # decimals of dimensions in drawings
-_MARKED_FLOORS = 12  # with more floors, equal neighbours share one note of their mass
+_MARKED_FLOORS = 12  # largest number of floors that are all marked with their masses
 
 
 def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
@@ -119,8 +119,8 @@ def elevation_drawing(
 ) -> Figure:
     """Return a drawing of the structure to scale, with dimensions and masses, and of one rotated column.
 
-    - `podium`: a single podium. Without an elevation, distances of columns are drawn without dimensions; so
-      are floors of a building without heights
+    - `podium`: a single podium. Distances of columns have no dimensions without an elevation; stories have
+      none without heights
     - `units`: units of the numbers
     - `column_mass`: mass of one column [kg]; None omits all masses
     - `columns`: number of columns N of a podium without an elevation
@@ -166,7 +166,7 @@ def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float |
         _rectangle(ax, left, level - slab, right - left, 2 * slab, BEAM)
 
     if column_mass is not None:
-        write = lambda mass: plain_part(Quantity(float(mass), "mass", given=True), units)
+        write = lambda mass: plain_part(Quantity(float(mass), "mass", is_input=True), units)
         _note(ax, right + gap, height / 2, f"{count} × {write(column_mass)}")
         if beam_mass := float(podium.gamma) * count * column_mass:
             _note(ax, right + gap, height + drawn_depth / 2, write(_rounded_mass(beam_mass)))
@@ -191,8 +191,8 @@ def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float |
 
 
 def _lines(podium: Podium, width: float, height: float, columns: int) -> tuple[np.ndarray, int, bool]:
-    """Return positions of the lines of columns [m], the number of columns, and whether positions are
-    known."""
+    """Return positions of the lines of columns [m], the number of columns, and whether the podium has
+    positions."""
     if podium.elevation is None:
         spacing = max(0.9 * height, 2.5 * width)
         return spacing * (np.arange(columns) - 0.5 * (columns - 1)), columns, False
@@ -202,32 +202,34 @@ def _lines(podium: Podium, width: float, height: float, columns: int) -> tuple[n
 
 
 def _floors(podium: Podium, height: float, columns_mass: float) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return heights of the floors above the beam [m], their masses [kg], and whether heights are known.
+    """Return heights of the floors above the beam [m], their masses [kg], and whether the podium has heights.
 
     A superstructure that is not a `ShearBuilding` is drawn as one mass.
     """
-    top = podium.superstructure
-    if top is None:
+    superstructure = podium.superstructure
+    if superstructure is None:
         return np.zeros(0), np.zeros(0), False
-    if isinstance(top, ShearBuilding):
-        masses = np.asarray(top.masses, float) * columns_mass
-        has_heights = top.heights is not None
-        stories = np.asarray(top.heights, float) if has_heights else np.full(masses.size, 0.6 * height)
+    if isinstance(superstructure, ShearBuilding):
+        masses = np.asarray(superstructure.masses, float) * columns_mass
+        has_heights = superstructure.heights is not None
+        stories = (
+            np.asarray(superstructure.heights, float) if has_heights else np.full(masses.size, 0.6 * height)
+        )
         return np.cumsum(stories), masses, has_heights
     level = 0.0
     if podium.elevation is not None:
         level = float(np.max(np.asarray(podium.elevation.top_height, float)))  # pyright: ignore
-    mass = float(np.asarray(top.mass_ratio)) * columns_mass
+    mass = float(np.asarray(superstructure.mass_ratio)) * columns_mass
     return np.array([level or 0.8 * height]), np.array([mass]), level > 0
 
 
 def _rounded_mass(mass: float) -> float:
-    """Return a mass that was computed from ratios, without its rounding errors."""
+    """Return a mass without the rounding errors of its computation from ratios."""
     return float(f"{mass:.6g}")
 
 
 def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[float, str]]:
-    """Return heights and texts of masses; in a building of many floors, one text for equal neighbours."""
+    """Return heights and texts of masses; among many floors, a run of equal masses has one text."""
     if len(masses) <= _MARKED_FLOORS:
         return list(zip(levels, masses, strict=True))
     notes, start = [], 0
@@ -240,7 +242,7 @@ def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[fl
 
 
 def _runs(base: float, levels: np.ndarray, length: Any) -> list[tuple[float, float, str]]:
-    """Return ends and texts of the dimensions of stories; equal stories above each other have one."""
+    """Return ends and texts of the dimensions of stories; a run of equal stories has one dimension."""
     ends = [base, *map(float, levels)]
     stories = [length(upper - lower) for lower, upper in itertools.pairwise(ends)]
     runs, start = [], 0

@@ -16,7 +16,7 @@ STRESSES = 0.01e6, 50e6  # usual mean stress of columns [Pa]
 PERIODS = 0.05, 10.0  # usual first period of a building [s]
 LARGEST_DRIFT = 0.1  # largest usual limit of a drift divided by the storey height [–]
 LEAST_U = 0.01  # least usual utilisation [–]
-FEW_MOTIONS = 7  # usual least number of motions of a mean
+FEW_MOTIONS = 7  # usual minimum number of motions for a mean
 
 
 def warnings_of(evaluation: Evaluation) -> Iterator[str]:
@@ -25,7 +25,7 @@ def warnings_of(evaluation: Evaluation) -> Iterator[str]:
     podium, mass, depth = problem.podium, problem.column_mass, problem.joints.contact_depth
     width, height = float(podium.width), float(podium.height)
     if mass is not None:
-        depth = width if depth is None else depth
+        depth = width if depth is None else depth  # square columns by default
         density = mass / (width * height * depth)
         if not DENSITIES[0] <= density <= DENSITIES[1]:
             yield (

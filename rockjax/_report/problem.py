@@ -31,7 +31,7 @@ class MotionSet:
     """A named set of motions.
 
     - `name`, `label`: key under `[motions]`, and label from `[report]`
-    - `members`: records with name and source, or pulses; `names`: a name for each member
+    - `members`: records (`Motion`) or pulses; `names`: a unique name for each
     """
 
     name: str
@@ -67,16 +67,18 @@ class MotionSet:
             if not isinstance(member, Motion):
                 leaves = np.array([float(y) for y in jax.tree.leaves(member)])
                 return hashlib.sha256(f"{type(member).__name__} {leaves.tolist()}".encode()).hexdigest()
-            own = sha256(member.acceleration)
-            return own if member.vertical is None else f"{own}+{sha256(member.vertical.acceleration)}"
+            horizontal = sha256(member.acceleration)
+            if member.vertical is None:
+                return horizontal
+            return f"{horizontal}+{sha256(member.vertical.acceleration)}"
 
         return tuple(map(hash_of, self.members))
 
 
 @dataclasses.dataclass(frozen=True)
 class Input:
-    """An input of the structure: key, such as `width` or `superstructure.T_s`, value or list of values, and
-    the source that the file states, or None."""
+    """An input of the structure: key, such as `width` or `superstructure.T_s`; value or list of values; and
+    source that the file states, or None."""
 
     key: str
     value: Any
@@ -91,7 +93,7 @@ class Input:
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A problem file as objects (host), from [`rockjax.read_problem`][].
+    """A problem file as objects, from [`rockjax.read_problem`][].
 
     - `path`, `sha256`: the file and the hash of its text
     - `podium`: the structure; `inputs`: the keys of `[structure]`, a tuple of `Input`
@@ -148,10 +150,9 @@ class Problem:
     @property
     def story_heights(self) -> np.ndarray | None:
         """Heights of the stories [m], or None."""
-        top = self.podium.superstructure
         heights = getattr(self.structure, "story_heights", None)
         if heights is None:
-            heights = getattr(top, "heights", None)
+            heights = getattr(self.podium.superstructure, "heights", None)
         return None if heights is None else np.asarray(heights, float)
 
     @property
@@ -162,7 +163,7 @@ class Problem:
 
 
 def podium_with(structure: models.ByRatios | models.ByDimensions, factors: Mapping[str, Any]) -> Podium:
-    """Return the podium of a table with values multiplied by factors; traceable."""
+    """Return the podium of a table whose values are multiplied by factors (input → factor); traceable."""
     changes: dict[str, Any] = {}
     nested: dict[str, dict[str, Any]] = {}
 

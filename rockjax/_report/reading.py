@@ -24,7 +24,7 @@ from .problem import Input, MotionSet, Problem
 
 
 def read_problem(path: str | Path) -> Problem:
-    """Read a problem file for a report (host).
+    """Read a problem file for a report.
 
     - `path`: a TOML file with `[structure]`, `[motions.NAME]`, and `[[checks]]` or `[[targets]]`
 
@@ -36,10 +36,10 @@ def read_problem(path: str | Path) -> Problem:
 
 
 def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
-    """Return the problem of a table, in which options of the command line may replace values of the file.
+    """Return the problem of a table: that of a file, in which the command line may have replaced values.
 
-    - `table`: the table
-    - `path`: path of the file; other paths are relative to its folder
+    - `table`: contents of the file
+    - `path`: path of the file, whose folder is the base of relative paths
     """
     reader = Reader(path)
     file = reader.check(models.Problem, table)
@@ -60,9 +60,9 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
     inputs = tuple(
         Input(key, value, file.sources.get(f"structure.{key}")) for key, value in _inputs(file.structure)
     )
-    known = {f"structure.{entry.key}" for entry in inputs} | set(_paths(table))
+    keys = {f"structure.{entry.key}" for entry in inputs} | set(_paths(table))
     for name in file.sources:
-        if name not in known:
+        if name not in keys:
             reader.fail(
                 f"sources.{name}",
                 "is not a key of this file; give the path of a key, such as 'structure.width'",
@@ -86,6 +86,7 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
 
 
 def _name(member: Any) -> str:
+    """Return the name of a record, or a name for a pulse from its parameters."""
     if isinstance(member, Motion):
         return member.name
     values = ", ".join(f"{float(y):.4g}" for y in jax.tree.leaves(member))
@@ -102,6 +103,7 @@ def _inputs(structure: models.Keys) -> Iterator[tuple[str, Any]]:
 
 
 def _paths(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Yield the paths of all keys of a table, such as "structure.width"."""
     for name, value in table.items():
         yield f"{prefix}{name}"
         if isinstance(value, dict):
@@ -118,7 +120,7 @@ def read_checks(
     """Yield the entries of `[[checks]]` and `[[targets]]`.
 
     - `reader`: reader of the file
-    - `table`, `file`: contents of the file, and the same after validation
+    - `table`, `file`: contents of the file, before and after validation
     - `podium`: the structure
     - `parts`: names of the lists of tables to read, in this order
 
@@ -150,7 +152,7 @@ def _entry(
     where: str,
     given: Mapping[str, Any],
 ) -> Entry:
-    """Return an entry; `id` and `motions` are those that it gives, without defaults.
+    """Return an entry without the defaults of `id` and `motions`.
 
     - `reader`, `table`, `file`, `podium`: as for `read_checks`
     - `where`, `given`: key and table of the entry

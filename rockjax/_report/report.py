@@ -25,8 +25,8 @@ class Report:
     """A report, from [`rockjax.report`][].
 
     - `evaluation`: the checks and their scenes
-    - `page`, `units`: contents of the page, and units in which it shows them
-    - `written`: files that were written
+    - `page`, `units`: contents of the page [SI], and units in which they are shown
+    - `written`: paths of the files that were written
     """
 
     evaluation: Evaluation
@@ -36,7 +36,7 @@ class Report:
 
     @property
     def html(self) -> str:
-        """The page, one self-contained HTML file."""
+        """The page as a self-contained HTML file."""
         return self._encoded("html")["report.html"].decode()
 
     @property
@@ -64,12 +64,13 @@ class Report:
     def to_xlsx(self, path: str | Path) -> Path:
         """Write a workbook with a sheet for each table. Return its path.
 
-        Raises `ValueError`, with the command to install XlsxWriter, if that is missing.
+        Raises `ValueError`, with the command to install XlsxWriter, if XlsxWriter is missing.
         """
         (content,) = self._encoded("xlsx").values()
         return write_atomically(path, _writer(content))
 
     def _encoded(self, name: str) -> dict[str, bytes]:
+        """Return the files of a format: name → content."""
         from ._formats import FORMATS
 
         return FORMATS[name](self.page, self.units)
@@ -85,6 +86,7 @@ class Report:
 
 
 def _writer(content: bytes) -> Any:
+    """Return a function that writes `content` to a path."""
     return lambda name: Path(name).write_bytes(content)
 
 
@@ -97,7 +99,7 @@ def report(
     progress: Any = None,
     command: str = "",
 ) -> Report:
-    """Return the design report of a problem (host).
+    """Return the design report of a problem, outside jit.
 
     - `problem`: path of a problem file, a [`rockjax.Problem`][], or an [`rockjax.Evaluation`][]
     - `output`: path of the page, NAME.html. NAME.json (all numbers in SI) and NAME.nc (all scenes) are

@@ -1,4 +1,4 @@
-"""The scenes of a report: each is solved once, when a check or a section first needs it."""
+"""The scenes of a report. Each is the structure under one motion, and is solved once, when first needed."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
 
 
 class Needs(NamedTuple):
-    """Outputs, and things on floors by name, that the checks of a set of motions need."""
+    """Outputs that the checks of a set of motions need, and name → block or oscillator on a floor."""
 
     outputs: dict[str, None] = {}
-    things: dict[str, Any] = {}
+    on_floors: dict[str, Any] = {}
 
 
 class Scenes:
     """The scenes of a problem.
 
-    - `problem`: the problem; `store`: keeps their answers
+    - `problem`: the problem; `store`: stores the solved scenes
     - `needed`: set of motions → what its checks need
     - `progress`: object with `update(number)` and `describe(text)`, or None
-    - `with_spread`: whether `changes` are solved
+    - `with_spread`: whether the scenes of `variations` are solved too
     """
 
     def __init__(
@@ -53,19 +53,19 @@ class Scenes:
     ):
         self.problem, self.store, self.needed, self.progress = problem, store, needed, progress
         self.with_spread = with_spread
-        # Checks and sections ask for the same structures and scenes many times.
+        # Cached, because checks and sections ask for the same structures and scenes many times.
         self.podium, self.peaks = functools.cache(self._podium), functools.cache(self._peaks)
         self._variants = functools.cache(self._solve_variants)
 
     def say(self, text: str) -> None:
-        """Show what is computed."""
+        """Show a text about the current computation."""
         if self.progress is not None:
             self.progress.describe(text)
 
     @functools.cached_property
-    def changes(self) -> tuple[str, ...]:
-        """Names of the changed structures: each input ± spread, such as "width+" and "width-", and
-        "motion+", "motion-" for the factor on all motions; empty without spread."""
+    def variations(self) -> tuple[str, ...]:
+        """Names of the variations, which multiply an input by 1 ± spread, such as "width+" and "width-", or
+        all motions, "motion+" and "motion-"; empty without spread."""
         names = (*self.problem.variables, "motion") if self.with_spread else ()
         return tuple(f"{name}{sign}" for name in names for sign in "-+")
 
@@ -75,14 +75,14 @@ class Scenes:
         own = fingerprint(self.problem.podium)
         return tuple(law for law in self.problem.report.laws if fingerprint(self.podium(law)) != own)
 
-    def factors(self, change: str) -> dict[str, float]:
-        """Return key → factor of a change."""
+    def factors(self, variation: str) -> dict[str, float]:
+        """Return input → factor of a variation, such as {"width": 1.05} for "width+"."""
         spread = self.problem.report.spread
-        return {change[:-1]: 1 + spread if change[-1] == "+" else 1 - spread} if change else {}
+        return {variation[:-1]: 1 + spread if variation[-1] == "+" else 1 - spread} if variation else {}
 
-    def _podium(self, law: str | None = None, change: str = "") -> Podium:
-        """Return the structure with a law of impact and a change."""
-        factors = {name: y for name, y in self.factors(change).items() if name != "motion"}
+    def _podium(self, law: str | None = None, variation: str = "") -> Podium:
+        """Return the structure with a law of impact, None for its own, and a variation, "" for none."""
+        factors = {name: y for name, y in self.factors(variation).items() if name != "motion"}
         podium = self.problem.varied(factors) if factors else self.problem.podium
         return podium if law is None else podium.replace(restitution=law)
 
@@ -105,63 +105,64 @@ class Scenes:
         """Return the options of the scenes of a set."""
         return self.problem.options.replace(outputs=self.outputs(name), throw=False)
 
-    def things(self, name: str) -> dict[str, Any]:
-        """Return name → thing on a floor, for all checks of a set."""
-        return self.needed.get(name, Needs()).things
+    def on_floors(self, name: str) -> dict[str, Any]:
+        """Return name → block or oscillator on a floor, for all checks of a set."""
+        return self.needed.get(name, Needs()).on_floors
 
     # -------------------------------------------------------------------------------------------------- peaks
     def _peaks(
-        self, name: str, law: str | None = None, change: str = "", factor: float = 1.0
+        self, name: str, law: str | None = None, variation: str = "", factor: float = 1.0
     ) -> xarray.Dataset:
         """Return the peaks of the scenes of a set, along `motion`.
 
         - `name`: the set; `law`: one of the laws of `[report]`, or None for the structure's own
-        - `change`: one of `changes`; `factor`: on all motions
+        - `variation`: one of `variations`, or ""; `factor`: factor on all motions
         """
-        variant = change or (law if law in self.laws else "")
+        variant = variation or (law if law in self.laws else "")
         if variant:
             return self._variants(name, factor).sel(variant=variant)
         motions, options, podium = self.motion_set(name), self.options(name), self.problem.podium
-        things = self.things(name)
-        mark = fingerprint(podium, motions.hashes, options, things, factor)
+        on_floors = self.on_floors(name)
+        inputs_hash = fingerprint(podium, motions.hashes, options, on_floors, factor)
 
         def solve() -> xarray.Dataset:
             self.say(f"scenes of {name}")
-            data = self.solve(podium, motions.scaled(factor), options, ("motion",), things)
-            return self._with_floor_errors(data, motions.scaled(factor), options, things)
+            data = self.solve(podium, motions.scaled(factor), options, ("motion",), on_floors)
+            return self._with_floor_errors(data, motions.scaled(factor), options, on_floors)
 
-        return self.store.get(f"peaks.{name}{_suffix(factor)}", mark, solve)
+        return self.store.get(f"peaks.{name}{_suffix(factor)}", inputs_hash, solve)
 
     def _solve_variants(self, name: str, factor: float = 1.0) -> xarray.Dataset:
-        """Return the peaks of a set with every other law of impact and every change, along `variant` and
-        `motion`. They are one batch, in which a law is its restitution factor."""
-        motions, options, things = self.motion_set(name), self.options(name), self.things(name)
-        podiums = [self.podium(law) for law in self.laws] + [self.podium(None, y) for y in self.changes]
+        """Return the peaks of a set with every other law of impact and every variation, along `variant` and
+        `motion`."""
+        motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
+        podiums = [self.podium(law) for law in self.laws] + [self.podium(None, y) for y in self.variations]
+        # Laws become numbers, because the podiums of a batch must have equal laws.
         podiums = [y.replace(restitution=float(y.restitution_factor)) for y in podiums]
-        names = (*self.laws, *self.changes)
-        scales = factor * np.array([1.0] * len(self.laws) + [self._motion_factor(y) for y in self.changes])
-        mark = fingerprint(podiums, scales, motions.hashes, options, things)
+        names = (*self.laws, *self.variations)
+        scales = factor * np.array([1.0] * len(self.laws) + [self._motion_factor(y) for y in self.variations])
+        inputs_hash = fingerprint(podiums, scales, motions.hashes, options, on_floors)
 
         def solve() -> xarray.Dataset:
             self.say(f"scenes of {name} with other laws of impact and changed inputs")
             excitations = as_batch("report", motions.excitations).scaled(scales[:, None])
-            data = self.solve(_stacked(podiums), excitations, options, ("variant", "motion"), things)
+            data = self.solve(_stacked(podiums), excitations, options, ("variant", "motion"), on_floors)
             return data.assign_coords(variant=list(names))
 
-        return self.store.get(f"variants.{name}{_suffix(factor)}", mark, solve)
+        return self.store.get(f"variants.{name}{_suffix(factor)}", inputs_hash, solve)
 
-    def _motion_factor(self, change: str) -> float:
-        return self.factors(change).get("motion", 1.0)
+    def _motion_factor(self, variation: str) -> float:
+        return self.factors(variation).get("motion", 1.0)
 
     def _with_floor_errors(
-        self, data: xarray.Dataset, excitations: Any, options: Options, things: dict[str, Any]
+        self, data: xarray.Dataset, excitations: Any, options: Options, on_floors: dict[str, Any]
     ) -> xarray.Dataset:
-        """Return the peaks of scenes with estimated errors of the things on floors, from a second solution:
-        inf where the solutions differ in what overturns."""
-        if not things:
+        """Add the estimated errors of blocks and oscillators on floors to peaks: the difference from a second
+        solution, inf where a block overturns in only one of the solutions."""
+        if not on_floors:
             return data
         finer = companion(options).replace(outputs=("peak_rotation",))
-        other = self.solve(self.problem.podium, excitations, finer, ("motion",), things)
+        other = self.solve(self.problem.podium, excitations, finer, ("motion",), on_floors)
         for name in ("contents_peak_rotation", "oscillator_pseudo_acceleration"):
             if name in data:
                 error = np.abs(data[name].values - other[name].values)
@@ -177,21 +178,21 @@ class Scenes:
         excitations: Any,
         options: Options,
         dims: tuple[str, ...],
-        things: Mapping[str, Any] = MappingProxyType({}),
+        on_floors: Mapping[str, Any] = MappingProxyType({}),
     ) -> xarray.Dataset:
         """Return the peaks of a batch as a dataset.
 
-        - `podium`, `excitations`, `options`: of the batch; `dims`: its dims
-        - `things`: name → thing on a floor; the names are coordinates of their dims
+        - `podium`, `excitations`, `options`, `dims`: those of the batch
+        - `on_floors`: name → block or oscillator; the names become coordinates
         """
         import xarray
 
         from rockjax._batch.batch import peak_responses
 
-        progress, on_floors = self.progress or False, tuple(things.values())
-        peaks = peak_responses(podium, excitations, options=options, progress=progress, on_floors=on_floors)
+        progress, objects = self.progress or False, tuple(on_floors.values())
+        peaks = peak_responses(podium, excitations, options=options, progress=progress, on_floors=objects)
         data = xarray.Dataset(data_variables(peaks, options.outputs, dims))
-        answers = dict(zip(things, peaks.on_floors, strict=True))
+        answers = dict(zip(on_floors, peaks.on_floors, strict=True))
         names = {
             dim: [name for name, answer in answers.items() if isinstance(answer, kind)]
             for kind, (dim, _) in VARIABLES.items()
@@ -201,7 +202,7 @@ class Scenes:
     def peaks_with_factors(self, label: str, name: str, factors: np.ndarray) -> xarray.Dataset:
         """Return the peaks of the motions of a set, each multiplied by its factor.
 
-        - `label`: name in the store; `name`: the set; `factors`: one for each motion
+        - `label`: name in the store; `name`: the set; `factors`: a factor for each motion
         """
         motions = self.motion_set(name).excitations
         excitations = [y.scaled(f) for y, f in zip(motions, factors, strict=True)]
@@ -210,23 +211,23 @@ class Scenes:
     def peaks_under(self, label: str, options: Options, excitations: Sequence[Any]) -> xarray.Dataset:
         """Return the peaks of excitations, along `motion`; `label`: name in the store."""
         podium = self.problem.podium
-        mark = fingerprint(podium, excitations, options)
+        inputs_hash = fingerprint(podium, excitations, options)
 
         def solve() -> xarray.Dataset:
             self.say("scenes at the boundary")
             return self.solve(podium, list(excitations), options, ("motion",))
 
-        return self.store.get(label, mark, solve)
+        return self.store.get(label, inputs_hash, solve)
 
     # ---------------------------------------------------------------------------------------------- histories
     def history(self, name: str, motion: int) -> xarray.Dataset:
-        """Return the history of a motion of a set, as [`rockjax.Response.dataset`][]."""
+        """Return the response history under a motion of a set, as [`rockjax.Response.dataset`][]."""
         from rockjax._responses.response import with_joints
         from rockjax._responses.simulate import simulate
 
         motions, podium = self.motion_set(name), self.problem.podium
         options = self.problem.options.replace(throw=False)
-        mark = fingerprint(podium, motions.hashes[motion], options)
+        inputs_hash = fingerprint(podium, motions.hashes[motion], options)
 
         def solve() -> xarray.Dataset:
             self.say(f"history of {motions.names[motion]}")
@@ -234,23 +235,24 @@ class Scenes:
             data = response.dataset()
             return data if podium.elevation is None else with_joints(data, response)
 
-        return self.store.get(f"history.{name}.{motion}", mark, solve)
+        return self.store.get(f"history.{name}.{motion}", inputs_hash, solve)
 
 
 def _suffix(factor: float) -> str:
-    """Return the end of the name in the store of scenes whose motions are multiplied by a factor."""
+    """Return the ending of names in the store for scenes with a factor on the motions."""
     return "" if factor == 1 else f".times {factor!r}".replace(".", " ")
 
 
 def _stacked(podiums: list[Podium]) -> Podium:
     """Return podiums as a batch of shape (n, 1)."""
+    # `split` turns rows over modes or stories into tuples, whose numbers stack.
     split = [_with_mode_damping(podium.split()) for podium in podiums]
     return jax.tree.map(lambda *y: np.stack([np.asarray(v, float) for v in y])[:, None], *split)
 
 
 def _with_mode_damping(podium: Podium) -> Podium:
-    """Return a split podium with a damping ratio for each mode; an array of single ratios would be read as
-    ratios of modes."""
+    """Return a podium from `Podium.split` with a tuple of damping ratios, one for each mode, instead of a
+    single ratio, whose values in a batch would be read as those of the modes."""
     top = podium.superstructure
     for name in ("damping", "zeta"):
         value = getattr(top, name, None)

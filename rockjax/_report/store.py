@@ -1,4 +1,4 @@
-"""Storage of a report's scenes, which a repeated report does not solve again."""
+"""Storage of a report's results, which a repeated report does not compute again."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Store:
             self._load(candidate)
 
     def _load(self, path: Path) -> None:
-        """Read the datasets of an earlier run; ignore a file that is damaged or not of a report."""
+        """Read the datasets of an earlier report; ignore damaged and other files."""
         if not path.exists():
             return
         import xarray
@@ -61,7 +61,7 @@ class Store:
             for name, data in groups.items():
                 if "fingerprint" in data.attrs:
                     self.data[name.strip("/").replace("/", ".")] = data.load()
-            for data in groups.values():  # they share the open file, so that none is closed before
+            for data in groups.values():  # closed after the last is read, because they share the open file
                 data.close()
         except (OSError, ValueError, KeyError):
             self.data = {}
@@ -84,11 +84,11 @@ class Store:
             self.save_unfinished()
         return data
 
-    def text(self, name: str, mark: str, compute: Callable[[], str]) -> str:
-        """Return a text; compute it if it is not stored with this fingerprint. Arguments as for `get`."""
+    def text(self, name: str, inputs_hash: str, compute: Callable[[], str]) -> str:
+        """Return a text, stored and computed as a dataset is by `get`, whose arguments it shares."""
         import xarray
 
-        data = self.get(name, mark, lambda: xarray.Dataset({"text": ((), compute())}))
+        data = self.get(name, inputs_hash, lambda: xarray.Dataset({"text": ((), compute())}))
         return str(data["text"].values)
 
     @contextlib.contextmanager
@@ -101,7 +101,7 @@ class Store:
             raise
 
     def save_unfinished(self) -> None:
-        """Write the datasets to NAME.partial.nc, from which an interrupted report goes on."""
+        """Write the datasets to NAME.partial.nc, from which a later run continues the report."""
         if self.path is not None and self.computed:
             self._write(_partial(self.path))
         self.last_write = time.monotonic()

@@ -1,4 +1,4 @@
-"""Tables of a report: cells, columns, and the formatting of all numbers.
+"""Tables of a report: cells, columns, and the formatting of numbers.
 
 Values are in SI. All formats (HTML, JSON, CSV, XLSX) read the same `Table`.
 """
@@ -48,7 +48,7 @@ class Quantity:
     - `value`: finite number [SI]
     - `kind`: what the number measures, one of `units.KINDS`
     - `error`: estimate of the numerical error [SI]; None if there is none
-    - `given`: whether it is an input, which is shown without trailing zeros
+    - `is_input`: whether it is an input, which is shown without trailing zeros
     - `note`: a second line in the cell, such as the time of the value
 
     Raises `ValueError` for an unknown kind, a value that is not finite (use a `Word`), and an error that is
@@ -58,7 +58,7 @@ class Quantity:
     value: float
     kind: str
     error: float | None = None
-    given: bool = False
+    is_input: bool = False
     note: Text = ""
 
     def __post_init__(self) -> None:
@@ -80,7 +80,7 @@ class Word:
     - `state`: meaning of the word for programs, one of `STATES`
     - `note`: a second line in the cell
 
-    Raises `ValueError` for such texts and for unknown states.
+    Raises `ValueError` for an invalid text and for an unknown state.
     """
 
     text: Text
@@ -105,7 +105,7 @@ class Series:
 
     - `values`: finite numbers [SI], at least one
     - `kind`: what the numbers measure, one of `units.KINDS`
-    - `given`: whether they are inputs, which are shown without trailing zeros
+    - `is_input`: whether they are inputs, which are shown without trailing zeros
     - `note`: a second line in the cell
 
     Raises `ValueError` as `Quantity` does, and if there are no values.
@@ -113,7 +113,7 @@ class Series:
 
     values: tuple[float, ...]
     kind: str
-    given: bool = False
+    is_input: bool = False
     note: Text = ""
 
     def __post_init__(self) -> None:
@@ -165,7 +165,7 @@ class Bare:
 
 
 Part: TypeAlias = str | Quantity | Strong | Code | Link | Bare | Formula
-Text: TypeAlias = str | tuple[Part, ...]  # quantities in it follow the units of the page
+Text: TypeAlias = str | tuple[Part, ...]  # quantities are shown in the units of the page
 Cell: TypeAlias = Quantity | Series | Word | Formula
 _PARTS = (str, Quantity, Strong, Code, Link, Bare, Formula)
 
@@ -279,7 +279,7 @@ class Table:
 def shown(quantity: Quantity, units: Units) -> str:
     """Return the digits of a quantity in the units of a page, without unit and error.
 
-    Numbers have four significant digits, or fewer if the error is larger; numbers of the input have no
+    Numbers have four significant digits, or fewer if the error is larger; inputs have no
     trailing zeros; utilisations have two decimals, or as many as distinguish them from 1.
     """
     value = units.show(quantity.value, quantity.kind)
@@ -288,7 +288,7 @@ def shown(quantity: Quantity, units: Units) -> str:
         return _signed(_utilisation(value))
     if digits is None:
         return _signed(f"{value:.0f}")
-    if quantity.given:
+    if quantity.is_input:
         return _signed(_scientific(float(f"{value:.6g}"), f"{value:.6g}"))
     error = quantity.error and units.show(quantity.error, quantity.kind)
     return _signed(_significant(value, digits, error))
@@ -309,7 +309,7 @@ def with_unit(digits: str, kind: str, units: Units) -> str:
 
 def shown_series(series: Series, units: Units) -> str:
     """Return the numbers of a series in the units of a page, without unit: "7 × 260, 220"."""
-    digits = [shown(Quantity(value, series.kind, given=series.given), units) for value in series.values]
+    digits = [shown(Quantity(value, series.kind, is_input=series.is_input), units) for value in series.values]
     runs: list[tuple[int, str]] = []
     for number in digits:
         if runs and runs[-1][1] == number:
@@ -392,7 +392,7 @@ def _utilisation(value: float) -> str:
 
 
 def _signed(digits: str) -> str:
-    """Return digits with a minus sign, none for zero, and groups of thousands from five digits on."""
+    """Return digits with the sign "−", except for zero, and groups of thousands from five digits on."""
     negative, digits = digits.startswith("-"), digits.removeprefix("-")
     integer, point, decimals = digits.partition(".")
     if integer.isdecimal() and len(integer) > 4:
@@ -415,7 +415,7 @@ def _finite(value: Any, name: str) -> float:
 
 
 def checked_text(text: Any, owner: str, *, empty: bool = False) -> Text:
-    """Return a text after checking its parts, and that it is not empty unless `empty` allows it.
+    """Return a text after checking that its parts are valid and, unless `empty`, that it is not empty.
 
     Raises `ValueError`, which names the owner.
     """

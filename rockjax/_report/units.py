@@ -1,6 +1,6 @@
-"""Units in which reports are shown: one table of kinds, with the factors of their units.
+"""Units in which reports show numbers. Values are in SI everywhere else.
 
-Values are in SI everywhere else. A kind is what a number measures, such as "force".
+A kind is what a number measures, such as "force". `KINDS` has the units of each kind.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ KINDS = {
     "count": Kind({NO_UNIT: 1.0}, NO_UNIT, digits=None),
     "utilisation": Kind({NO_UNIT: 1.0}, NO_UNIT),
 }
+# Unit of an output or dataset → kind.
 _KIND_OF_UNIT = {
     "1": "number",
     "m": "displacement",
@@ -78,6 +79,7 @@ _ALIASES = {
     }.items()
     for alias in aliases.split()
 }
+# Units of the kinds that have several.
 _CHOOSABLE = sorted({unit for kind in KINDS.values() if len(kind.units) > 1 for unit in kind.units})
 
 
@@ -143,7 +145,7 @@ class Units:
         return _SYMBOLS.get(self.unit(kind), self.unit(kind))
 
     def factor(self, kind: str) -> float:
-        """Return the SI value of one unit of a kind, by which values in SI are divided."""
+        """Return the SI value of the unit of a kind, such as 1000 N for 1 kN."""
         return size_of(self.unit(kind), kind, self.g)
 
     def show(self, value: float, kind: str) -> float:
@@ -205,7 +207,7 @@ def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = ""
 
 
 def _alias(text: str) -> str:
-    """Return the name in `KINDS` of another spelling of a unit; other texts only lose spaces and dots."""
+    """Return the name in `KINDS` for a spelling of a unit, without spaces, dots, * and ^."""
     plain = re.sub(r"[\s·*^]", "", text)
     return _ALIASES.get(plain, plain)
 

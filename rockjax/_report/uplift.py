@@ -1,6 +1,6 @@
 """Output for the least factor on a motion that lifts the columns.
 
-Before uplift the structure is linear, so one scene without uplift determines the factor.
+Before uplift the structure is linear, so one solution without uplift determines the factor.
 """
 
 from __future__ import annotations

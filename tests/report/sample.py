@@ -63,7 +63,7 @@ def _rows(text: str) -> Iterator[SummaryRow]:
             name=name,
             scope=scope,
             value=Quantity(value, kind, 1e-11 * value),
-            limit=Limit("≤", Quantity(limit, kind, given=True), unit),
+            limit=Limit("≤", Quantity(limit, kind, is_input=True), unit),
             utilisation=Quantity(value / limit, "utilisation"),
             result=result,
             governs=("motion 9, ", Quantity(6.859404981, "time")),
@@ -80,7 +80,7 @@ def _rows(text: str) -> Iterator[SummaryRow]:
         name="Friction demand |T|/N at the joints",
         scope="maximum, largest of 11",
         value=Word("no finite value", "joint opens", ("joint opens at ", Quantity(3.061, "time"))),
-        limit=Limit("≤", Quantity(0.45, "number", given=True), note=Code("joints.friction").text),
+        limit=Limit("≤", Quantity(0.45, "number", is_input=True), note=Code("joints.friction").text),
         utilisation=Word("> 1"),
         result="FAIL",
         governs="motion 9",
@@ -99,7 +99,7 @@ def _rows(text: str) -> Iterator[SummaryRow]:
             name="Sliding displacement",
             scope="maximum",
             value=Word("not made", "not made"),
-            limit=Limit("≤", Quantity(0.02, "displacement", given=True), "cm"),
+            limit=Limit("≤", Quantity(0.02, "displacement", is_input=True), "cm"),
             utilisation=Word("no value"),
             result="NOT MADE",
             reason=reason,
@@ -120,11 +120,14 @@ def _rows(text: str) -> Iterator[SummaryRow]:
 
 def inputs(text: str = "drawing S-101 rev C") -> Table:
     rows = (
-        (Word("Width of a column 2B", note=(Code("structure.width"),)), Quantity(0.7, "length", given=True)),
-        (Word("Mass of a column"), Quantity(4725.0, "mass", given=True)),
+        (
+            Word("Width of a column 2B", note=(Code("structure.width"),)),
+            Quantity(0.7, "length", is_input=True),
+        ),
+        (Word("Mass of a column"), Quantity(4725.0, "mass", is_input=True)),
         (Word("Columns N"), Quantity(16, "count")),
-        (Word("Story masses"), Series((260e3,) * 7 + (220e3,), "mass", given=True)),
-        (Word("Damping ratio of all modes ζ"), Quantity(0.05, "ratio", given=True)),
+        (Word("Story masses"), Series((260e3,) * 7 + (220e3,), "mass", is_input=True)),
+        (Word("Damping ratio of all modes ζ"), Quantity(0.05, "ratio", is_input=True)),
         (Word("Law of impact"), Word(("paper, e = ", Quantity(0.8969973, "number")))),
     )
     sources = [Word(text)] * (len(rows) - 1) + [Word("no source given", "no source")]
@@ -134,8 +137,8 @@ def inputs(text: str = "drawing S-101 rev C") -> Table:
 
 
 def derived() -> Table:
-    numbers = ("√(", Bare(Quantity(0.35, "length", given=True)), "² + ")
-    numbers += (Bare(Quantity(1.5, "length", given=True)), "²)")
+    numbers = ("√(", Bare(Quantity(0.35, "length", is_input=True)), "² + ")
+    numbers += (Bare(Quantity(1.5, "length", is_input=True)), "²)")
     return Table.of(
         "derived",
         "Derived quantities",

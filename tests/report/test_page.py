@@ -196,7 +196,7 @@ def _read(entry, cell):
         "value": entry["value"],
         "kind": cell.kind,
         "error": entry.get("error"),
-        "given": cell.given,
+        "is_input": cell.is_input,
     }
 
 

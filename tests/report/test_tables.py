@@ -51,10 +51,10 @@ UNITS = Units.parse("kN,m,deg,g,mm")
         (Quantity(-858.9e3, "force"), "−858.9", ""),
         (Quantity(12227, "count"), "12\u202f227", ""),
         (Quantity(16, "count"), "16", ""),
-        (Quantity(1.5 * 9.80665, "acceleration", given=True), "1.5", ""),
-        (Quantity(0.0075, "ratio", given=True), "0.75", ""),
-        (Quantity(2e-4, "rate", given=True), "2·10⁻⁴", ""),
-        (Quantity(400e3, "mass", given=True), "400", ""),
+        (Quantity(1.5 * 9.80665, "acceleration", is_input=True), "1.5", ""),
+        (Quantity(0.0075, "ratio", is_input=True), "0.75", ""),
+        (Quantity(2e-4, "rate", is_input=True), "2·10⁻⁴", ""),
+        (Quantity(400e3, "mass", is_input=True), "400", ""),
         (Quantity(0.9349, "utilisation"), "0.93", ""),
         (Quantity(0.9996, "utilisation"), "0.9996", ""),
         (Quantity(1.0004, "utilisation"), "1.0004", ""),
@@ -68,7 +68,7 @@ def test_digits(quantity, digits, error):
 
 
 def test_series_of_equal_numbers():
-    masses = Series((260e3,) * 7 + (220e3,), "mass", given=True)
+    masses = Series((260e3,) * 7 + (220e3,), "mass", is_input=True)
     assert shown_series(masses, UNITS) == "7 × 260, 220"
     assert plain_cell(masses, UNITS) == "7 × 260, 220\u00a0t"
     with pytest.raises(ValueError, match="values must not be empty"):
@@ -112,7 +112,7 @@ def test_a_word_has_a_known_state():
 
 def test_a_text_follows_the_units_of_the_page():
     text = ("top displaced by ", Quantity(0.325, "displacement"), " (", Strong("0.467 α"), "), √(")
-    text += (Bare(Quantity(0.35, "length", given=True)), "² + …), see ", Link("section 4", "s4"))
+    text += (Bare(Quantity(0.35, "length", is_input=True)), "² + …), see ", Link("section 4", "s4"))
     expected = "top displaced by 325.0\u00a0mm (0.467 α), √(0.35² + …), see section 4"
     assert plain(text, UNITS) == expected
     assert plain(text, Units.si()).startswith("top displaced by 0.3250\u00a0m ")
@@ -191,7 +191,7 @@ def test_digits_of_random_numbers():
         assert number(shown(exact, UNITS)) == pytest.approx(value, rel=5.01e-4)
         assert abs(number(shown(estimated, UNITS)) - value) <= max(5.01e-4 * abs(value), 0.501 * unit)
         assert number(shown_error(estimated, UNITS)) == pytest.approx(error, rel=0.34)
-        given = Quantity(value, "number", given=True)
+        given = Quantity(value, "number", is_input=True)
         assert number(shown(given, UNITS)) == pytest.approx(value, rel=5.01e-6)
         used = 1 + float(draw.choice([-1, 1]) * 10 ** draw.uniform(-15, 0))
         seen = number(shown(Quantity(used, "utilisation"), UNITS))

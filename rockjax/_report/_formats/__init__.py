@@ -9,7 +9,7 @@ from rockjax._report.units import Units
 
 from . import csv, html, json, xlsx
 
-# Name of a format → function (page, units of texts) ↦ files by name. Formats show tables and compute nothing.
+# Name of a format → function (page, units of the page) ↦ {name of a file: content}. Formats compute nothing.
 FORMATS: dict[str, Callable[[Page, Units], dict[str, bytes]]] = {
     "html": html.encode,
     "json": json.encode,

@@ -1,4 +1,4 @@
-"""CSV: a file for each table, in UTF-8 with a byte order mark, as spreadsheets expect it."""
+"""CSV: a file for each table, in UTF-8 with the byte order mark that spreadsheets expect."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
 
 
 def _content(table: Table, units: Units) -> bytes:
-    table_grid, target = grid(table, units), io.StringIO(newline="")
-    writer = csv.writer(target)
+    table_grid, text = grid(table, units), io.StringIO(newline="")
+    writer = csv.writer(text)
     writer.writerow(map(_field, table_grid.heads))
     writer.writerows([_field(cell) for cell in row] for row in table_grid.rows)
-    return codecs.BOM_UTF8 + target.getvalue().encode()
+    return codecs.BOM_UTF8 + text.getvalue().encode()
 
 
 def _field(cell: Number | str) -> str:

@@ -22,14 +22,14 @@ NONE = "none"  # text of a cell without an error or note
 
 
 class Number(NamedTuple):
-    """A number in a unit, and the digits that a page shows."""
+    """A number in a unit, and the digits that a page shows; "" for errors."""
 
     value: float
     digits: str
 
 
 class Grid(NamedTuple):
-    """A table with additional columns for units, errors and notes, if there are any."""
+    """Headings and rows of a table, with additional columns for its errors, units and notes."""
 
     heads: list[str]
     rows: list[list[Number | str]]
@@ -50,6 +50,7 @@ def grid(table: Table, units: Units) -> Grid:
 
 
 def _main(cells: list[Cell], column: Column, units: Units) -> tuple[str, list[Number | str]]:
+    """Return the heading and the values of a column."""
     note = plain(column.note, units)
     name = f"{column.head} ({note})" if note else column.head
     return name, [
@@ -61,7 +62,7 @@ def _main(cells: list[Cell], column: Column, units: Units) -> tuple[str, list[Nu
 
 
 def _extra(cells: list[Cell], column: Column, units: Units) -> list[tuple[str, list[Number | str]]]:
-    """Return the columns of errors, units and notes."""
+    """Return headings and values of the columns for the errors, units and notes of a column."""
     extra: list[tuple[str, list[Number | str]]] = []
     errors: list[Number | str] = []
     for cell in cells:

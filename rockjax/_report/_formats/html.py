@@ -1,4 +1,4 @@
-"""HTML: the page."""
+"""HTML: the page as one file."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ SCHEMA = "rockjax-report/1"  # incremented by changes that break programs which 
 
 
 def encode(page: Page, units: Units) -> dict[str, bytes]:
-    """Return the page as a JSON file; `units` does not affect it, except for the gravity of the unit "g"."""
+    """Return the page as a JSON file in SI; of `units`, only the gravity is used."""
     return {
         "report.json": (json.dumps(document(page, units.g), ensure_ascii=False, indent=1) + "\n").encode()
     }
@@ -83,13 +83,13 @@ def document(page: Page, g: float) -> dict[str, Any]:
 
 
 class _Writer:
-    """Conversion of the parts of a page, with all texts in SI units."""
+    """Conversion of the parts of a page to JSON values, in SI units."""
 
     def __init__(self, units: Units):
         self.units = units
 
     def text(self, content: Text) -> Any:
-        """Return a string, or a list of strings and quantities if there are some."""
+        """Return a string, or for a text with quantities a list of strings and numbers."""
         if isinstance(content, str) or not any(isinstance(part, Quantity | Bare) for part in content):
             return plain(content, self.units)
         return [self._part(part) for part in content]

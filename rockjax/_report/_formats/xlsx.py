@@ -39,7 +39,7 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
     options = {"in_memory": True, "strings_to_numbers": False, "strings_to_formulas": False}
     workbook = require_library().Workbook(target, {**options, "strings_to_urls": False})
     workbook.set_properties({"title": page.title[:255], "created": _CREATED})
-    bold, top = workbook.add_format({"bold": True}), workbook.add_format({"valign": "top"})
+    bold, top_aligned = workbook.add_format({"bold": True}), workbook.add_format({"valign": "top"})
     formats: dict[str, Any] = {}
     for table in page.tables():
         sheet = workbook.add_worksheet(table.name)
@@ -57,7 +57,7 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
                         formats[style] = workbook.add_format({"num_format": style, "valign": "top"})
                     sheet.write_number(line, column, cell.value, formats[style])
                 else:
-                    sheet.write_string(line, column, cell[:_LONGEST], top)
+                    sheet.write_string(line, column, cell[:_LONGEST], top_aligned)
         sheet.freeze_panes(2, 1)
     workbook.close()
     return {"report.xlsx": target.getvalue()}
@@ -68,7 +68,7 @@ def _text(cell: Number | str) -> str:
 
 
 def _number_format(digits: str) -> str:
-    """Return the spreadsheet format that shows a number with these digits; two digits for an error."""
+    """Return the spreadsheet format that shows a number with as many digits; two for "", an error."""
     mantissa, power, _ = digits.partition("·")
     _, point, decimals = re.sub(r"\s", "", mantissa).partition(".")
     if not digits or power:

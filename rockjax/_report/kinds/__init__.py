@@ -106,8 +106,8 @@ _KINDS: tuple[Kind, ...] = (
         keys={"contents": (list[str], "Names of [[contents]]; by default all.")},
         table="contents",
         dim="contents",
-        answer="peak_rotation",
-        head="max|φ|/α_c",
+        peak="peak_rotation",
+        symbol="max|φ|/α_c",
     ),
     FloorKind(
         "floor-spectrum",
@@ -117,8 +117,8 @@ _KINDS: tuple[Kind, ...] = (
         keys={"oscillators": (list[str], "Names of [[oscillators]]; by default all.")},
         table="oscillators",
         dim="oscillator",
-        answer="pseudo_acceleration",
-        head="PSA",
+        peak="pseudo_acceleration",
+        symbol="PSA",
     ),
     OutsideModel(
         "sliding-displacement",
@@ -152,7 +152,7 @@ assert {kind.quantity for kind in _KINDS} <= set(QUANTITIES)
 
 @functools.cache
 def check_model(kind: str) -> type[CheckKeys]:
-    """Return the model of the table of a check or a design target."""
+    """Return the model of the table of a check or design target of a kind."""
     fields: Any = {
         name: (type_ | None, key(None, meaning)) for name, (type_, meaning) in KINDS[kind].keys.items()
     }

@@ -1,4 +1,4 @@
-"""Base class of the kinds of checks."""
+"""Base class of the kinds of checks. A case of a check is one of its motions or pulses."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Values(NamedTuple):
     - `errors`: (n,) estimated errors, NaN where unknown
     - `words`: (n,) words that replace numbers, such as "overturned at 5.85 s"; "" for numbers
     - `places`: (n,) storey, joint or time of the value; "" if it has none
-    - `unanswered`: why a scene or an estimate has no answer, such as "undecided"; "" if it has an answer
+    - `unanswered`: why each scene or the estimate has no result, such as "undecided"; "" for results
     - `names`: (n,) names of the cases: motions or pulses
     - `remark`: text that the summary adds to the value, or ""
     - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit
@@ -52,7 +52,7 @@ class Values(NamedTuple):
 
 
 def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
-    """Return the `Values` of a check that has a single value; `fields`: further fields."""
+    """Return the `Values` of a check that has a single value; `fields`: other fields of `Values`."""
     return Values(
         np.array([value]), np.array([error]), ("",), ("",), fields.pop("unanswered", ()), (), **fields
     )
@@ -109,19 +109,19 @@ class Kind(abc.ABC):
     def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
         """Return the limit [SI] of an entry, whose value measures `quantity`; 1 for kinds without a limit.
 
-        Raises `ValueError` unless the entry has exactly one limit, and for a unit of another kind.
+        Raises `ValueError` unless the entry has the one limit that its kind needs, and for a wrong unit.
         """
-        own = "at_least" if self.is_minimum else "at_most"
+        bound = "at_least" if self.is_minimum else "at_most"
         given = {name: getattr(keys, name) for name in BOUNDS if getattr(keys, name) is not None}
         if not self.has_limit:
             if given:
                 raise ValueError(f"{self.name} has no limit, got {next(iter(given))}")
             return 1.0
         if len(given) != 1:
-            raise ValueError(f"{self.name} needs exactly one of limit and {own}, got {len(given)}")
+            raise ValueError(f"{self.name} needs exactly one of limit and {bound}, got {len(given)}")
         ((name, value),) = given.items()
-        if name not in ("limit", own):
-            raise ValueError(f"{self.name} takes limit or {own}, got {name}")
+        if name not in ("limit", bound):
+            raise ValueError(f"{self.name} takes limit or {bound}, got {name}")
         if keys.unit is not None:
             value = to_si(value, keys.unit, quantity, g=g, owner="unit", subject=self.name)
         if not self.is_minimum and value <= 0:
@@ -154,19 +154,19 @@ class Kind(abc.ABC):
         del entry
         return ()
 
-    def things(self, entry: Entry) -> Mapping[str, Any]:
-        """Return the blocks or oscillators that the check needs on the floors in the scenes of its set."""
+    def on_floors(self, entry: Entry) -> Mapping[str, Any]:
+        """Return name → block or oscillator on a floor that the check needs in the scenes of its set."""
         del entry
         return {}
 
     @abc.abstractmethod
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         """Return the values of the check.
 
         - `entry`: the entry
-        - `scenes`: solves scenes and stores their answers
+        - `scenes`: solves and stores scenes
         - `law`: law of impact that replaces the law of the structure; None keeps that law
-        - `change`: one of `Scenes.changes`; "" for the structure itself
+        - `variation`: one of `Scenes.variations`, such as "width+"; "" for none
         """
 
     def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
@@ -179,8 +179,8 @@ class Kind(abc.ABC):
         return scenes.peaks(entry.motions) if entry.motions else None
 
     @property
-    def is_repeated(self) -> bool:
-        """True if the check is evaluated again for other laws and for changed parameters."""
+    def has_variants(self) -> bool:
+        """True if the check is evaluated again for other laws of impact and for variations."""
         return False
 
     # --------------------------------------------------------------------------------------------------- page
@@ -214,7 +214,7 @@ def with_words(
     places: list[str],
     is_minimum: bool,
 ) -> Values:
-    """Return values of scenes, with words for scenes that overturned and for joints that open.
+    """Return values of scenes, with words for overturned scenes and for infinite values, where a joint opens.
 
     - `scenes`, `entry`: the scenes and the entry
     - `data`: dataset of the scenes, with the dim `motion` of length n
@@ -235,9 +235,9 @@ def with_words(
 
 
 def unanswered_scenes(data: Any) -> list[str]:
-    """Return the reason why each scene has no decided answer; "" for scenes with a decided answer."""
+    """Return the reason why each scene has no result, such as "undecided"; "" for scenes with a result."""
     undecided = np.asarray(data["undecided"], bool) if "undecided" in data else np.zeros(data.sizes["motion"])
     return [
-        results.NAMES[int(code)] if code > results.OVERTURNED else "undecided" if is_open else ""
-        for code, is_open in zip(np.asarray(data["result"]), undecided, strict=True)
+        results.NAMES[int(code)] if code > results.OVERTURNED else "undecided" if is_undecided else ""
+        for code, is_undecided in zip(np.asarray(data["result"]), undecided, strict=True)
     ]

@@ -31,59 +31,58 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class FloorKind(Kind):
-    """A check of blocks or oscillators on floors: the largest answer of the named ones, by default of all.
+    """A check of the largest peak of the blocks or oscillators on floors that it names, by default of all.
 
-    - `table`: table of the file with the blocks or oscillators; `dim`: dim in datasets of scenes
-    - `answer`: name of the answer; `head`: heading of the column of answers
+    - `table`: table of the file with the blocks or oscillators; `dim`: their dimension in datasets
+    - `peak`: name of the peak, such as "peak_rotation"; `symbol`: symbol of the peak in headings
     """
 
     table: str = ""
     dim: str = ""
-    answer: str = ""
-    head: str = ""
+    peak: str = ""
+    symbol: str = ""
 
     @property
     def variable(self) -> str:
-        """Name of the answer in datasets of scenes."""
-        return f"{self.dim}_{self.answer}"
+        """Name of the peak in datasets of scenes."""
+        return f"{self.dim}_{self.peak}"
 
     @property
-    def is_repeated(self) -> bool:
+    def has_variants(self) -> bool:
         return True
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
-        things = getattr(reader, self.table)(getattr(file, self.table))
-        chosen = (getattr(keys, self.table) or list(things)) if things else []
-        for name in chosen:
-            if name not in things:
-                raise ValueError(f"{self.table} must be some of {', '.join(things)}, got {name!r}")
-        checked(self.table, podium, tuple(things[name] for name in chosen))
-        return {self.table: {name: things[name] for name in chosen}}
+        in_file = getattr(reader, self.table)(getattr(file, self.table))
+        names = (getattr(keys, self.table) or list(in_file)) if in_file else []
+        for name in names:
+            if name not in in_file:
+                raise ValueError(f"{self.table} must be some of {', '.join(in_file)}, got {name!r}")
+        checked(self.table, podium, tuple(in_file[name] for name in names))
+        return {self.table: {name: in_file[name] for name in names}}
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         if not entry.arguments[self.table]:
             return f"The file has no [[{self.table}]]; give such a table."
         return super().missing(entry, problem)
 
-    def things(self, entry: Entry) -> Mapping[str, Any]:
+    def on_floors(self, entry: Entry) -> Mapping[str, Any]:
         return entry.arguments[self.table]
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
-        name, things = str(entry.motions), list(self.things(entry))
-        peaks = scenes.peaks(name, law, change)
-        data = peaks.sel({self.dim: things})
-        answers = np.array(data[self.variable].values, float)
-        answers[self._overturned(data)] = np.inf
-        worst, rows = np.argmax(answers, axis=-1), np.arange(len(answers))
-        errors = np.full(len(answers), np.nan)
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
+        names = list(self.on_floors(entry))
+        data = scenes.peaks(str(entry.motions), law, variation).sel({self.dim: names})
+        peaks = np.array(data[self.variable].values, float)
+        peaks[self._overturned(data)] = np.inf
+        worst, rows = np.argmax(peaks, axis=-1), np.arange(len(peaks))
+        errors = np.full(len(peaks), np.nan)
         if f"{self.variable}_error" in data:
             errors = data[f"{self.variable}_error"].values[rows, worst]
-        places = [things[k] for k in worst]
-        result = with_words(scenes, entry, data, answers[rows, worst], errors, places, False)
+        places = [names[k] for k in worst]
+        result = with_words(scenes, entry, data, peaks[rows, worst], errors, places, False)
         words, unanswered = list(result.words), list(result.unanswered)
         code = data[f"{self.dim}_result"].values
         for k in rows:
-            if words[k] == "joint opens":  # an infinite answer of a scene that did not overturn
+            if words[k] == "joint opens":  # the word for an infinite value, here of an overturned block
                 time = float(data["contents_overturn_time"].values[k, worst[k]])
                 words[k] = f"{places[k]} overturned at {time:.2f} s"
             elif not words[k] and (code[k] > results.OVERTURNED).any():
@@ -93,30 +92,30 @@ class FloorKind(Kind):
         return result._replace(words=tuple(words), unanswered=tuple(unanswered))
 
     def _overturned(self, data: xarray.Dataset) -> np.ndarray:
-        """Return which blocks overturned, (motions, blocks); oscillators never do."""
+        """Return whether each block overturned, (motions, blocks); oscillators never overturn."""
         if self.dim == "contents":
             return data["contents_overturned"].values
         return np.zeros(data[self.variable].shape, bool)
 
     def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction:
-        things = tuple(self.things(entry).values())
+        on_floors = tuple(self.on_floors(entry).values())
         options = scenes.problem.options.replace(outputs=("peak_rotation",), throw=False)
         excitation = scenes.motion_set(str(entry.motions)).excitations[case]
 
         def value(podium: Podium, factor: Value) -> Value:
-            peak = peak_response(podium, excitation.scaled(factor), options=options, on_floors=things)
-            return jnp.max(jnp.stack([getattr(y, self.answer) for y in peak.on_floors]))
+            response = peak_response(podium, excitation.scaled(factor), options=options, on_floors=on_floors)
+            return jnp.max(jnp.stack([getattr(y, self.peak) for y in response.on_floors]))
 
         return of_logs(scenes.problem, value)
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         del values
         name, data = str(entry.motions), scenes.peaks(str(entry.motions))
-        things = [str(y) for y in data[self.dim].values]
+        labels = [str(y) for y in data[self.dim].values]
         overturned, rows = self._overturned(data), []
         for k, motion in enumerate(scenes.motion_set(name).names):
             cells = []
-            for j in range(len(things)):
+            for j in range(len(labels)):
                 value = data[self.variable].values[k, j]
                 cells.append(
                     Word(
@@ -127,5 +126,5 @@ class FloorKind(Kind):
                     else peak_cell(data, k, value, self.quantity)
                 )
             rows.append((Word(motion), *cells))
-        columns = (Column("Motion"), *(Column(f"{self.head}, {y}", self.quantity) for y in things))
+        columns = (Column("Motion"), *(Column(f"{self.symbol}, {y}", self.quantity) for y in labels))
         return [Table(f"{self.table}-{slug(name)}", f"{self.title}, set {name}", columns, tuple(rows))]

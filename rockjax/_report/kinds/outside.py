@@ -13,7 +13,7 @@ from .base import Kind, Values
 
 @dataclasses.dataclass(frozen=True)
 class OutsideModel(Kind):
-    """A check of an effect that the model does not contain; `reason` says why."""
+    """A check of an effect that the model does not contain, for this `reason`."""
 
     reason: str = ""
 
@@ -24,13 +24,13 @@ class OutsideModel(Kind):
         del entry, problem
         return self.reason
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         raise NotImplementedError
 
 
 @dataclasses.dataclass(frozen=True)
 class ByOthers(OutsideModel):
-    """A check that others make; its keys `text` and `reference` name it and its source."""
+    """A check that others make. The keys `text` and `reference` state what is checked, and where."""
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         del problem

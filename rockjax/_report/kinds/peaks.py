@@ -1,4 +1,4 @@
-"""Kinds of checks of peaks: one for each peak among the outputs, and some derived from them."""
+"""Kinds of checks of peaks: one for each peak among the outputs, and some derived from peaks."""
 
 from __future__ import annotations
 
@@ -25,16 +25,23 @@ from .base import Kind, Values, with_words
 
 @dataclasses.dataclass(frozen=True)
 class PeakKind(Kind):
-    """A check of the answer `variable`, multiplied by a factor that depends on the structure."""
+    """A check of a peak, multiplied by a factor that depends on the structure.
+
+    - `variable`: name of the peak among the outputs
+    - `factor`: returns the factor, or one for each joint, storey or mode
+    - `needs`: returns which input is missing, or ""
+    - `powers`: (input, exponent) for inputs that `factor` takes from the problem, without their variation
+    - `convert`: converts the multiplied peak to the value, or None
+    """
 
     variable: str = ""
-    factor: Callable[[Problem, Podium], Any] = lambda problem, podium: 1.0  # or one for each place
+    factor: Callable[[Problem, Podium], Any] = lambda problem, podium: 1.0
     needs: Callable[[Problem], str] = lambda problem: ""
-    explicit: tuple[tuple[str, float], ...] = ()  # further factors: key of an input, exponent
-    convert: Callable[[Podium, Any], Any] | None = None  # podium, answer ↦ value: further conversion
+    powers: tuple[tuple[str, float], ...] = ()
+    convert: Callable[[Podium, Any], Any] | None = None
 
     @property
-    def is_repeated(self) -> bool:
+    def has_variants(self) -> bool:
         return True
 
     def missing(self, entry: Entry, problem: Problem) -> str:
@@ -48,15 +55,15 @@ class PeakKind(Kind):
     def outputs(self, entry: Entry) -> tuple[str, ...]:
         return (VARIABLES[self.variable][1],)
 
-    def to_values(self, values: Any, problem: Problem, podium: Podium) -> Any:
-        """Convert answers to values of the check. Their last axis may be joints, storeys or modes."""
-        scaled = values * self.factor(problem, podium)
+    def to_values(self, peaks: Any, problem: Problem, podium: Podium) -> Any:
+        """Convert peaks to values of the check. The last axis may be joints, storeys or modes."""
+        scaled = peaks * self.factor(problem, podium)
         return scaled if self.convert is None else self.convert(podium, scaled)
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         problem = scenes.problem
-        data = scenes.peaks(str(entry.motions), law, change)
-        podium, axis = scenes.podium(law, change), VARIABLES[self.variable][0].axis
+        data = scenes.peaks(str(entry.motions), law, variation)
+        podium, axis = scenes.podium(law, variation), VARIABLES[self.variable][0].axis
         raw = np.asarray(data[self.variable], float)
         all_values = np.asarray(self.to_values(raw, problem, podium))
         name = f"{self.variable}_error"
@@ -64,27 +71,27 @@ class PeakKind(Kind):
         shifted = np.asarray(self.to_values(raw + error, problem, podium))
         with np.errstate(invalid="ignore"):
             error = np.abs(shifted - all_values)
-        factors = scenes.factors(change)
-        for key_, power in self.explicit:
-            all_values, error = (y * factors.get(key_, 1.0) ** power for y in (all_values, error))
+        factors = scenes.factors(variation)
+        for name, exponent in self.powers:
+            all_values, error = (y * factors.get(name, 1.0) ** exponent for y in (all_values, error))
         places = [""] * len(raw)
         if axis is not None:
             worst = np.argmin(all_values, axis=-1) if self.is_minimum else np.argmax(all_values, axis=-1)
             rows = np.arange(len(raw))
             all_values, error = all_values[rows, worst], error[rows, worst]
-            words = {JOINTS: lambda k: f"{JOINT_NAMES[k]} joint", STORIES: lambda k: f"storey {k + 1}"}
-            places = [words.get(axis, lambda k: f"mode {k + 1}")(int(k)) for k in worst]
+            place_names = {JOINTS: lambda k: f"{JOINT_NAMES[k]} joint", STORIES: lambda k: f"storey {k + 1}"}
+            places = [place_names.get(axis, lambda k: f"mode {k + 1}")(int(k)) for k in worst]
         if self.variable == "peak_rotation":
             places = [f"{float(t):.3f} s" for t in data["peak_rotation_time"].values]
         return with_words(scenes, entry, data, all_values, error, places, self.is_minimum)
 
     def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
         answers, problem = scene_answers(scenes, str(entry.motions), case), scenes.problem
-        powers = np.array([dict(self.explicit).get(key, 0.0) for key in (*problem.variables, "motion")])
+        exponents = np.array([dict(self.powers).get(key, 0.0) for key in (*problem.variables, "motion")])
 
         def value(logs: Any) -> Value:
             all_values = self.to_values(answers(logs)[self.variable], problem, varied(problem, logs))
-            all_values = all_values * jnp.exp(powers @ logs)
+            all_values = all_values * jnp.exp(exponents @ logs)
             return jnp.min(all_values) if self.is_minimum else jnp.max(all_values)
 
         return value
@@ -92,26 +99,26 @@ class PeakKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class NoOverturning(Kind):
-    """No motion overturns the columns: max|θ|/α at most `overturn_ratio`."""
+    """A check that no motion overturns the columns: max|θ|/α is at most `overturn_ratio` of the options."""
 
     @property
-    def is_repeated(self) -> bool:
+    def has_variants(self) -> bool:
         return True
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
-        data = scenes.peaks(str(entry.motions), law, change)
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
+        data = scenes.peaks(str(entry.motions), law, variation)
         ratio = float(scenes.problem.options.overturn_ratio)
         values = np.asarray(data["peak_rotation"], float) / ratio
         errors = np.asarray(data["peak_rotation_error"], float) / ratio
         return with_words(scenes, entry, data, values, errors, [""] * len(values), False)
 
 
-def _dead_load(problem: Problem, podium: Podium) -> Any:
+def _per_dead_load(problem: Problem, podium: Podium) -> Any:
     del problem
     return 1 / podium.dead_load
 
 
-def _heights(problem: Problem, podium: Podium) -> np.ndarray:
+def _per_height(problem: Problem, podium: Podium) -> np.ndarray:
     del podium
     assert problem.story_heights is not None
     return 1 / problem.story_heights
@@ -126,6 +133,7 @@ def _needs_heights(problem: Problem) -> str:
 
 
 def _pressure(problem: Problem, podium: Podium) -> Any:
+    """Return the contact pressure [Pa] under the force m_c g."""
     joints, mass = problem.joints, problem.column_mass
     assert mass is not None
     assert joints.contact_width is not None
@@ -165,7 +173,7 @@ _TITLES = {
 
 
 def peak_kinds() -> list[Kind]:
-    """Return a kind for each peak among the answers, and kinds for quantities derived from peaks."""
+    """Return a kind for each peak among the outputs, and kinds for quantities derived from peaks."""
     kinds: list[Kind] = []
     for name, (variable, _) in VARIABLES.items():
         if not variable.until_overturning:
@@ -181,7 +189,7 @@ def peak_kinds() -> list[Kind]:
             section=4 if name == "peak_rotation" else section,
             variable=name,
         )
-        kinds.append(make(factor=_dead_load) if name.endswith("axial_force") else make())
+        kinds.append(make(factor=_per_dead_load) if name.endswith("axial_force") else make())
     kinds += [
         PeakKind(
             "peak-drift-ratio",
@@ -189,9 +197,9 @@ def peak_kinds() -> list[Kind]:
             "ratio",
             section=6,
             variable="peak_drift",
-            factor=_heights,
+            factor=_per_height,
             needs=_needs_heights,
-            explicit=(("story_heights", -1.0),),
+            powers=(("story_heights", -1.0),),
         ),
         PeakKind(
             "contact-pressure",
@@ -201,7 +209,7 @@ def peak_kinds() -> list[Kind]:
             variable="peak_axial_force",
             factor=_pressure,
             needs=_needs_contact,
-            explicit=(("column_mass", 1.0),),
+            powers=(("column_mass", 1.0),),
         ),
         PeakKind(
             "displacement",

@@ -40,7 +40,7 @@ UNTESTED = "assumptions are not tested"
 
 @dataclasses.dataclass(frozen=True)
 class FragilityKind(Kind):
-    """The median of the least overturning intensities of a set, with the settings of `[fragility]`."""
+    """The median over a set of the least overturning intensities, with the settings of `[fragility]`."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = super().read(keys, reader, file, podium)
@@ -52,7 +52,7 @@ class FragilityKind(Kind):
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
         """Return the result of `rockjax.fragility` for the set, with the additional variable `scale`: the
-        factor on each motion at its capacity."""
+        least factor on each motion that overturns."""
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
         settings = problem.fragility.model_dump(), measure
@@ -63,8 +63,8 @@ class FragilityKind(Kind):
             lambda: _fragility(scenes, motions.name, measure),
         )
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
-        del law, change
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
+        del law, variation
         return one_value(float(self.curve(entry, scenes)["median_capacity"]))
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
@@ -105,7 +105,7 @@ class AnnualKind(FragilityKind):
             return arguments
         hazard = Hazard.from_file(reader.folder / name, site=file.risk.site).in_si()
         has_table = "fragility" in file.model_fields_set
-        measure = measure_of_file(file) if has_table else _of_hazard(hazard)
+        measure = measure_of_file(file) if has_table else _measure_of_hazard(hazard)
         return arguments | {"hazard": hazard, "measure": measure}
 
     def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
@@ -142,8 +142,8 @@ class AnnualKind(FragilityKind):
 
         return scenes.store.get(f"annual.{entry.id}", inputs_hash, solve)
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
-        del law, change
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
+        del law, variation
         remark = "" if entry.motions else f"curve of [risk], {UNTESTED}"
         return one_value(float(self._annual(entry, scenes)["frequency"]), remark=remark)
 
@@ -177,10 +177,10 @@ class AnnualKind(FragilityKind):
 
 @dataclasses.dataclass(frozen=True)
 class ShareKind(Kind):
-    """The share of a set's motions that overturn the columns, with all motions scaled by one factor."""
+    """The share of the motions of a set that overturn the columns, with one factor on all motions."""
 
     @property
-    def is_repeated(self) -> bool:
+    def has_variants(self) -> bool:
         return True
 
     def outputs(self, entry: Entry) -> tuple[str, ...]:
@@ -188,12 +188,12 @@ class ShareKind(Kind):
         return ("peak_rotation",)
 
     def _scenes(
-        self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = ""
+        self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = ""
     ) -> xarray.Dataset:
-        return scenes.peaks(str(entry.motions), law, change, float(entry.arguments.get("intensity", 1.0)))
+        return scenes.peaks(str(entry.motions), law, variation, float(entry.arguments.get("intensity", 1.0)))
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
-        data = self._scenes(entry, scenes, law, change)
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
+        data = self._scenes(entry, scenes, law, variation)
         share = float(np.mean(data["overturned"].values))
         return one_value(share, 0.0, unanswered=tuple(unanswered_scenes(data)))
 
@@ -231,6 +231,7 @@ class FailureKind(Kind):
         return "" if "motion" in entry.arguments else "The check has no random motion; give its key motion."
 
     def _data(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
+        """Return `probability`, `standard_error`, `scenes`, `converged` and `interval` of the estimate."""
         import xarray
 
         settings = {
@@ -249,8 +250,8 @@ class FailureKind(Kind):
 
         return scenes.store.get(f"failure.{entry.id}", fingerprint(podium, motion, settings), solve)
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
-        del law, change
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
+        del law, variation
         data = self._data(entry, scenes)
         unanswered = () if float(data["converged"]) else ("estimate not converged",)
         value, error = float(data["probability"]), float(data["standard_error"])
@@ -276,14 +277,15 @@ class FailureKind(Kind):
 
 
 def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
-    """Return name and period of the intensity measure in `[fragility]`; without this table, the measure is
-    the factor on the motions."""
+    """Return name and period of the intensity measure in `[fragility]`; without this table, the factor on the
+    motions is the measure."""
     settings = file.fragility
     has_table = "fragility" in file.model_fields_set
     return (settings.measure, settings.measure_period) if has_table else ("scale", None)
 
 
-def _of_hazard(hazard: Hazard) -> tuple[str, float | None]:
+def _measure_of_hazard(hazard: Hazard) -> tuple[str, float | None]:
+    """Return name and period of the intensity measure of a hazard curve."""
     match = LABEL.fullmatch(hazard.measure)
     return ("Sa", float(match["period"])) if match else (hazard.measure, None)
 

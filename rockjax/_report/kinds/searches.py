@@ -38,13 +38,12 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class ScaleKind(Kind):
-    """The least factor on the motions that lifts or overturns the columns; `event` is "uplift" or
-    "overturning"."""
+    """The least factor on each motion that causes the `event`, "uplift" or "overturning"."""
 
     event: str = "overturning"
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
-        del law, change
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
+        del law, variation
         data = least_factors(scenes, str(entry.motions), self.event)
         values = np.asarray(data["factor"], float)
         end = float(data.attrs["limit"])
@@ -79,11 +78,12 @@ class PulseKind(Kind):
         return "number" if getattr(keys, "ratio", False) else self.quantity
 
     def _settings(self, entry: Entry, scenes: Scenes) -> dict[str, Any]:
+        """Return the arguments of `overturning_acceleration`."""
         own = {name: y for name, y in entry.arguments.items() if name in ("max_acceleration_ratio", "width")}
         return boundary_options(scenes.problem) | {"max_acceleration_ratio": MAX_ACCELERATION_RATIO} | own
 
     def _unit(self, entry: Entry, podium: Podium) -> Value:
-        """Return the unit of the amplitudes in SI [m/s²]."""
+        """Return the unit of the amplitudes and the limit: g tan α or 1 [m/s²]."""
         return g_tan_alpha(podium.alpha, podium.g) if entry.arguments.get("ratio") else jnp.ones(())
 
     def _amplitudes(self, entry: Entry, scenes: Scenes) -> np.ndarray:
@@ -100,8 +100,8 @@ class PulseKind(Kind):
 
         return scenes.store.get(f"pulses.{entry.id}", inputs_hash, solve)["amplitude"].values
 
-    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, change: str = "") -> Values:
-        del law, change
+    def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
+        del law, variation
         amplitudes = self._amplitudes(entry, scenes)
         end = self._settings(entry, scenes)["max_acceleration_ratio"]
         words = tuple("" if np.isfinite(y) else f"no overturning up to {end:g} g tan α" for y in amplitudes)
@@ -136,10 +136,14 @@ class PulseKind(Kind):
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         podium = scenes.problem.podium
-        unit, ratio = float(self._unit(entry, podium)), float(g_tan_alpha(podium.alpha, podium.g))
+        unit, threshold = float(self._unit(entry, podium)), float(g_tan_alpha(podium.alpha, podium.g))
         columns = {"Pulse": None, "Least a_p that overturns": "acceleration", "a_p/(g tan α)": "number"}
         rows = [
-            (name, number(y * unit, "acceleration", word=word), number(y * unit / ratio, "number", word=word))
+            (
+                name,
+                number(y * unit, "acceleration", word=word),
+                number(y * unit / threshold, "number", word=word),
+            )
             for name, y, word in zip(values.names, values.values, values.words, strict=True)
         ]
         caption = f"Pulses that overturn the columns, check {entry.id}"

@@ -24,11 +24,11 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     options = evaluation.problem.options
     text = (
         "Relative tolerance ",
-        Quantity(float(options.rtol), "number", given=True),
+        Quantity(float(options.rtol), "number", is_input=True),
         ", absolute tolerance ",
-        Quantity(float(options.atol), "number", given=True),
+        Quantity(float(options.atol), "number", is_input=True),
         "; overturning is |θ| = ",
-        Quantity(float(options.overturn_ratio), "number", given=True),
+        Quantity(float(options.overturn_ratio), "number", is_input=True),
         " α. Every scene is solved a second time with a tenth of the tolerance; the difference is the error.",
     )
     blocks: list[Any] = [Paragraph(text)]
@@ -42,15 +42,13 @@ def section(evaluation: Evaluation, units: Units) -> Section:
                 continue
             error, value = data[f"{variable}_error"].values, data[variable].values
             kind = kind_of_unit(entry.unit)
-            finite, of_value = error[np.isfinite(error)], value[np.isfinite(value)]
+            errors, values = error[np.isfinite(error)], value[np.isfinite(value)]
             rows.append(
                 (
                     Word(name),
                     Word(entry.symbol or variable),
-                    Quantity(finite.max(), kind) if finite.size else Word("no finite error", "none"),
-                    Quantity(np.abs(of_value).max(), kind)
-                    if of_value.size
-                    else Word("no finite value", "none"),
+                    Quantity(errors.max(), kind) if errors.size else Word("no finite error", "none"),
+                    Quantity(np.abs(values).max(), kind) if values.size else Word("no finite value", "none"),
                 )
             )
         code, undecided = data["result"].values, data["undecided"].values

@@ -52,7 +52,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
     """Return the row of an assumption, with the result of the worst set of motions."""
     texts, violated, tested = [], False, False
-    for name, outcomes in evaluation.assumptions.items():
+    for name, outcomes in evaluation.assumptions.items():  # sets of motions
         outcome = outcomes[assumption.id]
         if isinstance(outcome, str):
             if outcome not in texts:
@@ -61,8 +61,10 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
         tested = True
         violated |= bool(outcome.violated.any())
         texts.append(_text(name, outcome))
-    if assumption.id == "A6":
-        changed = [y.id for y in evaluation.checks if any(word != decided(y) for _, word in y.laws.values())]
+    if assumption.id == "A6":  # the law of impact, which is tested by checks under other laws
+        changed = [
+            y.id for y in evaluation.checks if any(word != _result_if_valid(y) for _, word in y.laws.values())
+        ]
         tested = any(check.laws for check in evaluation.checks)
         violated = bool(changed)
         texts.append(f"Results that change: {', '.join(changed) or 'none'}.")
@@ -77,12 +79,13 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
     )
 
 
-def decided(check: Check) -> str:
-    """Return the result that a check would have if all assumptions held."""
+def _result_if_valid(check: Check) -> str:
+    """Return the result that a check has, or would have if the assumptions held."""
     return "PASS" if check.result == "NOT VALID" else check.result
 
 
 def _text(name: str, outcome: Outcome) -> str:
+    """Return the outcome for a set of motions as a sentence."""
     worst = f"{outcome.worst:.3g}" if math.isfinite(outcome.worst) else "without bound"
     count = int(np.sum(outcome.violated))
     share = f"; violated in {count} of {len(outcome.violated)} scenes" if count else ""
@@ -90,7 +93,7 @@ def _text(name: str, outcome: Outcome) -> str:
 
 
 def _laws(evaluation: Evaluation) -> Table | None:
-    """Return the table of the checks under every law of impact, (A6)."""
+    """Return the table of checks under each law of impact, for assumption A6; None without such checks."""
     checks = [check for check in evaluation.checks if check.laws]
     if not checks:
         return None

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockjax import _results as results
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number, peak_cell, slug
 from rockjax._report.tables import Column, Table, Word
@@ -67,8 +68,9 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _stories(evaluation: Evaluation, name: str) -> Table:
+    """Return the table of peaks in each storey over the surviving scenes of a set."""
     data, heights = evaluation.scenes.peaks(name), evaluation.problem.story_heights
-    survives = ~data["overturned"].values & (data["result"].values <= 2)
+    survives = ~data["overturned"].values & (data["result"].values <= results.OVERTURNED)
     drift, acceleration = (data[y].values[survives] for y in ("peak_drift", "peak_floor_acceleration"))
     columns = (
         Column("Storey"),

@@ -1,4 +1,4 @@
-"""Sets and scenes that sections share."""
+"""Sets of motions, scenes, pictures and tables for several sections."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ if TYPE_CHECKING:
 
 
 def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
-    """Return the names of the sets whose scenes a check uses."""
+    """Return the names of the sets of motions under which at least one check has values."""
     return tuple(evaluation.assumptions)
 
 
 def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
-    """Return the set and the index of the surviving scene that rotates most; None if there is none."""
-    largest: tuple[float, str, int] | None = None
+    """Return the set and the index of the motion with the largest rotation without overturning, or None."""
+    governing: tuple[float, str, int] | None = None
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
         rotation = np.where(data["overturned"].values, -1.0, data["peak_rotation"].values)
         k = int(np.argmax(rotation))
-        if rotation[k] >= 0 and (largest is None or rotation[k] > largest[0]):
-            largest = float(rotation[k]), name, k
-    return None if largest is None else largest[1:]
+        if rotation[k] >= 0 and (governing is None or rotation[k] > governing[0]):
+            governing = float(rotation[k]), name, k
+    return None if governing is None else governing[1:]
 
 
 def drawn(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]) -> Figure:
     """Return a picture; draw it if it is not stored with the same inputs.
 
-    - `name`: of the picture; `inputs`: everything that it shows
-    - `draw`: draws it, with a caption that is one string
+    - `name`: name in the store; `inputs`: everything that the picture shows
+    - `draw`: function that returns the picture; the caption must be a string
     """
     store = evaluation.scenes.store
     text = store.text(f"figures.{name}", fingerprint(inputs), lambda: json.dumps(dataclasses.asdict(draw())))
@@ -46,7 +46,7 @@ def drawn(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Fig
 
 
 def details(evaluation: Evaluation, section: int) -> list[Table]:
-    """Return the tables of checks whose details belong to a section; a table of several checks once."""
+    """Return the tables with the details of the checks of a section; tables of equal name appear once."""
     tables: dict[str, Table] = {}
     for check in evaluation.checks:
         if check.values is not None and check.kind.section == section:

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
 _NOTE = (
     "A derivative belongs to one motion and one order of impacts. So the set is also evaluated again with "
-    "each input decreased and increased: where another motion governs, or the columns overturn, the "
-    "derivative does not show it."
+    "each input decreased and increased, which shows if another motion governs or the columns overturn."
 )
 
 
@@ -31,6 +30,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _table(check: Check) -> Table:
+    """Return the table of the derivatives of a check, and of its values with changed inputs."""
     columns = (
         Column("Input"),
         Column("d ln U/d ln y", "number"),
@@ -48,8 +48,8 @@ def _table(check: Check) -> Table:
             ends = [number(u, "utilisation", word="no finite value") for u in check.spread[name]]
         return Word(name), slope, *ends
 
-    of_set = f", set {check.motions}" if check.motions else ""
+    suffix = f", set {check.motions}" if check.motions else ""
     is_finite = math.isfinite(check.utilisation)
     u = Quantity(check.utilisation, "utilisation") if is_finite else "no finite value"
-    caption = ("Check ", check.id, f", {check.name}{of_set}: U = ", u)
+    caption = ("Check ", check.id, f", {check.name}{suffix}: U = ", u)
     return Table(f"influences-{slug(check.id)}", caption, columns, tuple(map(row, names)))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rockjax._report.evaluation import Evaluation
 
-# Answer → heading. Answers are forces divided by m_c g; the page shows them divided by the dead load.
+# Output → heading. Axial forces are divided by m_c g in outputs, and by the dead load on the page.
 _COLUMNS = {
     "least_axial_force": "Least N / dead load",
     "peak_axial_force": "Largest N / dead load",
@@ -92,6 +92,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
 
 
 def _shears(evaluation: Evaluation, names: list[str]) -> Table:
+    """Return the table of the largest foundation shear of each set."""
     rows = []
     for name in names:
         data = evaluation.scenes.peaks(name)

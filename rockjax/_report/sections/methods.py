@@ -45,7 +45,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _results(evaluation: Evaluation, name: str) -> list[MethodResult]:
-    """Return the results of the methods for a set of motions, which the store keeps."""
+    """Return the results of the methods for a set of motions, from the store if they are there."""
     problem, motions = evaluation.problem, evaluation.problem.motions[name]
     friction = problem.joints.friction
 
@@ -54,8 +54,8 @@ def _results(evaluation: Evaluation, name: str) -> list[MethodResult]:
         entries = [dataclasses.asdict(result) | {"values": {}} for result in results]
         return json.dumps(entries, default=np.ndarray.tolist)
 
-    mark = fingerprint(problem.podium, motions.hashes, motions.names, friction)
-    entries = json.loads(evaluation.scenes.store.text(f"methods.{name}", mark, text))
+    inputs_hash = fingerprint(problem.podium, motions.hashes, motions.names, friction)
+    entries = json.loads(evaluation.scenes.store.text(f"methods.{name}", inputs_hash, text))
     for entry in entries:
         for key in ("demand", "rotation_ratio"):
             entry[key] = None if entry[key] is None else np.array(entry[key])
@@ -63,7 +63,7 @@ def _results(evaluation: Evaluation, name: str) -> list[MethodResult]:
 
 
 def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
-    """Return the summary of the methods for a set, and the rotations of each motion beside the exact ones."""
+    """Return a summary of the methods for a set, and their rotations beside the exact ones."""
     columns = (
         Column("Method"),
         Column("Compares"),
@@ -76,7 +76,7 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
     rows = []
     for result in results:
         kind = kind_of_unit(result.unit)
-        made = result.governing_demand is not None and result.capacity is not None
+        is_made = result.governing_demand is not None and result.capacity is not None
         verdict = {
             True: Word("accepts", "pass"),
             False: Word("rejects", "fail"),
@@ -87,10 +87,10 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
             (
                 Word(f"{result.title} {result.equation}", note=result.source),
                 Word(f"{result.quantity}, {result.statistic}"),
-                number(result.governing_demand, kind) if made else Word("not made", "not made"),
-                number(result.capacity, kind) if made else Word("not made", "not made"),
+                number(result.governing_demand, kind) if is_made else Word("not made", "not made"),
+                number(result.capacity, kind) if is_made else Word("not made", "not made"),
                 number(result.utilisation, "utilisation", word="no capacity")
-                if made
+                if is_made
                 else Word("not made", "not made"),
                 verdict[result.passes],
                 Word(result.verdict_known, note=missing),

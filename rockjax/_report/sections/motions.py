@@ -48,8 +48,9 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _first_period(podium: Any) -> float | None:
-    top = podium.superstructure
-    oscillators = None if top is None else top.oscillators
+    """Return the first period of the building on a fixed base [s]; None if it does not vibrate."""
+    superstructure = podium.superstructure
+    oscillators = None if superstructure is None else superstructure.oscillators
     return None if oscillators is None else float(np.max(np.asarray(oscillators.T_s)))
 
 
@@ -70,12 +71,12 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
     rows = []
     for name, member, sha in zip(motions.names, motions.members, motions.hashes, strict=True):
         if isinstance(member, Motion):
-            facts = member.metadata
+            metadata = member.metadata
             source = str(member.source) if member.source is not None else "synthetic"
-            if "seed" in facts:
-                source += f", seed {facts['seed']}"
-            if facts.get("scale") not in (None, 1, 1.0):
-                source += f", scale {float(facts['scale']):.6g}"
+            if "seed" in metadata:
+                source += f", seed {metadata['seed']}"
+            if metadata.get("scale") not in (None, 1, 1.0):
+                source += f", scale {float(metadata['scale']):.6g}"
             spectral: Any = Word("rigid", "none")
             if period is not None:
                 spectral = Quantity(spectral_acceleration(member, period, DAMPING), "acceleration")
@@ -123,11 +124,11 @@ def _draw_spectra(motions: MotionSet, period: float | None, units: Units) -> Fig
 
     records = [member for member in motions.members if isinstance(member, Motion)]
     values = np.array([spectral_accelerations(record, PERIODS, DAMPING) for record in records])
-    shown = units.factor("acceleration")
+    unit_size = units.factor("acceleration")
     with in_style():
         figure, axes = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
-        axes.plot(PERIODS, values.T / shown, color="0.6", linewidth=0.6)
-        axes.plot(PERIODS, values.mean(axis=0) / shown, color="0.0", label="mean")
+        axes.plot(PERIODS, values.T / unit_size, color="0.6", linewidth=0.6)
+        axes.plot(PERIODS, values.mean(axis=0) / unit_size, color="0.0", label="mean")
         if period is not None:
             axes.axvline(period, color="0.3", linestyle="--", linewidth=0.8, label=f"T₁ = {period:.3g} s")
         axes.set(xlabel="period T [s]", ylabel=f"S_a [{units.symbol('acceleration')}]", xlim=(0, PERIODS[-1]))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Input
 
-# Key of an input → meaning and kind, for inputs that the table of parameters does not contain.
+# Key of an input → meaning and kind; other inputs take both from the table of parameters.
 _MEANINGS = {
     "story_masses": ("Storey masses from the bottom", "mass"),
     "story_stiffnesses": ("Storey stiffnesses", "stiffness"),
@@ -56,7 +56,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _elevation(evaluation: Evaluation, units: Units) -> Figure:
-    """Return the elevation of the structure, with a column at its largest rotation."""
+    """Return the elevation of the structure, with a column at the largest rotation of the scenes."""
     problem, scene = evaluation.problem, governing_scene(evaluation)
     podium = problem.podium
     rotation, label = None, ""
@@ -87,6 +87,7 @@ def _source(source: str | None) -> Word:
 
 
 def _row(entry: Input) -> tuple[Cell, ...]:
+    """Return the row of an input: meaning, key, value and source."""
     name = entry.key.rpartition(".")[2]
     meaning, kind = _MEANINGS.get(name, ("", ""))
     if not meaning and name in STRUCTURE:
@@ -107,11 +108,12 @@ def value_cell(value: Any, kind: str) -> Cell:
     if isinstance(value, str):
         return Word(value)
     if isinstance(value, list | tuple):
-        return Series(tuple(float(y) for y in value), kind, given=True)
-    return Quantity(float(value), kind, given=True)
+        return Series(tuple(float(y) for y in value), kind, is_input=True)
+    return Quantity(float(value), kind, is_input=True)
 
 
 def _joint_rows(evaluation: Evaluation):
+    """Yield rows, as `_row` returns, for the properties of the joints in the file."""
     meanings = {
         "friction": ("Friction coefficient of the joints μ", "number"),
         "contact_width": ("Width of the contact strip at an edge", "length"),
@@ -190,7 +192,7 @@ def _derived(evaluation: Evaluation) -> Equations:
 
 
 def _modes(evaluation: Evaluation) -> list[Any]:
-    """Return the table of modes of a building, or a sentence if there are no modes."""
+    """Return the table of modes of a superstructure, or a sentence if it does not vibrate."""
     podium = evaluation.problem.podium
     oscillators = None if podium.superstructure is None else podium.superstructure.oscillators
     if oscillators is None:

@@ -12,7 +12,7 @@ from rockjax._report.units import Units
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
 
-SHOWN_SLOPES = 4
+SHOWN_SLOPES = 4  # derivatives in a row
 _NOTE = (
     "U is value/limit, or limit/value where the limit is a minimum. Errors are estimates of the numerical "
     "error. Sensitivities are the largest d ln U/d ln y of the governing motion; the spread is the range of "
@@ -24,7 +24,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     """Return the section."""
     del units
     rows = tuple(_row(check, evaluation) for check in evaluation.checks)
-    spread = Quantity(evaluation.problem.report.spread, "ratio", given=True)
+    spread = Quantity(evaluation.problem.report.spread, "ratio", is_input=True)
     return Section(1, "Summary of checks", (Summary(rows, (_NOTE, "± ", spread, ".")),))
 
 
@@ -33,7 +33,7 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
     limit: Limit | Word = Word("none given", "none")
     if check.kind.has_limit:
         sign = "≥" if check.kind.is_minimum else "≤"
-        quantity = Quantity(check.limit, check.entry.quantity, given=True)
+        quantity = Quantity(check.limit, check.entry.quantity, is_input=True)
         limit = Limit(sign, quantity, check.entry.keys.unit)
     if check.values is None:
         state = "by others" if check.result == "BY OTHERS" else "not made"
@@ -76,12 +76,14 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
 
 
 def _governs(check: Check) -> Text:
+    """Return the governing motion or pulse, the place and the reason of a check."""
     names = check.values.names if check.values else ()
     name = names[check.governing] if check.governing is not None and names else "whole set"
     return ", ".join(text for text in (name, check.place, check.reason) if text)
 
 
 def _slopes(check: Check) -> Text:
+    """Return the largest derivatives of a check, or why there are none."""
     if not check.sensitivities:
         return check.no_slopes if math.isfinite(check.value) else "no finite value"
     largest = sorted(check.sensitivities.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
@@ -89,6 +91,7 @@ def _slopes(check: Check) -> Text:
 
 
 def _spread(check: Check) -> Text:
+    """Return the range of U with changed inputs, and the inputs that raise U most."""
     if not check.spread:
         return "not repeated"
     ends = [
@@ -97,11 +100,10 @@ def _spread(check: Check) -> Text:
         for u, sign in zip(pair, "−+", strict=True)
     ]
     lowest, highest = min(u for u, _ in ends), max(ends)
-    falls = [name for u, name in ends if not math.isfinite(u)]
-    if falls and math.isfinite(check.utilisation):
-        return (
-            f"from {lowest:.2f}; no finite value with {', '.join(falls[:3])}{' …' if len(falls) > 3 else ''}"
-        )
-    if falls:
+    infinite = [name for u, name in ends if not math.isfinite(u)]
+    if infinite and math.isfinite(check.utilisation):
+        more = " …" if len(infinite) > 3 else ""
+        return f"from {lowest:.2f}; no finite value with {', '.join(infinite[:3])}{more}"
+    if infinite:
         return f"from {lowest:.2f}" if math.isfinite(lowest) else "no finite value"
     return f"{lowest:.2f} … {highest[0]:.2f} ({highest[1]})"
