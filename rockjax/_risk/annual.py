@@ -114,6 +114,7 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
 
 
 def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None:
+    """Raise `ValueError` unless a hazard has the measure and the units of a curve."""
     if measure != hazard.measure:
         raise ValueError(
             f"{owner}: curve and hazard must have the same intensity measure, got {measure} and "
@@ -147,7 +148,8 @@ def _limited_probability(
 ) -> np.ndarray:
     """Return P at intensities x (n,), with limits applied.
 
-    If a limit keeps P > 0 at low intensities, P is 0 below `first`, the first point of the hazard curve.
+    If a limit keeps P > 0 at low intensities, P is 0 below both the limit and `first`, the first point of
+    the hazard curve.
     """
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
     share = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
@@ -180,6 +182,7 @@ _frequency_and_slopes = StoredProgram(_integrate_with_slopes)
 def _frequency_of_lognormal(
     owner: str, curve: Lognormal, hazard: Hazard, limits: integral.Limits = integral.Limits()
 ) -> AnnualFrequency:
+    """Return the frequency with its sensitivities. Raises `ValueError` unless the parameters are > 0."""
     require(owner, "median", curve.median, lambda v: v > 0, "finite and > 0")
     require(owner, "dispersion", curve.dispersion, lambda v: v > 0, "finite and > 0")
     curve = Lognormal(*map(as_float, curve))
@@ -198,7 +201,7 @@ def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -
 
 
 def _frequency_of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
-    """Return the frequency from the share of overturned records at each level of intensity."""
+    """Return the frequency from the shares of overturned records at the levels of an analysis."""
     levels, share = analysis["intensity"].values, analysis["overturned"].values.mean(axis=0)
     if levels.size < 2:
         raise ValueError(f"{owner}: curve must have at least two levels of intensity, got {levels.size}")
@@ -219,8 +222,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     The contribution is the density F(x) |dλ/d ln x| divided by the frequency. Its integral over ln x is 1.
 
     - `curve`, `hazard`: as for [`rockjax.annual_frequency`][], but the curve must be lognormal
-    - `at`: intensities (n,), > 0; by default 400 values from 1/1000 of the smaller of the median and the
-      first point of the hazard to 10 times the larger of the median and the last point
+    - `at`: intensities (n,), > 0; by default 400 values, from 1/1000 of the median or of the first point of
+      the hazard, whichever is smaller, to 10 times the median or the last point, whichever is larger
 
     Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve
     jumps, `hazard` [1/year] and `fragility` [–]. `given` holds the rates at the points of the hazard curve,

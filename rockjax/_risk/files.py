@@ -121,14 +121,15 @@ def _two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> di
 
 
 def _uncommented(row: _Row) -> list[str]:
-    """Return the cells of a comment without its mark."""
+    """Return the cells of a comment without the leading #."""
     return [row.cells[0].lstrip('"# '), *row.cells[1:]]
 
 
 def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
     """Return the headings of a table, from its heading lines and all its rows.
 
-    Further heading lines contain units. Headings that were split at a comma in their text are joined again.
+    Heading lines after the first contain units. A heading with a comma in its text was split there; the parts
+    are joined again.
     """
     cells = [cell.strip() for cell in lines[0]] if lines else []
     for line in lines[1:]:
@@ -277,10 +278,9 @@ def write_fragility_model(
     - `names`: names of the structures, by default `structure-1` …
 
     NRML contains the mean and the standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV):
-    `mean` = m e^(β²/2), `stddev` = mean √(e^(β²) − 1). Limits of a curve that was read are written unchanged.
-    OpenQuake requires minIML and maxIML. A curve without them gets 1e-10 and m e^(7β), where P differs from
-    its value at infinity by 1e-12. Returns the path. Raises `ValueError` for measures that OpenQuake does not
-    support.
+    `mean` = m e^(β²/2), `stddev` = mean √(e^(β²) − 1). Limits that a curve has from a file are written
+    unchanged. OpenQuake requires minIML and maxIML. A curve without these limits gets 1e-10 and m e^(7β),
+    where 1 − P is 1e-12. Returns the path. Raises `ValueError` for measures that OpenQuake does not support.
     """
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
     names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
@@ -300,13 +300,13 @@ def write_fragility_model(
     for name, curve in zip(names, curves, strict=True):
         if curve.attrs.get("kind") != "fragility":
             raise ValueError(f"write_fragility_model: {name} must come from rockjax.fragility")
-        imt, unit = _imt(curve.attrs["measure"])
-        median, dispersion = float(curve["median_capacity"]) / unit, float(curve["dispersion"])
+        imt, factor = _imt(curve.attrs["measure"])
+        median, dispersion = float(curve["median_capacity"]) / factor, float(curve["dispersion"])
         mean = median * math.exp(0.5 * dispersion**2)
         function = ET.SubElement(
             model, f"{{{NRML}}}fragilityFunction", {"id": name, "format": "continuous", "shape": "logncdf"}
         )
-        ET.SubElement(function, f"{{{NRML}}}imls", {"imt": imt, **_limits_to_write(curve, unit)})
+        ET.SubElement(function, f"{{{NRML}}}imls", {"imt": imt, **_limits_to_write(curve, factor)})
         moments = {"mean": repr(mean), "stddev": repr(mean * math.sqrt(math.expm1(dispersion**2)))}
         ET.SubElement(function, f"{{{NRML}}}params", {"ls": "overturning", **moments})
     ET.indent(root)
@@ -322,11 +322,11 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
 
     Returns structure → dataset, or `structure/limit state` → dataset for structures with several limit
     states. A dataset has `median_capacity` and `dispersion`, and can be the `curve` of
-    [`rockjax.annual_frequency`][]. It also has the limits in the file: `no_damage_limit`, up to which P = 0,
-    and `min_intensity` and `max_intensity` (minIML, maxIML), below and above which P has its value at the
-    limit. As in OpenQuake, a limit of 0 means no limit, and intensities are clipped to the range from minIML
-    to maxIML before `no_damage_limit` applies. Raises `ValueError` for other files, other shapes of curves,
-    and limits that exclude all intensities.
+    [`rockjax.annual_frequency`][]. The dataset also has the limits in the file: `no_damage_limit`, up to
+    which P = 0, and `min_intensity` and `max_intensity` (minIML, maxIML), below and above which P has its
+    value at the limit. As in OpenQuake, a limit of 0 means no limit, and intensities are clipped to the range
+    from minIML to maxIML before `no_damage_limit` applies. Raises `ValueError` for other files, other shapes
+    of curves, and limits that exclude all intensities.
     """
     try:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
@@ -384,10 +384,10 @@ def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
     return {LIMITS[key]: limit for key, limit in limits.items() if limit > 0}
 
 
-def _limits_to_write(curve: xarray.Dataset, unit: float) -> dict[str, str]:
-    """Return the limits of a curve as attributes of NRML; `unit`: factor from OpenQuake's unit to SI."""
-    highest = float(curve["median_capacity"]) / unit * math.exp(MAX_DEVIATIONS * float(curve["dispersion"]))
-    stated = {key: f"{float(curve[name]) / unit:.15g}" for key, name in LIMITS.items() if name in curve}
+def _limits_to_write(curve: xarray.Dataset, factor: float) -> dict[str, str]:
+    """Return the limits of a curve as attributes of NRML; `factor`: from OpenQuake's unit to SI."""
+    highest = float(curve["median_capacity"]) / factor * math.exp(MAX_DEVIATIONS * float(curve["dispersion"]))
+    stated = {key: f"{float(curve[name]) / factor:.15g}" for key, name in LIMITS.items() if name in curve}
     return {"minIML": MIN_IML, "maxIML": f"{highest:.15g}"} | stated
 
 

@@ -1,4 +1,4 @@
-"""Additional filters for Gaussian ground motions, after the filters of Kanai–Tajimi and Clough–Penzien."""
+"""Additional filters for Gaussian ground motions, which follow those of Kanai–Tajimi and Clough–Penzien."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ each interval. It passes, from rest, through
     ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).
 
 Further filters may follow. Therefore ü_g = A u, where A is lower triangular with a zero diagonal. The
-recurrence and its transpose, which reverse mode uses, both need O(n) operations.
+product A u is a recurrence; the recurrence and its transpose, which reverse mode uses, need O(n) operations.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class GaussianMotion(Module):
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil, > 0
     - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter, > 0
     - `envelope`: function t ↦ e(t), by default a [`rockjax.Envelope`][]
-    - `pulse`: a [`rockjax.RandomPulse`][] that is added, or None
+    - `pulse`: a [`rockjax.RandomPulse`][] that is added to the noise, or None
     - `filters`: one or more filters ([`rockjax.Filter`][]), which the noise passes after soil and high-pass
 
     Motions are differentiable with respect to u and every parameter. [`rockjax.synthetic_motions`][] is a
@@ -284,6 +284,7 @@ class GaussianMotion(Module):
 
 
 def _filtered(motion: GaussianMotion, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
+    """Return ü_g for a batch of u."""
     return jnp.vectorize(motion._single, signature="(d)->(n)")(u)
 
 

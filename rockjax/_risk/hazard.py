@@ -28,8 +28,8 @@ class Hazard(Module):
     - `intensity`: intensities x₁ < … < x_n of the points, shape (n,), n ≥ 2, > 0 [`units`]
     - `annual_rate`: rates λ₁ ≥ … ≥ λ_n > 0 of the points, shape (n,) [1/year]
     - `measure`: the intensity measure, as in [`rockjax.Measure`][]: `"PGA"`, `"PGV"`, `"Sa(1 s)"` …
-    - `units`: units of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …. Functions that combine the curve with a
-      fragility need both in the same units; `in_si` converts the curve
+    - `units`: units of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …. Functions that combine a hazard with
+      a fragility need the same units for both; `in_si` converts the hazard
 
     Raises `ValueError` for intensities that do not ascend, and for rates that are not positive or increase.
     """

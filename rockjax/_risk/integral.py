@@ -38,7 +38,7 @@ class Limits(NamedTuple):
     """Intensities at which a fragility curve is cut off or held constant; None for no limit.
 
     - `zero_below`: P(x) = 0 up to this intensity
-    - `constant_below`: below this intensity, P(x) equals P at the limit; excludes `zero_below`
+    - `constant_below`: below this intensity, P(x) equals P at the limit; not allowed with `zero_below`
     - `constant_above`: above this intensity, P(x) equals P at the limit
     """
 
@@ -84,13 +84,13 @@ def integrate_lognormal(
     - `median`: median of the fragility, > 0 [unit of x]; `dispersion`: its β, > 0 [–]
     - `limits`: intensities at which F is cut off or held constant
 
-    If `constant_below` keeps F > 0 at low intensities, only intensities above the first point of the hazard
-    curve count for this constant part, because the extrapolated rate grows without bound below it.
+    If `constant_below` keeps F > 0 at low intensities, this constant part counts only above the first point
+    of the hazard curve, because below this point the extrapolated rate grows without bound.
     """
     k = segment_slopes(log_x, log_rate)
-    zero_below, constant_below, last = (None if x is None else jnp.log(x) for x in limits)
-    first = constant_below if zero_below is None else zero_below
-    log_limits = [x for x in (first, last) if x is not None]
+    zero_below, constant_below, upper = (None if x is None else jnp.log(x) for x in limits)
+    lower = constant_below if zero_below is None else zero_below
+    log_limits = [x for x in (lower, upper) if x is not None]
     if not log_limits:
         return _unlimited(log_x, log_rate, k, median, dispersion)
     points = jnp.sort(jnp.concatenate([log_x, jnp.stack(log_limits)]))
@@ -107,14 +107,14 @@ def integrate_lognormal(
         points, log_rate_at(log_x, log_rate, points), k[segment], median, dispersion
     )
     constant = jnp.zeros(())
-    if first is not None:
-        below, pieces = jnp.zeros(()), jnp.where(middle > first, pieces, 0.0)
+    if lower is not None:
+        below, pieces = jnp.zeros(()), jnp.where(middle > lower, pieces, 0.0)
     if constant_below is not None:
         constant += share(constant_below) * jnp.maximum(rate(log_x[0]) - rate(constant_below), 0.0)
-    if last is not None:
-        rate_above = rate(jnp.maximum(last, log_x[-1]))
-        above, pieces = share(last) * rate_above, jnp.where(middle < last, pieces, 0.0)
-        constant += share(last) * (rate(last) - rate_above)
+    if upper is not None:
+        rate_above = rate(jnp.maximum(upper, log_x[-1]))
+        above, pieces = share(upper) * rate_above, jnp.where(middle < upper, pieces, 0.0)
+        constant += share(upper) * (rate(upper) - rate_above)
     is_below, is_above = middle < log_x[0], middle > log_x[-1]
     return Contributions(
         below + jnp.sum(jnp.where(is_below, pieces, 0.0)),

@@ -63,10 +63,12 @@ class AbstractLimitState(abc.ABC):
         return value
 
     @abc.abstractmethod
-    def _values(self, u: np.ndarray) -> np.ndarray: ...
+    def _values(self, u: np.ndarray) -> np.ndarray:
+        """Return G (m,) for `values`."""
 
     @abc.abstractmethod
-    def _gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+    def _gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return G (m,) and ∇G (m, d) for `gradients`."""
 
 
 def evaluate_padded(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:

@@ -21,7 +21,7 @@ class Division(NamedTuple):
 
     An interval is divided into `parts` equal parts, and additionally on both sides of the root of its secant.
 
-    - `rounds`: largest number of divisions; `parts`: number of equal parts
+    - `rounds`: largest number of successive divisions; `parts`: number of equal parts of a division
     - `root_offset`: distance of the additional positions from the root, relative to the interval [–]
     - `min_share`: intervals narrower than this share of the narrowest initial one are not divided [–]
     """
@@ -61,10 +61,11 @@ class _Intervals(NamedTuple):
     at_b: np.ndarray
 
     def with_crossing(self) -> _Intervals:
-        """Return the intervals whose ends differ between survival and failure."""
+        """Return the intervals with one surviving and one failing end."""
         return self.select((self.at_a <= 0) != (self.at_b <= 0))
 
     def select(self, rows: np.ndarray) -> _Intervals:
+        """Return the intervals with these indices, or where a mask is True."""
         return _Intervals(*(y[rows] for y in self))
 
     def inner_points(self, division: Division) -> np.ndarray:

@@ -37,7 +37,7 @@ TRIAL_SAMPLES = 200  # number of samples of a level in the runs of a trial
 TRIAL_SHARE = 0.1  # share of these samples that passes to the next level
 UNREFINED = Division(rounds=0)
 REFINED = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)  # accurate enough for a Newton step
-SHARP = Division(rounds=3, parts=16)  # for crossings at which a Newton step fails, because G may jump
+SHARP = Division(rounds=3, parts=16)  # for crossings at which a Newton step fails and G may jump
 MAX_WEIGHT = 5.0  # largest weight of a ray, divided by the median weight
 JUMP_STEP = 1e-4  # G jumps at a polished crossing if a further Newton step exceeds this share of r
 
@@ -110,7 +110,7 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     rng = np.random.default_rng([seed, 3])
     factor, estimator = _find_factor(limit, probability, rng)
     estimate = estimator.run(cov, MAX_SCENES, 500, lambda _: None)
-    if not estimator.converged(estimate, cov):
+    if not estimator.has_converged(estimate, cov):
         raise ValueError(
             f"in {MAX_SCENES} scenes, the coefficient of variation of a probability near {probability:g} is "
             f"{estimate.cov:.2g}, not {cov:g}; raise cov"
@@ -128,7 +128,7 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     )
     e = u[is_failing] / length[is_failing, None]
     weights = weights[is_failing] / scan.shares(factor)[is_failing]
-    # A ray with a narrow window has a large weight, and its window may be wide for another structure.
+    # A narrow failure window gives its ray a large weight, but may be wide for another structure.
     weights = np.minimum(weights, MAX_WEIGHT * np.median(weights))
     weights *= estimate.probability / float(weights @ scan.shares(factor)[is_failing])
     return Rays(e, weights, factor, estimate.cov, limit.scenes - before)
@@ -181,7 +181,7 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
 
 
 class _RayScan:
-    """Scan of rays for their crossings with the surface of failure, which can be extended.
+    """Extensible scan of rays for crossings with the surface of failure.
 
     Positions on a ray are exp(`step`·k) for integers `first` ≤ k < `stop`. The crossings are described by
     `line`, `r` and `survivor`, which are `line`, `position` and `survivor` of `LineCrossings`, and by `sign`,
@@ -232,9 +232,11 @@ class _RayScan:
         self.r[rows[crossed_line[first]]] = r[first]
 
     def _radii(self, first: int, stop: int) -> np.ndarray:
+        """Return the positions with the integers `first` ≤ k < `stop`."""
         return np.exp(self.step * np.arange(first, stop))
 
     def _evaluate(self, first: int, stop: int) -> np.ndarray:
+        """Return G at these positions of all rays, shape (rays, positions)."""
         r = self._radii(first, stop)
         u = self.directions[:, None, :] * r[:, None]
         return self.limit.values(u.reshape(-1, u.shape[-1])).reshape(len(self.directions), r.size)
@@ -297,7 +299,7 @@ def _polish(
         return jumps, along_ray, slopes
 
     jumps, _, _ = newton(np.abs(scan.r - scan.survivor) / scan.r)
-    scan.sharpen(np.flatnonzero(jumps))  # divides the interval if a Newton step would leave it
+    scan.sharpen(np.flatnonzero(jumps))  # crossings whose Newton step would leave their interval
     return newton(JUMP_STEP)
 
 

@@ -26,11 +26,11 @@ DISAGREEMENT = 1.5  # ratio of the first-order and the sampled probability beyon
 class FailureProbability:
     """A sampled probability of failure, its accuracy, and the first-order value.
 
-    - `probability`: the estimate [–]
-    - `standard_error`: its standard error [–]
+    - `probability`: estimated probability of failure [–]
+    - `standard_error`: standard error of `probability` [–]
     - `interval`: 95 % confidence interval. (NaN, NaN) if the estimate has not converged, except for
       `"monte-carlo"`, whose interval is exact for any number of scenes
-    - `method`: name of the method
+    - `method`: name of the estimator, the argument of the call
     - `scenes`: number of evaluations of the limit state, including the search for design points
     - `effective_sample_size`: effective number of failures in the sample
     - `first_order`: probability of the union of the half-spaces of the design points; NaN for methods without
@@ -38,8 +38,8 @@ class FailureProbability:
     - `beta`: distances of the design points from the origin, nearest first
     - `disagrees`: True if `first_order` is outside the interval and differs from `probability` by a factor of
       1.5 or more. Then the limit state is far from plane, or a design point was not found
-    - `converged`: True if the requested coefficient of variation was reached; otherwise the probability may
-      be wrong by a large factor
+    - `converged`: True if the estimate reached the requested coefficient of variation and a few samples do
+      not dominate the sum; otherwise the probability may be wrong by a large factor
     - `sensitivities`: (dP/dy, standard error) by the name of the parameter y, for the limit state of a
       structure and the method `"line"`; else empty
     - `jumps`: share of the surface of failure across which G jumps, which the sensitivities do not include;
@@ -88,9 +88,9 @@ def reliability(
 
     - `G`: a differentiable JAX function of u, shape (dimension,), that returns a scalar; failure is G ≤ 0
     - `dimension`: length of u, ≥ 1
-    - `method`: `"subset"` and `"monte-carlo"` need neither design points nor derivatives. `"importance"` and
-      `"line"` sample around the design points, and suit limit states that are nearly plane or have a low
-      dimension
+    - `method`: name of the estimator. `"subset"` and `"monte-carlo"` need neither design points nor
+      derivatives. `"importance"` and `"line"` sample around the design points, and suit limit states that are
+      nearly plane or have a low dimension
     - `cov`: coefficient of variation to reach, in (0, 1)
     - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
     - `starts`: number of directions from which design points are searched, ≥ 1
@@ -123,8 +123,8 @@ def reliability(
 def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
     """Return directions from which searches start, shape (starts, dimension).
 
-    The first half are random directions far apart, the second half their opposites. Many limit states are
-    symmetric, and then the second half is not needed.
+    The first half are random directions far apart, the second half their opposites. If G(−u) = G(u),
+    the search needs only the first half.
     """
     count = (starts + 1) // 2
     candidates = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
@@ -244,10 +244,11 @@ def _to_result(
     cov: float,
     slopes: ProbabilitySlopes | None,
 ) -> FailureProbability:
+    """Return the result of `estimate_probability` from an estimate and the derivatives of P, if any."""
     points = estimator.points
     first_order = first_order_probability(points)
     low, high = estimate.interval
-    converged = estimator.converged(estimate, cov) and estimator.has_light_tail()
+    converged = estimator.has_converged(estimate, cov) and estimator.has_light_tail()
     ratio = max(first_order, 1e-300) / max(estimate.probability, 1e-300)
     return FailureProbability(
         probability=estimate.probability,

@@ -30,7 +30,7 @@ class DesignPoint:
     - `u`: point in standard normal space, shape (dimension,)
     - `beta`: reliability index |u|
     - `record`: the motion that u determines, locally the most likely motion that causes failure
-    - `mode`: number of impacts (before overturning, if the scene overturns); −1 if it did not finish
+    - `mode`: number of impacts (before overturning, if the scene overturns); −1 if the scene did not finish
     - `smooth`: True if u is normal to the limit state; otherwise the point is at an edge, where the mode of
       failure changes
     - `sensitivities`: dβ/dy for every parameter y of structure and ground motion, with the location of y as
@@ -62,10 +62,10 @@ def design_points(
 
     - `podium`: podium with scalar parameters
     - `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: `"overturning"`, or (name, value) with the peak at which the structure fails, > 0:
-      `"rotation"` max|θ|/α < 1, `"deformation"` [m], `"shear"` V_s/(m_t g), `"friction"` |T|/N, `"unloading"`
-      1 − N/N_0, `"foundation shear"` divided by the weight; for a `ShearBuilding` `"drift"` [m] and
-      `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint counts
+    - `limit`: `"overturning"`, or (name, value) with the peak at which the structure fails, > 0: `"rotation"`
+      max|θ|/α (with a value < 1), `"deformation"` [m], `"shear"` V_s/(m_t g), `"friction"` |T|/N,
+      `"unloading"` 1 − N/N_0, `"foundation shear"` divided by the weight; for a `ShearBuilding` `"drift"` [m]
+      and `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint counts
     - `starts`: number of directions from which design points are searched, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
 
@@ -111,8 +111,8 @@ def failure_probability(
     """Return the probability that a Gaussian ground motion makes a structure fail (host).
 
     - `podium`, `motion`, `limit`, `starts`, `seed`: as for [`rockjax.design_points`][]
-    - `method`: `"subset"` and `"monte-carlo"` need neither design points nor derivatives. `"importance"` and
-      `"line"` sample around the design points
+    - `method`: name of the estimator. `"subset"` and `"monte-carlo"` need neither design points nor
+      derivatives. `"importance"` and `"line"` sample around the design points
     - `cov`: coefficient of variation to reach, in (0, 1)
     - `max_scenes`: number of scenes after which no further round begins, ≥ 100
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`

@@ -22,14 +22,14 @@ from .limit_state import AbstractLimitState
 MAX_BETA = 9.0  # largest distance of a design point from the origin; Φ(−9) is 1e-19
 START_FACTOR = 4.0  # length of the rays of starting directions, divided by √d, the typical |u|
 RAY = 24  # number of positions on a full ray
-PARTIAL_RAY = 10  # number of positions on a ray up to the distance at which the previous ray fails
+PARTIAL_RAY = 10  # number of positions on a ray up to the distance at which the direction e fails
 NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
 PARTS = 8  # number of equal parts into which a round divides the interval
 # Evaluated fractions of the way to the normal, divided by the previous step's fraction. The best direction
 # may lie beyond the normal.
 FRACTIONS = np.array([1.5, 1.0, 0.5])
 MIN_FRACTION = 1 / 64  # smallest fraction of the way to the normal
-ALIGNED = 1e-9  # 1 − cos of the angle between point and normal below which a search ends
+ALIGNED = 1e-9  # a search ends if 1 − cos of the angle between e and normal is below this value
 MAX_STEPS = 40  # largest number of steps of a search
 SAME_COSINE = 0.99  # two design points count as equal if the cosine of the angle between them is larger
 
@@ -67,6 +67,7 @@ class _Bracket(NamedTuple):
         return np.where(np.isfinite(self.high), self.low + (high - self.low) * fraction, np.inf)
 
     def at(self, rows) -> _Bracket:
+        """Return the brackets with these indices."""
         return _Bracket(*(y[rows] for y in self))
 
 
@@ -120,6 +121,7 @@ def distances(
 
 
 def _unit(u: np.ndarray) -> np.ndarray:
+    """Return vectors divided by their lengths."""
     length = np.linalg.norm(u, axis=-1, keepdims=True)
     return u / np.where(length > 0, length, 1.0)
 

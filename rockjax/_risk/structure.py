@@ -1,4 +1,4 @@
-"""Limit states of rocking structures under Gaussian motions: G(u) follows from the response to ü_g = A u."""
+"""Limit states of podiums under Gaussian motions: G(u) follows from the response to ü_g = A u."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from rockjax._structures import Podium, ShearBuilding
 from .gaussian import GaussianMotion
 from .limit_state import AbstractLimitState
 
-TABLE = 256  # number of records in a batch; it is fixed, so that one compiled program serves all batches
+BATCH = 256  # number of records in a batch, fixed so that one compiled program serves all batches
 GRADIENT_BATCH = 8  # number of scenes whose derivatives are computed together
 # The samples of the motion limit most steps, so a tight tolerance costs little.
 OPTIONS = Options(rtol=1e-9, atol=1e-11)
@@ -43,11 +43,11 @@ class Limit(NamedTuple):
 class _LimitKind(NamedTuple):
     output: str | AbstractOutput  # as in `rockjax.Options`
     unit: str
-    owner_kind: str  # key of `OWNERS`: the kind of structure that has this output
+    structure: str  # key of `STRUCTURES`: the kind of structure that has this output
 
 
 # Kind of structure ↦ function that returns True for podiums of this kind.
-OWNERS: dict[str, Callable[[Podium], bool]] = {
+STRUCTURES: dict[str, Callable[[Podium], bool]] = {
     "columns": lambda podium: True,
     "a superstructure": lambda podium: podium.superstructure is not None,
     "an elastic superstructure": lambda podium: podium.vibrates,
@@ -55,7 +55,7 @@ OWNERS: dict[str, Callable[[Podium], bool]] = {
         podium.vibrates and isinstance(podium.superstructure, ShearBuilding)
     ),
 }
-SUPERSTRUCTURE, ELASTIC, BUILDING = list(OWNERS)[1:]
+SUPERSTRUCTURE, ELASTIC, BUILDING = list(STRUCTURES)[1:]
 
 # Limit states other than overturning.
 LIMITS = {
@@ -84,8 +84,8 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
     if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in list(LIMITS):
         name, value = limit
         kind = LIMITS[name]
-        if podium is not None and not OWNERS[kind.owner_kind](podium):
-            raise ValueError(f"{owner}: limit {name!r} needs {kind.owner_kind}; this podium has none")
+        if podium is not None and not STRUCTURES[kind.structure](podium):
+            raise ValueError(f"{owner}: limit {name!r} needs {kind.structure}; this podium has none")
         require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
         if name == "rotation" and float(value) >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")
@@ -108,11 +108,14 @@ class StructureLimitState(AbstractLimitState):
 
     def _values(self, u):
         # The scenes that fill the last batch are at rest and cost almost nothing.
-        padded = np.concatenate([u, np.zeros((-len(u) % TABLE, self.dimension))])
-        answers = [self._table(padded[start : start + TABLE]) for start in range(0, len(padded), TABLE)]
+        padded = np.concatenate([u, np.zeros((-len(u) % BATCH, self.dimension))])
+        answers = [
+            self._batch_values(padded[start : start + BATCH]) for start in range(0, len(padded), BATCH)
+        ]
         return np.concatenate(answers)[: len(u)]
 
-    def _table(self, u: np.ndarray) -> np.ndarray:
+    def _batch_values(self, u: np.ndarray) -> np.ndarray:
+        """Return G at the rows of u, at most `BATCH`; NaN for a scene that does not finish."""
         peaks = self._peaks(u)
         value = _limit_value(getattr(peaks, self.limit.output), peaks.overturned, self.limit)
         return np.where(
@@ -120,7 +123,11 @@ class StructureLimitState(AbstractLimitState):
         )
 
     def _peaks(self, u: np.ndarray, names: Sequence[str] = (), *outputs: str):
-        padded = np.concatenate([u, np.zeros((TABLE - len(u), self.dimension))])
+        """Return the peaks at the rows of u, at most `BATCH`, with sensitivities to the parameters `names`.
+
+        `outputs` are requested in addition to the output of the limit.
+        """
+        padded = np.concatenate([u, np.zeros((BATCH - len(u), self.dimension))])
         records = records_from_samples(self.motion, as_float(padded)).pick(np.arange(len(u), dtype=np.int32))
         options = self.options.replace(outputs=(*self.options.outputs, *outputs))
         return peak_responses(self.podium, records, options=options, sensitivities=names)
@@ -133,7 +140,7 @@ class StructureLimitState(AbstractLimitState):
         if len(u) == 0:
             return np.zeros(0), np.zeros(0), np.zeros((0, len(names)))
         self.scenes += len(u)
-        batches = [self._log_slopes(u[k : k + TABLE], (*names, *scale_name)) for k in range(0, len(u), TABLE)]
+        batches = [self._log_slopes(u[k : k + BATCH], (*names, *scale_name)) for k in range(0, len(u), BATCH)]
         value, slopes = (np.concatenate(ys) for ys in zip(*batches, strict=True))
         if scale_name:
             return value, slopes[:, -1], slopes[:, :-1]
@@ -141,6 +148,7 @@ class StructureLimitState(AbstractLimitState):
         return value, np.sum(slope * u, axis=1), slopes
 
     def _log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Return G (m,) and its derivatives with respect to logarithms of parameters, (m, names)."""
         peaks = self._peaks(u, names)
         slopes = np.asarray(getattr(peaks.sensitivities, self.limit.output))
         value = np.asarray(getattr(peaks, self.limit.output))
@@ -205,6 +213,7 @@ def _limit_value(value, overturned, limit: Limit):
 def _value_and_slopes(
     u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, options: Options, limit: Limit
 ):
+    """Return G (k,), ∇G (k, d), and a list of the derivatives of G with respect to all parameters."""
     parameters, static = eqx.partition((podium, motion), eqx.is_inexact_array)
 
     def G(u, parameters):

@@ -25,7 +25,7 @@ from rockjax._responses.peak import data_variables
 from rockjax._structures import Contents, Podium
 
 from .curve import MIN_RECORDS, check_confidence, checked_intensities, fit_each_counts, stripe_bounds
-from .fragility import ENSEMBLE, Measure, checked_levels, checked_measure, record_labels
+from .fragility import DEFAULT_OPTIONS, Measure, checked_levels, checked_measure, record_labels
 
 if TYPE_CHECKING:
     import xarray
@@ -45,13 +45,13 @@ def contents_fragility(
     names: Sequence[str] | None = None,
     at=None,
     confidence: float | None = 0.9,
-    options: Options = ENSEMBLE,
+    options: Options = DEFAULT_OPTIONS,
     progress: Any = False,
 ) -> xarray.Dataset:
     """Fit fragility curves of blocks on the floors of a podium, one for each damage state (host).
 
-    Every record is scaled to all levels. Each curve is fitted by maximum likelihood to the number of records
-    that reach the damage state at each level (multiple stripes).
+    Every record is scaled to all levels of `intensity`. Each curve is fitted by maximum likelihood to the
+    number of records that reach the damage state at each level (multiple stripes).
 
     - `podium`: podium with scalar parameters
     - `contents`: dict of name → [`rockjax.Contents`][]; or one or more `Contents`, which get the names
@@ -63,27 +63,28 @@ def contents_fragility(
       if it overturns
     - `overturned`: `"drop"` leaves out scenes in which the podium overturns, so that the curves hold for a
       standing podium; `"exceed"` counts such scenes as reaching every damage state
-    - `at`: intensities of the curves, shape (x,), > 0; by default 200 up to the highest level
-    - `confidence`: confidence level of the intervals and bands, in (0, 1); None for the curves alone
+    - `at`: intensities at which the curves are evaluated, shape (x,), > 0; by default 200 up to the highest
+      level
+    - `confidence`: confidence level of the intervals and bands, in (0, 1); None for curves without both
     - `options`: options of the scenes
 
     Returns a Dataset. `median_capacity` and `dispersion` (dims `contents`, `damage_state`) have the
     confidence intervals `interval` (further dims `quantity`, `bound`), from the jackknife over records.
     `probability` and the band from `lower` to `upper` have the further dim `at`. `counted` (dims `contents`,
     `intensity`) is the number of records whose scene is not left out; `observed` (further dim `intensity`) is
-    the share of these that reach the damage state. The answers of the podium, such as `overturned`, have the
-    dims `record` and `intensity`, and those of the blocks, such as `contents_peak_rotation`, also `contents`.
-    Curves that the counts do not determine are NaN. A `RuntimeWarning` names them, and another one is issued
-    for fewer than five records. A single curve, `data.sel(contents="cabinet", damage_state=1.0)`, is valid
-    for [`rockjax.annual_frequency`][].
+    the share of the counted records that reach the damage state. The answers of the podium, such as
+    `overturned`, have the dims `record` and `intensity`, and those of the blocks, such as
+    `contents_peak_rotation`, also `contents`. Curves that the counts do not determine are NaN. A
+    `RuntimeWarning` names them, and another one is issued for fewer than five records. A single curve,
+    `data.sel(contents="cabinet", damage_state=1.0)`, is valid for [`rockjax.annual_frequency`][].
 
     Raises `ValueError` for invalid inputs.
     """
     owner = "contents_fragility"
     check_types(owner, podium, options)
     check_single(owner, podium)
-    blocks = _named(owner, contents)
-    states = _damage_states(owner, damage_states, blocks)
+    blocks = _blocks_by_name(owner, contents)
+    states = _checked_states(owner, damage_states, blocks)
     if overturned not in ("drop", "exceed"):
         raise ValueError(f"{owner}: overturned must be 'drop' or 'exceed', got {overturned!r}")
     check_confidence(owner, confidence)
@@ -134,8 +135,8 @@ def contents_fragility(
     return data
 
 
-def _named(owner: str, contents: Any) -> dict[str, Contents]:
-    """Return the blocks by name. Raises `ValueError` for other types and for blocks with array parameters."""
+def _blocks_by_name(owner: str, contents: Any) -> dict[str, Contents]:
+    """Return name → block. Raises `ValueError` unless `contents` is as in `contents_fragility`."""
     if isinstance(contents, Contents):
         contents = (contents,)
     if isinstance(contents, Mapping):
@@ -154,7 +155,7 @@ def _named(owner: str, contents: Any) -> dict[str, Contents]:
     return blocks
 
 
-def _damage_states(owner: str, damage_states: Any, blocks: Mapping[str, Contents]) -> np.ndarray:
+def _checked_states(owner: str, damage_states: Any, blocks: Mapping[str, Contents]) -> np.ndarray:
     """Return thresholds of damage states; raise `ValueError` unless they ascend in their range."""
     states = np.asarray(as_float(damage_states, f"{owner}: damage_states"))
     if states.ndim != 1 or states.size == 0 or np.any(np.diff(states) <= 0):
@@ -166,7 +167,7 @@ def _damage_states(owner: str, damage_states: Any, blocks: Mapping[str, Contents
 
 
 def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) -> None:
-    """Add the counts, and the curves with intervals and bands, to the answers of scenes and blocks.
+    """Add counts, curves, intervals and bands to a dataset of peaks of podium and blocks, in place.
 
     - `exceed`: whether scenes in which the podium overturns count as reaching every damage state
     - `confidence`: confidence level, or None
@@ -195,7 +196,7 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     curves = np.full((*shape, x.size), np.nan)
     for index in np.ndindex(shape):
         reached_here, counted_here = reached.values[index], counted.values[index[0]]
-        fit, reduced = _fits(levels, reached_here.astype(float), counted_here.astype(float))
+        fit, reduced = _fit_and_refit(levels, reached_here.astype(float), counted_here.astype(float))
         medians[index], dispersions[index] = fit
         curves[index] = fit.probability(x)
         if confidence is not None:
@@ -208,7 +209,7 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     )  # fmt: skip
     attributes = {"units": "1", "long_name": "probability of the damage state"}
     data["probability"] = (*dims, "at"), curves, attributes
-    _warn(data, confidence, np.isnan(medians), np.isnan(intervals[..., 0, 0]))
+    _warn_of_gaps(data, confidence, np.isnan(medians), np.isnan(intervals[..., 0, 0]))
     if confidence is None:
         return
     data["interval"] = (
@@ -223,8 +224,10 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     data.attrs["confidence"] = confidence
 
 
-def _fits(levels: np.ndarray, reached: np.ndarray, counted: np.ndarray) -> tuple[Lognormal, Lognormal]:
-    """Return the curve fitted to all records, and the curves that omit one record each.
+def _fit_and_refit(
+    levels: np.ndarray, reached: np.ndarray, counted: np.ndarray
+) -> tuple[Lognormal, Lognormal]:
+    """Return the curve fitted to all records, and the curves fitted without one record each.
 
     - `levels`: intensities, shape (m,)
     - `reached`, `counted`: 1 where a record reaches the damage state, and where it is counted, shape (n, m)
@@ -234,7 +237,9 @@ def _fits(levels: np.ndarray, reached: np.ndarray, counted: np.ndarray) -> tuple
     return Lognormal(*(y[0] for y in fits)), Lognormal(*(y[1:] for y in fits))
 
 
-def _warn(data: xarray.Dataset, confidence: float | None, no_curve: np.ndarray, no_interval: np.ndarray):
+def _warn_of_gaps(
+    data: xarray.Dataset, confidence: float | None, no_curve: np.ndarray, no_interval: np.ndarray
+):
     """Warn of curves and intervals that the counts do not determine, and of few records.
 
     - `no_curve`, `no_interval`: flags, shape (contents, damage states)

@@ -1,4 +1,8 @@
-"""Fragility curves: lognormal distributions fitted to the capacities or counts of records."""
+"""Fragility curves: lognormal distributions fitted to records.
+
+The data are capacities (least overturning intensities), or counts of overturned records at levels of
+intensity.
+"""
 
 from __future__ import annotations
 
@@ -33,19 +37,20 @@ def fragility(
     """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood (host).
 
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
-    - `method`: `"capacities"` fits the least overturning intensities; records that do not overturn are
-      censored at the highest level. `"stripes"` fits the counts of overturned records at the levels,
-      including survivals above the first overturning. The default is `"capacities"` without `limit`; with
-      `limit` only `"stripes"` is valid, the default there
-    - `at`: intensities of the curve, shape (x,), > 0; by default 200 up to the highest level
-    - `confidence`: confidence level of the intervals and the band, in (0, 1); None for the curve alone
+    - `method`: `"capacities"` fits the least overturning intensities; for a record that does not overturn, it
+      uses only that this intensity is above the highest level (censoring). `"stripes"` fits the counts of
+      overturned records at the levels, including survivals above the first overturning. By default
+      `"capacities"`; with `limit`, the default and only valid method is `"stripes"`
+    - `at`: intensities at which the curve is evaluated, shape (x,), > 0; by default 200 up to the highest
+      level
+    - `confidence`: confidence level of the intervals and the band, in (0, 1); None for a curve without both
     - `limit`: limit state in addition to overturning: (name, value) of a peak of the analysis, such as
       `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium overturns, if the
       peak exceeds the value, or if a `least_…` variable is below the value, in at least one mode, story,
       floor or joint. The `options` of the analysis must request this output
 
     Returns a Dataset. The scalars `median_capacity` and `dispersion` have the confidence intervals `interval`
-    (dims `quantity`, `bound`; its attributes contain the number of records). `probability` and the band from
+    (dims `quantity`, `bound`; with the number of records as an attribute). `probability` and the band from
     `lower` to `upper` have the dim `at`; `observed`, the share of records that fail, has `intensity`.
     Intervals and band are omitted if `confidence` is None. If the analysis has sensitivities and `method` is
     `"capacities"`, `median_sensitivity` and `dispersion_sensitivity` (dim `parameter`) are
@@ -53,9 +58,9 @@ def fragility(
 
     Intervals of `"capacities"` use the profile likelihood of lognormal capacities. Without censored records
     they are exact for median and dispersion; with censored records their coverage differs from `confidence`
-    by some per cent. Intervals of `"stripes"` come from the jackknife, which omits each record once. A
-    `RuntimeWarning` is issued if there are fewer than five records that overturn (`"capacities"`), or fewer
-    than five records (`"stripes"`).
+    by some per cent. Intervals of `"stripes"` come from the jackknife, which fits without each record in
+    turn. A `RuntimeWarning` is issued if there are fewer than five records that overturn (`"capacities"`), or
+    fewer than five records (`"stripes"`).
 
     Raises `ValueError` for invalid arguments, and if no curve or no interval can be fitted.
     """
@@ -107,7 +112,7 @@ class _Outcomes(NamedTuple):
     - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level
     - `censor_limit`: lower bound of censored capacities, the highest level for each record, shape (n,)
     - `levels`: levels of intensity, shape (m,)
-    - `overturned`: 1 where a record fails, otherwise 0, shape (n, m)
+    - `overturned`: 1 where a record overturns or exceeds the limit, otherwise 0, shape (n, m)
     """
 
     capacity: np.ndarray
@@ -125,6 +130,7 @@ class _Outcomes(NamedTuple):
 
     @property
     def trials(self) -> np.ndarray:
+        """Number of records at each level, shape (m,)."""
         return np.full(self.levels.size, float(self.capacity.size))
 
 
@@ -153,6 +159,7 @@ def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Da
 
 
 def _check(analysis: xarray.Dataset, method: str | None, confidence: float | None) -> None:
+    """Raise `ValueError` for invalid arguments of `fragility`."""
     owner = "fragility"
     if method not in (None, "capacities", "stripes"):
         raise ValueError(f"{owner}: method must be 'capacities' or 'stripes', got {method!r}")
@@ -178,6 +185,7 @@ def _describe_type(value) -> str:
 
 
 def _fit(method: str, data: _Outcomes) -> Lognormal:
+    """Return the fitted curve. Raises `ValueError` if the likelihood has no maximum."""
     if method == "capacities":
         fit = _fit_capacities(data.capacity, data.censor_limit)
     else:
@@ -188,6 +196,7 @@ def _fit(method: str, data: _Outcomes) -> Lognormal:
 
 
 def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: str) -> xarray.Dataset:
+    """Return the dataset of a fitted curve, evaluated at intensities x."""
     import xarray
 
     units, measure = analysis["intensity"].attrs["units"], analysis.attrs["measure"]
@@ -213,6 +222,7 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
 def _add_intervals(
     curve: xarray.Dataset, method: str, data: _Outcomes, fit: Lognormal, confidence: float
 ) -> None:
+    """Add intervals and band to the dataset of a curve, in place; warn of few records."""
     records, overturning_records = data.capacity.size, int(np.isfinite(data.capacity).sum())
     count = overturning_records if method == "capacities" else records
     if count < MIN_RECORDS:
@@ -255,7 +265,7 @@ def _intervals_of_capacities(
 def _intervals_of_stripes(
     data: _Outcomes, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bounds that `_intervals_of_capacities` returns, from counts by the jackknife."""
+    """Return jackknife bounds from counts, in the shapes of `_intervals_of_capacities`."""
     reduced_counts = data.overturned.sum(axis=0) - data.overturned  # each row omits one record
     reduced_trials = np.broadcast_to(data.trials - 1, reduced_counts.shape)
     reduced_fits = fit_each_counts(data.levels, reduced_counts, reduced_trials)
@@ -293,7 +303,10 @@ fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, 0)), name="counts
 
 @StoredProgram
 def _slopes(capacity, censor_limit):
-    """Return d ln(median) and d dispersion per d capacity of each record, shape (2, n); 0 if censored."""
+    """Return the derivatives of ln(median) and dispersion with respect to each capacity, shape (2, n).
+
+    They are 0 for censored records.
+    """
     has_capacity = jnp.isfinite(capacity)
 
     def fit(values):

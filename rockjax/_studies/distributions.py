@@ -13,7 +13,7 @@ from rockjax._problem import models
 
 
 def distribution_of(entry: Any) -> Any:
-    """Convert a spread in a problem file to a frozen distribution of `scipy.stats`; numbers stay numbers."""
+    """Convert a value of `[ensemble.spread]` to a frozen distribution of `scipy.stats`; keep numbers."""
     from scipy import stats
 
     if isinstance(entry, models.Uniform):

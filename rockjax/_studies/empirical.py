@@ -12,8 +12,8 @@ class Sample(NamedTuple):
     """Independent values of a scalar, some of which may be unknown.
 
     - `values`: values, shape (n,); ±inf is allowed
-    - `is_open`: True where a value is unknown, shape (n,). Estimates use the entry in `values`; confidence
-      bounds hold for any value there
+    - `is_open`: True where a value is unknown, shape (n,). There, estimates use the entry of `values`, and
+      confidence bounds hold for any value
     """
 
     values: np.ndarray
@@ -96,11 +96,12 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
     return Estimates(np.sort(sample.values)[np.maximum(rank, 1) - 1], ends[0][low], ends[1][high])
 
 
-def share(least: int, most: int, n: int, confidence: float) -> tuple[float, float]:
+def probability_interval(least: int, most: int, n: int, confidence: float) -> tuple[float, float]:
     """Return the Clopper–Pearson interval of a probability.
 
-    - `least`, `most`: number of events if none of the unknown trials is an event, and if all are
-    - `n`, `confidence`: number of trials; confidence level, in (0, 1)
+    - `least`, `most`: number of events if none of the unknown trials is an event, and if all of them are
+    - `n`: number of trials
+    - `confidence`: confidence level, in (0, 1)
     """
     from scipy.stats import binomtest
 
@@ -112,9 +113,9 @@ class Comparison(NamedTuple):
     """Kolmogorov–Smirnov comparison of two samples of n and m values.
 
     - `statistic`: D, the largest distance between the empirical distribution functions [–]
-    - `at`: value at which they are that far apart
-    - `p_value`: approximate probability that two samples from one distribution are at least D apart [–]; with
-      unknown values, at least the smallest D that they allow. It is too large for distributions with steps
+    - `at`: value at which the functions have the distance D
+    - `p_value`: approximate probability that two samples from one distribution have a distance ≥ D [–]; with
+      unknown values, ≥ the smallest D that any such values give. Too large for distributions with steps
     - `lower`, `upper`: confidence interval of the largest distance between the true distributions, from the
       bands of both samples, (E3) [–]; if `lower` > 0, the distributions differ
     - `confidence`: confidence level of the interval [–]
@@ -140,7 +141,7 @@ def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
 
     x = np.unique(np.concatenate([[-np.inf], first.values, second.values]))
     difference = np.abs(share_up_to(np.sort(first.values), x) - share_up_to(np.sort(second.values), x))
-    # The least and the largest distance that unknown values allow.
+    # Bounds of both functions for any unknown values give the least and the largest distance.
     bounds = [[share_up_to(y, x) for y in (sample.highest, sample.lowest)] for sample in (first, second)]
     (low_1, high_1), (low_2, high_2) = bounds
     least = max(float(np.max(np.maximum(low_1 - high_2, low_2 - high_1))), 0.0)

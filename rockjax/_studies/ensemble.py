@@ -1,4 +1,4 @@
-"""Ensembles: random parameters and motions, and empirical distributions of the answers."""
+"""Ensembles: scenes with random parameters and motions, and empirical distributions of their peaks."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def ensemble(
     - `podium`: podium with scalar parameters; the scenes are variants of it
     - `motions`: one motion, or several (`Motions`, `Records`, a list); then each scene draws one of them with
       equal probability
-    - `spread`: dict of parameter name → a frozen distribution of `scipy.stats`, a number, or the draws
-      themselves, shape (n,). Names are those of [`rockjax.grid`][], and `initial.theta` [rad],
+    - `spread`: dict of parameter name → a frozen distribution of `scipy.stats`, a number, or an array of
+      drawn values, shape (n,). Names are those of [`rockjax.grid`][], and `initial.theta` [rad],
       `initial.theta_dot` [rad/s], `initial.u_t` [m] and `initial.u_t_dot` [m/s] of the initial state
     - `n`: number of scenes, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend only on `seed`, `n` and the
@@ -73,7 +73,7 @@ def ensemble(
     - `options`: options of the scenes; the output `"errors"` is needed to find undecided scenes
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
-    Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is an ensemble with the unsolved scenes marked as
+    Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is an ensemble in which unsolved scenes count as
     unanswered. Raises `ValueError` for invalid inputs, unknown names, and draws out of range, before solving
     any scene.
     """
@@ -137,7 +137,7 @@ def _find_parameter(podium: Podium, name: str) -> Parameter:
 
 @dataclasses.dataclass(frozen=True, repr=False, eq=False)
 class Ensemble:
-    """Answers of random scenes, and their empirical distributions.
+    """Answers (peaks and other results) of random scenes, and the empirical distributions of answers.
 
     - `data`: dataset of [`rockjax.ensemble`][] with the dim `scene`: drawn parameters by name, `motion` (the
       label of the drawn motion, if there are several), and the answers. `Ensemble(xarray.load_dataset(path))`
@@ -148,11 +148,11 @@ class Ensemble:
     Distributions include every scene:
 
     - a scene that overturned has the worst possible value: +∞ for a peak, −∞ for a `least_…` answer. Only the
-      margin, which is also defined beyond overturning, keeps its value
-    - the value of an unanswered or undecided scene counts as unknown. Confidence bounds hold for any such
-      value. Estimates use the worst value for an unanswered scene, the computed value for an undecided one
+      margin, which is also defined beyond overturning, keeps its computed value
+    - the value of an unanswered (unfinished) or undecided scene counts as unknown. Confidence bounds hold for
+      any such value. Estimates use the worst value if the scene is unanswered, else the computed value
 
-    Raises `ValueError` if `data` is not such a dataset.
+    Raises `ValueError` if `data` is not a dataset of `rockjax.ensemble`.
     """
 
     data: xarray.Dataset
@@ -218,9 +218,9 @@ class Ensemble:
     def sample(self, output: str = "peak_rotation", component: int | None = None) -> Sample:
         """Return the values of an answer, and which of them are unknown.
 
-        - `output`: name of an answer: a scalar, such as `"peak_rotation"` or `"peak_shear"`, or one with an
-          axis of modes, stories or joints
-        - `component`: number of the mode, story or joint, from 1; by default the worst one in each scene
+        - `output`: name of an answer: a scalar, such as `"peak_rotation"` or `"peak_shear"`, or an answer
+          with an axis of modes, stories or joints
+        - `component`: number of the mode, story or joint, from 1; by default the worst of each scene
 
         Raises `ValueError` if the answer was not requested, or if there is no such component.
         """
@@ -265,7 +265,7 @@ class Ensemble:
 
         The band of Dvoretzky, Kiefer, Wolfowitz and Massart holds at all values at once. It has the half
         width √(ln(2/a)/(2n)) with a = 1 − confidence, (E1): 0.0136 for n = 10⁴ and 95 %. Scenes with unknown
-        values widen it by their share.
+        values widen the band by their share.
 
         - `output`, `component`: the answer, as for `sample`
         - `at`: values at which the function is evaluated, shape (x,); by default all finite values
@@ -282,7 +282,7 @@ class Ensemble:
         x = np.asarray(as_float(at, "Ensemble: at"))
         if x.ndim != 1:
             raise ValueError(f"Ensemble: at must be one-dimensional, got shape {x.shape}")
-        confidence = _checked(confidence)
+        confidence = _checked_confidence(confidence)
         estimates = empirical.distribution(sample, x, confidence)
         return xarray.Dataset(
             _variables("at", ("probability", "lower", "upper"), estimates, {"units": "1"}),
@@ -319,7 +319,7 @@ class Ensemble:
         sample = self.sample(output, component)
         q = np.atleast_1d(np.asarray(as_float(probability, "Ensemble: probability")))
         require("Ensemble", "probability", q, lambda y: (y > 0) & (y < 1), "in (0, 1)")
-        confidence = _checked(confidence)
+        confidence = _checked_confidence(confidence)
         estimates = empirical.quantiles(sample, q, confidence)
         return xarray.Dataset(
             _variables("probability", ("quantile", "lower", "upper"), estimates, self._attributes(output)),
@@ -337,7 +337,9 @@ class Ensemble:
         overturning probability [–]. Raises `ValueError` unless `confidence` is in (0, 1)."""
         is_open = self.unanswered | self.undecided
         least = int(np.sum(self.overturned & ~is_open))
-        low, high = empirical.share(least, least + int(is_open.sum()), self.size, _checked(confidence))
+        low, high = empirical.probability_interval(
+            least, least + int(is_open.sum()), self.size, _checked_confidence(confidence)
+        )
         return float(np.mean(self.overturned)), low, high
 
     def compare(
@@ -364,7 +366,7 @@ class Ensemble:
                 "independent; draw one of them with another seed"
             )
         first, second = (y.sample(output, component) for y in (self, other))
-        return empirical.compare(first, second, _checked(confidence))
+        return empirical.compare(first, second, _checked_confidence(confidence))
 
     def dataset(self) -> xarray.Dataset:
         """Return a copy of `data`: draws and answers of all scenes, with units and parameters."""
@@ -406,27 +408,28 @@ class Ensemble:
         ]
         answers = []
         for name in (name for name in self.answers if name not in ALWAYS):
-            values = self.quantiles(name, _SHOWN)["quantile"].values
+            values = self.quantiles(name, _PRINTED)["quantile"].values
             unit = displayed(self.data[name].attrs["units"])
             answers.append((f"{name} [{unit}]", *map(_format, values)))
-        headings = ("drawn", "mean", "std", "least", "largest"), ("answer", *(f"{q:.0%}" for q in _SHOWN))
+        headings = ("drawn", "mean", "std", "least", "largest"), ("answer", *(f"{q:.0%}" for q in _PRINTED))
         parts = zip(headings, (draws, answers), strict=True)
         return headline, *([heading, *rows] for heading, rows in parts if rows)
 
 
-_SHOWN = (0.05, 0.5, 0.95)  # probabilities of the printed quantiles
+_PRINTED = (0.05, 0.5, 0.95)  # probabilities of the printed quantiles
 
 
 def _moments(values: np.ndarray) -> tuple[float, ...]:
-    spread = float(np.std(values - values[0]))  # exactly 0 for equal values
-    return float(values.mean()), spread, float(values.min()), float(values.max())
+    """Return mean, standard deviation, least and largest value."""
+    deviation = float(np.std(values - values[0]))  # exactly 0 for equal values
+    return float(values.mean()), deviation, float(values.min()), float(values.max())
 
 
 def _format(value: float) -> str:
     return f"{value:.4g}"
 
 
-def _checked(value: float) -> float:
+def _checked_confidence(value: float) -> float:
     return require_number("Ensemble", "confidence", value, lambda y: 0 < y < 1, "in (0, 1)")
 
 

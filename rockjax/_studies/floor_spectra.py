@@ -46,28 +46,28 @@ from rockjax._structures import Podium
 if TYPE_CHECKING:
     import xarray
 
-# Variables of the dataset: name → (unit, description). SPECTRA and OTHERS have the dims level, damping and
-# period; OF_LEVELS has only the dim level, and OF_SCENES has none of them.
+# Variables of the dataset: name → (unit, description). Variables of SPECTRA and PER_OSCILLATOR have the dims
+# level, damping and period, those of PER_LEVEL only level, and those of PER_SCENE none of the three.
 SPECTRA = {
     "pseudo_acceleration": ("m s-2", "pseudo-acceleration ω² max|x|"),
     "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),
     "relative_displacement": ("m", "largest displacement relative to the floor max|x|"),
 }
-OTHERS = {
+PER_OSCILLATOR = {
     "peak_time": ("s", "time at which the displacement is largest"),
     "remaining_ratio": ("1", "bound of later displacements divided by the largest; final if at most 1"),
 }
-OF_LEVELS = {
+PER_LEVEL = {
     "peak_acceleration": ("m s-2", "largest acceleration of the floor without velocity jumps"),
     "peak_velocity_jump": ("m s-1", "largest velocity jump of the floor"),
 }
-OF_SCENES = {
+PER_SCENE = {
     "overturned": ("1", "the podium overturned; spectra cover the time until then and are lower bounds"),
     "overturn_time": ("s", "time of overturning"),
 }
 
 
-_end = StoredProgram(end_with_oscillators)
+_default_end = StoredProgram(end_with_oscillators)
 
 
 def floor_spectrum(
@@ -96,11 +96,11 @@ def floor_spectrum(
     - `periods`: periods T_e of the oscillators, shape (n,), > 0 [s]
     - `damping`: damping ratios ζ of the oscillators, one or several, in [0, 1) [–]
     - `level`: `"deck"`, the number of a story from 1 at the bottom, or a list of several levels
-    - `weights`: weights of the modes instead of a level, (L2), shape (modes,) [–]
+    - `weights`: weights of the modes that define a floor, (L2), shape (modes,) [–]; they replace `level`
     - `direction`: `"horizontal"` or `"vertical"`
     - `initial`, `options`: initial state and options of the scenes
-    - `t_end`: end of the scenes [s]; by default as for `simulate`, or 5 times the longest period after the
-      ground motion if that is later
+    - `t_end`: end of the scenes [s]; by default the later of the default of `simulate`, and 5 times the
+      longest period after the ground motion
     - `fixed_base`: also compute the spectra of the ground, `ground_pseudo_acceleration` …, and of the same
       floors on a base that never lifts, `fixed_base_pseudo_acceleration` …
     - `sensitivities`: parameters y for which y ∂/∂y of the spectra is computed as well, (L8), as in
@@ -111,7 +111,7 @@ def floor_spectrum(
 
     - `pseudo_acceleration`: ω² max|x| [m/s²]
     - `absolute_acceleration`: largest absolute acceleration of the oscillator [m/s²]
-    - `relative_displacement`: max|x| [m]; `peak_time`: when it is first reached [s]
+    - `relative_displacement`: max|x| [m]; `peak_time`: time at which max|x| is first reached [s]
     - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by max|x|. The spectrum is
       final where this ratio is at most 1; inf if there is no bound
     - `pseudo_acceleration_sensitivity` …: sensitivities, with the further dim `parameter`
@@ -154,7 +154,7 @@ def floor_spectrum(
         for member in members:
             scene_end = end
             if scene_end is None:
-                scene_end = float(_end(podium.split(), member.common_form(), T.max()))
+                scene_end = float(_default_end(podium.split(), member.common_form(), T.max()))
             response = simulate(podium, member, initial=initial, t_end=scene_end, options=options)
             spectra.append(_spectrum(response, start, scene_end, request))
             counter.update(1)
@@ -164,7 +164,7 @@ def floor_spectrum(
         data = solve(podium, options, request)
         if fixed_base:
             fixed_podium = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
-            # The deck of this podium moves with the ground.
+            # Under the fixed podium, spectra of the deck are those of the ground.
             weights_with_deck = {DECK: 0 * next(iter(weights_by_level.values()))} | weights_by_level
             fixed_request = request._replace(weights=weights_with_deck, stories={}, names=())
             fixed = solve(fixed_podium, options.replace(overturn_ratio=1.0), fixed_request)
@@ -186,7 +186,8 @@ class _Request(NamedTuple):
     """The requested spectra, the same for every scene.
 
     - `weights`: weights of the modes by level
-    - `stories`: level → number of the story, for levels whose weights have derivatives
+    - `stories`: level → number of the story, for stories (whose weights depend on parameters); empty without
+      `names`
     - `periods`, `damping`: axes of the spectra
     - `direction`: "horizontal" or "vertical"
     - `names`: names of the parameters for which sensitivities are computed
@@ -204,13 +205,13 @@ class _Spectrum(NamedTuple):
     """Variables of one scene: name → values.
 
     - `values`: arrays over levels, dampings, periods and, for sensitivities, parameters
-    - `of_levels`: arrays over levels
-    - `of_scene`: scalars
+    - `per_level`: arrays over levels
+    - `per_scene`: scalars
     """
 
     values: dict[str, np.ndarray]
-    of_levels: dict[str, np.ndarray]
-    of_scene: dict[str, Any]
+    per_level: dict[str, np.ndarray]
+    per_scene: dict[str, Any]
 
 
 def _axis(owner: str, name: str, values: Any) -> np.ndarray:
@@ -224,7 +225,11 @@ def _axis(owner: str, name: str, values: Any) -> np.ndarray:
 
 
 def _spectrum(response: Response, start: State, t_end: float, request: _Request) -> _Spectrum:
-    """Return the spectra of one scene."""
+    """Return the spectra of one scene.
+
+    - `response`: history of the scene; `start`, `t_end`: its initial state and its end [s]
+    - `request`: the requested spectra
+    """
     deck = response.floor()
     scene, is_vertical = deck.scene, request.direction == "vertical"
     solution = None
@@ -249,9 +254,9 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     ended = Ending(*(np.asarray(y) for y in ending(scene, as_float(end))))
     period, damping = (y.ravel() for y in np.meshgrid(request.periods, request.damping))
     omega, shape = 2 * np.pi / period, (request.damping.size, request.periods.size)
-    values: dict[str, list[np.ndarray]] = {name: [] for name in (*SPECTRA, *OTHERS)}
+    values: dict[str, list[np.ndarray]] = {name: [] for name in (*SPECTRA, *PER_OSCILLATOR)}
     sensitivities: dict[str, list[np.ndarray]] = {slope_name(name): [] for name in SPECTRA}
-    of_levels: dict[str, list[float]] = {name: [] for name in OF_LEVELS}
+    per_level: dict[str, list[float]] = {name: [] for name in PER_LEVEL}
     for level, weights in request.weights.items():
         load = load_of(pieces, motion, in_direction(with_beam(weights), request.direction))
         has_fallen = bool(response.overturned)
@@ -273,12 +278,12 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
             values[name].append(value.reshape(shape))
         for name, value in zip(sensitivities, slopes_of_load, strict=True):
             sensitivities[name].append(np.moveaxis(value, 0, -1).reshape(*shape, -1))
-        of_levels["peak_acceleration"].append(largest_acceleration(load))
-        of_levels["peak_velocity_jump"].append(float(np.abs(load.kick).max()))
+        per_level["peak_acceleration"].append(largest_acceleration(load))
+        per_level["peak_velocity_jump"].append(float(np.abs(load.kick).max()))
     return _Spectrum(
         {name: np.stack(y) for name, y in (values | (sensitivities if slopes else {})).items()},
-        {name: np.array(y) for name, y in of_levels.items()},
-        {name: np.asarray(getattr(response, name)) for name in OF_SCENES},
+        {name: np.array(y) for name, y in per_level.items()},
+        {name: np.asarray(getattr(response, name)) for name in PER_SCENE},
     )
 
 
@@ -293,14 +298,14 @@ def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -
     dims = (*motion_dims, "level", "damping", "period")
     slopes = {slope_name(name): (unit, f"y ∂/∂y of the {words}") for name, (unit, words) in SPECTRA.items()}
     data = {}
-    for name, (unit, words) in (SPECTRA | OTHERS | slopes).items():
+    for name, (unit, words) in (SPECTRA | PER_OSCILLATOR | slopes).items():
         if name in spectra[0].values:
             more = ("parameter",) if name in slopes else ()
             data[name] = (*dims, *more), joined([y.values[name] for y in spectra]), _attributes(unit, words)
-    for name, (unit, words) in OF_LEVELS.items():
-        data[name] = dims[:-2], joined([y.of_levels[name] for y in spectra]), _attributes(unit, words)
-    for name, (unit, words) in OF_SCENES.items():
-        data[name] = motion_dims, joined([y.of_scene[name] for y in spectra]), _attributes(unit, words)
+    for name, (unit, words) in PER_LEVEL.items():
+        data[name] = dims[:-2], joined([y.per_level[name] for y in spectra]), _attributes(unit, words)
+    for name, (unit, words) in PER_SCENE.items():
+        data[name] = motion_dims, joined([y.per_scene[name] for y in spectra]), _attributes(unit, words)
     coords: dict[str, Any] = {
         "level": list(request.weights),
         "damping": ("damping", request.damping, _attributes("1", "damping ratio of the oscillator ζ")),
@@ -359,8 +364,8 @@ def envelope(
     - `spectra`: result of [`rockjax.floor_spectrum`][]
     - `over`: dim that is reduced, `"motion"` or `"level"`
     - `quantile`: quantile in [0, 1], such as 0.84 [–]; None for the largest value
-    - `overturned`: `"raise"`, or `"drop"` to leave out scenes that overturned, whose spectra are lower
-      bounds; scenes can be dropped only over `"motion"`
+    - `overturned`: treatment of scenes that overturned, whose spectra are lower bounds: `"raise"` an error,
+      or `"drop"` the scenes (only over `"motion"`)
 
     The result has only the variables `pseudo_acceleration`, `absolute_acceleration` and
     `relative_displacement`. Raises `ValueError` if scenes overturned and are not dropped, if all scenes

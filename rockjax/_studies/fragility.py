@@ -37,7 +37,7 @@ from .spectra import boundary_axis
 if TYPE_CHECKING:
     import xarray
 
-ENSEMBLE = Options()  # equal to the defaults of single scenes, so that they share compiled programs
+DEFAULT_OPTIONS = Options()  # equal to the defaults of single scenes, so that they share compiled programs
 
 
 class Measure(NamedTuple):
@@ -78,8 +78,9 @@ def levels_of(
 ) -> np.ndarray:
     """Return equally spaced intensity levels.
 
-    - `ends`: lowest and highest level. By default the highest is 6 g tan α, converted from PGA to `measure`
-      by the median ratio of the suite
+    - `podium`, `suite`, `measure`: structure, ground motions and intensity measure
+    - `ends`: lowest and highest level. By default the highest is the value of `measure` for a PGA of
+      6 g tan α, by the median ratio of the suite, and the lowest is the highest divided by `count`
     - `count`: number of levels
     """
     if ends is None:
@@ -119,20 +120,24 @@ def checked_levels(owner: str, intensity) -> np.ndarray:
 
 
 def _record_variables(boundaries, impacts, certain_width, measure: Measure) -> dict[str, Any]:
-    """Return the variables of an incremental dynamic analysis that depend on the record alone."""
+    """Return the variables of an incremental dynamic analysis that depend on the record alone.
+
+    - `boundaries`, `impacts`: tables (records, boundaries); `certain_width`: shape (records,)
+    - `measure`: intensity measure
+    """
     name = measure.name
 
     def variable(dims, values, long_name: str, units: str = measure.units):
         return dims, values, {"units": units, "long_name": long_name}
 
-    lines = ("record", "boundary")
+    dims = ("record", "boundary")
     return {
         "capacity": variable("record", boundaries[:, 0], f"least overturning {name}"),
-        "boundaries": variable(lines, boundaries, f"{name} at changes of the outcome"),
+        "boundaries": variable(dims, boundaries, f"{name} at changes of the outcome"),
         "certain_width": variable(
             "record", certain_width, f"no wider interval of {name} below the capacity overturns"
         ),
-        "boundary_impacts": variable(lines, impacts, "impacts before overturning", "1"),
+        "boundary_impacts": variable(dims, impacts, "impacts before overturning", "1"),
         "measure": variable("record", np.asarray(measure.values, float), f"{name} of the unscaled record"),
     }
 
@@ -147,7 +152,7 @@ def incremental_dynamic_analysis(
     sensitivities: Sequence[str] = (),
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
-    options: Options = ENSEMBLE,
+    options: Options = DEFAULT_OPTIONS,
     progress: Any = False,
 ) -> xarray.Dataset:
     """Compute peak responses to scaled records, and the intensities at which the outcome changes (host).
@@ -159,13 +164,13 @@ def incremental_dynamic_analysis(
     - `intensity`: levels to which each record is scaled, shape (m,), > 0 and ascending, in the unit of
       `measure`
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
-    - `names`: names of the records; by default those of the motions, or integers from 1
+    - `names`: names of the records; by default the names of the motions, or integers from 1
     - `sensitivities`: parameters y of the podium for which d ln(capacity)/d ln y is computed
     - `width`: the search for the capacity misses no interval of overturning intensities that is wider than
       this share of the highest level, in (0, 0.1]
     - `resolution`: number of equal intervals up to the highest level whose ends are evaluated; it determines
       which boundaries above the capacity are found
-    - `options`: options of the scenes. With `overturn_ratio` < 1 the limit state is |θ|/α at that ratio
+    - `options`: options of the scenes. With `overturn_ratio` < 1 the limit state is |θ|/α = `overturn_ratio`
       instead of overturning
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
@@ -197,16 +202,19 @@ def incremental_dynamic_analysis(
     require_memory(owner, count * (levels.size + resolution + 1), advice=FEWER_LINES)
 
     def plane(x, y):
+        """Return the scenes of records with the indices x, scaled to intensities y."""
         record_index = np.asarray(x).astype(np.int32)
-        # This must be NumPy, because JAX would compile a program for every shape.
+        # NumPy, because JAX compiles a program for every shape.
         return podium, records.chosen(record_index, y / unscaled[record_index])
 
     import_in_background(*TABLES)
-    lines = np.arange(count), (0.0, float(levels[-1]))
-    precompile_scan(plane, *lines, options, width)
-    peaks = peak_responses(*plane(lines[0][:, None], levels), options=options, progress=progress)
-    # refine="everywhere" would only add ever narrower windows above the capacity.
-    search = scan(plane, *lines, resolution, options, progress, refine="below", width=width, dips=False)
+    indices, search_range = np.arange(count), (0.0, float(levels[-1]))
+    precompile_scan(plane, indices, search_range, options, width)
+    peaks = peak_responses(*plane(indices[:, None], levels), options=options, progress=progress)
+    # "below" omits a refinement that finds ever narrower windows above the capacity.
+    search = scan(
+        plane, indices, search_range, resolution, options, progress, refine="below", width=width, dips=False
+    )
     boundaries, impacts = search.crossings.table(count)
     import xarray
 
@@ -275,22 +283,22 @@ def overturning_distribution(
     *,
     max_scale: float = 10.0,
     measure: Float[ArrayLike, " k"] | None = None,
-    options: Options = ENSEMBLE,
+    options: Options = DEFAULT_OPTIONS,
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Lognormal:
     """Return the differentiable median and dispersion of the least overturning scales of records.
 
     The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A record
-    that no scale up to `max_scale` overturns is censored there; its derivative is zero. The result is NaN
-    unless at least two capacities differ. Outside jit, [`rockjax.incremental_dynamic_analysis`][] finds the
-    same capacities on all cores.
+    that no scale up to `max_scale` overturns counts as censored at `max_scale`, with a derivative of zero.
+    The result is NaN unless at least two capacities differ. Outside jit,
+    [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
 
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records
     - `max_scale`: end of the search for each record, > 0 [–]
-    - `measure`: intensities of the unscaled records, shape (k,); the median is in their unit. By default
-      the median is a scale factor [–]
+    - `measure`: intensities of the unscaled records, shape (k,), in the unit of the median. By default all
+      are 1, and the median is a scale factor [–]
     - `options`, `width`, `resolution`: as for [`rockjax.overturning_boundary`][]
 
     Raises `ValueError` for invalid inputs.

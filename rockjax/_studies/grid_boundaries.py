@@ -28,7 +28,7 @@ from .spectra import boundary_axis, group_by_structure, stack_podiums
 if TYPE_CHECKING:
     import xarray
 
-HALVINGS = 14  # of a grid interval, down to 6e-5 of its length
+HALVINGS = 14  # number of halvings of a grid interval, which end at 6e-5 of its length
 
 
 def with_boundaries(
@@ -42,10 +42,10 @@ def with_boundaries(
     """Add the variables `minimum` and `boundaries` of overturning spectra to rocking spectra (host).
 
     - `spectra`: result of [`rockjax.rocking_spectra`][]
-    - `podiums`, `pulse`, `options`: arguments of that call
+    - `podiums`, `pulse`, `options`: arguments with which `spectra` were computed
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    Where the lowest acceleration of the grid overturns, it is the first boundary of that frequency. Ctrl-C
+    Where the lowest acceleration of the grid overturns, this acceleration is the first boundary. Ctrl-C
     raises [`rockjax.Interrupted`][] with the unchanged spectra.
     """
     with_boundary: dict[int, xarray.Dataset] = {}
@@ -56,7 +56,7 @@ def with_boundaries(
         podium_index, column, row = np.nonzero(np.diff(overturned, axis=2))
         boundaries = np.zeros(0)
         if podium_index.size:
-            overturns = _overturns(
+            overturns = _outcome_function(
                 [podiums[k] for k in members], group, pulse, podium_index, column, options, progress
             )
             low_outcome = overturned[podium_index, column, row]
@@ -77,7 +77,7 @@ def with_boundaries(
     return [with_boundary[k] for k in range(len(podiums))]
 
 
-def _overturns(
+def _outcome_function(
     podiums: Sequence[Podium],
     spectra: Sequence[xarray.Dataset],
     pulse,
@@ -86,7 +86,7 @@ def _overturns(
     options: Options,
     progress: Any,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function that maps an acceleration ratio per interval to whether each scene overturns.
+    """Return a function of acceleration ratios, shape (n,), that tells which scenes overturn, shape (n,).
 
     - `podiums`, `spectra`: podiums of one structure and their spectra
     - `pulse`, `options`, `progress`: as for `with_boundaries`
@@ -107,6 +107,7 @@ def _overturns(
 
 
 def _add_boundaries(data: xarray.Dataset, column: np.ndarray, boundaries: np.ndarray) -> xarray.Dataset:
+    """Return a spectrum with its boundaries; `column` has the index of the frequency of each boundary."""
     zeros = np.zeros(column.size, int)
     table, _ = Crossings(column, boundaries, zeros > 0, zeros).table(data.sizes["frequency_ratio"])
     ratio = {

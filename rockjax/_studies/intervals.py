@@ -4,7 +4,7 @@ For capacities, the intervals follow from the profile likelihood. As a function 
 and σ the mean and standard deviation of ln(capacity), the log-likelihood is concave (Olsen 1978), so its
 profiles have one maximum. Without censored records, the profile of the median is a function of Student's t
 statistic, and the profile of the dispersion is a function of the χ² statistic. Bounds at the quantiles of
-these distributions are therefore exact. With censored records the same quantiles are used.
+t and χ² are therefore exact. With censored records the same quantiles are used.
 
 For counts, the jackknife over records is used, because counts at different levels come from the same records
 and are not independent.
@@ -61,9 +61,11 @@ class Capacities(NamedTuple):
 
     @property
     def total(self):
+        """Number of known and censored capacities."""
         return self.observed + self.censored
 
     def log_likelihood(self, theta, delta):
+        """Return the log-likelihood at θ = 1/σ and δ = μ/σ."""
         z2 = (theta * self.mean - delta) ** 2 + theta**2 * self.variance
         return self.observed * (np.log(theta) - 0.5 * z2) + self.censored * log_ndtr(
             delta - theta * self.log_limit
@@ -76,7 +78,7 @@ class Capacities(NamedTuple):
         def derivative(log_theta):
             theta = np.exp(log_theta)
             slope = self.observed * (1 / theta - (theta * offset + probit) * offset - theta * self.variance)
-            return slope + self.censored * _hazard(theta * limit - probit) * limit
+            return slope + self.censored * _inverse_mills_ratio(theta * limit - probit) * limit
 
         theta = np.exp(_find_decreasing_zero(derivative, -0.5 * np.log(self.variance) + 0 * (x + probit)))
         return self.log_likelihood(theta, theta * x - probit)
@@ -86,14 +88,14 @@ class Capacities(NamedTuple):
         theta = np.exp(-log_dispersion)
 
         def derivative(delta):
-            return self.observed * (theta * self.mean - delta) + self.censored * _hazard(
+            return self.observed * (theta * self.mean - delta) + self.censored * _inverse_mills_ratio(
                 delta - theta * self.log_limit
             )
 
         return self.log_likelihood(theta, _find_decreasing_zero(derivative, theta * self.mean))
 
 
-def _hazard(z):
+def _inverse_mills_ratio(z):
     """Return φ(z)/Φ(z), the standard normal density divided by the distribution function."""
     return np.exp(-0.5 * z * z - 0.5 * math.log(2 * math.pi) - log_ndtr(z))
 
@@ -161,9 +163,9 @@ def _dispersion_bound(capacities: Capacities, log_dispersion, maximum, ratio) ->
     - `capacities`: statistics of the capacities
     - `log_dispersion`: the fitted value
     - `maximum`: the largest log-likelihood
-    - `ratio`: (quantile of χ²)/n, which without censoring is variance/dispersion² at the bound
+    - `ratio`: (quantile of χ²)/n, which without censored records is variance/dispersion² at the bound
 
-    At the bound, the profile is as far below its maximum as it would be without censoring.
+    At the bound, the profile is as far below its maximum as it would be without censored records.
     """
     target = np.sign(ratio - 1) * np.sqrt(capacities.total * (ratio - 1 - np.log(ratio)))
 

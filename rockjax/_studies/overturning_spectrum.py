@@ -92,6 +92,7 @@ def overturning_spectrum(
     g_tan_alpha, p = derived["g_tan_alpha_m_s2"], derived["p_rad_s"]
 
     def plane(x, y):
+        """Return the scenes at frequency ratios x and acceleration ratios y."""
         return podium, pulse(y * g_tan_alpha, pulse_period(p, x))
 
     max_ratio = float(max_acceleration_ratio)
@@ -143,6 +144,7 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
 
 def _dataset(podium: Podium, pulse, x, search: Scan, derived, options: Options) -> xarray.Dataset:
+    """Return the spectrum at frequency ratios x; `derived`: the `derived_numbers` of the podium."""
     import xarray
 
     boundaries, impacts = search.crossings.table(x.size)

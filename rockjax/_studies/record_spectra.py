@@ -21,13 +21,13 @@ from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._structures import Podium
 
-from .fragility import ENSEMBLE, record_labels
+from .fragility import DEFAULT_OPTIONS, record_labels
 
 if TYPE_CHECKING:
     import xarray
 
 
-SIZE_ATTRIBUTES = ("R_m", "p_rad_s")  # attributes that depend on the size of the podium
+SIZE_ATTRIBUTES = ("R_m", "p_rad_s")  # attributes of a podium that depend on its size
 
 
 def record_spectrum(
@@ -39,7 +39,7 @@ def record_spectrum(
     names: Sequence[str] | None = None,
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
-    options: Options = ENSEMBLE,
+    options: Options = DEFAULT_OPTIONS,
     progress: Any = False,
 ) -> xarray.Dataset:
     """Compute the effect of records on structures that differ only in the size of their columns (host).
@@ -48,7 +48,7 @@ def record_spectrum(
     - `records`: `Motions`, `Records`, or a list of motions or records
     - `p`: frequency parameters √(3g/4R), shape (n,), > 0, ascending [rad/s]
     - `max_scale`: largest factor on the records in the search for overturning, > 0 [–]
-    - `names`: names of the records; by default those of the motions, or integers from 1
+    - `names`: names of the records; by default the names of the motions, or integers from 1
     - `width`: the search for the least overturning factor misses no interval of overturning factors that is
       wider than this share of `max_scale`, in (0, 0.1]
     - `resolution`: number of equal intervals up to `max_scale` whose ends are evaluated first
@@ -59,7 +59,7 @@ def record_spectrum(
 
     - `demand`: PGA of the record divided by the least PGA that overturns the structure, i.e. 1 divided by the
       least overturning factor [–]; NaN if no factor up to `max_scale` overturns
-    - `peak_rotation`, `overturned`: max|θ|/α and outcome under the unscaled records
+    - `peak_rotation`, `overturned`: max|θ|/α, and whether the structure overturns, under the unscaled records
     - `top_displacement`: max|u_b| = 2R [sin α − sin(α − max|θ|)], Eq. (13), the displacement of the column
       tops relative to the ground under the unscaled records [m]; NaN where the structure overturns. Far from
       overturning it is almost independent of the size
@@ -81,11 +81,12 @@ def record_spectrum(
     R = 0.75 * float(podium.g) / sizes**2  # Eq. (25)
 
     def plane(x, y):
+        """Return the scenes of cells x under records scaled by y."""
         record, size = np.divmod(np.asarray(x).astype(np.int32), sizes.size)
         return podium.replace(R=R[size]), records.chosen(record, y)
 
     import_in_background(*TABLES)
-    cells = np.arange(count * sizes.size)
+    cells = np.arange(count * sizes.size)  # one for each record and size
     scale_range = (0.0, float(max_scale))
     precompile_scan(plane, cells, scale_range, options, width)
     peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)

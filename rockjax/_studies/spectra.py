@@ -52,8 +52,8 @@ def rocking_spectrum(
     - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
     - `options`: options of the scenes; `options.outputs` selects the variables
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
-    - `resume`: an incomplete spectrum to complete, the `partial` of the [`rockjax.Interrupted`][] that Ctrl-C
-      raised; only missing scenes are solved
+    - `resume`: the incomplete spectrum of an interrupted call, whose missing scenes are solved: the `partial`
+      of the [`rockjax.Interrupted`][] that Ctrl-C raised
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is computed, as in
       [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The other parameters are held
       constant, so a_p and T_p do not change with the parameters of the podium
@@ -104,7 +104,7 @@ def rocking_spectra(
     - `podiums`: podiums with scalar parameters
     - `pulse`, `frequency_ratio`, `acceleration_ratio`, `options`, `progress`, `sensitivities`: as for
       [`rockjax.rocking_spectrum`][]
-    - `resume`: an incomplete spectrum or None for each podium; only missing scenes are solved
+    - `resume`: an incomplete spectrum, whose missing scenes are solved, or None for each podium
 
     Returns a spectrum for each podium, as from [`rockjax.rocking_spectrum`][]. Raises `ValueError` as that
     function does.
@@ -141,7 +141,7 @@ def rocking_spectra(
         unsolved = np.stack([_find_unsolved(resumed[k], shape[1:]) for k in members])
         if not unsolved.any():
             return [resumed[k] for k in members]
-        if not unsolved.all():  # only the unsolved scenes, as a flat batch
+        if not unsolved.all():  # solve only the unsolved scenes, as a flat batch
             select = lambda y: np.broadcast_to(y, shape)[unsolved] if np.ndim(y) else y
             combined, pulse_parameters = jax.tree.map(select, (combined, pulse_parameters))
         try:
@@ -163,7 +163,7 @@ def rocking_spectra(
         ]
 
     solved = _solve_groups(solve, groups, stop)
-    # Ctrl-C may come before the last groups have been submitted.
+    # After Ctrl-C, groups that were not submitted keep their resumed spectra.
     solved += [[resumed[k] for k in members] for members in groups[len(solved) :]]
     spectra = {k: data for pair in zip(groups, solved, strict=True) for k, data in zip(*pair, strict=True)}
     ordered = [spectra[k] for k in sorted(spectra)]
@@ -176,7 +176,7 @@ def rocking_spectra(
 
 
 def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], stop: threading.Event) -> list:
-    """Return the results of all submitted groups of podiums; Ctrl-C sets `stop` and submits no more.
+    """Return the results of `solve` for groups of podiums, up to Ctrl-C, which also sets `stop`.
 
     Each group has its own thread, so one group is compiled while another runs.
     """
@@ -261,6 +261,7 @@ def _find_unsolved(resumed: xarray.Dataset | None, shape: tuple[int, ...]) -> np
 
 
 def _place_values(values: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Return an array with the values at the True entries of a mask, and zeros elsewhere."""
     full = np.zeros((*where.shape, *values.shape[1:]), values.dtype)
     full[where] = values
     return full
@@ -315,6 +316,7 @@ def check_resumed_parameters(owner: str, spectrum: xarray.Dataset, sensitivities
 
 
 def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Options) -> xarray.Dataset:
+    """Return the spectrum of one podium; a_p and T_p are the axes in m/s² and s."""
     import xarray
 
     dims = ("acceleration_ratio", "frequency_ratio")

@@ -44,11 +44,12 @@ class Variants(NamedTuple):
             motion = pick_motions(motion, np.asarray(self.motion_index[scene]))
         others = {name: values for name, values in draws.items() if name not in INITIAL}
         podium, motion = with_parameters("ensemble", self.podium, motion, others)
-        top, changes = podium.superstructure, {}
+        superstructure, changes = podium.superstructure, {}
         for name in draws.keys() & INITIAL.keys():
             field, values = INITIAL[name].place, draws[name]
-            has_modes = field.startswith("u_t") and top is not None and top.has_mode_axis
-            changes[field] = values[..., None].repeat(top.count, -1) if has_modes and top else values
+            if field.startswith("u_t") and superstructure is not None and superstructure.has_mode_axis:
+                values = values[..., None].repeat(superstructure.count, -1)
+            changes[field] = values
         if "theta" in changes:
             ratio = np.abs(changes["theta"]) / np.asarray(podium.alpha)
             require("ensemble", "|initial.theta|/α", ratio, lambda y: y < 1, "< 1 in every scene")

@@ -11,7 +11,7 @@ import xarray
 import rockjax as rj
 from rockjax import _lognormal
 from rockjax._studies.curve import MIN_RECORDS
-from rockjax._studies.fragility import ENSEMBLE
+from rockjax._studies.fragility import DEFAULT_OPTIONS
 from rockjax._studies.intervals import Capacities, profile_intervals
 from tests.scenes import PODIUMS, shaking
 
@@ -271,7 +271,7 @@ def test_boundaries_are_where_the_verdict_changes(analysis):
     scale = places[line, number] / data["measure"].values[line]
     below, above = (
         rj.peak_responses(
-            BLOCK, table.pick(line.astype(np.int32)).scaled(scale * side), options=ENSEMBLE
+            BLOCK, table.pick(line.astype(np.int32)).scaled(scale * side), options=DEFAULT_OPTIONS
         ).overturned
         for side in (1 - 1e-9, 1 + 1e-9)  # the capacity of record 4 is the end of a window 3e-6 wide
     )
@@ -287,7 +287,7 @@ def test_the_responses_are_those_of_the_scaled_records(analysis):
     motion = table.pick(2)
     unit = float(jnp.max(jnp.abs(motion.table[2])))
     assert float(data["measure"][2]) == pytest.approx(unit)
-    peak = rj.peak_response(BLOCK, motion.scaled(level / unit), options=ENSEMBLE)
+    peak = rj.peak_response(BLOCK, motion.scaled(level / unit), options=DEFAULT_OPTIONS)
     assert float(data["peak_rotation"][2, 3]) == pytest.approx(float(peak.peak_rotation), rel=1e-9)
     assert data.attrs["measure"] == "PGA"
     assert data["capacity"].attrs["units"] == "m s-2"
@@ -308,7 +308,9 @@ def test_sensitivities_of_capacities_against_bisection(analysis):
                 while hi - lo > 1e-12 * hi:
                     places = np.linspace(lo, hi, 66)
                     motion = table.pick(np.full(66, j, np.int32)).scaled(places / float(data["measure"][j]))
-                    first = int(np.argmax(rj.peak_responses(podium, motion, options=ENSEMBLE).overturned))
+                    first = int(
+                        np.argmax(rj.peak_responses(podium, motion, options=DEFAULT_OPTIONS).overturned)
+                    )
                     assert first > 0
                     lo, hi = places[first - 1], places[first]
                 ends.append(np.log(0.5 * (lo + hi)))

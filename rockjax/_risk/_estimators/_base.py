@@ -1,4 +1,4 @@
-"""Base classes of the estimators, which add rounds of samples until a probability has converged."""
+"""Base classes of the estimators, which add rounds (batches of samples) until a probability has converged."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ProbabilityEstimate(NamedTuple):
 
     probability: float
     standard_error: float
-    interval: tuple[float, float]
+    interval: tuple[float, float]  # confidence interval at `LEVEL`
     effective: float  # effective number of failures in the sample
 
     @property
@@ -66,10 +66,10 @@ class AbstractEstimator(abc.ABC):
         """Return the estimate from all rounds so far."""
 
     def slopes(self) -> ProbabilitySlopes | None:
-        """Return dP/dy from the same samples; None if the limit state or the method does not provide it."""
+        """Return dP/dy from the samples so far; None if the limit state or the method has none."""
         return None
 
-    def converged(self, estimate: ProbabilityEstimate, cov: float) -> bool:
+    def has_converged(self, estimate: ProbabilityEstimate, cov: float) -> bool:
         """Return True if an estimate has the coefficient of variation `cov` or a smaller one.
 
         At least `MIN_ROUNDS` rounds and `MIN_EFFECTIVE` effective failures are also required.
@@ -77,11 +77,11 @@ class AbstractEstimator(abc.ABC):
         return self.rounds >= MIN_ROUNDS and estimate.effective >= MIN_EFFECTIVE and estimate.cov <= cov
 
     def has_light_tail(self) -> bool:
-        """Return True if no small number of contributions dominates the sum. Only then does their spread
-        measure the error."""
+        """Return False if a few contributions dominate the sum, so that their spread does not measure the
+        error."""
         return True
 
-    def exhausted(self) -> bool:
+    def is_exhausted(self) -> bool:
         """Return True if further rounds would add no information."""
         return False
 
@@ -104,7 +104,7 @@ class AbstractEstimator(abc.ABC):
             self.rounds += 1
             latest, spent = self.estimate(), self.limit.scenes - start
             report(latest)
-            if spent >= max_scenes or self.converged(latest, cov) or self.exhausted():
+            if spent >= max_scenes or self.has_converged(latest, cov) or self.is_exhausted():
                 return latest
             needed = spent * ((latest.cov / cov) ** 2 - 1) if math.isfinite(latest.cov) else 3 * spent
             size = int(min(max(1.1 * needed, first / 2), 3 * spent, max_scenes - spent + 1))
@@ -118,6 +118,7 @@ class AbstractMean(AbstractEstimator):
         self.count, self.total, self.squares = 0, 0.0, 0.0
 
     def add(self, y: np.ndarray) -> None:
+        """Add contributions, shape (k,)."""
         self.count += y.size
         self.total += float(y.sum())
         self.squares += float((y**2).sum())

@@ -10,8 +10,8 @@ tail: a few samples dominate the sum. The shape k of a generalised Pareto distri
 weights detects this (Vehtari et al. 2024): above 0.7, neither the estimate nor its spread is reliable.
 
 A failing sample with a large weight lies far from every design point of the mixture. A search for design
-points starts there. If it finds a new design point, the mixture is extended, and the samples of the old
-mixture are discarded.
+points starts from this sample. A new design point extends the mixture, and the samples of the old mixture are
+discarded.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from ._base import AbstractMean
 
 ORIGIN = 0.1  # weight w_0 of the density around the origin
 BATCH = 4096  # number of samples in memory at once
-FAR_WEIGHT = 1.0  # failures with larger weights are far from all design points; near one, weights are ≈ Φ(−β)
+# Failures with larger weights are far from all design points; near a point, weights are about Φ(−β).
+FAR_WEIGHT = 1.0
 SEARCHES = 4  # largest number of starts of the search in a round
 TAIL_FACTOR = 3.0  # number of weights in the fit divided by √n; at most a fifth of all n weights
 MIN_TAIL = 10  # smallest number of weights in the fit; with fewer, the tail is taken to be light
@@ -37,12 +38,15 @@ MAX_EXTENSIONS = 3  # largest number of extensions of the mixture
 
 
 class Importance(AbstractMean):
+    """Importance sampling; `extensions` counts the extensions of the mixture."""
+
     def __init__(self, limit, points, rng):
         super().__init__(limit, points, rng)
         self.extensions = 0
         self._set_mixture(points)
 
     def _set_mixture(self, points: DesignPoints) -> None:
+        """Set the mixture of these design points and discard all samples."""
         self.points = points
         share = scipy.stats.norm.cdf(-points.beta)
         weights = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
@@ -51,10 +55,10 @@ class Importance(AbstractMean):
         self.weights = np.concatenate([[ORIGIN], (1 - ORIGIN) * weights])
         self.centres = np.concatenate([np.zeros((1, self.limit.dimension)), points.u])
         self.count, self.total, self.squares = 0, 0.0, 0.0
-        self.failing: list[np.ndarray] = []
+        self.failing_weights: list[np.ndarray] = []
 
     def has_light_tail(self) -> bool:
-        weights = np.sort(np.concatenate([np.zeros(0), *self.failing]))
+        weights = np.sort(np.concatenate([np.zeros(0), *self.failing_weights]))
         count = int(min(0.2 * weights.size, TAIL_FACTOR * math.sqrt(weights.size)))
         if count < MIN_TAIL:
             return True
@@ -82,5 +86,5 @@ class Importance(AbstractMean):
         weight = np.exp(-log_ratio)
         failed = self.limit.values(u) <= 0
         self.add(np.where(failed, weight, 0.0))
-        self.failing.append(weight[failed])
+        self.failing_weights.append(weight[failed])
         return u[failed & (weight > FAR_WEIGHT)]

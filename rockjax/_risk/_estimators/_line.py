@@ -22,7 +22,7 @@ from rockjax._risk.lines import crossings
 
 from ._base import AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes, lognormal_interval
 
-FINE_RANGE = 2.5  # positions on a line are dense within this distance of β
+FINE_RANGE = 2.5  # positions on a line are closer together within this distance of β
 FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance between positions within this range and elsewhere
 HALF_LENGTH = 7.5  # half of the length of a line; Φ(−7.5) is 3e-14
 LINE_SCENES = 40  # approximate number of scenes for a line
@@ -50,10 +50,17 @@ class _Lines(NamedTuple):
 
 
 class Line(AbstractEstimator):
+    """Line sampling.
+
+    - `directions`: unit vectors of the design points, shape (points, d)
+    - `contributions`: probabilities of the lines of each design point
+    - `surface_points`: crossings of all lines, in batches
+    """
+
     def __init__(self, limit, points, rng):
         super().__init__(limit, points, rng)
         self.directions = points.u / points.beta[:, None]
-        self.lines: list[np.ndarray] = [np.zeros(0) for _ in points.beta]
+        self.contributions: list[np.ndarray] = [np.zeros(0) for _ in points.beta]
         self.surface_points: list[_SurfacePoints] = []
 
     def round(self, size: int) -> None:
@@ -72,7 +79,7 @@ class Line(AbstractEstimator):
             self._scan_positions(low, max(HALF_LENGTH, b + FINE_RANGE), float(b)) for low, b in pairs
         ]
         crossed = crossings(self.limit, lines.u, direction, positions)
-        # A failing segment ends at a crossing. Beyond the ends of a full line, G is taken to keep its sign.
+        # A failing segment ends at a crossing; beyond the ends of a full line, G is assumed to keep its sign.
         below = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(crossed.fails_first, below, 0.0)
         np.add.at(
@@ -80,9 +87,9 @@ class Line(AbstractEstimator):
             crossed.line,
             np.where(crossed.enters, 1.0, -1.0) * scipy.stats.norm.sf(crossed.position),
         )
-        for i, values in enumerate(self.lines):
+        for i, contributions in enumerate(self.contributions):
             is_inside = lines.region == i
-            values[lines.line[is_inside]] = probability[is_inside]
+            contributions[lines.line[is_inside]] = probability[is_inside]
         u = lines.u[crossed.line] + crossed.position[:, None] * direction[crossed.line]
         density = scipy.stats.norm.pdf(crossed.position)
         self.surface_points.append(
@@ -92,12 +99,12 @@ class Line(AbstractEstimator):
     def _draw(self, counts: np.ndarray) -> _Lines:
         """Draw `counts` new lines for each design point, and return those that meet its region.
 
-        The other lines count with a contribution of zero.
+        The contributions of the other lines are zero.
         """
         region = np.repeat(np.arange(counts.size), counts)
-        line = np.concatenate([np.arange(n) + self.lines[i].size for i, n in enumerate(counts)])
+        line = np.concatenate([np.arange(n) + self.contributions[i].size for i, n in enumerate(counts)])
         for i, n in enumerate(counts):
-            self.lines[i] = np.concatenate([self.lines[i], np.zeros(n)])
+            self.contributions[i] = np.concatenate([self.contributions[i], np.zeros(n)])
         alpha, beta = self.directions[region], self.points.beta
         u = self.rng.standard_normal((region.size, self.limit.dimension))
         u -= np.sum(u * alpha, axis=1, keepdims=True) * alpha
@@ -120,9 +127,9 @@ class Line(AbstractEstimator):
         return np.unique(np.concatenate(positions))
 
     def estimate(self) -> ProbabilityEstimate:
-        p = float(sum(y.mean() for y in self.lines))
-        variance = float(sum(y.var(ddof=1) / y.size for y in self.lines))
-        error, count = math.sqrt(variance), sum(y.size for y in self.lines)
+        p = float(sum(y.mean() for y in self.contributions))
+        variance = float(sum(y.var(ddof=1) / y.size for y in self.contributions))
+        error, count = math.sqrt(variance), sum(y.size for y in self.contributions)
         effective = count / (1 + count * (error / p) ** 2) if p > 0 else 0.0
         return ProbabilityEstimate(p, error, lognormal_interval(p, error, count), effective)
 
@@ -140,9 +147,11 @@ class Line(AbstractEstimator):
         result = {}
         for name, y in by_name.items():
             mean, variance = 0.0, 0.0
-            for i, lines in enumerate(self.lines):
+            for i, contributions in enumerate(self.contributions):
                 is_inside = surface.region == i
-                changes = np.bincount(surface.line[is_inside], -(weight * y)[is_inside], minlength=len(lines))
+                changes = np.bincount(
+                    surface.line[is_inside], -(weight * y)[is_inside], minlength=contributions.size
+                )
                 mean += float(changes.mean())
                 variance += float(changes.var(ddof=1) / changes.size)
             result[name] = (mean, math.sqrt(variance))

@@ -12,6 +12,8 @@ BATCH = 4096  # number of samples in memory at once
 
 
 class MonteCarlo(AbstractMean):
+    """Monte Carlo: each contribution is 1 for a failure and 0 otherwise."""
+
     needs_design_points = False
     always_covers = True  # the binomial interval is exact
 

@@ -2,10 +2,10 @@
 
 The method needs neither derivatives nor design points. A run descends through levels of G. At each level, the
 samples with the lowest G (one twentieth by default) start chains of moves, and a move is accepted if G does
-not exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ,
-applied to each component with probability 1/4 (more in low dimensions, so that about ten components move): a
-long move of few components decorrelates sooner than a short move of all. A run ends at the level 0, or
-without failure after `LEVELS` levels.
+not exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ with
+standard normal ξ, for each component with probability 1/4 (more in low dimensions, so that about ten
+components move): a long move of few components decorrelates sooner than a short move of all components. A run
+ends at the level 0, or without failure after `LEVELS` levels.
 
 The samples of a run are correlated within their chains and across levels, so a run cannot measure its error.
 Therefore several independent runs share one batch, and their spread gives the error. The estimate has a bias
@@ -34,7 +34,7 @@ LEVELS = 40  # largest number of levels of a run
 MOVE_SHARE = 0.25  # mean share of the components that a move changes
 MIN_MOVED = 10  # smallest mean number of changed components; all are changed if u has fewer
 ACCEPTED = 0.35  # target of the share of accepted moves
-TAIL = 0.5 + LEVEL / 2  # quantile at the upper end of the interval
+TAIL = 0.5 + LEVEL / 2  # probability below the upper end of the interval
 
 
 class _Run(NamedTuple):
@@ -47,12 +47,18 @@ class _Run(NamedTuple):
 
 
 class Subset(AbstractEstimator):
+    """Subset simulation.
+
+    - `samples`: number of samples of a level in the first round
+    - `share`: share of the samples that pass to the next level
+    """
+
     needs_design_points = False
 
     def __init__(self, limit, points, rng, samples: int = SAMPLES, share: float = SHARE):
         super().__init__(limit, points, rng)
         self.share = share
-        self.first_samples = samples  # number of samples of a level in the first round
+        self.first_samples = samples
         self.runs: list[_Run] = []
         self.spent = 0  # number of scenes of all runs
 
@@ -85,7 +91,7 @@ class Subset(AbstractEstimator):
         return ended
 
     def _run(self, samples: int) -> Generator[np.ndarray, np.ndarray, _Run]:
-        """Perform a run as a generator that yields samples, receives their G, and returns the run."""
+        """Yield samples, receive G of these samples, and return the completed run."""
         u = self.rng.standard_normal((samples, self.limit.dimension))
         g = yield u
         probability, variance, move_size, chains = 1.0, 0.0, 0.6, samples
@@ -96,7 +102,7 @@ class Subset(AbstractEstimator):
             probability *= float(is_below.mean())
             if level == 0.0:
                 return _Run(probability, variance, samples, u[is_below])
-            # The choice is random, because the first samples have moved the least.
+            # Choose at random, because the first samples of a chain have moved the least.
             chosen = self.rng.permutation(np.flatnonzero(is_below))[: round(self.share * samples)]
             chains = chosen.size
             u, g, move_size = yield from self._chains(u[chosen], g[chosen], level, move_size)
@@ -118,12 +124,12 @@ class Subset(AbstractEstimator):
             move_size = min(move_size * math.exp(float(accepted.mean()) - ACCEPTED), 1.0)
         return np.concatenate(us), np.concatenate(gs), move_size
 
-    def exhausted(self) -> bool:
+    def is_exhausted(self) -> bool:
         """Return True if no run has reached failure after at least `MIN_ROUNDS` rounds."""
         return len(self.runs) >= MIN_ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> ProbabilityEstimate:
-        # Runs that are much smaller vary too much; they only served to choose the size of later runs.
+        # Much smaller runs vary too much; they served to choose the size of later runs.
         largest = max(run.samples for run in self.runs)
         runs = [run for run in self.runs if run.samples >= largest / 4]
         p = np.array([run.probability for run in runs])
