@@ -65,7 +65,7 @@ class Reader:
         self.set_by_options = options or {}
 
     def chosen(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return the values of those keys among `names` that the command line has set."""
+        """Return key → value for the keys in `names` that the command line has set."""
         return {name: self.set_by_options[name][1] for name in names if name in self.set_by_options}
 
     @contextlib.contextmanager

@@ -49,6 +49,7 @@ def opens_joint(data: xarray.Dataset) -> np.ndarray:
     )
 
 
+# Tests of assumptions, in `ASSUMPTIONS` below.
 def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     mu = problem.joints.friction
     if mu is None:
@@ -80,7 +81,7 @@ def _rests_on_all(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     return Outcome(opens_joint(data), float(least.min()), "least axial force {} m_c g of a column")
 
 
-def _never(reason: str) -> Callable[[Any, Any], str]:
+def _never_tested(reason: str) -> Callable[[Any, Any], str]:
     return lambda problem, data: f"Never tested: {reason}"
 
 
@@ -116,9 +117,9 @@ def _p_delta(problem: Problem, data: xarray.Dataset) -> Outcome | str:
 ASSUMPTIONS = (
     Assumption("A1", "No column slides.", "depends", _no_sliding, True),
     Assumption("A2", "Joints stay closed under vertical motion.", "no", _closed_vertically, True),
-    Assumption("A3", "Motion is in one plane.", "no", _never("the model has one plane.")),
+    Assumption("A3", "Motion is in one plane.", "no", _never_tested("the model has one plane.")),
     Assumption("A4", "Columns turn about sharp edges of full strength.", "no", _edges),
-    Assumption("A5", "The ground is rigid.", "depends", _never("the model has no soil.")),
+    Assumption("A5", "The ground is rigid.", "depends", _never_tested("the model has no soil.")),
     Assumption("A6", "Impacts follow the law of restitution.", "depends", _laws),
     Assumption("A7", "The beam rests on all columns.", "no", _rests_on_all, True),
     Assumption("A8", "The building stays linear.", "depends", _linear),

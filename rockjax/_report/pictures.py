@@ -36,6 +36,7 @@ VARIABLES = {
     COLUMN: "--col",
     BEAM: "--beam",
 }
+# Parts of matplotlib's SVG that `to_svg` removes or replaces.
 _PREAMBLE = re.compile(r"^.*?<svg\b[^>]*viewBox=\"([^\"]*)\"[^>]*>", re.DOTALL)
 _METADATA = re.compile(r"\s*<metadata>.*?</metadata>|\s*<style\b.*?</style>|\s*<defs>\s*</defs>", re.DOTALL)
 _FAMILY = re.compile(r"font-family: [^;\"]*")
@@ -124,7 +125,7 @@ def elevation_drawing(
     - `units`: units of the numbers
     - `column_mass`: mass of one column [kg]; None omits all masses
     - `columns`: number of columns N of a podium without an elevation
-    - `rotation`: rotation of the single column [rad], drawn to scale, at most α; None for upright
+    - `rotation`: rotation of the single column [rad], drawn at most as α; None for an upright column
     - `label`: source of the rotation, such as "motion 9"
     """
     import matplotlib.pyplot as plt

@@ -38,7 +38,7 @@ class Scenes:
     """The scenes of a problem.
 
     - `problem`: the problem; `store`: stores the solved scenes
-    - `needed`: set of motions → what its checks need
+    - `needed`: set of motions → outputs and objects on floors that the checks need
     - `progress`: object with `update(number)` and `describe(text)`, or None
     - `with_spread`: whether the scenes of `variations` are solved too
     """
@@ -97,7 +97,7 @@ class Scenes:
         return tuple(name for name in self.problem.motions if name in used)
 
     def outputs(self, name: str) -> tuple[str, ...]:
-        """Return the outputs of the scenes of a set: those of the tables of the page, and of its checks."""
+        """Return the outputs of the scenes of a set, for the tables of the page and for the checks."""
         needed = self.needed.get(name, Needs()).outputs
         return tuple(dict.fromkeys((*suitable_outputs(self.problem.podium), *needed)))
 
@@ -133,8 +133,7 @@ class Scenes:
         return self.store.get(f"peaks.{name}{_suffix(factor)}", inputs_hash, solve)
 
     def _solve_variants(self, name: str, factor: float = 1.0) -> xarray.Dataset:
-        """Return the peaks of a set with every other law of impact and every variation, along `variant` and
-        `motion`."""
+        """Return the peaks of a set along `variant` (every other law of impact, every variation) and `motion`."""
         motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
         podiums = [self.podium(law) for law in self.laws] + [self.podium(None, y) for y in self.variations]
         # Laws become numbers, because the podiums of a batch must have equal laws.

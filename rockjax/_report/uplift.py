@@ -42,6 +42,7 @@ class UpliftRatio(AbstractOutput):
         return jnp.zeros(2, start.t.dtype), None
 
     def over_step(self, step: Step, record: Values) -> Maximum:
+        # `course`: the quantity over the step as a cubic.
         return step.largest(step.course(self.quantity), record, END_ZONE_CUBIC, sizes="signed")
 
     def answer(self, ended: Ended, record: Any, note: Any) -> dict[str, Any]:

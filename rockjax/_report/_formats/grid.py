@@ -36,7 +36,7 @@ class Grid(NamedTuple):
 
 
 def grid(table: Table, units: Units) -> Grid:
-    """Return a table as rows of numbers, in the chosen units and not rounded, and texts."""
+    """Return a table as rows of texts and numbers; numbers are not rounded, and in the chosen units."""
     heads: list[str] = []
     rows: list[list[Number | str]] = [[] for _ in table.rows]
     for k, column in enumerate(table.columns):

@@ -34,7 +34,7 @@ class Values(NamedTuple):
     - `values`: (n,) [SI]; ±inf where a word replaces the number
     - `errors`: (n,) estimated errors, NaN where unknown
     - `words`: (n,) words that replace numbers, such as "overturned at 5.85 s"; "" for numbers
-    - `places`: (n,) storey, joint or time of the value; "" if it has none
+    - `places`: (n,) storey, joint or time of each value; "" for none
     - `unanswered`: why each scene or the estimate has no result, such as "undecided"; "" for results
     - `names`: (n,) names of the cases: motions or pulses
     - `remark`: text that the summary adds to the value, or ""
@@ -170,7 +170,7 @@ class Kind(abc.ABC):
         """
 
     def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
-        """Return the value of a case as a differentiable function; None if the kind has no such function."""
+        """Return the value of a case as a differentiable function; None if the value has no derivative."""
         del entry, scenes, case
         return None
 

@@ -114,7 +114,7 @@ class PulseKind(Kind):
         return of_logs(scenes.problem, lambda podium, factor: self._amplitude(entry, scenes, case, podium))
 
     def _amplitude(self, entry: Entry, scenes: Scenes, case: int, podium: Podium) -> Value:
-        """Return the least amplitude that overturns, in the unit of the limit."""
+        """Return the least overturning amplitude of pulse number `case`, in the unit of the limit."""
         period = float(np.atleast_1d(entry.arguments["T_p"])[case])
         settings, pulse = self._settings(entry, scenes), entry.arguments["pulse"]
         return overturning_acceleration(podium, pulse, period, **settings) / self._unit(entry, podium)

@@ -35,7 +35,7 @@ def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
 
 
 def drawn(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]) -> Figure:
-    """Return a picture; draw it if it is not stored with the same inputs.
+    """Return a picture from the store; if it is missing or has other inputs, draw and store it.
 
     - `name`: name in the store; `inputs`: everything that the picture shows
     - `draw`: function that returns the picture; the caption must be a string
