@@ -17,7 +17,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._engine.coefficients import present
-from rockjax._engine.fast_forward.samples import past_sample
+from rockjax._engine.fast_forward.samples import skip_sample
 from rockjax._engine.flat import is_running, with_end_code
 from rockjax._engine.solve import answers
 from rockjax._engine.state import LoopState, Plan, Scene, differentiated_fields
@@ -105,7 +105,7 @@ def advance(
     def make_trial(loop: Loop) -> Loop:
         done = loop.done
         useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.lane))
-        pass_sample = functools.partial(apply, lambda scene, lane: past_sample(scene, plan, lane))
+        pass_sample = functools.partial(apply, lambda scene, lane: skip_sample(scene, plan, lane))
         state = apply(try_step, _pass_samples(plan, options, pass_sample, loop.lanes))
         return loop._replace(lanes=state, done=done._replace(trials=done.trials + 1, useful=useful))
 

@@ -36,7 +36,7 @@ class Attempt(NamedTuple):
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at `stop`
     stop: Value  # time of the next breakpoint or of the end of the scene [s]; varies with the parameters
-    ends: Flag  # the step ends at the end of the scene
+    ends_scene: Flag  # the step ends at the end of the scene
     starts_at_zero: Flag  # the step starts on θ = 0, after an impact or an uplift
     a0: Vector  # accelerations at the start
     end: Step  # state, accelerations and error estimates at the end
@@ -44,7 +44,7 @@ class Attempt(NamedTuple):
     growth: Value  # factor on the step length that this error allows for the next step
     finite: Flag  # the error is neither inf nor NaN
     accurate: Flag  # the error is within the tolerance, or the step cannot be shortened any further
-    time_resolution: Value  # a shorter time is rounding [s]
+    time_resolution: Value  # shorter times are rounding errors [s]
 
 
 class StepOutcome(NamedTuple):
@@ -53,8 +53,8 @@ class StepOutcome(NamedTuple):
     accepted: Flag
     retry_fraction: Value  # fraction of this step that is tried next; inf if no shorter step is needed
     lands: Flag  # the step ends on an event, apart from the short time `after`
-    after: Value  # time from the end of the step to the event or breakpoint there [s], with its derivative
-    false_uplift: Flag  # the columns return to full contact, as this step does not confirm their uplift
+    after: Value  # time from the end of the step to its event or breakpoint [s]; it has the derivative
+    false_uplift: Flag  # the step does not confirm the uplift, so the columns return to full contact
     largest: tuple[Any, ...]  # largest value of each output in the step; None if the output has no maximum
 
 
@@ -149,15 +149,15 @@ def _length(
 def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Value:
     """Return the step length, shortened to the next impact if a cubic of θ predicts one.
 
-    Between samples of a record the prediction is so close that most first trials end on their impact.
+    Under a record the prediction is so close that most trials end on the impact at the first try.
     """
     one, zero = jnp.ones_like(h), jnp.zeros_like(h)
     theta, theta_dot = jax.lax.stop_gradient((state.x[0], state.v[0]))
     angle, rate, curvature, jerk = (state.sigma * y for y in (theta, theta_dot, theta_ddot, jerk))
     path = barrier(Quintic(angle, h * rate, h**2 * curvature / 2, h**3 * jerk / 6, zero, zero))
     hits = (angle > 0) & (path.value(one) < 0)
-    # `earliest` is a lower bound on the time of the impact. Without it an unconverged search could choose a
-    # step of almost no length again and again.
+    # `earliest` is a lower bound on the time of the impact divided by h. It keeps an unconverged search from
+    # choosing a step of almost no length again and again.
     earliest = safe_ratio(angle, sum((jnp.abs(c) for c in path[1:]), zero), hits)
     return jnp.where(hits, h * crossing(path, earliest, one), h)
 
@@ -165,7 +165,7 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
     """Return d³θ/dt³ at the start of the step [rad/s³].
 
-    It predicts the next impact: always under records, under pulses only if an output needs every impact.
+    The jerk predicts the next impact, under records and wherever an output needs every impact.
     """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)
@@ -191,8 +191,8 @@ def scaled_error(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
         for y0, y1, error, unit in zip(old, new, errors, units, strict=True):
             tolerance = scene.atol * unit + scene.rtol * jnp.maximum(jnp.abs(y0), jnp.abs(y1))
             total = total + summed((error / tolerance) ** 2)
-    # All vibration modes together count as one position and one velocity. In a mean over the modes, many
-    # modes at rest would hide the error of a moving one.
+    # All vibration modes together count as one position and one velocity, so that modes at rest do not hide
+    # the error of a moving one.
     return jnp.sqrt(total / (2 * len(x)))
 
 

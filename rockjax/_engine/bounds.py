@@ -31,11 +31,11 @@ class Bounds:
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
-    - `well`: |θ| at the top of the potential well, at most the overturning angle with restrainers [rad]
+    - `well`: |θ| at the top of the potential well [rad]; with restrainers, at most the overturning angle
     - `ground`, `vertical`: bounds on the remaining |ü_g| and |v̈_g| [m/s²]; `vertical` is the float 0.0 if
       the ground does not move vertically
     - `energy`: bound on the energy per mass N m_c of all columns, (C19) [m²/s²]
-    - `min_impact_speed`: impacts at most this fast lead to rest, |θ̇| before the impact [rad/s]
+    - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
     - `rests`: whether the columns rest for good
     - `demand`: bound on the uplift demand |q| of Eq. (9) in full contact [m/s²]
@@ -68,7 +68,7 @@ class Bounds:
         - `follows_contact`: whether full contact is integrated step by step. Otherwise the podium is rigid
           and goes directly to its next uplift, or the scene ends
 
-        The energy can never exceed `energy_after` again. If the bound on |q| in full contact is below the
+        From now on the energy stays below `energy_after`. If the bound on |q| in full contact is below the
         uplift threshold, the columns never lift again, and the modes vibrate independently. Vertical motion
         raises the bounds on the energy, (C19), and on the demand, (C20).
         """
@@ -97,7 +97,7 @@ class Bounds:
             return self
         demand = self.ground
         if c.vibration is not None:
-            # √(u̇² + ω²u²) grows by ∫|ü_g| dt at most.
+            # √(u̇² + ω²u²) can grow by at most ∫|ü_g| dt.
             modes = c.vibration
             self.swing = jnp.sqrt(v[1] ** 2 + modes.omega2 * x[1] ** 2) + impulse
             demand = demand + weighted(modes.demand, jnp.sqrt(modes.omega2 + modes.damping**2) * self.swing)
@@ -116,10 +116,10 @@ class Bounds:
         """Return `at_rest` if the columns rest for good, else `rocking`."""
         return rocking if isinstance(self.rests, bool) else jnp.where(self.rests, at_rest, rocking)
 
-    def modal_sum(self, weights: Values, beam: Value | float = 0.0) -> Value:
+    def modal_sum(self, weights: Values, beam_weight: Value | float = 0.0) -> Value:
         """Bound Σ w_i y_i over the modes i, where |y_i| ≤ √(u̇_i² + ω_i²d_i²) and d_i is the deformation.
-        While the columns rock, `beam` is added to Σ w_i²/η_i."""
-        rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _nonzero(self.c.etas)) + beam))
+        While the columns rock, `beam_weight` is added to Σ w_i²/η_i for the motion of the beam."""
+        rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _nonzero(self.c.etas)) + beam_weight))
         return self.either(weighted(jnp.abs(weights), present(self.swing)), rocking)
 
     def deformations(self) -> Values:
@@ -132,8 +132,8 @@ class Bounds:
         """Bound Σ w_i F_i over the modes i by the Cauchy–Schwarz inequality; F_i = V_i/m_i, Eq. (7)
         [m/s²]."""
         modes: Vibration = present(self.c.vibration)
-        beam = weighted(weights, modes.damping) ** 2 * self.c.two_R**2 / self.c.spin
-        return self.modal_sum(weights * jnp.sqrt(modes.omega2 + modes.damping**2), beam)
+        beam_weight = weighted(weights, modes.damping) ** 2 * self.c.two_R**2 / self.c.spin
+        return self.modal_sum(weights * jnp.sqrt(modes.omega2 + modes.damping**2), beam_weight)
 
     @functools.cached_property
     def beam(self) -> Value:

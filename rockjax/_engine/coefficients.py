@@ -47,7 +47,7 @@ class Restraint(NamedTuple):
     slip: Value  # |elongation rate|/(Rp) below which infinite slopes of forces are rounded
     well: Value  # θ_w: |θ| at the top of the potential well [rad]
     apparent_mass: Value | None  # μ; None if there are no inerters
-    restrained_frequency: Value | None  # frequency of rocking against tendons alone [rad/s]; None without any
+    restrained_frequency: Value | None  # frequency of rocking due to tendons [rad/s]; None without tendons
 
     @property
     def steep(self) -> bool:
@@ -108,8 +108,8 @@ class Coefficients(NamedTuple):
 
 
 def divided_by_inertia(c: Coefficients) -> Coefficients:
-    """Return constants for `acceleration` only. If the inertia is constant (a rigid podium without
-    restrainers), they are divided by it, which saves a division in each stage of a step."""
+    """Return constants for use in `acceleration` only. If the inertia is constant (a rigid podium without
+    restrainers), gravity and ground are divided by it, which saves a division in each stage of a step."""
     if c.vibration is not None or c.restraint is not None:
         return c
     gravity, ground = barrier((c.gravity / c.inertia, c.ground / c.inertia))
@@ -117,7 +117,7 @@ def divided_by_inertia(c: Coefficients) -> Coefficients:
 
 
 def present(value: T | None) -> T:
-    """Narrow an optional value that the plan guarantees to be present."""
+    """Return a value of optional type that is known not to be None."""
     assert value is not None
     return value
 
@@ -184,7 +184,7 @@ def _joints(podium: Podium) -> Joints:
     e = jnp.maximum(podium.restitution_factor, 0.0)
     impulses_per_speed = impulses(2 * podium.R, sin, cos, gamma, eta, (bottom, top), e)
     # With μ_2 of inerters across both joints and μ_1 of inerters across one, the inertances at the bottom and
-    # the top joint are μ_2 + 2μ_1 and μ_2. The impulses need μ = μ_2 + μ_1, their mean.
+    # the top joint are μ_2 + 2μ_1 and μ_2. The impulses need the mean of both, μ = μ_2 + μ_1.
     eccentricity = impulse_eccentricity(sin**2, gamma, eta, podium.lam, 0.5 * (bottom + top), e)
     return Joints(gamma, podium.lam, podium.dead_load, impulses_per_speed, eccentricity, arms)
 

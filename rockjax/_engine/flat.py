@@ -113,7 +113,7 @@ def run_with_history(
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: initial state
     - `max_steps`: limit of accepted and rejected steps together
-    - `capacity`: number of nodes that can be stored; a scene that needs more ends with HISTORY_FULL
+    - `capacity`: number of nodes that can be stored; a scene with more nodes ends with HISTORY_FULL
     """
 
     def store(state: LoopState, nodes: Nodes, info: StepInfo) -> tuple[LoopState, Nodes]:
@@ -155,11 +155,12 @@ def solve_scene(
     """Integrate a scene, with or without derivatives in reverse mode.
 
     - `scene`, `plan`, `state`, `max_steps`: as in `run`
-    - `capacity`: number of nodes to store; a scene that needs more ends with HISTORY_FULL; None stores none
+    - `capacity`: number of nodes to store; a scene with more nodes ends with HISTORY_FULL; None stores none
     - `reversible`: whether to integrate twice: first to record the decisions, then to replay them in a loop
       that also has derivatives in reverse mode
 
-    Returns the final state for floats, the final state for integers and flags, and the nodes or None.
+    Returns two final states and the nodes or None. Read floats from the first state, integers and flags from
+    the second; both are the same unless `reversible`.
     """
     if not reversible:
         if capacity is None:
@@ -184,8 +185,8 @@ def _run_and_store(scene: Scene, plan: Plan, state: LoopState, max_steps: int, s
     - `stored`: storage at the start
 
     Returns the final state and the storage. Under `vmap` a scene is called a lane, and all lanes leave
-    the loop together; a lane that has ended stores nothing more. If each lane had its own loop condition,
-    JAX would copy the whole storage in every iteration, although only one row is written.
+    the loop together; a lane that has ended stores nothing more. With this shared loop condition an iteration
+    writes one row; with a condition for each lane JAX would copy the whole storage.
     """
 
     def body(carry):
@@ -225,8 +226,8 @@ def replay(
     def body(carry):
         state, nodes, k = carry
         # Under `vmap` finished lanes continue until the last lane has ended. Their results are dropped, but
-        # an infinite derivative would become NaN even when multiplied by zero. Therefore they repeat their
-        # first step. A lane without any step has no recorded length and uses `max_step`.
+        # an infinite derivative would become NaN even if multiplied by zero. Finished lanes therefore repeat
+        # their first step. A lane without any step has no recorded length and uses `max_step`.
         goes_on = k < count
         state = jax.tree.map(lambda now, at_start: jnp.where(goes_on, now, at_start), state, initial)
         replayed = jax.tree.map(lambda y: y[jnp.where(goes_on, k, 0)], decisions)

@@ -85,7 +85,7 @@ def evaluate_guard(
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | starts_at_zero
     rising_at_end = constant(at_end.c1) > 0
     turned = rising != rising_at_end
-    # Without the barrier, every kernel that uses these flags would compute them again.
+    # With the barrier, these flags are computed once for all kernels that use them.
     rising, rising_at_end, turned = barrier((rising, rising_at_end, turned))
     turn, dips = turning_point_or_dip(fixed, turned, rising)
     turn = jnp.where(turned, turn, one)
@@ -206,6 +206,6 @@ def _newton_root(margin: Quintic, max_shift: Value, rounding: Value) -> tuple[Va
         slope = margin.slope(time_past_end)
         time_past_end -= safe_ratio(margin.value(time_past_end), slope, decreases & (slope < 0))
         time_past_end = barrier(jnp.clip(time_past_end, -max_shift, max_shift))
-    # Newton's method converges slowly if the margin only touches zero.
+    # Where the margin only touches zero, Newton's method converges too slowly to pass this test.
     is_root = jnp.abs(margin.value(time_past_end)) <= 1e-3 * jnp.abs(margin.c0) + rounding
     return time_past_end, decreases & is_root

@@ -110,7 +110,7 @@ def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, 
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
         newton = z - value / jnp.where(slope == 0, 1.0, slope)
         z = jnp.where((newton >= lo) & (newton <= hi), newton, 0.5 * (lo + hi))
-        # Without the barrier each iteration would be computed again inside every later one.
+        # With the barrier, each iteration is computed once for all later ones.
         z, lo, hi = barrier((z, lo, hi))
     return z
 
@@ -150,7 +150,7 @@ def _first_zero(f: Sequence[Values]) -> Values:
 
     A motion that begins at rest, such as an uplift, has the slope zero at z = 0. After an uplift without a
     jump of the ground acceleration, the curvature there is zero too, up to rounding. As z = 0 is no turning
-    point, this root is divided out.
+    point, the root z = 0 is divided out.
     """
     f = list(f)
     for _ in range(2):
@@ -181,11 +181,11 @@ def crossing(polynomial: Quintic, lo: Value, hi: Value) -> Value:
     return _safeguarded_newton(polynomial, lo, hi, guess, _CROSSING_ITERATIONS)
 
 
-def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_after: Flags, dips: Flags) -> Flags:
+def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_at_end: Flags, dips: Flags) -> Flags:
     """Return whether the slope changes sign more than once in a step.
 
     - `polynomial`: the quantity over the step
-    - `rising`, `rising_after`: whether the quantity rises at the start and at the end
+    - `rising`, `rising_at_end`: whether the quantity rises at the start and at the end
     - `dips`: second result of `turning_point_or_dip`
 
     The sign of the slope is also checked at three points inside the step.
@@ -198,4 +198,4 @@ def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_after: Flags
         slope = polynomial.slope(z)
         here = jnp.where(jnp.abs(slope) > noise, slope > 0, before)
         turns, before = turns + (here != before).astype(jnp.int32), here
-    return dips | (turns + (before != rising_after).astype(jnp.int32) > 1)
+    return dips | (turns + (before != rising_at_end).astype(jnp.int32) > 1)

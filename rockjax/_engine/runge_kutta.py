@@ -39,7 +39,7 @@ def _weighted_sum(weights: np.ndarray, k: list[Vector], component: int) -> Value
     """Return component `component` of Σ_j w_j k_j, summed over the stages computed so far."""
     total = 0.0
     for weight, stage in zip(weights, k, strict=False):
-        # Zero entries of the matrix product AA are computed with a rounding error.
+        # Entries of the matrix product AA that should be zero contain rounding errors.
         if abs(weight) > 1e-14:
             total = total + float(weight) * stage[component]
     return total
@@ -61,13 +61,13 @@ def step(
     def stage_state(c, weights_x, weights_v):
         xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _weighted_sum(weights_x, k, d) for d in components)
         vi = tuple(v[d] + h * _weighted_sum(weights_v, k, d) for d in components)
-        # Without the barrier, XLA would compute all components again for the acceleration of each one.
+        # With the barrier, XLA computes each component once for the accelerations of all components.
         return barrier((xi, vi)) if len(x) > 1 else (xi, vi)
 
     k = [a]
     for i in range(1, len(tab.c)):
         xi, vi = stage_state(tab.c[i], tab.AA[i], tab.A[i])
-        # Without the barrier, XLA would compute this stage again for every later stage.
+        # With the barrier, XLA computes this stage once for all later stages.
         k.append(barrier(acceleration(t + float(tab.c[i]) * h, xi, vi)))
     x1, v1 = stage_state(1.0, tab.bA, tab.b)
     a1 = k[-1] if tab.fsal else acceleration(t + h, x1, v1)

@@ -29,7 +29,7 @@ from rockjax._types import Value, Values, Vector
 
 from .coefficients import Coefficients, Vibration, coefficients, present
 from .fast_forward import allowed
-from .fast_forward.samples import passes_samples
+from .fast_forward.samples import can_skip_samples
 from .model import acceleration, uplift_demand
 from .state import LoopState, Plan, Scene
 from .tableaus import tableau_for
@@ -52,8 +52,8 @@ def plan_for(
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
     outputs = (rotation, *others, *extra_outputs)
-    # A history stores every step, so neither bounces nor samples are skipped. Samples are skipped with steps
-    # of order 8, but not if the user has chosen a method of order 6 or less.
+    # A history stores every step, so neither bounces nor samples are skipped. Skipping samples uses a method
+    # of order 8, and is not done if the user has chosen a method of order 6 or less.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
     names = allowed(outputs, eligible)
     return Plan(
@@ -223,7 +223,7 @@ def _scene(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest_speed=rest_speed,
         estimate_factor=_estimate_factor(plan, options),
-        pass_below=_closer(options, 0.0, 1.0),  # the closer solution skips no sample, to show their error
+        skip_below=_closer(options, 0.0, 1.0),  # the closer solution skips no sample, to show their error
         log_restitution=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         min_impact_speed=constant(rest_speed / jnp.maximum(c.restitution, jnp.finfo(rest_speed.dtype).tiny)),
         landing_fraction=_landing_fraction(options),
@@ -282,7 +282,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         min_impact_speed_before_peak=inf,
         steps=jnp.zeros((), jnp.int32),
         rejected=jnp.zeros((), jnp.int32),
-        may_skip=jnp.zeros((), bool) if passes_samples(scene, plan) else None,
+        may_skip=jnp.zeros((), bool) if can_skip_samples(scene, plan) else None,
     )
     if isinstance(excitation, GroundMotion):
         is_weightless = constant(c.g + excitation.vertical.lowest()[0]) <= 0

@@ -41,7 +41,7 @@ from .transitions import transition
 
 STEPS = 4096  # limit of steps of one solve; a longer segment is continued by another solve
 SAMPLES = 513  # number of samples of the interpolant, among which peaks and missed events are found
-State2 = tuple[Vector, Vector]  # positions and velocities
+Motion = tuple[Vector, Vector]  # positions and velocities
 Rows = tuple[Float[Array, " n ..."], ...]  # for each degree of freedom, values at n nodes
 
 
@@ -110,16 +110,16 @@ class _Mode(NamedTuple):
     scene: Scene
     sigma: Value
     ground_at: Callable[[Value], Value]
-    units: State2
+    units: Motion
 
     @property
     def rocking(self) -> Flag:
         return self.sigma != 0
 
-    def scaled(self, y: State2) -> State2:
+    def scaled(self, y: Motion) -> Motion:
         return jax.tree.map(lambda a, unit: a / unit, y, self.units)
 
-    def natural(self, y: State2) -> State2:
+    def natural(self, y: Motion) -> Motion:
         return jax.tree.map(lambda a, unit: a * unit, y, self.units)
 
     def accelerations(self, t: Value, x: Vector, v: Vector) -> Vector:
@@ -182,11 +182,11 @@ class _Path(NamedTuple):
     start: Value  # time of the start [s]
     stop: Value  # time of the next breakpoint, the end of the scene or `trial_limit`, whichever is first [s]
     reached: Value  # time that the solution has reached [s]
-    fired: Flag  # the guard broke
+    fired: Flag  # Diffrax reported an event: the guard broke
     times: Value  # times of the samples [s]
-    samples: State2  # positions and velocities at these times
+    samples: Motion  # positions and velocities at these times
 
-    def solve_to(self, t1) -> State2:
+    def solve_to(self, t1) -> Motion:
         """Return the state at t1, from a new solution that ends there."""
         t0, p = self.start, self.mode.scene.c.p
         inside = jnp.maximum(t1, t0 + 4 * jnp.finfo(t0.dtype).eps * (jnp.abs(t0) + 1 / p))
@@ -363,8 +363,8 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
     """Advance by one segment, and append its steps to the nodes.
 
-    If the guard broke but no event was reported, the state stays, and `trial_limit` becomes the time up to
-    which the segment is solved next.
+    If the guard breaks at a sample although no event was reported, the state stays, and `trial_limit` becomes
+    the time up to which the segment is solved next.
     """
     ground_at = scene.excitation.piece(state.piece)
     path = _path(_Mode(scene, state.sigma, ground_at, natural_units(scene.c)), options, state)

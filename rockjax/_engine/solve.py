@@ -93,7 +93,7 @@ def answers(
     """Return the outputs of a finished scene by name, in two dicts: floats, and integers and flags.
 
     - `scene`, `plan`, `state`: the prepared scene, its static choices, and its final state
-    - `final`: final state for integers and flags; None for `state`
+    - `final`: state from which integers and flags are read; None for `state`
     """
     floats = {
         "overturn_time": state.overturn_time,

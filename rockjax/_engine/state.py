@@ -65,7 +65,7 @@ class Scene(NamedTuple):
 
     c: Coefficients
     excitation: AbstractExcitation
-    lookahead: AbstractLookahead  # bounds on the remaining excitation, and its next uplift
+    lookahead: AbstractLookahead  # bounds on the remaining excitation, and the time of the next uplift
     start: Value  # start of the scene [s]
     end: Value  # end of the scene [s]
     overturn_angle: Value  # overturn_ratio·α [rad]
@@ -73,7 +73,7 @@ class Scene(NamedTuple):
     log_restitution: Value  # −ln e
     min_impact_speed: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
     estimate_factor: Value | None  # factor on error estimates of unusually low order; None for no factor
-    pass_below: Value  # largest error with which a sample is skipped, divided by the tolerance
+    skip_below: Value  # largest error with which a sample is skipped, divided by the tolerance
     landing_fraction: Value  # a step ends on an event if their distance is at most this fraction of the step
     split_fraction: Value  # length of the first of two steps to a breakpoint, divided by the distance to it
     unsplit_limit: Value  # a proposed step above this multiple of the distance to a breakpoint is not split
@@ -85,8 +85,8 @@ class Scene(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """State of the automaton. Times and step lengths are held constant under differentiation; positions,
-    velocities and records at these times carry the tangents."""
+    """State of the automaton. Stamps and step lengths are held constant under differentiation; positions,
+    velocities and records carry the tangents."""
 
     t: Value  # time stamp [s]
     event_time: Value  # equal to t, with the derivative of the event's or breakpoint's time [s]
@@ -120,7 +120,7 @@ class LoopState(NamedTuple):
 # Fields whose tangents later steps use.
 DIFFERENTIATED = ("event_time", "x", "v", "records")
 
-# Other fields that have tangents. Modes, times and step lengths have none.
+# Other fields that have tangents. Modes, stamps and step lengths have none.
 _REPORTED = ("notes", "uplift_time", "overturn_time", "min_impact_speed", "min_impact_speed_before_peak")
 
 
@@ -137,7 +137,7 @@ def differentiated_fields(state: LoopState) -> dict[str, Any]:
 
 
 class Decision(NamedTuple):
-    """All discrete choices of an accepted step. They repeat the step even if rounding differs."""
+    """All discrete choices of an accepted step, with which it can be repeated even if rounding differs."""
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at the next breakpoint or at the end of the scene

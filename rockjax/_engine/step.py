@@ -36,7 +36,7 @@ from .attempt import (
 from .certificate import certificate
 from .fast_forward.bounces import skipped_bounces
 from .fast_forward.rest import advance_to_uplift
-from .fast_forward.samples import may_pass, past_all
+from .fast_forward.samples import may_skip_after, skip_samples
 from .guard import Guard, evaluate_guard
 from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
@@ -56,7 +56,7 @@ def step(
     - `replayed`: recorded decision of an accepted step, which is repeated; None for a free choice
 
     A rigid podium in full contact goes directly to its next uplift. Samples of a record that need no
-    trial are skipped before the trial (`past_all`), unless decisions are replayed.
+    trial are skipped before the trial (`skip_samples`), unless decisions are replayed.
 
     Returns the new state and the result of the trial.
     """
@@ -65,7 +65,7 @@ def step(
     if replayed is None:
         # Under `vmap` both branches are computed anyway, and `cond` would copy the samples of a record for
         # every scene of the batch in every step.
-        ahead = past_all(scene, plan, state)
+        ahead = skip_samples(scene, plan, state)
         branches = advance_to_uplift(scene, plan, state), trial(scene, plan, ahead)
         return jax.tree.map(lambda a, b: jnp.where(state.sigma == 0, a, b), *branches)
     return jax.lax.cond(
@@ -127,7 +127,7 @@ def _classify(
     # Events at the end of the scene or just before it are ignored, except overturning, so that the outputs at
     # the end have the derivative of the scene's end, not of the event.
     is_ignored = (
-        trial.ends
+        trial.ends_scene
         & guard.converges
         & ~guard.breaks_before_turn
         & (state.t + h + guard.time_past_end > constant(trial.stop) - SIMULTANEOUS * time_resolution)
@@ -254,7 +254,9 @@ def _advance(
     x, v = restart(scene, stamp, shift - breakpoint_shift, x, v, mode, state.piece)
     x, v = past_breakpoint(scene, stamp, breakpoint_shift, x, v, mode, (state.piece, piece))
     code = jnp.where(toppled, results.OVERTURNED, code)
-    may_skip = None if state.may_skip is None else may_pass(scene, mode, stamp) & (code == results.RUNNING)
+    may_skip = (
+        None if state.may_skip is None else may_skip_after(scene, mode, stamp) & (code == results.RUNNING)
+    )
     advanced = advanced._replace(x=x, v=v, code=code, may_skip=may_skip)
     decision = Decision(h, trial.reaches_stop, lands, false_uplift, mode)
     return advanced, StepInfo(accepted, jnp.where(accepted & hit, now, jnp.nan), decision)
@@ -273,13 +275,13 @@ def _times(
     return scene.excitation.past(state.piece, at_breakpoint), stamp, now, shift
 
 
-def _shaken(scene: Scene, state: LoopState, passed: Flag, mode: Value, x: Vector, v: Vector, ground):
+def _shaken(scene: Scene, state: LoopState, is_passed: Flag, mode: Value, x: Vector, v: Vector, ground):
     """Return the effect of the ground's velocity jump at the end of the piece, with a jump of zero unless
-    `passed`. Return None if the ground's velocity never jumps."""
+    the step has passed this end (`is_passed`). Return None if the ground's velocity never jumps."""
     jump = scene.excitation.velocity_jump(state.piece)
     if jump is None:
         return None
-    jump = jax.tree.map(lambda y: jnp.where(passed, y, 0.0), jump)
+    jump = jax.tree.map(lambda y: jnp.where(is_passed, y, 0.0), jump)
     return jolt(scene, mode, x, v, ground, jump)
 
 

@@ -115,7 +115,7 @@ def jolt(
 
     The equation of motion is linear in the accelerations of the structure and of the ground, so it also
     relates their velocity jumps. Columns at rest lift to the side opposite to the horizontal velocity jump if
-    their speed after it exceeds the rest velocity.
+    their speed after the jump exceeds the rest velocity.
     """
     c, at_rest = scene.c, (x[0] == 0) & (v[0] == 0)
     side = jnp.where(at_rest, -jnp.sign(horizontal(jump)), sigma)

@@ -89,7 +89,7 @@ def _highest(end: StepEnd) -> tuple[Value, Value]:
     at_turn = step.has_peak & (peak >= end_angle)
     # If |θ| is largest at the end of the step and no event is there, the end is a turning point up to
     # rounding.
-    at_event = (end.lands | step.trial.ends) & ~at_turn
+    at_event = (end.lands | step.trial.ends_scene) & ~at_turn
     turn = jnp.where(at_turn, guard.turn, 1.0)
     time = jnp.where(at_event, end.now, step.state.t + step.time_to_turn(turn))
     return jnp.where(at_turn, peak, end_angle), time

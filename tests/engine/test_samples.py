@@ -12,7 +12,7 @@ import pytest
 import rockjax as rj
 from rockjax._batch.batch import run_batch
 from rockjax._batch.scenes import broadcast
-from rockjax._engine.fast_forward.samples import past_all, past_sample
+from rockjax._engine.fast_forward.samples import skip_sample, skip_samples
 from rockjax._engine.runge_kutta import step
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.step import trial
@@ -156,7 +156,7 @@ def one(samples=400, dt=0.01, scale=2.0):
 
 def test_a_sample_that_is_passed_is_a_trial_that_meets_nothing():
     plan, scene, state = rocking(one())
-    onward = jax.jit(functools.partial(past_sample, scene, plan))
+    onward = jax.jit(functools.partial(skip_sample, scene, plan))
     passed, ahead = 0, onward(state)
     while ahead.may_skip:
         after, info = trial(scene, plan, state)
@@ -167,7 +167,7 @@ def test_a_sample_that_is_passed_is_a_trial_that_meets_nothing():
         state, ahead = ahead, onward(ahead)
     assert 5 < passed < 200
     assert ahead.t == state.t
-    all_of_them = past_all(scene, plan, rocking(one())[2])
+    all_of_them = skip_samples(scene, plan, rocking(one())[2])
     assert all_of_them.t == state.t
     assert not all_of_them.may_skip
 
@@ -196,7 +196,7 @@ def test_samples_at_which_something_happens_are_not_passed(change):
     if "v" in change and change["v"] == 1e-4:  # from rising to falling, whichever way the ground moves
         a = trial(scene, plan, state)[0].v[0] - 1e-4
         state = state._replace(v=(-jnp.sign(a) * 1e-4,))
-    ahead = past_sample(scene, plan, state)
+    ahead = skip_sample(scene, plan, state)
     assert not ahead.may_skip
     for name in ("t", "x", "v", "piece", "steps"):
         np.testing.assert_array_equal(getattr(ahead, name), getattr(state, name))
@@ -216,7 +216,7 @@ def test_coarse_samples_are_left_to_the_method():
 
 def rocking_passes(motion, options):
     plan, scene, state = rocking(motion, options)
-    return bool(past_sample(scene, plan, state).may_skip)
+    return bool(skip_sample(scene, plan, state).may_skip)
 
 
 def test_derivatives_are_those_with_a_trial_of_every_sample():

@@ -2,7 +2,7 @@
 
 Each module contains one fast-forward, which calls the method `over_rest`, `over_sample` or `over_bounces` of
 every output in the plan. The method returns the record of the output after the skipped part, or whether the
-record stays the same. A fast-forward may be used only if every output implements its method.
+record stays the same. A fast-forward may be used only if every output implements the method for it.
 
 | name | module | skipped part |
 |---|---|---|

@@ -26,28 +26,28 @@ from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value, Vector
 
 
-def passes_samples(scene: Scene, plan: Plan) -> bool:
+def can_skip_samples(scene: Scene, plan: Plan) -> bool:
     """Return whether samples may be skipped: the plan allows it, the excitation is sampled, and accelerations
     depend only on time and rotation."""
     sampled = isinstance(scene.excitation, AbstractSampled)
     return "samples" in plan.fast_forwards and sampled and scene.c.restraint is None
 
 
-def may_pass(scene: Scene, mode: Value, t: Value) -> Flag:
+def may_skip_after(scene: Scene, mode: Value, t: Value) -> Flag:
     """Return whether samples may be skipped after an accepted step that ends in a mode at the time t [s]."""
     return (mode != 0) & (t >= jax.lax.stop_gradient(scene.start)) & (t < scene.excitation_end)
 
 
-def past_all(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """Skip samples until one needs a trial, and return the state there. Batches call `past_sample`
+def skip_samples(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
+    """Skip samples until one needs a trial, and return the state there. Batches call `skip_sample`
     instead."""
     if state.may_skip is None:
         return state
-    pass_sample = functools.partial(past_sample, scene, plan)
-    return jax.lax.while_loop(lambda state: present(state.may_skip), pass_sample, state)
+    skip = functools.partial(skip_sample, scene, plan)
+    return jax.lax.while_loop(lambda state: present(state.may_skip), skip, state)
 
 
-def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
+def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     """Advance to the next sample if `may_skip` is set and the step needs no trial; otherwise clear
     `may_skip`."""
     constant = jax.lax.stop_gradient
@@ -69,21 +69,21 @@ def past_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     a = barrier(field(ground, state.x, state.v))
     field_after = lambda s, x, v: field(ground + slope * s, x, v)
     end = barrier(runge_kutta(nystrom(), field_after, 0.0, h, state.x, state.v, a))
-    # The last sample is not passed, since the motion may jump to zero there.
-    passes = present(state.may_skip) & (piece < count - 1) & (stamp < constant(scene.end))
-    passes &= constant(scaled_error(scene, state.x, state.v, end)) <= scene.pass_below
-    passes &= _goes_on(scene, state, a, end, h)
+    # The last sample is not skipped, since the motion may jump to zero there.
+    skips = present(state.may_skip) & (piece < count - 1) & (stamp < constant(scene.end))
+    skips &= constant(scaled_error(scene, state.x, state.v, end)) <= scene.skip_below
+    skips &= _rocks_on(scene, state, a, end, h)
     sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (ground_after, end.x, end.v, end.a))
     for output, record_so_far in zip(plan.outputs, state.records, strict=True):
-        passes &= output.over_sample(sample, record_so_far)
-    passes = barrier(passes)
+        skips &= output.over_sample(sample, record_so_far)
+    skips = barrier(skips)
     # The field is continuous at a sample, so the derivative of the sample's time does not affect the state.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)
-    moved = jax.tree.map(lambda new, old: jnp.where(passes, new, old), moved, state)
-    return moved._replace(may_skip=passes)
+    moved = jax.tree.map(lambda new, old: jnp.where(skips, new, old), moved, state)
+    return moved._replace(may_skip=skips)
 
 
-def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
+def _rocks_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
     """Return whether the rotation is monotone up to the next sample, without an impact or overturning.
 
     θ̇ must have the same sign at both ends. As θ̈ is nearly linear between two samples, θ̇ has this sign
@@ -94,6 +94,6 @@ def _goes_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> 
     )
     min_speed = jnp.minimum(*map(jnp.abs, theta_dots))
     keeps_sign = theta_ddots[0] * theta_ddots[1] >= 0
-    is_monotone = keeps_sign | (min_speed > h * jnp.maximum(*map(jnp.abs, theta_ddots)))
+    keeps_direction = keeps_sign | (min_speed > h * jnp.maximum(*map(jnp.abs, theta_ddots)))
     is_inside = (angle > 0) & (angle < jax.lax.stop_gradient(scene.overturn_angle))
-    return is_inside & is_monotone & (theta_dots[0] * theta_dots[1] > 0)
+    return is_inside & keeps_direction & (theta_dots[0] * theta_dots[1] > 0)
