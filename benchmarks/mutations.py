@@ -49,7 +49,7 @@ EQUATIONS = {
     "_outputs/velocity_jump.py": "at_impact is_final _jump_bound",
     "_responses/floor.py": "bodies with_beam in_direction load_of largest_acceleration _displacement",
     "_responses/floor_course.py": "course_of",
-    "_responses/floor_end.py": "ending remaining",
+    "_responses/floor_end.py": "ending bound_after_end",
     "_responses/floor_slopes.py": "slope_of_load",
     "_responses/on_floors.py": "_rock _vibrate update",
     "_studies/floor_spectra.py": "broadened",

@@ -26,8 +26,8 @@ from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options, as_compiled
 from rockjax._parameters.variants import place_of
 from rockjax._responses.arguments import check_range, check_types
-from rockjax._responses.estimate import companion, errors
-from rockjax._responses.on_floors import Things, checked
+from rockjax._responses.estimate import errors, second_options
+from rockjax._responses.on_floors import Things, as_things
 from rockjax._responses.peak import Peak, peak_fields
 from rockjax._responses.sensitivities import check_sensitivities, sensitivities_of
 from rockjax._results import REST, Interrupted, State
@@ -43,10 +43,10 @@ from .scenes import NO_SCENES, SceneBatch, SceneIndices, broadcast
 # Number of lanes per core. They fill the vector unit, and their data fit into the first-level cache.
 LANES = 32
 CHUNK = 1024  # number of scenes that are prepared together
-QUICK = 5  # a thread is added only for this many quick scenes per lane
+QUICK = 5  # number of quick scenes per lane that are worth another thread
 
 # Values for accelerators, which have far more arithmetic units than a core.
-ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes; each power of 2 needs a program
+ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes, which is always a power of 2
 ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
 ACCELERATOR_VALUES = 2**26  # largest number of samples in all lanes; long records get fewer lanes
 
@@ -66,7 +66,7 @@ def peak_responses(
     threads: int | None = None,
     on_floors: Things = (),
 ) -> Peak:
-    """Compute peak responses of a batch of scenes, in parallel on all cores or devices (host).
+    """Compute peak responses of a batch of scenes, outside jit, in parallel on all cores or devices.
 
     Every parameter of `podiums`, `excitations`, `initial` and `t_end` may be an array. The arrays
     broadcast to the shape of the batch, except for the axis of a `Record`'s samples. `Motions`, and lists
@@ -87,7 +87,7 @@ def peak_responses(
       computed, with the other parameters held constant: parameters of the podiums as in [`rockjax.grid`][]
       (`"alpha"`, `"R"`, `"gamma"`, `"T_s"`, …), parameters of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and
       `"scale"`, a factor on any motion. The derivatives are the field `sensitivities` of the result
-    - `devices`: JAX devices of one platform, which share the scenes and are served by one host thread; by
+    - `devices`: JAX devices of one platform, which share the scenes and are served by one thread; by
       default all accelerators, or threads on the CPU if there are none
     - `threads`: number of threads on a CPU, ≥ 1, only without `devices`; by default one for each core that
       this process may use
@@ -162,14 +162,14 @@ def responses(
         podiums = podiums.without_idle_restrainers()
     if not options.of_joints and "elevation" not in varied:
         podiums = podiums.without_elevation()
-    things = checked("peak_responses", podiums, on_floors)
+    things = as_things("peak_responses", podiums, on_floors)
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     solution_count = 2 if "errors" in options.outputs else 1
     require_memory("peak_responses", scenes.total, solution_count * BYTES + len(names) * BYTES_OF_SLOPES)
     lane_executor = executor_for("peak_responses", devices, threads)
     solutions = [run_batch(scenes, options, progress, stop, lane_executor, names)[:2]]
     if "errors" in options.outputs and not stop.is_set():
-        solutions.append(run_batch(scenes, companion(options), False, stop, lane_executor)[:2])
+        solutions.append(run_batch(scenes, second_options(options), False, stop, lane_executor)[:2])
     if stop.is_set() and not all("code" in integers for _, integers in solutions):
         raise Interrupted("stopped before any scene had ended", None)
     if len(solutions) > 1:
@@ -201,7 +201,7 @@ def bare_responses(
     - `podiums`, `excitations`: structures and ground motions
     - `options`: options of the solver
     - `progress`: as in `peak_responses`
-    - `edge_distance`: True if the floats include the `edge_distance` of each scene
+    - `edge_distance`: True to add the `edge_distance` of each scene to the floats
 
     Raises [`rockjax.Interrupted`][] without answers if Ctrl-C stops the batch.
     """
@@ -220,8 +220,8 @@ def bare_responses(
 class Tally(NamedTuple):
     """Numbers of trials, to measure how well the lanes are used."""
 
-    useful: int  # number of trials that advanced a scene
-    possible: int  # number of trials that the lanes could have made
+    useful: int  # number of trials in lanes with an unfinished scene
+    possible: int  # number of trials in all lanes, with or without a scene
 
 
 def run_batch(
@@ -243,10 +243,10 @@ def run_batch(
     - `executor`: executor of the lanes; by default all cores or accelerators
     - `sensitivities`: parameters; the floats include derivatives with respect to the parameters' logarithms,
       with the parameters along the last axis
-    - `edge_distance`: True if the floats include the edge distance; then `sensitivities` must be `("scale",)`
+    - `edge_distance`: True to add edge distances to the floats; `sensitivities` must then be `("scale",)`
     """
     executor = executor_for("run_batch") if executor is None else executor
-    # All values in the options are converted to the same type, so that one program serves all tolerances.
+    # All values in the options are converted to one type, so that one program serves all tolerances.
     options = jax.tree.map(lambda y: np.asarray(y, float_type()), options)
     options = as_compiled(scenes.podium, options)
     lane_layout = layout(scenes, executor, sensitivities)._replace(edge_distance=edge_distance)
@@ -260,8 +260,8 @@ def run_batch(
         lanes = idle
         while not stopped.is_set():
             if executor.hosts > 1 and len(pending) < 2 * executor.hosts:
-                # JAX returns before the lanes have advanced. Without waiting, one thread would take several
-                # of the last chunks although other threads are idle.
+                # JAX returns before the lanes have advanced. The thread waits here, so that idle threads can
+                # take the last chunks.
                 jax.block_until_ready(lanes)
             with lock:
                 indices = pending.popleft() if pending else NO_SCENES
@@ -318,7 +318,7 @@ class _Answers:
         with self._lock:
             if self._closed:
                 return 0
-            # All devices wait for the slowest one.
+            # All devices wait for the device with the most trials.
             self.useful += int(np.sum(done.useful))
             self.possible += int(np.max(done.trials)) * self.lanes
             # The code is written last, so that a scene counts as unfinished if Ctrl-C interrupts the loop.
@@ -335,7 +335,7 @@ class _Answers:
         return index.size
 
     def close(self) -> None:
-        """Ignore further answers: if Ctrl-C came while threads started, a thread may still run."""
+        """Ignore further answers. A thread may still run if Ctrl-C came while threads started."""
         with self._lock:
             self._closed = True
 
@@ -345,8 +345,8 @@ def _chunks(
 ) -> Iterator[SceneIndices]:
     """Yield the chunks of a batch. Successive scenes, which take about the same time, belong to different
     chunks, so that all threads end at about the same time."""
-    # A thread needs at least one scene per lane to be worthwhile, and more if scenes are quick, because
-    # starting a thread takes longer than a few quick scenes.
+    # A thread is started for at least one scene per lane, and for more if scenes are quick, because starting
+    # a thread takes longer than a few quick scenes.
     scenes_per_host = lane_layout.lanes * executor.devices * (QUICK if scenes.is_quick else 1)
     hosts = min(executor.hosts, -(-scenes.total // scenes_per_host))
     group = lane_layout.size * executor.devices * hosts

@@ -34,7 +34,7 @@ class LaneLayout(NamedTuple):
     structure: Any  # tree structure of (podium, excitation, initial, t_end)
     lanes: int  # number of lanes
     size: int  # number of scenes in a chunk, a multiple of the lanes
-    refill: bool  # True if lanes take further scenes, False if a chunk has one scene for each lane
+    refill: bool  # True if lanes take further scenes of a chunk, False if a chunk has one scene for each lane
     sensitivities: tuple[str, ...] = ()  # parameters for derivatives with respect to their logarithms
     edge_distance: bool = False  # True if edge distances are requested; then `sensitivities` is (SCALE,)
 
@@ -54,8 +54,8 @@ class LaneDerivatives(NamedTuple):
 
 
 def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
-    """Return whether a lane has trials to make. A rigid podium in full contact makes none, but goes to the
-    next uplift when scenes are exchanged."""
+    """Return whether a lane has trials to make. A rigid podium in full contact makes none; it goes to its
+    next uplift when finished scenes are exchanged."""
     goes_on = is_running(lane, options.max_steps)
     return goes_on if plan.follows_contact else goes_on & (lane.sigma != 0)
 
@@ -139,7 +139,8 @@ class Chunk(NamedTuple):
             return floats, None, rest
         lane_slopes = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
         all_slopes = slopes.parts, self.slopes.common, lane_slopes
-        # The form for loops compiles faster. It shares no work between rows, but here there is only one row.
+        # `loops` selects a form that compiles faster but computes each row of derivatives on its own. With a
+        # single row nothing is lost.
         is_single = slopes.lane["event_time"].shape[0] == 1
         return pushed(in_all_lanes, (parts, self.common, lane), all_slopes, loops=loops or is_single)
 

@@ -1,10 +1,10 @@
 """Edge distance of a scene: the estimated change of ln s at which the scene could overturn, where s is the
 scale of the ground motion.
 
-At every turning point of the rotation, the overturning margin M and the angular deceleration depend on s.
-Extrapolated linearly, M vanishes at the distance M/|∂M/∂ ln s|, and the scene would overturn. Where the
-deceleration vanishes, the turning point disappears, and a different motion follows. The edge distance is the
-least of these distances in the scene. Turning points with small rotations do not count, because their
+At every turning point of the rotation, the overturning margin M and the angular deceleration are extrapolated
+linearly in ln s. M reaches zero at the distance M/|∂M/∂ ln s|, where the scene would overturn. Where the
+deceleration reaches zero, the turning point disappears, and a different motion follows. The edge distance is
+the least of all these distances in the scene. Turning points with small rotations are left out, because their
 derivatives grow without bound while the columns bounce.
 """
 
@@ -17,17 +17,17 @@ from jax import Array
 
 from rockjax._engine.state import LoopState
 
-MAX_MARGIN = 0.95  # margins of turning points count if they are below this value
-MAX_DECELERATION_MARGIN = 0.8  # decelerations count at turning points with a margin below this value
+MAX_MARGIN = 0.95  # the margin is extrapolated at turning points with a margin below this value
+MAX_DECELERATION_MARGIN = 0.8  # the deceleration is extrapolated at turning points below this margin
 SCALE = "scale"  # name of the differentiated parameter, a factor on the motion
 
 
 def least_edge_distance(distance: Array, lane: LoopState, slopes: dict[str, Any]) -> Array:
-    """Return the edge distance of each lane, including the turning points of the last trials.
+    """Return the edge distances of scenes, updated by the turning points in the steps just made, shape (n,).
 
-    - `distance`: edge distance before these trials [ln s]
-    - `lane`: states of the lanes after the trials
-    - `slopes`: derivatives of the states with respect to ln s, one row
+    - `distance`: edge distances before these steps, shape (n,) [ln s]
+    - `lane`: states of the n scenes after the steps
+    - `slopes`: derivatives of these states with respect to ln s, with a first axis of length 1
     """
     margin, deceleration = lane.records[-1]  # record of the output `TurningPoints`
     slope, rate = (row[0] for row in slopes["records"][-1])  # derivatives of margin and deceleration

@@ -1,8 +1,9 @@
 """Exchange of finished scenes: lanes store answers and load the next scenes.
 
-To serve a lane means to store the answers of the finished scene and to load the next scene. The few lanes of
-a CPU are served one after another, so that only changed rows are copied, and the loop over a chunk of scenes
-compiles to one function of machine code. The thousands of lanes of an accelerator are served in parallel.
+To serve a lane means to store the answers (all outputs) of its finished scene and to load the next scene. The
+few lanes of a CPU are served one after another, so that only changed rows are copied, and the loop over a
+chunk of scenes compiles to one function of machine code. The thousands of lanes of an accelerator are served
+in parallel.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class Done(NamedTuple):
     floats: dict[str, jax.Array]  # floating-point answers
     integers: dict[str, jax.Array]  # answers that are integers or flags
     used: jax.Array  # number of scenes that have ended
-    trials: jax.Array  # number of trials that each lane has made
+    trials: jax.Array  # number of trials, in which all lanes take part together
     useful: jax.Array  # number of trials in all lanes that advanced a scene
     left: jax.Array  # number of lanes that still hold a scene
 
@@ -71,7 +72,7 @@ def exchange_scenes(
     - `loop`: state of the loop
     - `ended`: True for lanes whose scene has ended
     - `answers`: answers of all lanes
-    - `refill`: True if lanes take further scenes
+    - `refill`: True if lanes take further scenes, False if each lane solves one scene of the chunk
 
     Returns the new state of the loop.
     """
@@ -167,8 +168,8 @@ def _load_scenes(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
 def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: Answers) -> Done:
     """Append the answers of the lanes whose scenes have ended.
 
-    All lanes are written, first the lanes that have ended. Rows of the other lanes are overwritten later,
-    or not used.
+    A row is written for every lane, first for the lanes whose scenes have ended. The other rows are later
+    overwritten or ignored.
     """
     lanes, ended_so_far = jnp.arange(ended.size), jnp.cumsum(ended)
     position = jnp.where(ended, ended_so_far - 1, ended.size)
@@ -185,8 +186,8 @@ def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: An
 
 
 def _store_answers(done: Done, write, scene_index: jax.Array, answers: Answers, count: jax.Array) -> Done:
-    """Store the answers of `count` scenes with the function `write`, (stores, values of the lanes) ↦
-    stores."""
+    """Store the answers of `count` scenes with `write`, a function (storage, values of the lanes) ↦
+    storage."""
     floats, integers = answers
     return done._replace(
         scene_index=write(done.scene_index, scene_index),

@@ -1,4 +1,4 @@
-"""Executors, which advance the lanes of a batch with one host thread per core, or with one thread for several
+"""Executors, which advance the lanes of a batch with one thread per CPU core, or with one thread for several
 devices."""
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ _COMPILER_OPTIONS = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
 
 
 class AbstractExecutor(abc.ABC):
-    """Host threads, each of which advances the lanes of one or more devices."""
+    """Threads of this process, each of which advances the lanes of one or more devices."""
 
-    hosts: int  # number of host threads
-    devices: int  # number of devices per host thread
+    hosts: int  # number of threads
+    devices: int  # number of devices per thread
     platform: str  # JAX's name of the platform, such as "cpu"
 
     @abc.abstractmethod
@@ -47,7 +47,8 @@ class AbstractExecutor(abc.ABC):
 
         - `scenes`, `options`, `layout`: the batch, the options of the solver, and the layout of the lanes
 
-        If no scenes follow, a call ends when all scenes have ended or the limit of trials is reached.
+        If no scenes follow, a call of the program ends when all scenes have ended or it reaches its limit of
+        trials.
         Successive scenes, which take about the same time, go to different devices, so that all devices end
         at about the same time. Every device has its own lanes and counters.
         """
@@ -61,7 +62,7 @@ class ThreadExecutor(AbstractExecutor):
 
     def __init__(self, hosts: int):
         self.hosts = hosts
-        # If JAX has accelerators, it would place arrays there by default.
+        # If JAX has accelerators, arrays must be placed on the CPU explicitly.
         cpu = None if jax.default_backend() == "cpu" else jax.local_devices(backend="cpu")[0]
         self._on_cpu = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 

@@ -32,7 +32,7 @@ from .exchange import Answers, Done, Lanes, Loop, empty_storage, exchange_scenes
 from .scenes import SceneBatch, SceneIndices
 
 PATIENCE = 3 / 32  # lanes are served once this fraction of all lanes waits
-PASSING_SHARE = 2  # samples are skipped while more than 1/PASSING_SHARE of the running lanes can skip one
+SKIPPING_SHARE = 2  # samples are skipped while more than 1/SKIPPING_SHARE of the running lanes can skip one
 
 
 def advance(
@@ -105,8 +105,8 @@ def advance(
     def make_trial(loop: Loop) -> Loop:
         done = loop.done
         useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.lane))
-        pass_sample = functools.partial(apply, lambda scene, lane: skip_sample(scene, plan, lane))
-        state = apply(try_step, _pass_samples(plan, options, pass_sample, loop.lanes))
+        skip = functools.partial(apply, lambda scene, lane: skip_sample(scene, plan, lane))
+        state = apply(try_step, _skip_samples(plan, options, skip, loop.lanes))
         return loop._replace(lanes=state, done=done._replace(trials=done.trials + 1, useful=useful))
 
     def body(loop: Loop) -> Loop:
@@ -126,13 +126,13 @@ def advance(
     return _with_swapped_axes(loop.lanes), loop.done._replace(left=left)
 
 
-def _pass_samples(plan: Plan, options: Options, pass_sample: Callable[[Lanes], Lanes], state: Lanes) -> Lanes:
+def _skip_samples(plan: Plan, options: Options, skip: Callable[[Lanes], Lanes], state: Lanes) -> Lanes:
     """Skip samples at which no event occurs, as long as enough lanes can skip one."""
     if state.lane.may_skip is None:
         return state
     running_count = jnp.sum(makes_trials(plan, options, state.lane))
-    enough_pass = lambda state: PASSING_SHARE * jnp.sum(present(state.lane.may_skip)) > running_count
-    return jax.lax.while_loop(enough_pass, pass_sample, state)
+    enough_can_skip = lambda state: SKIPPING_SHARE * jnp.sum(present(state.lane.may_skip)) > running_count
+    return jax.lax.while_loop(enough_can_skip, skip, state)
 
 
 def _fields_with_slopes(lane: LoopState, state: Lanes) -> dict[str, Any]:
@@ -146,8 +146,8 @@ def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
 
 
 def _with_swapped_axes(state: Lanes) -> Lanes:
-    """Swap the axes of parameters and lanes, the first two axes of the slopes. In the loop, lanes are the
-    second axis, so that the lanes fill a vector."""
+    """Swap the first two axes of the slopes, lanes and parameters. In the loop, lanes are the second axis, so
+    that they fill a vector."""
     return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
 
 

@@ -1,4 +1,4 @@
-"""Light things on the floors of a batch of scenes."""
+"""Light things (contents and oscillators) on the floors of a batch of scenes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rockjax import _results as results
 from rockjax._machine.threads import run_in_threads
 from rockjax._options import Options
 from rockjax._programs.program import StoredProgram
-from rockjax._responses import on_floors as of_scene
+from rockjax._responses.on_floors import as_answers, floor_options, on_floors
 from rockjax._results import Interrupted
 
 from .scenes import SceneBatch, SceneIndices
@@ -28,7 +28,7 @@ def _chunk(leaves, things, options, *, structure, axes, history: int):
     def solve_scene(*leaves):
         podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
         structures = podium.without_elevation(), things
-        return of_scene.on_floors(structures, excitation, initial, t_end, options, history=history)
+        return on_floors(structures, excitation, initial, t_end, options, history=history)
 
     return jax.vmap(solve_scene, in_axes=axes)(*leaves)
 
@@ -42,7 +42,7 @@ def answers_on_floors(
     stop: threading.Event,
     threads: int,
 ) -> tuple[Any, ...]:
-    """Return the answers of things on floors, as arrays that have the shape of the batch (host).
+    """Return the answers of things on floors, as arrays that have the shape of the batch.
 
     - `scenes`, `shape`, `options`: scenes, shape and options of the batch
     - `things`: things on the floors of every scene
@@ -53,7 +53,7 @@ def answers_on_floors(
     """
     from rockjax._progress import bar as bar_of
 
-    options = of_scene.floor_options(options)
+    options = floor_options(options)
     pending, answers = deque(range(0, scenes.total, CHUNK)), {}
 
     def solve(first: int) -> Any:
@@ -86,4 +86,4 @@ def answers_on_floors(
         lambda *y: np.concatenate(y)[grid_order].reshape(shape), *(answers[k] for k in sorted(answers))
     )
     floats, (integers, _) = joined
-    return of_scene.named(things, floats, integers)
+    return as_answers(things, floats, integers)

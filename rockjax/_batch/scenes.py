@@ -16,8 +16,8 @@ from rockjax._responses.arguments import as_end, as_start
 from rockjax._results import State
 from rockjax._structures import Podium
 
-SORTED = 4096  # largest batch that is sorted; larger batches gain little
-WIDE = 64  # scenes that differ in more values of one leaf, such as records, wait for the end of a chunk
+SORTED = 4096  # largest batch whose scenes are sorted (see `_order`); larger batches gain little
+WIDE = 64  # lanes are not refilled if scenes differ in more values of one leaf, as records do
 
 
 class SceneIndices(NamedTuple):
@@ -51,7 +51,7 @@ class SceneBatch(NamedTuple):
     rows: list[np.ndarray | None]
     structure: Any  # tree structure of the leaves
     total: int  # number of scenes
-    order: np.ndarray | None = None  # position of the k-th scene in the grid; None for the order of the grid
+    order: np.ndarray | None = None  # position in the grid of the k-th scene to solve; None for position k
 
     @property
     def axes(self) -> tuple[int | None, ...]:
@@ -76,7 +76,7 @@ class SceneBatch(NamedTuple):
 
     @property
     def is_wide(self) -> bool:
-        """True if scenes differ in more than `WIDE` values of one leaf. Lanes are then not refilled."""
+        """True if scenes differ in more than `WIDE` values of one leaf, so that lanes are not refilled."""
         return self.values_per_scene > WIDE
 
     def in_grid(self, which: np.ndarray) -> np.ndarray:
@@ -96,12 +96,12 @@ class SceneBatch(NamedTuple):
         which = indices.of(np.where(position < indices.scenes, position, 0))
         which = self.in_grid(np.minimum(which, self.total - 1))
         return [
-            y if rows is None else y[_picked(rows, which)]
+            y if rows is None else y[_take(rows, which)]
             for y, rows in zip(self.leaves, self.rows, strict=True)
         ]
 
 
-def _picked(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
+def _take(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
     """Compute `rows.flat[which]`, faster than NumPy if `rows` is contiguous."""
     return rows.reshape(-1)[which] if rows.flags.c_contiguous else rows.flat[which]
 

@@ -60,12 +60,12 @@ class Boundary(Module):
     - `scale`: the least factor on the motion that overturns [–], inf if no scale in the range overturns;
       differentiable (the derivative is zero if `scale` is inf)
     - `found`: True if a scale in the range overturns
-    - `impacts`: number of impacts before overturning, just past the boundary
+    - `impacts`: number of impacts before overturning, at a scale just past the boundary
     - `dip`: the least minimum of the overturning margin, as a function of the scale, below the boundary; 1 if
-      there is no minimum. If this minimum became zero, the boundary would jump to its scale
+      there is no minimum. If it became zero, the boundary would jump to the scale of this minimum
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
-    - `certain_width`: no interval of overturning scales below `scale` is wider than this [–]. This is at most
+    - `certain_width`: no interval of overturning scales below `scale` is wider than this [–]. It is at most
       the requested `width` times `max_scale`, or more if scenes did not finish
     """
 
@@ -125,7 +125,7 @@ def overturning_acceleration(
     owner = "overturning_acceleration"
     check_types(owner, podium, options)
     require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
-    positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
+    check_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
     limit = _amplitude(_without_tangents(podium), as_float(max_acceleration_ratio))
     pulse = as_pulse(owner, pulse)
     motion = pulse(1.0, T_p)
@@ -192,7 +192,7 @@ def overturning_boundary(
     podium = podium.split().without_idle_restrainers().without_elevation()
     excitation = as_excitation(owner, excitation)
     check_range(owner, podium, excitation, None, options)
-    positive_limit(owner, "max_scale", max_scale)
+    check_limit(owner, "max_scale", max_scale)
     check_search(owner, width, resolution)
     if any(map(jnp.ndim, (*jax.tree.leaves(podium), *excitation.support, max_scale))):
         raise ValueError(
@@ -213,7 +213,7 @@ def check_search(owner: str, width, resolution) -> None:
         raise ValueError(f"{owner}: resolution must be a whole number ≥ {ROW_SIZE}, got {resolution!r}")
 
 
-def positive_limit(owner: str, name: str, value) -> None:
+def check_limit(owner: str, name: str, value) -> None:
     """Raise `ValueError` unless the end of a search is finite and > 0."""
     require(owner, name, value, lambda v: v > 0, "finite and > 0")
 
@@ -259,8 +259,8 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
 
 
 def _without_tangents(tree):
-    """Return the concrete values of a pytree without tangents, because outside jit every jnp operation on
-    tangents compiles separately. A pytree with traced values stays as it is."""
+    """Return the concrete values of a pytree, without tangents. This saves time: outside jit every jnp
+    operation on tangents compiles separately. A pytree with traced values stays as it is."""
     return jax.tree.map(value_of, tree) if all(map(is_concrete, jax.tree.leaves(tree))) else tree
 
 
@@ -291,7 +291,7 @@ def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
         if _any_traced(leaves):
             return program(*leaves)
         first = _search_on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
-        # NumPy is used because under a transformation JAX would trace even concrete values.
+        # NumPy arrays stay concrete under a transformation, where JAX would trace even concrete values.
         return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
     return search
@@ -354,8 +354,8 @@ def _search_in_program(leaves, structure, margin: bool) -> FirstBoundary:
     search_options = margin_options(options, margin)
     coarse = scan_options(search_options, width)
 
-    def solve_row(scales, sharp):
-        accuracy = jax.tree.map(lambda a, b: jnp.where(sharp, a, b), search_options, coarse)
+    def solve_row(scales, accurate):
+        accuracy = jax.tree.map(lambda a, b: jnp.where(accurate, a, b), search_options, coarse)
 
         def solve_scale(scale):
             (floats, _), (integers, _) = solve(podium, excitation.scaled(scale), REST, None, accuracy)

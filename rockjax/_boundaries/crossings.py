@@ -39,12 +39,12 @@ from .refinement import (
 Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 
 DOUBTFUL = 0.1  # intervals with a larger `curvature_indicator` are refined; the theoretical limit is 1
-REFINEMENT_ROUNDS = 8  # largest number of rounds of this refinement
+REFINEMENT_ROUNDS = 8  # largest number of rounds in which such intervals are refined
 PARTS = 4  # number of parts into which a round divides an interval
 MIN_INTERVAL = 1e-6  # shorter intervals are not refined [length of the line]
 
 DIP_DIVISIONS = 256  # steps beside the lowest dips are divided into at least this number of parts
-WINDOW_DIVISIONS = 16  # the same number if only overturning intervals are searched
+WINDOW_DIVISIONS = 16  # the same number for dips in which an overturning interval may open
 NOISE = 0.1  # brackets are not made narrower than this multiple of rtol, relative to y
 
 
@@ -110,14 +110,14 @@ def scan(
     - `plane`: (x, y) ↦ (podium, excitation)
     - `x`: positions of the lines, shape (lines,)
     - `y_range`: ends of the lines
-    - `resolution`: number of intervals at whose ends each line is evaluated first
+    - `resolution`: number of equal intervals of each line, whose ends are evaluated first
     - `options`: options of the scenes at full accuracy; scenes that only scan are less accurate
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
     - `refine`: `"everywhere"` refines intervals in which the margin bends so much that it may cross zero
       unnoticed; `"below"` omits this refinement; `"first"` omits it as well, and returns only the first
       change of each line
     - `width`: below the first change no overturning interval wider than this fraction of the range is
-      missed, if the motion is proportional to y. None omits this search
+      missed, if the motion is proportional to y. None omits the search for such intervals
     - `dips`: True to refine the lowest dips of the margin; otherwise only dips in which an overturning
       interval may open are refined, and `Scan.dip` is approximate
 
@@ -133,11 +133,11 @@ def scan(
 
     with bar(None, "scenes", progress, unit_scale=True) as counter:
 
-        def solve(line: np.ndarray, y: np.ndarray, sharp: bool) -> SolvedScenes:
+        def solve(line: np.ndarray, y: np.ndarray, accurate: bool) -> SolvedScenes:
             nonlocal scenes
             scenes += line.size
-            result = margins(plane, x[line], y, options if sharp else coarse, counter, has_distances)
-            return SolvedScenes(line, y, *result, np.full(line.size, sharp))
+            result = margins(plane, x[line], y, options if accurate else coarse, counter, has_distances)
+            return SolvedScenes(line, y, *result, np.full(line.size, accurate))
 
         lines = np.arange(x.size)
         grid = np.linspace(*y_range, resolution + 1)

@@ -39,7 +39,7 @@ class FirstBoundary(NamedTuple):
 
     scale: Any  # the least scale that overturns; inf if nothing overturns
     dip: Any  # the lowest dip of the margin below the boundary; 1 if there is none
-    certain: Any  # below the boundary, no overturning interval is wider than this
+    certain: Any  # no overturning interval below the boundary is wider than this
     impacts: Any  # number of impacts before overturning
 
 
@@ -66,7 +66,7 @@ def first_boundary(solve_row: SolveRow, limit: Array, spacing: Array) -> FirstBo
 
     - `solve_row`: (scales, whether at full accuracy) ↦ (margins, numbers of impacts)
     - `limit`: end of the range
-    - `spacing`: distance of the scales
+    - `spacing`: distance between the scales of the scan
     """
     zero, one = jnp.zeros_like(limit), jnp.ones_like(limit)
     zero_count = jnp.zeros((), jnp.int32)
@@ -147,7 +147,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
         jnp.where(is_dip[:, None], triples(margin), 1.0),
     )
     dips, margins = jnp.concatenate([state.dips, new_dips]), jnp.concatenate([state.dip_margins, new_margins])
-    # The dips with the lowest depth stay: the margin at which straight lines from both sides meet.
+    # The lowest dips stay, compared by their depth: the margin at which straight lines from both sides meet.
     depth = 2 * margins[:, 1] - 0.5 * (margins[:, 0] + margins[:, 2])
     _, lowest = jax.lax.top_k(-depth, DIPS)
     return state._replace(

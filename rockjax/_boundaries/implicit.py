@@ -103,14 +103,14 @@ def log_sensitivities(
     pulse: Callable[[Any, Any], AbstractExcitation] | None = None,
     records: Records | RecordPairs | None = None,
 ) -> Float[np.ndarray, "names n"]:
-    """Return d ln a/d ln y at boundaries a, for the parameters y (host).
+    """Return d ln a/d ln y at boundaries a, for the parameters y.
 
     - `podium`: podium with scalar parameters
     - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). Where a boundary is
       not finite, its derivatives are NaN
-    - `rows`: for each boundary, the period `T_p` of the pulse [s] or the index `which` of the record, shape
+    - `rows`: for pulses a dict with their periods `T_p` [s], for records with their indices `which`, shape
       (n,)
-    - `names`: names of the parameters of the podium, or `"T_p"`
+    - `names`: names of the parameters y: parameters of the podium, or `"T_p"`
     - `options`: options of the scenes
     - `pulse`: function (a_p, T_p) ↦ excitation, or None for records
     - `records`: table of records, or None for a pulse

@@ -64,6 +64,6 @@ def margin_options(options: Options, margin: bool) -> Options:
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:
     """Return less accurate options for scanning, with which no overturning interval wider than `width`, a
-    fraction of the range, is missed. Changes of the outcome are then confirmed with `options`."""
+    fraction of the range, is missed. The search later confirms changes of the outcome with `options`."""
     loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

@@ -4,8 +4,8 @@ A window is an interval of y in which scenes overturn. The edge distance of a sc
 y at which the scene could overturn (see `_batch/edge_distance.py`). Two neighbours that both survive may be
 as far apart as `DISTANCE_SHARE` times the sum of both edge distances: a window in between would contradict
 the derivatives at all turning points of both scenes. But some windows that are a few spacings wide have no
-effect on neighbouring scenes. Therefore neighbours are at most `MAX_SPACINGS` spacings apart, and only one
-spacing, which is slightly less than the requested width, if edge distances are short or unknown. This is an
+effect on neighbouring scenes. Therefore neighbours are at most `MAX_SPACINGS` spacings apart, and one spacing
+if edge distances are short or unknown. A spacing is slightly less than the requested width. This is an
 estimate, not a proof; for comparison `benchmarks/boundaries.py` evaluates every scale.
 
 Points are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
@@ -42,7 +42,7 @@ class SolvedScenes(NamedTuple):
     margin: np.ndarray  # signed margin; NaN if the scene did not finish
     impacts: np.ndarray  # number of impacts
     edge_distance: np.ndarray  # estimated change of y at which the scene could overturn; 0 if unknown
-    sharp: np.ndarray  # True if solved at full accuracy
+    accurate: np.ndarray  # True if solved at full accuracy
 
     def merged_with(self, other: SolvedScenes) -> SolvedScenes:
         merged = SolvedScenes(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
@@ -99,8 +99,8 @@ def resolve_windows(
 
     - `solved`: scenes solved so far
     - `solve`: (line, y, whether at full accuracy) ↦ solved scenes
-    - `spacing`: result of `spacing_for`; inf omits the search for windows
-    - `first_only`: True to confirm only the first change of each line
+    - `spacing`: result of `spacing_for`; inf to omit the search for windows
+    - `first_only`: True to confirm only the first change of each line, False to confirm all
 
     Returns all scenes. Scenes at changes, and scenes with a small margin, are solved at full accuracy.
     """
@@ -184,7 +184,7 @@ def _unconfirmed(solved: SolvedScenes, first_only: bool) -> np.ndarray:
         below.start + np.flatnonzero(solved.margin[below] < GRAZING) for below in solved.below_first_change()
     ]
     indices = np.union1d(np.union1d(changes, changes + 1), np.concatenate(grazing)).astype(int)
-    return indices[~solved.sharp[indices]]
+    return indices[~solved.accurate[indices]]
 
 
 def find_dips(solved: SolvedScenes) -> np.ndarray:
@@ -201,7 +201,7 @@ def find_dips(solved: SolvedScenes) -> np.ndarray:
 def points_around_dips(
     solved: SolvedScenes, lanes: int, may_open: bool = False
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return points on both sides of the dips of each line that may be the lowest.
+    """Return, for each line, points on both sides of the dips that may be the lowest.
 
     - `solved`: the solved scenes
     - `lanes`: number of scenes that a batch solves together

@@ -71,7 +71,7 @@ class AbstractOutput:
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
     value of the quantity in the scene, with derivatives. Override `over_step`, `at_impact`, `update` or
-    `answer` for other kinds of answers. Further methods save time. Rests, samples of a record and bounces are
+    `answer` for other forms of answers. Further methods save time. Rests, samples of a record and bounces are
     skipped only if every requested output overrides `over_rest`, `over_sample` or `over_bounces`
     respectively. A scene continues to overturning or `t_end` unless `is_final` returns True for every output.
 
@@ -79,7 +79,7 @@ class AbstractOutput:
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of
       the answer, as in [`rockjax.Variable`][]; an output with several answers lists them in `variables`
     - `by_default`: whether the output is requested by default
-    - `needs_flat`: whether only the flat engine supports the output
+    - `needs_flat`: whether the output works only with `Options(engine="flat")`, the default
     - `follows_impacts`: whether the output needs every impact until rest, however slow
     - `of_joints`: whether the output needs the constants of the joints, `moment.c.joints`
     """

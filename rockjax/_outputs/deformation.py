@@ -45,7 +45,7 @@ class PeakDeformation(AbstractOutput):
         return jnp.zeros(() if modes is None else modes.omega2.shape, start.t.dtype), None
 
     def over_step(self, step: Step, record: Values) -> Maximum:
-        # A step need not end on a maximum if the polynomial over the step is as accurate as the method.
+        # Steps end on maxima only if the method is more accurate than the polynomial over the step.
         return step.largest(step.deformations, record, END_ZONE_QUINTIC, lands=step.refines)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:

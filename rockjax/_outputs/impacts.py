@@ -18,8 +18,8 @@ from .views import Ended, Start, StepEnd
 
 @dataclasses.dataclass(frozen=True)
 class Impacts(AbstractInternalOutput):
-    """The output that makes a scene count all impacts until rest. Otherwise the scene may end earlier, as
-    soon as all other outputs are final."""
+    """The output that makes a scene count all impacts until rest. Without it the scene ends as soon as all
+    other outputs are final."""
 
     name = "impacts"
     follows_impacts = True

@@ -28,7 +28,7 @@ class PeakRotation(AbstractEventOutput):
     symbol = "θ/α"
     by_default = True
 
-    requested: bool = True
+    requested: bool = True  # False if only fast-forwards and other outputs use the rotation
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -56,7 +56,7 @@ class PeakRotation(AbstractEventOutput):
     def update(self, end: StepEnd, record: Value, note: Value, largest: Any) -> tuple[Value, Value]:
         del largest
         highest, time = barrier(_highest(end))
-        if not self.requested:  # its derivatives are not used
+        if not self.requested:  # derivatives of the rotation are not used
             highest, time = jax.lax.stop_gradient((highest, time))
         raises = barrier(end.accepted & (end.step.sigma != 0) & (highest > record))
         return jnp.where(raises, highest, record), jnp.where(raises, time, note)
@@ -87,7 +87,7 @@ def _highest(end: StepEnd) -> tuple[Value, Value]:
     end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))
     peak, end_angle = barrier((guard.path.value(guard.turn), end_angle))
     at_turn = step.has_peak & (peak >= end_angle)
-    # If |θ| is largest at the end of the step and no event is there, the end is a turning point up to
+    # If |θ| is largest at the end of a step without an event there, the end is a turning point up to
     # rounding.
     at_event = (end.lands | step.trial.ends_scene) & ~at_turn
     turn = jnp.where(at_turn, guard.turn, 1.0)

@@ -33,7 +33,7 @@ class PeakShear(AbstractOutput):
     symbol = "|V_s|/(m_t g)"
     by_default = True
 
-    superstructure: bool = True
+    superstructure: bool = True  # whether the podium has a superstructure
 
     def applies(self, podium: Podium) -> bool:
         return podium.superstructure is not None

@@ -20,8 +20,8 @@ restrainers the potential V of (C3) replaces the potential of gravity, (C21):
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
 The margin of a scene is the least margin of all turning points, 1 if the columns never lift, and the margin
-at α_o if the scene overturns. Turning points appear and vanish as the parameters change, and f differs
-between them. The term with W is therefore limited to w. Away from the boundary, M then depends mainly on the
+at α_o if the scene overturns. Turning points appear and vanish as the parameters change, and each has
+its own f. The term with W is therefore limited to w. Away from the boundary, M then depends mainly on the
 largest rotation, which is continuous.
 """
 
@@ -43,7 +43,7 @@ def margin_at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
     - `theta`: |θ| at the turning point [rad]
-    - `slowing`: angular deceleration −σθ̈ ≥ 0 there [rad/s²]
+    - `slowing`: angular deceleration −σθ̈ ≥ 0 at the turning point [rad/s²]
     """
     one = jnp.ones_like(theta)
     (sin_o, _), (sin, _) = (sincos(c.alpha - angle) for angle in (overturn_angle, theta))

@@ -14,7 +14,7 @@ import numpy as np
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._outputs.registry import suitable_outputs
-from rockjax._responses.estimate import companion
+from rockjax._responses.estimate import second_options
 from rockjax._responses.floor_answers import VARIABLES
 from rockjax._responses.peak import data_variables
 from rockjax._structures import Podium, ShearBuilding
@@ -160,7 +160,7 @@ class Scenes:
         solution, inf where a block overturns in only one of the solutions."""
         if not on_floors:
             return data
-        finer = companion(options).replace(outputs=("peak_rotation",))
+        finer = second_options(options).replace(outputs=("peak_rotation",))
         other = self.solve(self.problem.podium, excitations, finer, ("motion",), on_floors)
         for name in ("contents_peak_rotation", "oscillator_pseudo_acceleration"):
             if name in data:

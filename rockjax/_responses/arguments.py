@@ -66,7 +66,7 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     require_instance(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
     if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.has_mode_axis):
-        return initial  # not converted again, because in small batches copies to the device take most time
+        return initial  # without conversion, because in small batches copies to the device take most time
     initial = jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
     if top is None or not top.has_mode_axis:
         return initial
@@ -128,10 +128,10 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
-IN_G = 0.05, 1.0  # range of strong motions in g; such numbers in m/s² would lift almost no structure
+IN_G = 0.05, 1.0  # amplitudes in this range may be meant in g: in m/s² they would lift almost no structure
 
 
-def doubt_amplitude(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
+def warn_of_amplitude_in_g(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
     """Warn if a pulse cannot lift the columns, but could do so if the given amplitude were in g.
 
     Only amplitudes of at most two significant digits are checked, because computed amplitudes have more.

@@ -166,7 +166,7 @@ def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
 
 def _motion_attribute(name: str) -> str:
     attribute = attribute_name(motion_parameter(name))
-    # Without a unit in the name, a parameter of the podium may have the same name.
+    # A name without a unit gets the prefix, because a parameter of the podium may have the same name.
     return f"pulse_{name}" if attribute == name else attribute
 
 

@@ -56,7 +56,7 @@ class Errors(Module):
         return by_name(self, name)
 
 
-def companion(options: Options) -> Options:
+def second_options(options: Options) -> Options:
     """Return the options of the second solution."""
     rtol, atol = options.rtol, options.atol
     larger = max if isinstance(atol, int | float) else jnp.maximum
@@ -108,7 +108,7 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
 
     rotation = difference_of("peak_rotation")
     overturned = flags["overturned"]
-    # The excess energy of columns at the overturning angle vanishes on the boundary.
+    # `fall` is proportional to the excess energy at the overturning angle, which is zero on the boundary.
     is_close = xp.where(
         overturned,
         a["fall"] < SAFETY * difference_of("fall"),

@@ -77,8 +77,8 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
     - `scene`: solved scene
     - `t`: times, shape (n,) [s]
     - `left`: whether to return the motion just before the time, shape (n,)
-    - `node`: index of the node of the history from which the motion starts, shape (n,); −1 for the last node
-      before the time
+    - `node`: index of the node of the history from which a step leads to the time, shape (n,); −1 for the
+      last node before the time
     """
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
@@ -311,7 +311,7 @@ class FloorMotion(Module):
     """Motion of the deck, of a story, or of a weighted sum of modes; from [`rockjax.Response.floor`][].
 
     Accelerations are absolute and do not contain the velocity jumps at impacts. Methods that take times
-    return NaN outside the scene, and work under `jit`; the peaks and `to_record` are for the host.
+    return NaN outside the scene, and work under `jit`; the peaks, `last`, `load` and `to_record` do not.
 
     - `weights`: weights W_i of the modes, (L2) [–]; the weight of the deck is 1 − ΣW_i
     - `level`: "deck", the number of the story, or "weights"
@@ -338,7 +338,7 @@ class FloorMotion(Module):
     def acceleration(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
         """Return the absolute horizontal acceleration at times t [s], (L1), (L2) [m/s²]; with `left=True`
         just before these times, for example before an impact."""
-        return self._at(t, left, lambda motion: self._combined(motion.acceleration))
+        return self._at(t, left, lambda motion: self._of_floor(motion.acceleration))
 
     def vertical_acceleration(
         self, t: Float[ArrayLike, "*times"], left: bool = False
@@ -349,11 +349,11 @@ class FloorMotion(Module):
 
     def velocity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
         """Return the horizontal velocity relative to the ground [m/s] at times t [s]."""
-        return self._at(t, left, lambda motion: self._combined(motion.velocity))
+        return self._at(t, left, lambda motion: self._of_floor(motion.velocity))
 
     def displacement(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the horizontal displacement relative to the ground [m] at times t [s]."""
-        return self._at(t, False, lambda motion: self._combined(motion.displacement))
+        return self._at(t, False, lambda motion: self._of_floor(motion.displacement))
 
     @property
     def velocity_jumps(self) -> Float[Array, " impacts"]:
@@ -368,17 +368,17 @@ class FloorMotion(Module):
 
     @property
     def peak_acceleration(self) -> float:
-        """Peak floor acceleration sup|a| in the scene (host) [m/s²]. It includes the values just before and
+        """Peak floor acceleration sup|a| in the scene [m/s²]. It includes the values just before and
         just after events, but not the velocity jumps."""
         return largest_acceleration(self.load())
 
     @property
     def peak_velocity_jump(self) -> float:
-        """Largest |Δv| at the impacts (host) [m/s]; 0 if there are none."""
+        """Largest |Δv| at the impacts [m/s]; 0 if there are none."""
         return float(np.abs(np.asarray(self.velocity_jumps)).max(initial=0.0))
 
     def last(self, end: float | None = None) -> float:
-        """Return the time up to which the motion of the floor can be evaluated [s] (host).
+        """Return the time up to which the motion of the floor can be evaluated [s].
 
         This is the end of the scene, or `end` if that is later and the podium is rigid and rests for good.
         The default of `end` is the end of the ground motion.
@@ -391,8 +391,7 @@ class FloorMotion(Module):
         return max(scene_end, float(end))
 
     def load(self, direction: str = "horizontal", end: float | None = None) -> Load:
-        """Return the acceleration as polynomials in pieces, with the velocity jumps between them, (L7)
-        (host).
+        """Return the acceleration as polynomials in pieces, with the velocity jumps between them, (L7).
 
         - `direction`: "horizontal" or "vertical"
         - `end`: end of the pieces for a rigid podium that rests for good, as for `last`
@@ -402,7 +401,7 @@ class FloorMotion(Module):
         return load_of(pieces, motion, in_direction(with_beam(np.asarray(self.weights)), direction))
 
     def to_record(self, dt: float, direction: str = "horizontal") -> Record:
-        """Return the floor's motion as a record (host). Velocity jumps become large accelerations.
+        """Return the floor's motion as a record. Velocity jumps become large accelerations.
 
         - `dt`: sampling interval, > 0 [s]
         - `direction`: "horizontal" or "vertical"
@@ -422,7 +421,8 @@ class FloorMotion(Module):
     def __repr__(self) -> str:
         return f"FloorMotion(level={self.level!r})"
 
-    def _combined(self, values: Any) -> Any:
+    def _of_floor(self, values: Any) -> Any:
+        """Return the weighted sum of values of modes and beam, (L2)."""
         return values @ with_beam(self.weights)
 
     def _at(self, t: Any, left: bool, read: Callable[[Bodies], Any]) -> Array:

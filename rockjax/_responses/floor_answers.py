@@ -1,4 +1,4 @@
-"""Answers of light things on the floors of a structure, for tables and datasets."""
+"""Answers (results) of light things on the floors of a structure, also as rows of tables and datasets."""
 
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, 
     - `dims`: dims of the scenes; empty if the caller adds these dims
     """
     data: dict[str, Any] = {}
-    for kind, (dim, variables) in VARIABLES.items():
-        members = [answer for answer in answers if isinstance(answer, kind)]
+    for answer_class, (dim, variables) in VARIABLES.items():
+        members = [answer for answer in answers if isinstance(answer, answer_class)]
         if not members:
             continue
         stacked = lambda read, members=members: np.stack([np.asarray(read(y)) for y in members], axis=-1)

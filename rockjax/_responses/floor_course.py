@@ -1,4 +1,4 @@
-"""The motion of beam and modes along a history, as the excitation of things on floors."""
+"""The motion of modes and beam (the bodies) along a history, which excites things on floors."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def ending(scene: history.Solved, t) -> Ending:
     return Ending(is_over & (sigma == 0), no_modes, jnp.where(has_bound, speed, inf), impact_speed, e)
 
 
-def remaining(
+def bound_after_end(
     ending: Ending, weights: np.ndarray, damping: np.ndarray, is_vertical: bool
 ) -> np.ndarray | float:
     """Bound ∫|a| dt + Σ|Δv| of a floor after the end of a scene, V of (L16), (L17) [m/s].

@@ -1,4 +1,4 @@
-"""Light things on floors, solved along the history of the structure."""
+"""Light things (contents and oscillators) on floors, solved along the history of the structure."""
 
 from __future__ import annotations
 
@@ -103,8 +103,8 @@ def _vibrate(
 ):
     """Return the answers of an oscillator, with arguments and results as for `_rock`.
 
-    The oscillator is solved as a massless superstructure on a podium that never lifts, because the columns
-    are almost flat and the rest velocity is unreachable.
+    The oscillator is solved as a massless superstructure on a podium that never lifts: its columns are almost
+    flat, and its rest velocity is unreachable.
     """
     flat = Podium(NEVER_LIFTS, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g)
     outputs = "peak_rotation", "peak_deformation", "peak_shear"
@@ -185,9 +185,9 @@ def _solve_group(
     """Return the answers of things of one class and direction, solved together under `vmap`."""
     solve, _ = KINDS[type(things[0])]
     weights = jnp.stack([_weights_of(podium, thing) for thing in things])
-    lanes = jax.tree.map(lambda *y: jnp.stack(y), *map(_stackable, things))
-    solve_lane = lambda thing, row: solve(thing, podium.g, row, course, options, reversible)
-    answers = jax.vmap(solve_lane)(lanes, weights)
+    stacked = jax.tree.map(lambda *y: jnp.stack(y), *map(_stackable, things))
+    solve_one = lambda thing, row: solve(thing, podium.g, row, course, options, reversible)
+    answers = jax.vmap(solve_one)(stacked, weights)
     return [jax.tree.map(functools.partial(jnp.take, indices=k, axis=0), answers) for k in range(len(things))]
 
 
@@ -221,7 +221,7 @@ def answers_on_floors(
 
     Raises `ValueError` for things of another class, and for levels that the structure does not have.
     """
-    things = checked(owner, podium, things)
+    things = as_things(owner, podium, things)
     if not things:
         return ()
     podium = podium.without_elevation().split().without_idle_restrainers()
@@ -235,7 +235,7 @@ def answers_on_floors(
             answer = PROGRAM(*arguments, history=capacity)
         floats, (integers, code) = answer
         if concrete(code) != results.HISTORY_FULL or capacity >= options.max_steps + 2:
-            return named(things, floats, integers)
+            return as_answers(things, floats, integers)
         capacity *= 4
 
 
@@ -245,7 +245,7 @@ def floor_options(options: Options) -> Options:
     return options.replace(outputs=("peak_rotation",), engine="flat", method=method)
 
 
-def named(things: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
+def as_answers(things: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
     """Convert the answers of things to `ContentsAnswer` and `OscillatorAnswer`.
 
     - `things`: the things; `floats`, `integers`: their answers by name
@@ -259,7 +259,7 @@ def named(things: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
     return tuple(answers)
 
 
-def checked(owner: str, podium: Podium, on_floors: Any) -> tuple[Any, ...]:
+def as_things(owner: str, podium: Podium, on_floors: Any) -> tuple[Any, ...]:
     """Convert things on floors to a tuple. Raises `ValueError` as `answers_on_floors` does."""
     things = (on_floors,) if isinstance(on_floors, tuple(KINDS)) else on_floors
     if not isinstance(things, Sequence) or not all(isinstance(thing, tuple(KINDS)) for thing in things):

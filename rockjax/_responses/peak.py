@@ -56,7 +56,7 @@ def all_variables(outputs: Sequence[str | AbstractOutput] = ()) -> dict[str, tup
     """Return all answers that a scene can have, by name: the properties of the answer, and the name of the
     output that must be requested for it (None for answers of every scene).
 
-    - `outputs`: requested outputs; user-defined ones among them add answers
+    - `outputs`: requested outputs; user-defined outputs add answers
     """
     return {**VARIABLES, **ALWAYS, **variables_of(outputs)}
 
@@ -149,7 +149,7 @@ class Peak(AbstractPeak):
     sensitivities: Sensitivities | None = None
 
     def dataset(self) -> xarray.Dataset:
-        """Return the answers as a dataset (host) with `units` and `long_name`. A batch has the dims
+        """Return the answers as a dataset with `units` and `long_name`. A batch has the dims
         `scene_0`, `scene_1`, …"""
         import xarray
 
@@ -166,12 +166,12 @@ class Peak(AbstractPeak):
 
 
 def peak_fields(floats, integers, options: Options, *, throw: bool = False, history: bool = False) -> dict:
-    """Return the fields of a `Peak` from the outputs of its lanes.
+    """Return the fields of a `Peak` of a scene or a batch.
 
-    - `floats`, `integers`: outputs of the lanes by name
+    - `floats`, `integers`: outputs of the scenes by name
     - `options`: options of the scenes
     - `throw`: whether to raise `RuntimeError` for a scene that did not finish
-    - `history`: whether the scenes have a history, so that they continue to rest
+    - `history`: whether the scenes have a history; they are then solved until rest
     """
     code = integers["code"]
     if throw:
@@ -198,7 +198,7 @@ def _impacts(floats, integers, options: Options, history: bool):
     """
     flags = integers["code"], integers["impacts"], integers["uplifted"]
     is_traced, is_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
-    # NumPy is used because outside jit every jnp operation compiles separately.
+    # NumPy saves time here, because outside jit every jnp operation compiles separately.
     code, count, uplifted = flags if is_traced else map(np.asarray, flags)
     is_final = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
     if history or "impacts" in options.outputs:
@@ -236,7 +236,11 @@ def peak_variables(
     for name, (variable, output) in variables.items():
         values = getattr(peaks, name)
         if values is not None and (output is None or output in requested):
-            attrs = {"units": variable.unit, "long_name": variable.description, **_until(variable)}
+            attrs = {
+                "units": variable.unit,
+                "long_name": variable.description,
+                **_overturning_attrs(variable),
+            }
             yield name, np.asarray(values), attrs
     if peaks.errors is not None:
         for name, (variable, output) in variables.items():
@@ -262,7 +266,7 @@ def peak_variables(
     )
 
 
-def _until(variable: Variable) -> dict[str, str]:
+def _overturning_attrs(variable: Variable) -> dict[str, str]:
     """Return the attributes of a peak that refer to the variable `overturned`."""
     if not variable.until_overturning:
         return {}
@@ -276,7 +280,7 @@ def data_variables(
     any, along `parameter`.
 
     - `peaks`, `outputs`: a batch and its requested outputs
-    - `dims`: dims of the scenes; empty if the caller adds them
+    - `dims`: dims of the scenes; empty if the caller adds these dims
     """
     scenes = np.ndim(peaks.stats.steps)
     data: dict[str, Any] = {

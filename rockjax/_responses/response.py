@@ -69,7 +69,7 @@ class Response(AbstractPeak):
     end.
 
     - `impact_times`: times of the impacts [s], ascending; padded with NaN under `jit`
-    - `times`: nodes of the history [s]; padded with inf under `jit`
+    - `times`: times of the nodes (the accepted steps) [s]; padded with inf under `jit`
     - `origin`: name, source, factor and seed of the motion if it was given as a [`rockjax.Motion`][]
     """
 
@@ -86,7 +86,7 @@ class Response(AbstractPeak):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Start and end of the part to plot (host) [s]. This part includes the whole ground motion even if a
+        """Start and end of the part to plot [s]. This part includes the whole ground motion even if a
         rigid podium comes to rest earlier."""
         start, end = float(np.asarray(self.times)[0]), float(self.stats.end_time)
         if not self.podium.vibrates and bool(self.result == RESULTS.settled):
@@ -252,8 +252,8 @@ class Response(AbstractPeak):
             return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
-        """Return the history as a dataset (host): states, deformation, ground acceleration, mode, restoring
-        moment and energies at times t, by default at 4001 times from start to end of `span`.
+        """Return the history as a dataset: states, deformation, ground acceleration, mode, restoring moment
+        and energies at times t, by default at 4001 times from start to end of `span`.
 
         Answers of [`rockjax.Peak`][] have no dim `time`. The times of impacts and the rates of rotation
         before and after impacts have the dim `impact`. Joint forces are included if an output of the joints
@@ -288,7 +288,7 @@ class Response(AbstractPeak):
             return [_truncate(y, t.size).reshape(*t.shape, *y.shape[1:]) for y in values]
 
     def _history(self, t, left) -> tuple[dict, Energies]:
-        """Return all samples and energies at times t (n,), or just before them where `left` (n,)."""
+        """Return all quantities and energies at times t (n,), or just before them where `left` (n,)."""
         size = t.size
         times, flags = history.pad_times(t, left)
         samples, *terms, initial = history.balance(self._scene(), times, flags)
@@ -330,7 +330,7 @@ def _dataset(
     energies: Energies,
     impacts: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Return the dataset of `Response.dataset` from samples and energies at times t."""
+    """Return the dataset of `Response.dataset`, from quantities (`samples`) and energies at times t."""
     import xarray
 
     values = dict(samples) | {

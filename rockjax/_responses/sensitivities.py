@@ -67,8 +67,8 @@ def slope_name(answer: str) -> str:
 def scalar_fields(motion: AbstractExcitation) -> dict[str, str]:
     """Return the fields of a motion that hold scalar parameters, by parameter name.
 
-    For a pair of motions, names of fields start with `horizontal.` or `vertical.`. Names of parameters have
-    only the prefix `vertical.`, for the vertical motion.
+    For a pair of motions, names of fields start with `horizontal.` or `vertical.`. Names of parameters
+    have the prefix `vertical.` for the vertical motion, and none for the horizontal motion.
     """
     if isinstance(motion, GroundMotion):
         components = {part: scalar_fields(getattr(motion, part)) for part in PARTS}

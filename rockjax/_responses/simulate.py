@@ -21,8 +21,8 @@ from rockjax._programs.program import nans_allowed
 from rockjax._results import REST, State
 from rockjax._structures import Podium
 
-from .arguments import as_end, as_start, check_range, check_types, doubt_amplitude
-from .estimate import Errors, companion, errors
+from .arguments import as_end, as_start, check_range, check_types, warn_of_amplitude_in_g
+from .estimate import Errors, errors, second_options
 from .on_floors import Things, answers_on_floors
 from .peak import Peak, peak_fields
 from .response import Response
@@ -42,7 +42,7 @@ def peak_response(
     """Compute the peak response of one scene, without history.
 
     Works under `jit`, `vmap`, `grad`, `jacfwd` and `jvp`, with respect to all arrays in `podium`,
-    `excitation`, `initial` and `t_end`. For many scenes on the host see [`rockjax.peak_responses`][].
+    `excitation`, `initial` and `t_end`. For many scenes outside `jit` see [`rockjax.peak_responses`][].
 
     - `podium`: a single podium; only modes, stories and columns may have an axis
     - `excitation`: a pulse, a wavelet, a record, a `Motion`, or any other [`rockjax.AbstractExcitation`][]
@@ -50,13 +50,13 @@ def peak_response(
     - `t_end`: latest end of the scene [s]; by default max(30/p, 10 T_s) after the end of the excitation
     - `options`: accuracy, requested outputs and limits
     - `on_floors`: light things on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][], one or a
-      sequence of them; their answers are the field `on_floors` of the result, and nothing else changes
+      sequence of them; their answers are the field `on_floors` of the result; the other fields stay the same
 
     If values are concrete, raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError`
     for a scene that does not finish. Under `jit` check `result`.
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
-    floats, integers, _ = _solved(*arguments, None)
+    floats, integers, _ = _solve(*arguments, None)
     return Peak(
         **peak_fields(floats, integers, options, throw=options.throw),
         errors=_errors(arguments, floats, integers),
@@ -90,13 +90,13 @@ def simulate(
     is_concrete = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
     capacity = min(max(options.history, CAPACITY), largest) if is_concrete else options.history
     while True:
-        floats, integers, nodes = _solved(*arguments, capacity)
+        floats, integers, nodes = _solve(*arguments, capacity)
         is_full = concrete(integers["code"]) == results.HISTORY_FULL
         if not is_full or capacity >= largest:
             break
         capacity = min(4 * capacity, largest)
     assert nodes is not None
-    nodes, impact_times = _used(nodes, integers["impacts"])
+    nodes, impact_times = _used_nodes(nodes, integers["impacts"])
     return Response(
         **peak_fields(floats, integers, options, throw=options.throw, history=True),
         errors=_errors(arguments, floats, integers),
@@ -110,7 +110,7 @@ def simulate(
     )
 
 
-def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
+def _used_nodes(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
     """Return the used nodes, and the times of impacts in ascending order. If the number of used nodes is
     traced, return all nodes, and impact times padded with NaN."""
     count = concrete(nodes.used)
@@ -120,12 +120,12 @@ def _used(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
     if any(isinstance(y, Tracer) for y in jax.tree.leaves(nodes)):
         nodes = jax.tree.map(lambda y: y[:used] if jnp.ndim(y) else y, nodes)
         return nodes, jnp.sort(nodes.impact_time)[: int(impacts)]
-    # NumPy is used because outside jit every jnp operation would compile separately for every length.
+    # NumPy saves time here, because outside jit every jnp operation compiles separately for every length.
     nodes = jax.tree.map(lambda y: as_array(np.asarray(y)[:used]) if jnp.ndim(y) else y, nodes)
     return nodes, as_array(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
 
 
-def _solved(podium, excitation, initial, t_end, options, history):
+def _solve(podium, excitation, initial, t_end, options, history):
     """Return floats and integers by name, and the nodes of the history (None if `history` is None)."""
     (floats, nodes), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, history)
     if nodes is not None:
@@ -139,7 +139,7 @@ def _errors(arguments, floats, integers) -> Errors | None:
     if "errors" not in options.outputs:
         return None
     constants = jax.lax.stop_gradient((podium, excitation, initial, t_end))
-    second_floats, second_integers, _ = _solved(*constants, companion(options), None)
+    second_floats, second_integers, _ = _solve(*constants, second_options(options), None)
     with nans_allowed():
         return errors((floats, integers), (second_floats, second_integers), options, jnp)
 
@@ -161,5 +161,5 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
             require(owner, f"initial.{name}", value, np.isfinite, "finite")
     check_range(owner, podium, excitation, t_end, options)
     check_weight(owner, excitation, podium.g)
-    doubt_amplitude(owner, podium, excitation)
+    warn_of_amplitude_in_g(owner, podium, excitation)
     return podium, excitation, initial, t_end, options

@@ -56,7 +56,7 @@ def pick_motions(motions: AbstractExcitation, which: np.ndarray) -> AbstractExci
     """Return the motions with the indices `which`, an array of any shape, from a batch of shape (k,)."""
     if isinstance(motions, Records | RecordPairs):
         return motions.pick(which.astype(np.int32))
-    # NumPy is used because JAX would compile a program for every shape.
+    # NumPy saves time here, because JAX compiles a program for every shape.
     return jax.tree.map(lambda y: as_array(np.asarray(y)[which]), motions)
 
 
@@ -74,7 +74,7 @@ def variable_parameters(podium: Podium, motion: AbstractExcitation, single: bool
 def check_names(owner: str, argument: str, names: Sequence[str], valid: Sequence[str]) -> None:
     """Raise `ValueError` for a name that is not valid, and for two names of the same quantity.
 
-    - `owner`, `argument`: names of the calling function and of the checked argument, for messages
+    - `owner`, `argument`: names of the calling function and of its argument, for messages
     - `names`, `valid`: the given and the accepted names
     """
     for name in names:

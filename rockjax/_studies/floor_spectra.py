@@ -35,7 +35,7 @@ from rockjax._responses.floor import (
     with_beam,
 )
 from rockjax._responses.floor_course import NEVER_LIFTS, end_with_oscillators
-from rockjax._responses.floor_end import Ending, ending, remaining
+from rockjax._responses.floor_end import Ending, bound_after_end, ending
 from rockjax._responses.floor_slopes import capacity_for, motions_with_slopes, slope_of_load, solved
 from rockjax._responses.response import Response
 from rockjax._responses.sensitivities import check_sensitivities, slope_name
@@ -260,7 +260,7 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     for level, weights in request.weights.items():
         load = load_of(pieces, motion, in_direction(with_beam(weights), request.direction))
         has_fallen = bool(response.overturned)
-        remaining_impulse = np.inf if has_fallen else remaining(ended, weights, damping, is_vertical)
+        remaining_impulse = np.inf if has_fallen else bound_after_end(ended, weights, damping, is_vertical)
         load_slopes = [
             slope_of_load(
                 load, pieces, motion, slope, weights, slope.weights.get(level, 0 * weights), request.direction

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
-from rockjax._boundaries.boundary import check_search, overturning_boundary, positive_limit
+from rockjax._boundaries.boundary import check_limit, check_search, overturning_boundary
 from rockjax._boundaries.crossings import precompile_scan, scan
 from rockjax._boundaries.implicit import log_sensitivities
 from rockjax._boundaries.margin import DEFAULT_WIDTH
@@ -305,7 +305,7 @@ def overturning_distribution(
     """
     owner = "overturning_distribution"
     check_types(owner, podium, options)
-    positive_limit(owner, "max_scale", max_scale)
+    check_limit(owner, "max_scale", max_scale)
     records, _ = as_records(owner, records)
     unscaled = jnp.ones(len(records)) if measure is None else as_float(measure, f"{owner}: measure")
 

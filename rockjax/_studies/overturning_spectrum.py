@@ -11,8 +11,8 @@ from rockjax._boundaries.boundary import (
     BOUNDARY,
     MAX_ACCELERATION_RATIO,
     ONE_SIDED_BELOW,
+    check_limit,
     check_search,
-    positive_limit,
 )
 from rockjax._boundaries.crossings import Scan, scan
 from rockjax._boundaries.implicit import log_sensitivities
@@ -83,7 +83,7 @@ def overturning_spectrum(
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"{owner}: frequency_ratio must be a 1-D array with values, got shape {x.shape}")
     require(owner, "frequency_ratio", x, lambda v: v > 0, "finite and > 0")
-    positive_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
+    check_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
     check_single(owner, podium)
     check_search(owner, width, resolution)
     check_parameters(owner, podium, sensitivities, more=["T_p"])

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax._batch.batch import peak_responses
-from rockjax._boundaries.boundary import check_search, positive_limit
+from rockjax._boundaries.boundary import check_limit, check_search
 from rockjax._boundaries.crossings import precompile_scan, scan
 from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, require
@@ -76,7 +76,7 @@ def record_spectrum(
         raise ValueError(f"{owner}: p must be a 1-D array of ascending values, got {p!r}")
     require(owner, "p", sizes, lambda v: v > 0, "finite and > 0 rad/s")
     check_single(owner, podium)
-    positive_limit(owner, "max_scale", max_scale)
+    check_limit(owner, "max_scale", max_scale)
     check_search(owner, width, resolution)
     R = 0.75 * float(podium.g) / sizes**2  # Eq. (25)
 

@@ -17,7 +17,7 @@ from rockjax._engine.runge_kutta import step
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.step import trial
 from rockjax._engine.tableaus import nystrom, tableau
-from rockjax._responses.estimate import companion
+from rockjax._responses.estimate import second_options
 from tests.scenes import PODIUMS, G
 
 PODIUM = PODIUMS["rigid"]
@@ -209,7 +209,7 @@ def test_coarse_samples_are_left_to_the_method():
     fine = rj.Options(rtol=1e-13, atol=1e-15, outputs=OUTPUTS)
     assert rocking_passes(motion, USUAL)
     assert not rocking_passes(coarse, fine)
-    assert not rocking_passes(motion, companion(USUAL))
+    assert not rocking_passes(motion, second_options(USUAL))
     assert start(motion, EVERY)[2].may_skip is None
     assert start(rj.Ricker(3.0, 1.0))[2].may_skip is None
 

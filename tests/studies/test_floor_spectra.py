@@ -10,7 +10,7 @@ import rockjax as rj
 from rockjax import plots
 from rockjax._oscillators import Load, largest
 from rockjax._responses.floor import PieceMotions, Pieces, in_direction, load_of, with_beam
-from rockjax._responses.floor_end import Ending, remaining
+from rockjax._responses.floor_end import Ending, bound_after_end
 from rockjax._responses.floor_slopes import Slopes, slope_of_load
 from tests import restrained
 from tests.reference_contents import oscillators_on_floors
@@ -100,16 +100,16 @@ def test_bounds_of_what_follows_have_their_closed_forms():
     """(L16) for columns at rest and (L17) for free rocking, with X and r of fact 5."""
     damping, weights = np.array([0.0, 0.05]), np.array([0.5, -2.0, 0.0, 0.05])
     rests = Ending(np.True_, np.array([0.1, 0.2, np.inf, 1.0]), 0.0, 0.0, 0.9)
-    assert remaining(rests, weights, damping, False) == pytest.approx(0.5)
-    assert remaining(rests, weights, damping, True) == 0
-    assert remaining(rests, 0 * weights, damping, False) == 0
+    assert bound_after_end(rests, weights, damping, False) == pytest.approx(0.5)
+    assert bound_after_end(rests, weights, damping, True) == 0
+    assert bound_after_end(rests, 0 * weights, damping, False) == 0
     rocks = Ending(np.False_, np.zeros(0), 0.3, 0.4, 0.95)
     damped = 2 * 0.9266920209946192 * 0.7 / (1 - 0.8544678930067565)
     free = np.zeros(0)
-    np.testing.assert_allclose(remaining(rocks, free, damping, False), [16.3, damped], rtol=1e-12)
-    elastic = remaining(rocks._replace(restitution=1.0), free, damping, False)
+    np.testing.assert_allclose(bound_after_end(rocks, free, damping, False), [16.3, damped], rtol=1e-12)
+    elastic = bound_after_end(rocks._replace(restitution=1.0), free, damping, False)
     np.testing.assert_allclose(elastic, [np.inf, damped], rtol=1e-12)
-    assert remaining(rocks, free, damping, True) == np.inf
+    assert bound_after_end(rocks, free, damping, True) == np.inf
 
 
 def test_an_elastic_top_in_full_contact_has_its_closed_form():
