@@ -133,7 +133,7 @@ class Scenes:
         return self.store.get(f"peaks.{name}{_suffix(factor)}", inputs_hash, solve)
 
     def _solve_variants(self, name: str, factor: float = 1.0) -> xarray.Dataset:
-        """Return the peaks of a set along `variant` (every other law of impact, every variation) and `motion`."""
+        """Return the peaks of a set, along `variant` (other laws of impact, then variations) and `motion`."""
         motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
         podiums = [self.podium(law) for law in self.laws] + [self.podium(None, y) for y in self.variations]
         # Laws become numbers, because the podiums of a batch must have equal laws.
