@@ -117,12 +117,12 @@ def design(
         is_interrupted = search.run()
     effort = evaluate.effort(search.iterations, time.perf_counter() - start_time)
     margin_counts = _margin_counts(targets, evaluate.margin_counts)
-    answer = build_design(
+    result = build_design(
         podium, variables, objective, search.search_result(margin_counts, effort), search.estimate_samples
     )
     if is_interrupted:
-        raise rj.Interrupted(f"stopped after {effort.iterations} iterations", answer)
-    return answer
+        raise rj.Interrupted(f"stopped after {effort.iterations} iterations", result)
+    return result
 
 
 class DescentSearch:

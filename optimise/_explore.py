@@ -331,7 +331,7 @@ def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.Float
 
 
 class _Drawing:
-    """Figure of the initial and the present response. Calling it redraws the present response."""
+    """Figure of the initial and the present response. `__call__` redraws the present response."""
 
     def __init__(self, initial: _Simulation, structure: Structure):
         from matplotlib.backends.backend_agg import FigureCanvasAgg

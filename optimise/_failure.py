@@ -45,8 +45,8 @@ class FailureProbability(AbstractTarget):
     through failing samples of the first structure, with derivatives by the implicit function theorem. All
     structures use the same rays, and a safety margin covers the scatter between two samples. A design is
     verified by subset simulation with another seed; this independent sample gives the margin and is stored
-    in `Design.probabilities`. If it has not converged in 10 million scenes, the margin is NaN and the design
-    is not satisfied, with the result `unverified`.
+    in `Design.probabilities`. If the sample has not converged in 10 million scenes, the margin is NaN and
+    the design is not satisfied, with the result `unverified`.
     """
 
     at_most: float = eqx.field(static=True)

@@ -247,15 +247,15 @@ def _solve_window(scene: _Scene, z, weights, peak, tolerance):
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
 
     def solve_start(z):
-        answer = optx.least_squares(
+        solution = optx.least_squares(
             lambda z, _: weights * scene.residuals(_to_unit_interval(z)) / peak,
             solver,
             z,
             max_steps=MAX_STEPS,
             throw=False,
         )
-        is_finite = jnp.isfinite(answer.value).all()
-        return jnp.where(is_finite, answer.value, z), answer.result == optx.RESULTS.successful
+        is_finite = jnp.isfinite(solution.value).all()
+        return jnp.where(is_finite, solution.value, z), solution.result == optx.RESULTS.successful
 
     return jax.vmap(solve_start)(z)
 

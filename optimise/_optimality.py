@@ -32,8 +32,8 @@ class Optimality(NamedTuple):
 def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Model:
     """Return the linear models built at x and at other evaluated points, for steps from x.
 
-    The models of other points are cuts. At x they may not predict more than the evaluated objective, or less
-    than an evaluated margin: objective cuts are lowered and margin cuts raised to the values at x.
+    The models of other points are cuts. At x a cut may not predict more than the evaluated objective, or
+    less than an evaluated margin: objective cuts are lowered and margin cuts raised to the values at x.
     """
     k, m = len(current.f), len(current.c)
     f, f_slope, c, c_slope = [current.f], [current.f_slope], [current.c], [current.c_slope]

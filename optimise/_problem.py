@@ -341,9 +341,7 @@ class _Reader(Reader):
                 self.fail(
                     f"{where}.vertical", f"the motions of {entry.keys.motions} have no vertical component"
                 )
-        arguments.pop(
-            "curve", None
-        )  # the file's fragility curve belongs to its structure, not to other designs
+        arguments.pop("curve", None)  # a stored fragility curve belongs to one structure only
         with self.at(where):
             measure, period = arguments.pop("measure", ("scale", None))
             if entry.kind == "median-capacity" and measure != "scale":

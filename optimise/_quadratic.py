@@ -98,13 +98,13 @@ def solve(
         [_clarabel.NonnegativeConeT(len(right_side))],
         settings,
     )
-    answer = solver.solve()
-    if str(answer.status) not in _SUCCESSES and not (
-        str(answer.status) == "InsufficientProgress" and answer.r_prim < 1e-7
+    solution = solver.solve()
+    if str(solution.status) not in _SUCCESSES and not (
+        str(solution.status) == "InsufficientProgress" and solution.r_prim < 1e-7
     ):
         return None
-    d = np.asarray(answer.x[:n])
+    d = np.asarray(solution.x[:n])
     # An interior-point solution stays slightly inside its bounds.
     d = np.where(d - lower < ON_BOUND, lower, np.where(upper - d < ON_BOUND, upper, d))
-    multipliers = np.maximum(np.asarray(answer.z), 0.0)
+    multipliers = np.maximum(np.asarray(solution.z), 0.0)
     return Step(d, model.violation(d), multipliers[:k], multipliers[k : k + m])

@@ -159,7 +159,7 @@ class _DescentState:
         )
 
     def linearise(self) -> None:
-        """Build the models around x and evaluate its optimality."""
+        """Build the models around x and evaluate the optimality conditions at x."""
         x, current, merit = self.x, self.current, self.merit
         self.cuts = [
             (point, evaluation)
@@ -307,7 +307,7 @@ class _DescentState:
 def _step_and_penalty(
     model: Model, current: Evaluation, merit: _Merit, lower: Vector, upper: Vector
 ) -> tuple[Step | None, float]:
-    """Return a step and its penalty.
+    """Return a step and the penalty with which it was computed.
 
     The penalty is raised until the step removes 30 % of the violation that a step can remove, or all of it
     if a step can satisfy the modelled margins.

@@ -1,9 +1,9 @@
 """Searches with motions drawn anew in every step.
 
 A start ends at the mean of the second half of its gradient steps (Polyak–Ruppert averaging). Small batches
-bias this mean. An independent sample at the mean measures the bias. If it violates a target, the bias and a
-safety margin for the scatter between two samples are added to the margins aimed at, and a shorter search
-continues from the mean. A new independent sample follows each search.
+bias this mean. An independent sample at the mean measures the bias. If the mean violates a target, the bias
+and a safety margin for the scatter between two samples are added to the margins aimed at, and a shorter
+search continues from the mean. A new independent sample follows each search.
 """
 
 from __future__ import annotations

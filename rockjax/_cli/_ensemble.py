@@ -42,7 +42,7 @@ def ensemble(request: Request, report: Report, output: Output = "rockjax-ensembl
     files = parse_outputs(output, "rockjax-ensemble").check(pictures.values())
     spread = {name: distribution_of(entry) for name, entry in settings.spread.items()}
     with report.progress(settings.n, "scenes") as bar, request.reader.at("ensemble"):
-        answer = rj.ensemble(
+        result = rj.ensemble(
             podium,
             request.motion_or_set(podium),
             spread=spread,
@@ -51,20 +51,20 @@ def ensemble(request: Request, report: Report, output: Output = "rockjax-ensembl
             options=options,
             progress=bar,
         )
-    report.write(files.data(), answer.data)
-    share, low, high = answer.overturning_probability()
-    report.facts |= answer.counts | {
+    report.write(files.data(), result.data)
+    share, low, high = result.overturning_probability()
+    report.facts |= result.counts | {
         "overturning": share,
         "overturning_interval": [low, high],
         "quantiles": {},
     }
-    for name in (name for name in pictures if name in answer.answers):
-        report.draw(files.picture(pictures[name]), "ensemble", answer, output=name)
-        quantiles = answer.quantiles(name)
+    for name in (name for name in pictures if name in result.answers):
+        report.draw(files.picture(pictures[name]), "ensemble", result, output=name)
+        quantiles = result.quantiles(name)
         report.facts["quantiles"][name] = {
             f"{float(q):g}": [float(quantiles[y][k]) for y in ("quantile", "lower", "upper")]
             for k, q in enumerate(quantiles["probability"])
         }
-    report.say(repr(answer))
-    if answer.unanswered.any():
-        report.error(explain_failures(answer.data["result"]))
+    report.say(repr(result))
+    if result.unanswered.any():
+        report.error(explain_failures(result.data["result"]))

@@ -47,9 +47,9 @@ def fragility(
 ) -> None:
     """Compute a fragility curve: the probability of overturning against the intensity of records.
 
-    Every record is scaled to all intensity levels, and its least overturning intensity is found (incremental
-    dynamic analysis). A lognormal curve is fitted, with confidence intervals. Prints median, dispersion and
-    sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
+    Scales every record to all intensity levels and finds the least overturning intensity of each record
+    (incremental dynamic analysis). Fits a lognormal curve with confidence intervals. Prints median,
+    dispersion and sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
     OUTPUT-fragility.png and OUTPUT-ida.png. Fragility curves of contents in the problem file are printed as
     a table, stored in a group of OUTPUT.nc and drawn in OUTPUT-contents.png. Ctrl-C saves nothing.
 

@@ -1,4 +1,4 @@
-"""Output files. `--output` is a prefix, a folder or a file name; it is checked before the computation."""
+"""Output files. `--output` is a prefix, folder or file name. All paths are checked before the computation."""
 
 from __future__ import annotations
 

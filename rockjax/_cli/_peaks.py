@@ -60,11 +60,11 @@ def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") ->
         if isinstance(name, str) and name in REGISTRY and not REGISTRY[name].applies(podium):
             raise ValueError(f"peaks.outputs: this structure has no {name}; leave it out")
     with report.progress(len(labels), "motions") as bar:
-        answer = rj.peak_responses(
+        result = rj.peak_responses(
             podium, motion.scaled(settings.factor), t_end=settings.t_end, options=options, progress=bar
         )
     data = xarray.Dataset(
-        data_variables(answer, options.outputs, ("motion",)),
+        data_variables(result, options.outputs, ("motion",)),
         {"motion": labels},
         {
             "title": "Peaks under the motions of a set",
@@ -84,7 +84,7 @@ def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") ->
     ):
         report.say(f"  {line}")
     report.facts["motions"] = rows
-    for line in joint_warnings(podium, answer if "least_axial_force" in data else None, settings.friction):
+    for line in joint_warnings(podium, result if "least_axial_force" in data else None, settings.friction):
         report.say(f"  {line}")
     if message := explain_failures(data["result"]):
         report.error(message)

@@ -74,21 +74,21 @@ def report(
     skipped = tuple(name.strip() for name in skip.split(",") if name.strip())
     problem = problem_of(request.merged, request.path)
     with report.progress(None, "scenes") as bar:
-        answer = make_report(
+        written_report = make_report(
             problem, output, units=units, skip=skipped, progress=_Progress(bar), command=_command(request)
         )
-    for path in answer.written:
+    for path in written_report.written:
         report.add_file(path)
-    for path in () if csv is None else answer.to_csv(csv):
+    for path in () if csv is None else written_report.to_csv(csv):
         report.add_file(path)
     if xlsx is not None:
-        report.add_file(answer.to_xlsx(xlsx))
-    report.say(repr(answer))
+        report.add_file(written_report.to_xlsx(xlsx))
+    report.say(repr(written_report))
     report.facts |= {
-        "verdict": answer.evaluation.verdict,
-        "checks": {check.id: check.result for check in answer.evaluation.checks},
+        "verdict": written_report.evaluation.verdict,
+        "checks": {check.id: check.result for check in written_report.evaluation.checks},
     }
-    if not answer.verified:
+    if not written_report.verified:
         report.status = NO_ANSWER
 
 

@@ -115,7 +115,7 @@ def _windows(x: np.ndarray, boundaries: np.ndarray, highest: float) -> list[list
     """Return the polygons of the windows of survival; the uppermost window may end at `highest`.
 
     At each x, windows extend from every second boundary to the next boundary. A window is connected to the
-    overlapping windows at the next x; if there are none, it ends half-way.
+    overlapping windows at the next x; a window without such a neighbour ends half-way.
     """
     windows: list[list[tuple[float, float]]] = []
     for row in boundaries:
