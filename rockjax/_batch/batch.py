@@ -196,7 +196,7 @@ def responses(
 def bare_responses(
     podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any, edge_distance: bool
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the floats and integers of `run_batch` for a batch of shape (n,).
+    """Solve a batch of shape (n,), and return floats and integers by name as `run_batch` does.
 
     - `podiums`, `excitations`: structures and ground motions
     - `options`: options of the solver

@@ -25,8 +25,8 @@ from .scenes import SceneBatch, SceneIndices
 # (lanes, indices of the next scenes, whether no scenes follow) ↦ (lanes, scenes that have ended)
 Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, Done]]
 
-# Limit of trials in a call that finishes the last scenes of a batch. Such calls must be short, because Ctrl-C
-# takes effect between calls.
+# Limit of trial steps in a call that finishes the last scenes of a batch. Such calls must be short, because
+# Ctrl-C takes effect between calls.
 MAX_LAST_TRIALS = 30_000
 UNLIMITED_TRIALS = np.iinfo(np.int32).max
 

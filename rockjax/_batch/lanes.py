@@ -1,8 +1,8 @@
 """Lanes, each of which solves one scene after another.
 
 One call of `advance` processes one chunk of scenes on one core or device. Between calls the lanes keep scenes
-that are still running. Within a call all lanes make trial steps together. Once several lanes wait for a
-scene, they are served together (see `exchange.py`).
+that are still running. Within a call all lanes make trial steps (trials) together. Once several lanes wait
+for a scene, they are served together (see `exchange.py`).
 """
 
 from __future__ import annotations

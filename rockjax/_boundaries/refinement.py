@@ -31,7 +31,7 @@ MAX_PARTS = 16  # largest number of parts into which an interval is divided at o
 ROUND_SCENES = 2048  # number of scenes in a round, distributed among all lines
 MIN_LINE_SCENES = 64  # minimum number of scenes of each line in a round
 GRAZING = 1e-3  # scenes with a margin below this are solved at full accuracy
-MIN_PARTS = 4  # least number of parts of an interval beside a dip; more parts are used if lanes would be idle
+MIN_PARTS = 4  # least number of parts of an interval beside a dip; small batches are filled by more parts
 
 
 class SolvedScenes(NamedTuple):

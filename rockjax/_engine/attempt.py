@@ -20,8 +20,8 @@ from .runge_kutta import Acceleration, Step
 from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene
 
-# An event or breakpoint closer to the end of the scene than this multiple of the time resolution counts as
-# simultaneous with the end.
+# An event or breakpoint counts as simultaneous with the end of the scene if the time between them is below
+# this multiple of the time resolution.
 SIMULTANEOUS = 100
 # Step-size control: safety factor, and the limits of the factor from one step length to the next.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
@@ -149,7 +149,7 @@ def _length(
 def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Value:
     """Return the step length, shortened to the next impact if a cubic of θ predicts one.
 
-    Under a record the prediction is so close that most trials end on the impact at the first try.
+    Under sampled ground motions the prediction is so close that most trials end on the impact at once.
     """
     one, zero = jnp.ones_like(h), jnp.zeros_like(h)
     theta, theta_dot = jax.lax.stop_gradient((state.x[0], state.v[0]))
@@ -165,7 +165,7 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
     """Return d³θ/dt³ at the start of the step [rad/s³].
 
-    The jerk predicts the next impact, under records and wherever an output needs every impact.
+    The jerk predicts the next impact, under sampled ground motions and if an output needs every impact.
     """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)

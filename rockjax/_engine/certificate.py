@@ -12,8 +12,8 @@ from .state import LoopState, Plan, Scene
 def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value | Shaking) -> Flag:
     """Return whether all requested outputs are final, whatever the rest of the excitation does.
 
-    This holds if the columns stay inside the well or rest for good, and every output confirms that its record
-    can no longer change.
+    This holds if the columns stay inside the potential well or rest for good, and every output confirms that
+    its record (its value so far) can no longer change.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state after a step

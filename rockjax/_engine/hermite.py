@@ -166,7 +166,7 @@ def _parabola_root(first: Values, slope: Values, last: Values) -> Values:
     """Return the root in [0, 1] of the parabola with the value `first` > 0 and the slope `slope` at 0, and
     with the value `last` < 0 at 1.
 
-    Between two samples of a record, the rotation and its rate are very nearly parabolas.
+    Between two samples of the ground motion, the rotation and its rate are very nearly parabolas.
     """
     bend = last - first - slope
     root = jnp.sqrt(jnp.maximum(slope * slope - 4 * first * bend, 0.0))

@@ -63,8 +63,8 @@ class Plan:
 class Scene(NamedTuple):
     """One podium under one excitation, with all constants of the loop."""
 
-    c: Coefficients
-    excitation: AbstractExcitation
+    c: Coefficients  # constants of the podium
+    excitation: AbstractExcitation  # ground motion
     lookahead: AbstractLookahead  # bounds on the remaining excitation, and the time of the next uplift
     start: Value  # start of the scene [s]
     end: Value  # end of the scene [s]

@@ -55,16 +55,16 @@ def step(
     - `state`: state at the start of the step
     - `replayed`: recorded decision of an accepted step, which is repeated; None for a free choice
 
-    A rigid podium in full contact goes directly to its next uplift. Samples of a record that need no
-    trial are skipped before the trial (`skip_samples`), unless decisions are replayed.
+    A rigid podium in full contact goes directly to its next uplift. Samples of the ground motion that need
+    no trial are skipped before the trial (`skip_samples`), unless decisions are replayed.
 
     Returns the new state and the result of the trial.
     """
     if plan.follows_contact:
         return trial(scene, plan, state, replayed)
     if replayed is None:
-        # Under `vmap` both branches are computed anyway, and `cond` would copy the samples of a record for
-        # every scene of the batch in every step.
+        # Under `vmap` both branches are computed anyway, and `cond` would copy the samples of the ground
+        # motion for every scene of the batch in every step.
         ahead = skip_samples(scene, plan, state)
         branches = advance_to_uplift(scene, plan, state), trial(scene, plan, ahead)
         return jax.tree.map(lambda a, b: jnp.where(state.sigma == 0, a, b), *branches)

@@ -61,7 +61,7 @@ class Margin(AbstractEventOutput):
 
 @dataclasses.dataclass(frozen=True)
 class TurningPoints(AbstractInternalOutput):
-    """The turning point in the last trial, from which batches estimate the distance to the overturning
+    """The turning point in the latest trial step, from which batches estimate the distance to the overturning
     boundary."""
 
     name = "turning_points"

@@ -1,13 +1,14 @@
 """Fast-forwards: parts of a scene that are skipped without trial steps.
 
 Each module contains one fast-forward, which calls the method `over_rest`, `over_sample` or `over_bounces` of
-every output in the plan. The method returns the record of the output after the skipped part, or whether the
-record stays the same. A fast-forward may be used only if every output implements the method for it.
+every output in the plan. The method returns the record of the output (its value so far) after the skipped
+part, or whether the record stays the same. A fast-forward may be used only if every output implements the
+method for it.
 
 | name | module | skipped part |
 |---|---|---|
 | `rest` | `rest.py` | full contact of a rigid podium, until its next uplift |
-| `samples` | `samples.py` | samples of a record between which rigid columns rock on |
+| `samples` | `samples.py` | samples of the ground motion between which rigid columns rock on |
 | `bounces` | `bounces.py` | bounces of rigid columns that end at rest |
 """
 

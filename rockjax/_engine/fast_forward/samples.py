@@ -1,9 +1,9 @@
-"""Fast-forward from one sample of a record to the next without a trial.
+"""Fast-forward from one sample of the ground motion to the next without a trial.
 
-Under a record, steps end on every sample and are far shorter than the tolerance requires. Between most
-samples rigid columns rock on, and no event occurs. A Nyström step without a search for events then replaces
-the trial, if the error of the step is small enough and the rotation is monotone, does not change its sign
-and stays below the overturning angle. All other samples get a trial.
+Under sampled ground motions, steps end on every sample and are far shorter than the tolerance requires.
+Between most samples rigid columns rock on, and no event occurs. A Nyström step without a search for events
+then replaces the trial, if the error of the step is small enough and the rotation is monotone, does not
+change its sign and stays below the overturning angle. All other samples get a trial.
 """
 
 from __future__ import annotations
