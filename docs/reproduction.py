@@ -338,7 +338,7 @@ TEMPLATE = r"""# Reproduction
 This page compares published results with those of rockjax. `python docs/reproduction.py` computes the results of rockjax and writes
 the page. The tolerances are `rtol=1e-10` and `atol=1e-12` with the method `dopri8`; `rockjax.overturning_spectrum` has its default
 options. Symbols and equation numbers are those of the [model](model.md). Some results of the paper do not follow from its equations; this
-page names them. No parameter of rockjax is adjusted to reach them.
+page names these results. No parameter of rockjax is adjusted to reach such results.
 
 ## The paper
 
@@ -350,18 +350,18 @@ The paper does not give the damping ratio of the spectra; the default of rockjax
 
 ### Eq. (6): the third term
 
-Eq. (6) is the virtual work at incipient uplift. Its first term contains the columns' weight and its third term is $2B(m_b+m_c)g$, so
+Eq. (6) is the virtual work at incipient uplift. The first term contains the columns' weight and the third term is $2B(m_b+m_c)g$, so
 the columns count twice and the top mass is missing. With $m_t$ in place of $m_c$, Eqs. (8) and (9) follow. For $\gamma=10$, $\eta=100$
 and an undeformed superstructure, the equation as printed gives @printed@ $g\tan\alpha$; with $m_t$ it gives @corrected@ $g\tan\alpha$.
 
-Eq. (24) shows which is correct. At $\theta=\dot\theta=0$ its $\ddot\theta$ vanishes at the demand of (9), for each of three tested
-pairs of $u_t$ and $\dot u_t$. At the demand of (6) as printed it is $@theta_ddot@\,p^2$ for $\sigma=-1$. This acceleration presses the
-columns down, so they do not lift yet. rockjax uses (9).
+Eq. (24) shows which term is correct. At $\theta=\dot\theta=0$ the $\ddot\theta$ of (24) vanishes at the demand of (9), for each of three
+tested pairs of $u_t$ and $\dot u_t$. At the demand of (6) as printed, $\ddot\theta$ is $@theta_ddot@\,p^2$ for $\sigma=-1$. This acceleration
+presses the columns down, so they do not lift yet. rockjax uses (9).
 
 ### Eqs. (26) and (27): two different assumptions
 
-In Eq. (26) the top mass keeps its horizontal velocity through an impact. In Eq. (27) it moves with the beam. The equations contradict
-each other unless $\eta=0$. The [model](model.md#impact) derives the restitution that is compatible with (26).
+In Eq. (26) the top mass keeps its horizontal velocity through an impact. In Eq. (27) the top mass moves with the beam. The equations
+contradict each other unless $\eta=0$. The [model](model.md#impact) derives the restitution that is compatible with (26).
 
 A stiff superstructure shows the difference. A podium ($\gamma=10$, $\eta=100$, $\tan\alpha=0.15$, $R=1.5$ m, $\zeta=0.05$) is
 released from $\theta_0=\alpha/2$ with an undeformed superstructure. After the first impact the superstructure
@@ -371,11 +371,11 @@ effective velocity factor, which is measured halfway to the second impact.
 @ring_down@
 
 The column $T_s\to0$ is the exact limit $(Ae+B)/(A+B)$ with $A=1+\lambda+4\gamma+4\eta\sin^2\alpha$ and
-$B=4\eta\cos^2\alpha$: the oscillation is internal, so it does not change the total momentum. Eq. (27) by itself gives
+$B=4\eta\cos^2\alpha$: the oscillation is internal and does not change the total momentum. Eq. (27) by itself gives
 0.956, the same as for a rigid superstructure. Together with (26) the effective factor is 0.995, so much less energy is lost.
 The compatible restitution is 0.613 at the impact and 0.956 after the oscillation. As $T_s\to0$, the compatible restitution
-tends to that of the rigid superstructure, and the restitution of the paper does not. Therefore "$T_s=0$" means `Rigid` in rockjax, not a
-very small period. The restitution of the paper is the default; `restitution="compatible"` selects the other one.
+tends to the value of the rigid superstructure, and the restitution of the paper does not. Therefore "$T_s=0$" means `Rigid` in rockjax, not a
+very small period. The restitution of the paper is the default; `restitution="compatible"` selects the compatible one.
 
 ### Section 4: the numbers quoted in the text
 
@@ -383,10 +383,10 @@ The paper takes $T_s=0$, $\gamma=110$, $R=1.5$ m, $\tan\alpha=0.15$ and a symmet
 
 @readings@
 
-The equations of the paper do not lead to its numbers. With a pulse period of 0.80 s ($\omega_p/p=3.55$) they would, to the printed
-digits. The change of the model that comes closest is to apply the factor of the equivalent block twice: $p^2$ is multiplied by
-$\left(\frac{1+2\gamma}{1+3\gamma}\right)^2$, so $R$ is divided by the factor once more. This agrees less with the two numbers, but better
-with two other remarks of the section: that overturning needs about 0.9 g (6 times $g\tan\alpha$) or more for $3<\omega_p/p<4$, and that
+The equations of the paper do not lead to its numbers. With a pulse period of 0.80 s ($\omega_p/p=3.55$) they would lead to these
+numbers, to the printed digits. The change of the model that comes closest is to apply the factor of the equivalent block twice: $p^2$ is
+multiplied by $\left(\frac{1+2\gamma}{1+3\gamma}\right)^2$, so $R$ is divided by the factor once more. This change agrees less with the
+two numbers, but better with two other remarks of the section: that overturning needs about 0.9 g (6 times $g\tan\alpha$) or more for $3<\omega_p/p<4$, and that
 it is "essentially impossible" above $\omega_p/p=5$. The least overturning acceleration, searched up to 12 times $g\tan\alpha$, is:
 
 @spectrum@
@@ -410,7 +410,7 @@ acceleration. `rockjax spectrum` draws the pictures that correspond to Figs. 6 a
 With the restitution of the paper, $T_s=0.1$ s differs from a rigid superstructure because impacts dissipate less energy
 ([above](#eqs-26-and-27-two-different-assumptions)). With the compatible restitution the claim holds within the percentages in the table.
 
-The paper explains the trend for long pulses by "pre-uplift resonance of the superstructure". This is not checked here.
+The paper explains the trend for long pulses by "pre-uplift resonance of the superstructure". This explanation is not checked here.
 
 The two pulses of Eq. (32), as in Fig. 4:
 
@@ -422,8 +422,8 @@ According to the paper, the lengths of the specimen are a sixth of the lengths o
 so times are divided by $\sqrt6$. The ground motion is an antisymmetric Ricker pulse of 0.20 g and 0.30 s. The paper does not
 state the slenderness, the masses, the period and damping of the superstructure, or the measured motion of the shaking table, which was the
 input of its model. The curves of Fig. 5 therefore cannot be reproduced, and the paper's "matches quite well" cannot be checked. The table
-assumes the other parameters of Section 4 with $\eta/\gamma=5$. It compares the peak rotations of the model and of the building, whose pulse
-has a period of $\sqrt6\cdot0.30$ s. By similarity the two must agree.
+assumes the other parameters of Section 4 with $\eta/\gamma=5$. The table compares the peak rotations of the model and of the building, whose
+pulse has a period of $\sqrt6\cdot0.30$ s. By similarity the two must agree.
 
 @specimen@
 
@@ -443,7 +443,7 @@ slenderness of 1e-4, as $a_p/(\alpha g)$; multiplied by the $\alpha$ of the orig
 
 @roots@
 
-1. Computed with `overturn_ratio=2`, because the reference counts a column that returns from beyond $\alpha$ as safe.
+1. Computed with `overturn_ratio=2`, because the reference counts a column that passes $\alpha$ and returns as safe.
 2. With the default criterion $\lvert\theta\rvert=\alpha$, the last change comes earlier. Between 2.70385 and 3.43694
    the column passes $\alpha$ while the ground moves, and returns.
 3. First, second and last of @count@ changes; $g=9.80665$ m/s². Plain bisection finds one of the changes, and a coarse scan

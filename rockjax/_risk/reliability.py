@@ -93,7 +93,7 @@ def reliability(
       nearly plane or have a low dimension
     - `cov`: coefficient of variation to reach, in (0, 1)
     - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
-    - `starts`: number of directions from which design points are searched, ≥ 1
+    - `starts`: number of directions from which searches for design points start, ≥ 1
     - `max_scenes`: number of evaluations after which no further round begins, ≥ 100
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 

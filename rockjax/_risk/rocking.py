@@ -66,7 +66,7 @@ def design_points(
       max|θ|/α (with a value < 1), `"deformation"` [m], `"shear"` V_s/(m_t g), `"friction"` |T|/N,
       `"unloading"` 1 − N/N_0, `"foundation shear"` divided by the weight; for a `ShearBuilding` `"drift"` [m]
       and `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint counts
-    - `starts`: number of directions from which design points are searched, ≥ 1
+    - `starts`: number of directions from which searches for design points start, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
 
     Returns local minima of |u| on the limit state, nearest first; without a pulse, −u is also a minimum.

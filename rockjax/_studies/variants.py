@@ -19,7 +19,7 @@ from rockjax._structures import Podium
 class Variants(NamedTuple):
     """Random variants of a scene.
 
-    - `podium`, `initial`: the structure and the initial state
+    - `podium`, `initial`: structure and initial state to which drawn parameters are applied
     - `motion`: a motion, or a batch of motions of shape (k,)
     - `motion_index`: index of the motion of each scene, shape (n,); None for a single motion
     """
