@@ -8,9 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from rockjax._batch.batch import LANES
 from rockjax._boundaries.boundary import BOUNDARY, overturning_scale
+from rockjax._boundaries.crossings import margins
+from rockjax._boundaries.first import BRACKET_TOLERANCE
+from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._responses.simulate import peak_response
+from rockjax._responses.variants import pick_motions
+from rockjax._roots import Brackets, narrow_brackets
 from rockjax._structures import Podium
 from rockjax._types import Value
 
@@ -25,6 +31,7 @@ if TYPE_CHECKING:
 
 MAX_SCALE = 10.0  # end of the search for overturning factors
 BELOW = 1 - 1e-6  # factor on a boundary that gives a scene just below it
+WINDOW_FACTORS = 1 + np.geomspace(1e-6, 1.0, 32)  # points above a boundary where a window may end
 BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances of boundaries
 
 
@@ -32,10 +39,13 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
     """Return the least factors on the motions of a set that lift or overturn the columns, along `motion`,
     with estimates of their errors.
 
+    Scenes with slightly larger factors overturn up to `survives_from`, and again from `overturns_again_from`.
+    Both are NaN if there is no such change up to twice the least factor, and may pass over narrow windows.
+
     - `name`: the set; `event`: "uplift" or "overturning"
     """
     motions, podium, options = scenes.motion_set(name), scenes.problem.podium, scenes.problem.options
-    mark = fingerprint(podium, motions.hashes, options, event, MAX_SCALE)
+    mark = fingerprint(podium, motions.hashes, options, event, MAX_SCALE, WINDOW_FACTORS)
     solve = _uplift if event == "uplift" else _overturning
     return scenes.store.get(f"scales.{name}.{event}", mark, lambda: solve(scenes, motions))
 
@@ -87,9 +97,49 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
         factors[k] = _overturning_scale(scenes.problem, scenes.problem.podium, excitation)
     # Boundaries are bisected to rounding, so that the error is that of their scenes.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
-    return xarray.Dataset(
-        {"factor": ("motion", factors), "error": ("motion", error)}, attrs={"limit": MAX_SCALE}
-    )
+    survives, overturns = _window_ends(scenes.problem, motions, factors)
+    columns = {
+        "factor": factors,
+        "error": error,
+        "survives_from": survives,
+        "overturns_again_from": overturns,
+    }
+    return xarray.Dataset({name: ("motion", y) for name, y in columns.items()}, attrs={"limit": MAX_SCALE})
+
+
+def _window_ends(problem: Problem, motions: MotionSet, factors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the factors at which the first window of overturning ends and the next one begins, NaN where
+    there is none.
+
+    - `factors`: the least factors that overturn, shape (motions,), inf where none does
+    """
+    batch, options = as_batch("report", motions.excitations), boundary_options(problem)["options"]
+    lines = np.flatnonzero(np.isfinite(factors))
+
+    def evaluate(line: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        plane = lambda i, y: (problem.podium, pick_motions(batch, i).scaled(y))
+        margin, impacts, _ = margins(plane, np.repeat(line, y.shape[1]), y.ravel(), options)
+        return margin.reshape(y.shape), impacts.reshape(y.shape)
+
+    ends = np.full((2, factors.size), np.nan)
+    if lines.size == 0:
+        return ends[0], ends[1]
+    y = factors[lines, None] * WINDOW_FACTORS
+    margin, impacts = evaluate(lines, y)
+    survives, points = margin > 0, np.arange(WINDOW_FACTORS.size)
+    first = np.argmax(survives, axis=1)  # 0 if no point survives
+    again = np.argmax(~survives & (points > first[:, None]), axis=1)  # 0 if all later points survive
+    for row, (survivor, other) in enumerate(((first, first - 1), (again - 1, again))):
+        has = np.flatnonzero((first > 0) & ((again > 0) | (row == 0)))
+        if has.size:
+            at = lambda table, k, has=has: table[has, k[has]]
+            brackets = Brackets(
+                at(y, survivor), at(y, other), at(margin, survivor), at(margin, other), at(impacts, other)
+            )
+            solve = lambda rows, y, has=has: evaluate(lines[has][rows], y)
+            narrowed = narrow_brackets(brackets, solve, BRACKET_TOLERANCE, LANES)
+            ends[row, lines[has]] = 0.5 * (narrowed.a + narrowed.b)
+    return ends[0], ends[1]
 
 
 def boundary_options(problem: Problem) -> dict[str, Any]:

@@ -11,7 +11,9 @@ from optimise._problem import TARGETS
 from rockjax._report.entry import Entry
 from rockjax._report.evaluate import evaluate
 from rockjax._report.kinds import KINDS, check_model
-from rockjax._report.scales import boundary_options
+from rockjax._report.scales import boundary_options, least_factors
+from rockjax._report.scenes import Scenes
+from rockjax._report.store import Store
 from rockjax._risk.gaussian import Envelope
 
 FILE = """
@@ -27,6 +29,7 @@ T_p = 1.0
 [report]
 laws = []
 """
+SCALE = '[[targets]]\nkind = "overturning-scale"\nlimit = 1.5\n'
 SHARE = '[[targets]]\nkind = "overturning-probability"\nat_most = 0.6\nintensity = 4.0\n'
 FAILURE = """
 [[checks]]
@@ -201,6 +204,22 @@ def test_a_design_takes_the_median_in_the_same_measure(tmp_path):
     peaks = [float(np.abs(median.suite.motion(k).acceleration).max()) for k in range(2)]
     scales = [float(median.suite.motion(k).scale) for k in range(2)]
     np.testing.assert_allclose(np.array(peaks) * scales, 1.0)
+
+
+def test_windows_of_overturning(tmp_path):
+    """The least factor that overturns, the end of its window and the start of the next one."""
+    motions = "[motions.noise]\nsynthetic = 3\nseed = 1\nduration = 8.0\npga = 4.0\n"
+    problem = read(tmp_path, "", FILE.split("[motions.pulses]")[0] + motions + SCALE)
+    windows = least_factors(Scenes(problem, Store(), {}), "noise", "overturning")
+    factors = np.array([windows[y] for y in ("factor", "survives_from", "overturns_again_from")])
+    assert np.all(np.diff(factors, axis=0) > 0)
+    excitations = problem.motions["noise"].excitations
+    options = boundary_options(problem)["options"].replace(throw=False)
+    scenes = [[y.scaled(f) for y, f in zip(excitations, row, strict=True)] for row in factors]
+    for side, expected in ((-1e-6, [False, True, False]), (1e-6, [True, False, True])):
+        for row, overturns in zip(scenes, expected, strict=True):
+            answers = rj.peak_responses(problem.podium, [y.scaled(1 + side) for y in row], options=options)
+            assert np.all(np.asarray(answers.overturned) == overturns)
 
 
 @pytest.mark.slow

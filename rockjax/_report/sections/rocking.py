@@ -11,7 +11,7 @@ from rockjax._report.cells import number, peak_cell, slug
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.peaks import deck_displacement
 from rockjax._report.pictures import to_svg
-from rockjax._report.scales import least_factors
+from rockjax._report.scales import MAX_SCALE, least_factors
 from rockjax._report.tables import Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 
     from rockjax._report.evaluation import Evaluation
 
+WINDOW_COLUMNS = {  # variable of `least_factors` → heading
+    "factor": "Least factor that overturns",
+    "survives_from": "Survives again from",
+    "overturns_again_from": "Overturns again from",
+}
 AFTER_LAST_IMPACT = 1.2  # histories are drawn up to this multiple of the time of the last impact
 
 
@@ -51,9 +56,9 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     is_requested = any(
         check.kind is KINDS["overturning-scale"] and check.motions == name for check in evaluation.checks
     )
-    factors = least_factors(scenes, name, "overturning")["factor"].values if is_requested else None
-    if factors is not None:
-        columns.append(Column("Least factor that overturns", "number"))
+    windows = least_factors(scenes, name, "overturning") if is_requested else None
+    if windows is not None:
+        columns += [Column(head, "number") for head in WINDOW_COLUMNS.values()]
     rows = []
     largest = np.where(data["overturned"].values, -1, data["peak_rotation"].values)
     for k, label in enumerate(motions.names):
@@ -68,8 +73,11 @@ def _table(evaluation: Evaluation, name: str) -> Table:
             peak_cell(data, k, u_b, "displacement"),
             _impacts(float(data["impacts"][k])),
         ]
-        if factors is not None:
-            row.append(number(factors[k], "number", word="none up to 10"))
+        if windows is not None:
+            factor = float(windows["factor"][k])
+            word = f"none up to {2 * factor:.3g}" if np.isfinite(factor) else "none"
+            row.append(number(factor, "number", word=f"none up to {MAX_SCALE:g}"))
+            row += [number(float(windows[y][k]), "number", word=word) for y in list(WINDOW_COLUMNS)[1:]]
         rows.append(tuple(row))
     return Table(
         f"rotation-{slug(name)}",
