@@ -108,8 +108,8 @@ class Evaluation:
 
     @property
     def is_verified(self) -> bool:
-        """True if every check passes; checks that others make do not count."""
-        return all(check.is_verified for check in self.checks)
+        """True if every check passes. Checks that others make do not count; without any other it is False."""
+        return all(y.is_verified for y in self.checks) and any(y.result == "PASS" for y in self.checks)
 
     @property
     def verdict(self) -> str:

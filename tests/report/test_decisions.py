@@ -8,7 +8,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._report.evaluate import decide, statistic_of, utilisations_of
-from rockjax._report.evaluation import verdict
+from rockjax._report.evaluation import Check, Evaluation, verdict
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.base import Values
 
@@ -86,6 +86,10 @@ def test_verdict():
     assert verdict(words) == "Not verified: of 14 checks 2 pass, 5 fail, 5 are not valid, 2 were not made."
     assert verdict(["PASS"] * 14) == "Verified: all 14 checks pass."
     assert verdict(["PASS", "BY OTHERS"]) == "Verified: the only check passes. 1 more is made by others."
+    assert verdict(["BY OTHERS"]) == "Not verified: every check is made by others."
+    for results, is_verified in ((["BY OTHERS"], False), (["PASS", "BY OTHERS"], True), (["FAIL"], False)):
+        checks = tuple(Check(None, None, result) for result in results)
+        assert Evaluation(None, None, checks, {}, (), dict).is_verified == is_verified
     assert verdict(["UNDECIDED"]) == "Not verified: of one check 0 pass, 1 is undecided."
 
 
