@@ -112,8 +112,8 @@ for targets in ([rotation], [rotation, closed]):
 # %% [markdown]
 # ## Tendon force against lift-off
 #
-# Tendons across both joints press the beam on the columns and reduce the rotation. How much force is needed
-# if the spacing is nine tenths of the least spacing found above?
+# Tendons across both joints press the beam on the columns at rest. Is there a force that keeps the joints
+# closed if the spacing is nine tenths of the least spacing found above?
 
 
 # %%
