@@ -6,9 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from rockjax._problem import models
-from rockjax._results import NAMES, explain_failures
-from rockjax._text.tables import align_rows
-from rockjax._units import displayed
 
 from ._joints import joint_warnings
 from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
@@ -47,6 +44,8 @@ def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") ->
     from rockjax._responses.datasets import describe_options, describe_podium
     from rockjax._responses.peak import data_variables
     from rockjax._responses.variants import labelled_motion
+    from rockjax._results import explain_failures
+    from rockjax._text.tables import align_rows
 
     files = parse_outputs(output, "rockjax-peaks").check(("",))
     podium, settings = request.podium(), request.settings
@@ -94,6 +93,8 @@ def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:
     """Return a row for each motion: name, result, number of impacts, and the worst value of each output."""
     from rockjax._outputs.base import worst_place
     from rockjax._outputs.registry import VARIABLES
+    from rockjax._results import NAMES
+    from rockjax._units import displayed
 
     columns = {"motion": data["motion"].values.astype(str), "result": [NAMES[int(y)] for y in data["result"]]}
     if "impacts" in data:

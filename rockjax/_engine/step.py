@@ -185,8 +185,7 @@ def _advance(
     outcome: StepOutcome,
     replayed: Decision | None,
 ) -> tuple[LoopState, StepInfo]:
-    """Return the state after an accepted step, with the transition at its end and the updated records of the
-    outputs, and the result of the trial."""
+    """Return the state after an accepted step and the transition at its end, and the result of the trial."""
     constant = jax.lax.stop_gradient
     trial, guard = view.trial, view.guard
     h, sigma, rocking = trial.h, state.sigma, state.sigma != 0
