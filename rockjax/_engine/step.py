@@ -218,7 +218,6 @@ def _advance(
     rows = zip(plan.outputs, state.records, state.notes, outcome.largest, strict=True)
     updated = [output.update(end, record, note, largest) for output, record, note, largest in rows]
     records, notes = (tuple(pair[k] for pair in updated) for k in (0, 1))
-    raises_peak = records[0] > state.peak
     impacts = hit.astype(jnp.int32) + skipped.impacts + (0 if shaken is None else shaken.strikes)
     is_first_uplift = uplifts & ~state.uplifted
     least = jnp.minimum(state.min_impact_speed, skipped.min_impact_speed)
@@ -239,7 +238,7 @@ def _advance(
         impacts=state.impacts + impacts,
         min_impact_speed=jnp.where(accepted & hit, least, state.min_impact_speed),
         min_impact_speed_before_peak=jnp.where(
-            raises_peak, state.min_impact_speed, state.min_impact_speed_before_peak
+            records[0] > state.peak, state.min_impact_speed, state.min_impact_speed_before_peak
         ),
         steps=state.steps + 1,
     )
