@@ -1,4 +1,4 @@
-"""Sampled targets of a design (probabilities of failure), with margins and slopes at design points."""
+"""Sampled targets of a design (probabilities of failure): margins and slopes for design variables."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class SampledTargets:
         return sum(ray_target.scenes for ray_target in self._ray_targets.values())
 
     def use_accurate(self) -> None:
-        """Switch to verification: margins without the safety margin of the search."""
+        """Switch to verification, whose margins have no allowance for the errors of the search."""
         for ray_target in self._ray_targets.values():
             ray_target.is_verifying = True
         self._cache.clear()
@@ -96,7 +96,8 @@ class SampledTargets:
         return self._cache[key]
 
     def _create_ray_targets(self) -> dict[int, RayTarget]:
-        """Return the sampled targets with rays; the first call samples the rays at the first structure."""
+        """Return a `RayTarget` for each sampled target. The first call draws their rays, directions in the
+        space of the random variables, for the first structure."""
         for k, target in self.targets.items():
             if k not in self._ray_targets:
                 assert self._first_podium is not None

@@ -1,4 +1,4 @@
-"""The largest rotation. Every scene computes it, because other outputs and fast-forwards use it."""
+"""The largest rotation. Every scene computes it, because other outputs and skipped bounces need it."""
 
 from __future__ import annotations
 

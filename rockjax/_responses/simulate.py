@@ -73,8 +73,8 @@ def simulate(
     options: Options = Options(),
     on_floors: Things = (),
 ) -> Response:
-    """Compute the response history of one scene, to `t_end`, overturning, or the final rest of a rigid
-    podium.
+    """Compute the response history of one scene until `t_end` or overturning, or, without an elastic
+    superstructure, until the columns rest for good.
 
     - `podium`, `excitation`, `initial`, `t_end`, `options`, `on_floors`: as for [`rockjax.peak_response`][];
       under `jit` the history has a capacity of `options.history` steps, otherwise it grows as needed

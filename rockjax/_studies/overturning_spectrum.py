@@ -70,8 +70,8 @@ def overturning_spectrum(
       with NaN; exact to about 1e-10
     - `impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no boundary
     - `one_sided`: True where a small change of the parameters may let the minimum jump to a lower branch
-    - `certain_width`: largest width that a missed interval of overturning accelerations below the minimum
-      can have
+    - `certain_width`: below the minimum, every interval of overturning accelerations wider than this would
+      have been found [a_p/(g tan α)]
     - `sensitivity` (additional dim `parameter`): d a_ov/d ln y
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` if no scene of a frequency finishes.
@@ -171,7 +171,10 @@ def _dataset(podium: Podium, pulse, x, search: Scan, derived, options: Options) 
             "certain_width": (
                 "frequency_ratio",
                 search.certain,
-                {"units": "1", "long_name": "no wider interval overturns below the minimum"},
+                {
+                    "units": "1",
+                    "long_name": "largest width of an undetected interval that overturns",
+                },
             ),
         },
         coords={

@@ -114,5 +114,5 @@ def _laws(evaluation: Evaluation) -> Table | None:
             u, word = check.laws[law]
             cells += [number(u, "utilisation", word="no finite value"), Word(word, word.lower())]
         rows.append(tuple(cells))
-    caption = "All checks of peaks under other laws of impact, without regard to assumptions"
+    caption = "Checks of peaks under other laws of impact; violated assumptions are not considered"
     return Table("laws", caption, columns, tuple(rows))
