@@ -180,7 +180,9 @@ def compare_search(name: str, source: str, records: rj.Records, store: Path | No
     """Return the table row that compares the boundaries of a search with all windows below them. `standing`
     is the number of motions under which the structure stands just above the boundary."""
     podium = STRUCTURES[name]
-    limits = RANGE * float(podium.g) * math.tan(float(podium.alpha)) / np.asarray(records.sizes()).max(axis=1)
+    limits = (
+        RANGE * float(podium.g) * math.tan(float(podium.alpha)) / np.asarray(records.magnitudes()).max(axis=1)
+    )
     truth = scan_all(name, source, records, limits, store)
     start = time.process_time()
 

@@ -52,7 +52,7 @@ def podiums(structure: str, n: int, rng: np.random.Generator) -> rj.Podium:
 def scale_records(podium: rj.Podium, records: rj.Records, n: int, rng: np.random.Generator) -> rj.Records:
     """Return one record for each podium, with a PGA from 0.9 to 8 times the uplift threshold."""
     index = rng.integers(0, len(records), n).astype(np.int32)
-    pga = np.asarray(records.sizes()).max(axis=1)[index]
+    pga = np.asarray(records.magnitudes()).max(axis=1)[index]
     uplift = np.asarray(podium.g) * np.tan(np.asarray(podium.alpha))
     return records.pick(index).scaled(np.exp(rng.uniform(math.log(0.9), math.log(8.0), n)) * uplift / pga)
 

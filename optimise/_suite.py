@@ -95,7 +95,7 @@ class Suite(Module):
         group_index = next(j for j, group_indices in enumerate(indices) if k in group_indices)
         group, position = self.groups[group_index], indices[group_index].index(k)
         if isinstance(group, rj.Records):
-            return group.chosen(group.which[position], group.scale[position])
+            return group.pick_scaled(group.which[position], group.scale[position])
         return jax.tree.map(lambda y: y[position], group)
 
     def scaled(self, factor) -> Suite:

@@ -41,7 +41,9 @@ def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
     if c.restraint is None:
         return stored
     stretch = elongation(c, sigma, theta).stretch
-    in_devices = sum((each.potential(stretch) for each in c.restraint.restrainers if each.stores), 0.0 * s)
+    in_devices = sum(
+        (each.potential(stretch) for each in c.restraint.restrainers if each.has_static_force), 0.0 * s
+    )
     return stored + 0.5 * c.two_R * c.g * in_devices
 
 

@@ -54,7 +54,7 @@ class AbstractLookahead(Module):
 
     @abc.abstractmethod
     def highest_time(self, start: Value, end: Value) -> Value:
-        """Return the time at which |ü_g| is largest between two times [s]; `end` may be inf. It is
+        """Return the time at which |ü_g| is largest between two times [s]; `end` may be inf. The method is
         available only if the lookahead was created with a threshold."""
 
 
@@ -80,7 +80,8 @@ class AbstractExcitation(Module):
 
     @abc.abstractmethod
     def piece(self, index: Index) -> Callable[[Value], Value]:
-        """Return the formula of ü_g between breakpoints index−1 and index (0 … n), valid at both ends."""
+        """Return the formula of ü_g in piece `index`, 0 to n, which reaches from breakpoint index − 1 to
+        breakpoint `index`; the formula is valid at both ends."""
 
     @abc.abstractmethod
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
@@ -92,7 +93,8 @@ class AbstractExcitation(Module):
         raise NotImplementedError(f"{type(self).__name__} cannot be scaled; define its method `scaled`")
 
     def strength(self) -> np.ndarray | None:
-        """Return a NumPy array proportional to max|ü_g| for each motion of a batch; None if expensive."""
+        """Return a NumPy array proportional to max|ü_g| for each motion of a batch; None if the class has no
+        quick formula."""
         return None
 
     @property
@@ -117,7 +119,8 @@ class AbstractExcitation(Module):
         return {}
 
     def past(self, index: Index, passed: Array) -> Index:
-        """Return the index of the next piece if `passed` (this piece has ended), otherwise `index`."""
+        """Return the index of the next piece if `passed` is True, because this piece has ended; otherwise
+        `index`."""
         return index + passed.astype(jnp.int32)
 
     def before(self, index: Index, by: Any = 1) -> Index:
@@ -131,8 +134,8 @@ class AbstractExcitation(Module):
         return None
 
     def curvature(self) -> Value:
-        """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴]. The components of a `GroundMotion`
-        need it."""
+        """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴], which components of a `GroundMotion`
+        need."""
         raise NotImplementedError(
             f"{type(self).__name__} cannot be a component of a GroundMotion; define its method "
             "`curvature`, which returns a bound of |d²ü_g/dt²| between breakpoints"
@@ -153,7 +156,7 @@ class AbstractExcitation(Module):
     def lowest(self) -> tuple[Value, Value]:
         """Return the minimum of ü_g [m/s²], which may be positive, and its time [s], for a single motion.
 
-        By default it is the smallest value at 4097 samples and the breakpoints, refined by a parabola.
+        By default the minimum is the smallest value at 4097 samples and breakpoints, refined by a parabola.
         """
         start, end = self.support
         times = jnp.concatenate(
@@ -202,7 +205,7 @@ class AbstractExcitation(Module):
 
 
 class _RestLookahead(AbstractLookahead):
-    """Lookahead of a motion that is zero."""
+    """Lookahead of a motion that is zero at all times."""
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         return jnp.full_like(t, jnp.inf)

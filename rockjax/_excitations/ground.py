@@ -2,8 +2,8 @@
 
 A piece of the pair combines piece i of the horizontal with piece j of the vertical component. Its index is
 i·n + j, where n is the number of vertical pieces. Where breakpoints of both components coincide, i and j
-advance together. The columns lift when one of the combined signals
-±ü_g − K v̈_g exceeds a level, (C10); lookaheads find these crossings.
+advance together. The columns lift when one of the combined signals ±ü_g − K v̈_g, with the factor K of (C10),
+exceeds a level; lookaheads find these crossings.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ PARTS = "horizontal", "vertical"
 MAX_PIECES = 2**31  # limit of the number of pairs of pieces, because their index is a 32-bit integer
 # Excursions above a level are ignored if they are shorter than this multiple of the motion's time scale.
 TOUCH = 1e-9
-CAUTION = 1 - 1e-6  # safety factor on the horizontal acceleration below which no search is needed
+CAUTION = 1 - 1e-6  # safety factor on the horizontal acceleration below which no signal can exceed the level
 
 
 def _component(name: str) -> Callable[[Any], AbstractExcitation]:
@@ -124,7 +124,7 @@ class GroundMotion(AbstractExcitation):
     def common_form(self) -> Self:
         horizontal, vertical = self.horizontal.common_form(), self.vertical.common_form()
         if horizontal.most_pieces * vertical.most_pieces >= MAX_PIECES:
-            return self  # padding would make a very long motion too long
+            return self  # a padded motion would have too many pairs of pieces
         return dataclasses.replace(self, horizontal=horizontal, vertical=vertical)
 
     def _combined_index(self, i: Any, j: Any) -> Any:
@@ -205,8 +205,8 @@ class GroundMotion(AbstractExcitation):
         return Proportional(pulse, ratio)
 
     def lookahead(self, threshold: Value | None, tilt: Value | None = None) -> PairLookahead:
-        """Return the lookahead for a threshold [m/s²] of ±ü_g, or with `tilt` K of the combined signals
-        ±ü_g − K v̈_g."""
+        """Return the lookahead for a threshold [m/s²] of the combined signals ±ü_g − K v̈_g, with K = `tilt`.
+        `next_exceedance` needs both arguments, `highest_time` only the threshold."""
         motion: GroundMotion = jax.lax.stop_gradient(self)
         vertical = motion.vertical.lookahead(None)
         if threshold is None or tilt is None:
@@ -270,6 +270,7 @@ class PairLookahead(AbstractLookahead):
     motion: GroundMotion
     horizontal: AbstractLookahead  # lookahead of the horizontal component
     vertical: AbstractLookahead  # lookahead of the vertical component
+    # The remaining fields are None without threshold or tilt.
     threshold: Value | None  # threshold of the combined signals [m/s²]
     tilt: Value | None  # K of the combined signals [–]
     curvature: Value | None  # bound of the second derivatives of the combined signals [m/s⁴]

@@ -1,4 +1,4 @@
-"""Names of the analytical pulses in problem files and on the command line, without JAX."""
+"""Names of the analytical pulses in problem files and on the command line; the module does not import JAX."""
 
 # Name of a pulse ↦ name of its class in `pulses.py`.
 PULSE_CLASSES = {

@@ -38,7 +38,8 @@ class PiecewiseMotion(AbstractExcitation):
 
     @classmethod
     def through(cls, times: Array, values: Array, jumps: Array) -> Self:
-        """Return the motion from its values (n, DEGREE + 1) at the `NODES` of each interval."""
+        """Return the motion from its values at the `NODES` of each interval, shape (n, DEGREE + 1), and the
+        other fields."""
         return cls(times, values @ jnp.asarray(FROM_VALUES.T, values.dtype), jumps)
 
     @property
@@ -86,7 +87,7 @@ class PiecewiseMotion(AbstractExcitation):
 
 
 class NoLookahead(AbstractLookahead):
-    """Lookahead without bounds: no scene ends early."""
+    """Lookahead with infinite bounds, so that no scene ends early."""
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         raise NotImplementedError("a motion without a lookahead has no search for exceedances")

@@ -36,10 +36,10 @@ _HALVINGS, _NEWTON_STEPS = 10, 5  # numbers of bisections and Newton steps in a 
 
 
 def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
-    """Return the root of an increasing function in [lo, hi], exact to rounding, on the side with f > 0; hi
-    if there is no root.
+    """Return the root of an increasing function in [lo, hi], rounded to the side with f > 0; hi without a
+    root.
 
-    Bisections and Newton steps come first. The final bisections are many only if f is flat at its root.
+    Bisections and Newton steps come first. Many final bisections are needed only if f is flat at its root.
     """
     is_positive = lambda z: f(z) > 0
     lo = jnp.where((f(lo) <= 0) & is_positive(hi), lo, hi)
@@ -92,7 +92,7 @@ class _PulseLookahead(AbstractLookahead):
         knots = (*pulse.zeros, pulse.span[1])
         velocity = [float(pulse.velocity(np.float64(z))) for z in knots]
         tau = jnp.clip(t / self.T_p, *pulse.span)
-        # The integral is the remainder of the present lobe, up to the next zero of the shape, plus the
+        # Zeros of the shape divide it into lobes. The integral is the remainder of the present lobe plus all
         # later lobes.
         lobe_end, later_lobes = velocity[-1], 0.0
         for k in reversed(range(len(pulse.zeros))):

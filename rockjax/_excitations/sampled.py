@@ -26,7 +26,8 @@ RECORD_SIZES, TABLE_SIZES = (8192, 4), (2048, 2)
 def common_size(count: int, least: int, ratio: int) -> int:
     """Return the smallest size ≥ `count` that is `least` times a power of `ratio`.
 
-    Samples are padded to such sizes, since each size needs a compiled program. Padding costs a scene little.
+    Samples are padded to such sizes, since each size needs a compiled program. A scene with padding takes
+    little longer.
     """
     size = least
     while size < count:
@@ -65,20 +66,20 @@ class AbstractSampled(AbstractExcitation):
         """Array with the unscaled samples [m/s²] along the last axis, of one or several motions."""
 
     @abc.abstractmethod
-    def among(self, table: Float[Array, "*table n"], i: Index) -> Value:
+    def samples_at(self, table: Float[Array, "*table n"], i: Index) -> Value:
         """Return the element of this motion with the index i, from an array with the layout of `table`."""
 
-    def counts_of_rows(self) -> Int[Array, "*rows 1"]:
+    def row_counts(self) -> Int[Array, "*rows 1"]:
         """Return the number of samples in each row of the table."""
         return jnp.asarray(self.sampling.count)[..., None]
 
     @abc.abstractmethod
-    def sizes(self) -> Float[Array, "*table n"]:
+    def magnitudes(self) -> Float[Array, "*table n"]:
         """Return the absolute values of the unscaled samples [m/s²]; the padding is zero."""
 
     def strength(self) -> np.ndarray:
         row_peak: Any = np.abs(self.table).max(axis=-1)
-        return np.abs(np.multiply(self.of_row(row_peak), self.sampling.scale))
+        return np.abs(np.multiply(self.select_rows(row_peak), self.sampling.scale))
 
     @property
     def support(self) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
@@ -113,7 +114,7 @@ class AbstractSampled(AbstractExcitation):
         _, dt, count, scale = self.sampling
         is_inside = (index > 0) & (index < count)
         i = jnp.clip(index - 1, 0, count - 2)
-        a0, a1 = self.among(self.table, i), self.among(self.table, i + 1)
+        a0, a1 = self.samples_at(self.table, i), self.samples_at(self.table, i + 1)
         a0, slope = (jnp.where(is_inside, scale * a, 0.0) for a in (a0, (a1 - a0) / dt))
         t0 = self.sample_time(i)
         return lambda t: a0 + slope * (t - t0)
@@ -129,23 +130,23 @@ class AbstractSampled(AbstractExcitation):
         scale, table = self.sampling.scale, self.table  # padding is zero
         indices = jnp.argmin(table, axis=-1), jnp.argmax(table, axis=-1)
         low, high = (jnp.take_along_axis(table, k[..., None], axis=-1)[..., 0] for k in indices)
-        low, high, index_of_low, index_of_high = (self.of_row(y) for y in (low, high, *indices))
+        low, high, index_of_low, index_of_high = (self.select_rows(y) for y in (low, high, *indices))
         is_positive = scale > 0  # a negative scale makes the largest sample the minimum
         sample = jnp.where(is_positive, index_of_low, index_of_high)
         return scale * jnp.where(is_positive, low, high), self.sample_time(sample)
 
-    def of_row(self, rows: Array) -> Array:
-        """Return the element of this motion from an array with one element per row of the table."""
+    def select_rows(self, rows: Array) -> Array:
+        """Return the elements of this motion, or of a batch, from an array with one element per table row."""
         return rows
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         record: AbstractSampled = jax.lax.stop_gradient(self)
-        size = record.sizes()
+        size = record.magnitudes()
         # If the motion changes sign between samples, the trapezoid of |ü_g| exceeds the integral.
         areas = 0.5 * (size[..., 1:] + size[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
         # The sums start at the last sample, so that padding does not change their last digit.
-        counts = record.counts_of_rows()
+        counts = record.row_counts()
         samples = jnp.arange(size.shape[-1], dtype=counts.dtype).reshape((1,) * (size.ndim - 1) + (-1,))
         mirrored = counts - 1 - samples
         reverse_rows = lambda y: jnp.take_along_axis(y, jnp.clip(mirrored, 0), axis=-1)
@@ -174,7 +175,7 @@ class SampledLookahead(AbstractLookahead):
     def _from_piece(self, table: Float[Array, "*table n"], piece: Index) -> Value:
         """Return the scaled element of a table at the sample where a piece starts; zero after the motion."""
         _, _, count, scale = self.record.sampling
-        value = jnp.abs(scale) * self.record.among(table, jnp.clip(piece - 1, 0, count - 1))
+        value = jnp.abs(scale) * self.record.samples_at(table, jnp.clip(piece - 1, 0, count - 1))
         return jnp.where(piece < count, value, 0.0)
 
     def impulse(self, t: Value, piece: Index) -> Value:
@@ -198,7 +199,7 @@ class SampledLookahead(AbstractLookahead):
         assert tree is not None
         leaves = tree.shape[-1] // 2
         levels = leaves.bit_length()
-        size = functools.partial(self.record.among, tree)
+        size = functools.partial(self.record.samples_at, tree)
 
         def up(_, carry):
             left, right, best = carry
@@ -253,7 +254,7 @@ class SampledLookahead(AbstractLookahead):
         _, _, count, scale = self.record.sampling
 
         def exceeds(node: Index) -> Array:
-            return jnp.abs(scale) * self.record.among(tree, node) > threshold
+            return jnp.abs(scale) * self.record.samples_at(tree, node) > threshold
 
         def advance(carry):
             node, _ = carry
@@ -273,7 +274,7 @@ class SampledLookahead(AbstractLookahead):
 
 
 def _tree(size: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
-    """Return the tree of maxima of the last axis.
+    """Return the tree of maxima of values ≥ 0 along the last axis.
 
     Node 1 is the root, and node k is the larger of its children 2k and 2k+1. The second half of the array
     holds the leaves: the values, padded to a power of two.

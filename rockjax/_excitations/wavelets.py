@@ -54,8 +54,8 @@ class _BoundedLookahead(AbstractLookahead):
             a, slope = jax.jvp(formula, (t,), (jnp.ones_like(t),))
             is_above = jnp.abs(a) > threshold
             step = jnp.minimum(safe_step(a, slope, 1.0), safe_step(a, slope, -1.0))
-            # Steps are at least the resolution of time, so that the search passes points that only touch the
-            # threshold, and exceedances for which a second comparison has another result.
+            # Steps are at least the resolution of time, so that the search passes points at which the motion
+            # only touches the threshold, and points at which rounding decides the comparison.
             min_step = resolution * jnp.maximum(jnp.abs(t), jnp.sqrt(self.amplitude / self.curvature))
             return t, t + jnp.maximum(step, min_step), is_above
 
@@ -211,8 +211,8 @@ class Gabor(AbstractExcitation):
         """Return bounds of |ü_g| and |d²ü_g/dt²|."""
         motion: Gabor = jax.lax.stop_gradient(self)
         amplitude = jnp.abs(motion.a_p)
-        # With time in units of 1/ω, the envelope E has |E'| ≤ e^(−½)/γ and |E''| ≤ 1/γ². The product rule
-        # then bounds the curvature.
+        # With time in units of 1/ω, the envelope E has |E'| ≤ e^(−½)/γ and |E''| ≤ 1/γ². With the product
+        # rule, a bound of the curvature follows.
         rate = 2 * math.pi / motion.T_p
         curvature = amplitude * rate**2 * (1 + 2 * math.exp(-0.5) / motion.gamma + 1 / motion.gamma**2)
         return amplitude, curvature

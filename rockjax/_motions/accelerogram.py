@@ -90,7 +90,7 @@ class Accelerogram:
 
     @property
     def pgv(self) -> float:
-        """Peak ground velocity [m/s]. It includes peaks between samples, where ü_g crosses zero."""
+        """Peak ground velocity [m/s], including peaks between samples, where ü_g crosses zero."""
         start, end, velocity_at_start = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
         crosses = start * end < 0
         rise = 0.5 * self.dt * start[crosses] ** 2 / (start[crosses] - end[crosses])
@@ -98,15 +98,14 @@ class Accelerogram:
 
     @property
     def pgd(self) -> float:
-        """Peak ground displacement [m]. It includes peaks between samples, where the velocity crosses
-        zero."""
+        """Peak ground displacement [m], including peaks between samples, where the velocity crosses zero."""
         a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
         slope = np.diff(self.acceleration) / dt
-        # Roots of v + aτ + ½ slope τ² = 0, in the form without cancellation.
+        # Roots of v + aτ + ½ slope τ² = 0, from the sum of terms with equal signs.
         root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
-        sum_ = -(a + np.copysign(root, a))
+        stable_sum = -(a + np.copysign(root, a))
         with np.errstate(divide="ignore", invalid="ignore"):
-            times = np.stack([2 * v / sum_, sum_ / slope])
+            times = np.stack([2 * v / stable_sum, stable_sum / slope])
         times = np.where((times > 0) & (times < dt), times, 0.0)
         peaks = u + times * (v + times * (a / 2 + times * slope / 6))
         return float(np.abs(np.append(peaks, self.displacement[-1])).max())
@@ -117,10 +116,10 @@ def warn_if_implausible(
 ) -> None:
     """Warn (`RecordWarning`) if units, sampling interval or baseline of a motion look wrong.
 
-    - `motion`: the motion
+    - `motion`: motion read from a file
     - `where`: name of the file, for messages
-    - `stacklevel`: stack level of the warnings
-    - `unit_from_user`: True if the user has passed `units`
+    - `stacklevel`: stack level as in `warnings.warn`; 1 is this function
+    - `unit_from_user`: whether the user has passed `units`; a small PGA in m/s² then suggests samples in g
     """
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
         warn_about_units(

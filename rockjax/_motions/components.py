@@ -18,23 +18,25 @@ _VERTICAL_SUFFIX = re.compile(
 
 
 def _normalise(name: str) -> str:
+    """Return the letters and digits of a name, in lower case."""
     return re.sub(r"[\W_]", "", name.casefold())
 
 
 def is_vertical(name: str) -> bool:
-    """Return whether a component's name, such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`, means the
-    vertical."""
+    """Return whether a component's name, its first word, or its part after the last point means the vertical,
+    such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`."""
     return any(
-        _is_vertical(_normalise(word)) for word in (name, (name.split() or [""])[0], name.split(".")[-1])
+        _matches_vertical(_normalise(word)) for word in (name, (name.split() or [""])[0], name.split(".")[-1])
     )
 
 
-def _is_vertical(normalised: str) -> bool:
+def _matches_vertical(normalised: str) -> bool:
     return any(pattern.fullmatch(normalised) for pattern in (_UP_NAME, _DOWN_NAME, _CHANNEL_CODE))
 
 
 def points_down(name: str) -> bool:
-    """Return whether a vertical component's name, such as `DWN`, means that downwards is positive."""
+    """Return whether a vertical component's name or its first word, such as `DWN`, means that downwards is
+    positive."""
     return any(_DOWN_NAME.fullmatch(_normalise(word)) for word in (name, (name.split() or [""])[0]))
 
 

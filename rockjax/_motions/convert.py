@@ -1,8 +1,9 @@
 """Conversion of ground motions in any form to excitations.
 
-A `Motion`, which readers return, becomes a `Record`. `Motions`, and lists of motions, become a table of
-`Records`; lists of pulses of one class become a batch of pulses. Anything else raises a `ValueError` that
-names the argument and a call that makes a ground motion.
+An excitation stays as it is. A `Motion`, which readers return, becomes a `Record`, or a `GroundMotion` if it
+has a vertical component. `Motions`, and lists of motions, become a table of `Records`; lists of pulses of one
+class become a batch of pulses. Anything else raises a `ValueError` that names the argument and a call that
+makes a ground motion.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
 
 
 class SingleMotions(NamedTuple):
-    """Single motions, and their names; `names` is None if any motion has no name."""
+    """Single motions, and the name of each; `names` is None if a motion has no name."""
 
     members: Sequence[AbstractExcitation]
     names: list[str] | None
@@ -55,8 +56,9 @@ def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcita
 
 
 def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
-    """Return several motions as one batched excitation: a table of records, or one motion of another class
-    with arrays of parameters."""
+    """Return one or several motions as one excitation: a single `Motion` as a record, several records as a
+    table, several motions of another class as one motion with arrays of parameters. An excitation is returned
+    unchanged."""
     if isinstance(value, Motion):
         return value.record()
     return (
@@ -67,8 +69,8 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
 
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
-    """Return all records, or all pairs of records, as one table, and their names (None if any record has
-    no name)."""
+    """Return all records, or all pairs of records, as one table, and the names of the records (None if a
+    record has no name, as in a table)."""
     if isinstance(value, RecordPairs):
         return value, None
     if isinstance(value, Records):
@@ -91,8 +93,8 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
 
 
 def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
-    """Return one or several motions as a list of `Motion` (host). Records become motions; a `GroundMotion`
-    contributes only its horizontal component."""
+    """Return one or several motions with concrete samples as a list of `Motion`. Records become motions; a
+    `GroundMotion` contributes only its horizontal component."""
     if isinstance(value, Motion):
         return [value]
     if isinstance(value, Motions):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from rockjax._units import UNITS, unit_of
 
-# The first pattern that matches a heading determines its kind.
+# Kinds of quantities, and patterns of their headings. The first pattern that matches determines the kind.
 _QUANTITIES = [
     ("probability", r"\b(?:poe|pe|prob\w*|pexc\w*)(?:\b|\d)|\bp\([a-z>]"),
     ("return period", r"\breturn period|\brp\b|\bt r\b"),
@@ -23,7 +23,7 @@ _QUANTITIES = [
     ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
     ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
 ]  # fmt: skip
-# Kind of a heading ↦ dimensions that its unit may have. A kind that is not listed is itself the dimension.
+# Kind of quantity ↦ dimensions that its unit may have. Any other kind allows only the dimension of its name.
 _DIMENSIONS = {
     "probability": {"ratio"},
     "rate": {"rate", "ratio"},
@@ -42,15 +42,15 @@ _BRACKETS = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))
 _QUALIFIER = re.compile(
     r"(?:[nsewxyzhv]\d?|n-?s|e-?w|u-?d|up|down|[ns]\d{1,2}[ew]|\d{2,3}|[a-z]{2}[nezxy123])$", re.I
 )
-_SEPARATED = re.compile(r"\s*[,/]\s*|[\s_]+(?:in\s+)?")
+_SEPARATOR = re.compile(r"\s*[,/]\s*|[\s_]+(?:in\s+)?")  # between quantity and unit
 
 
 class Heading(NamedTuple):
     """The meaning of a heading.
 
     - `text`: the heading as written in the file
-    - `quantity`: the heading without unit and investigation time. `PGA`, `PGV`, `PGD` and `Sa(1 s)` are
-      always spelled like this
+    - `quantity`: the heading without unit and investigation time. Peaks are always spelled like `PGA`, and
+      spectral values like `Sa(1 s)`
     - `kind`: `time`, `index`, `acceleration`, `velocity`, `displacement`, `probability`, `rate`, `return
       period`, `ratio`, `counts`; an empty string if neither words nor unit determine the kind
     - `unit`: a key of `rockjax._units.UNITS`; None if the heading has no unit
@@ -127,7 +127,7 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
         )
     if _is_symbol(words):
         return words, None
-    for match in _SEPARATED.finditer(words):
+    for match in _SEPARATOR.finditer(words):
         quantity, remainder = words[: match.start()], words[match.end() :]
         unit = unit_of(remainder)
         if unit is None or not quantity:

@@ -91,7 +91,8 @@ def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: f
 def measure_motion(
     motion: Accelerogram, measure: str, period: float | None, damping: float
 ) -> tuple[float, int]:
-    """Return the value of an intensity measure, and its power n: it is proportional to (scale factor)ⁿ.
+    """Return the value of an intensity measure, and the power n of the scale factor to which the value is
+    proportional.
 
     - `motion`: ground motion
     - `measure`: `"PGA"`, `"PGV"`, `"PGD"`, `"CAV"`, `"arias_intensity"` or `"Sa"`

@@ -25,8 +25,8 @@ def intensity_measures(
 ) -> xarray.Dataset:
     """Return intensity measures of one or several motions, as an `xarray.Dataset` with units.
 
-    - `motion`: one motion gives scalars; several ([`rockjax.Motions`][], a list of motions or records)
-      give arrays with the dimension `motion`
+    - `motion`: a [`rockjax.Motion`][] or [`rockjax.Record`][] gives scalars; everything else, such as
+      [`rockjax.Motions`][] or a list of motions, gives arrays with the dimension `motion`
     - `periods`: periods T of Sa(T), ≥ 0 [s]
     - `damping`: damping ratio of Sa, 0 ≤ ζ < 1 [–]
     - `podium`: adds the dimensionless rocking measures that Dimitrakopoulos & Paraskeva (2015) define:
@@ -42,5 +42,5 @@ def intensity_measures(
     parameters.
     """
     motions = as_motions("intensity_measures", motion)
-    one_or_several = motions[0] if isinstance(motion, Motion | Record) else motions
-    return intensity.intensity_measures(one_or_several, periods=periods, damping=damping, podium=podium)
+    motion_or_list = motions[0] if isinstance(motion, Motion | Record) else motions
+    return intensity.intensity_measures(motion_or_list, periods=periods, damping=damping, podium=podium)

@@ -1,4 +1,4 @@
-"""Ground motions on the host: samples with a name, a source and the contents of their header.
+"""Ground motions as NumPy arrays: samples with a name, a source and the contents of the file header.
 
 A motion is linear between samples, like a [`rockjax.Record`][], and all integrals here are exact for such
 motions.
@@ -36,7 +36,7 @@ _MAX_RATIO = 1000  # largest numerator and denominator of the ratio of sampling 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Motion(Accelerogram):
-    """A ground motion (host), linear between samples and zero outside.
+    """A ground motion as a NumPy array of samples, linear between samples and zero outside.
 
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; stored as a read-only copy
     - `dt`: sampling interval, > 0 [s]
@@ -94,9 +94,8 @@ class Motion(Accelerogram):
         """Return the motion with the sampling interval `dt` [s], band-limited (`scipy.signal.resample_poly`).
 
         Frequencies above the lower of the two Nyquist frequencies are filtered out, so that none are
-        aliased; lower frequencies stay. Picking samples instead would alias: from 0.01 s to 0.02 s, 30 Hz
-        becomes 20 Hz. The straight line through the first and the last sample is not filtered, so that an
-        offset does not ring at the ends. The first sample keeps its time.
+        aliased; lower frequencies stay. The straight line through the first and the last sample is not
+        filtered, so that an offset does not ring at the ends. The first sample keeps its time.
 
         Raises `ValueError` for dt ≤ 0, for a dt longer than the duration, and if the ratio of the two
         intervals is not a ratio of whole numbers up to 1000.
@@ -118,7 +117,7 @@ class Motion(Accelerogram):
         up, down = ratio.numerator, ratio.denominator
         count = (len(self) - 1) * up // down + 1
         # The line through both ends is not filtered, because the gain of the filter for a constant varies
-        # by 1e-3 between samples. SciPy's padtype="line" would only extend the line.
+        # by 1e-3 between samples.
         first, last = self.acceleration[[0, -1]]
         line = lambda times: first + (last - first) / self.duration * times
         filtered = resample_poly(self.acceleration - line(self.time), up, down)[:count]
@@ -218,7 +217,7 @@ class Motion(Accelerogram):
             header_text(key, default)
             for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
         )
-        # Columns would touch if an exponent had three digits.
+        # Smaller samples become 0, so that all exponents have two digits and columns do not touch.
         samples = np.where(
             np.abs(self.acceleration) < _AT2_SMALLEST * STANDARD_GRAVITY, 0.0, self.acceleration
         )
@@ -258,8 +257,7 @@ class Motion(Accelerogram):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Motions(Sequence[Motion]):
-    """Several ground motions (host), of any lengths and sampling intervals: a sequence of
-    [`rockjax.Motion`][].
+    """Several ground motions, of any lengths and sampling intervals: a sequence of [`rockjax.Motion`][].
 
     An index returns a motion, a slice returns motions. Scale factors are included in the accelerations;
     `scales` lists them.
@@ -309,7 +307,7 @@ class Motions(Sequence[Motion]):
 
         Stations, events and components are taken from the headers. Without a station in the header, files
         belong together if their names differ only in the component. Raises `ValueError`, which lists the
-        horizontal motions that have no vertical component, or that match several.
+        horizontal motions for which there is no vertical component, or more than one.
         """
         return Motions(pair_motions(self.motions))
 
@@ -330,13 +328,13 @@ class Motions(Sequence[Motion]):
         require_number("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
 
         def scaled(motion: Motion) -> Motion:
-            present, power = measure_motion(motion, measure, period, damping)
-            if present == 0:
+            current, power = measure_motion(motion, measure, period, damping)
+            if current == 0:
                 raise ValueError(
                     f"scaled_to: {measure} of {motion.name} is zero, so no factor changes it; leave the "
                     "motion out"
                 )
-            return motion.scaled((value / present) ** (1 / power))
+            return motion.scaled((value / current) ** (1 / power))
 
         return self.map(scaled)
 

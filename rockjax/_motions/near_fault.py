@@ -25,7 +25,7 @@ from .motion import Motion
 
 COLUMNS = ("A", "f_p", "gamma", "nu")
 QUANTITIES = ("velocity", "displacement")
-PERIODS = (0.3, 12.0)  # default range of initial periods [s]; the duration of the record limits it as well
+PERIODS = (0.3, 12.0)  # default range of initial periods [s]; the record's duration is another upper limit
 OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # initial values of γ
 FREQUENCIES = 40  # number of initial frequencies
 STARTS = 4  # number of pulses from which the least squares start
@@ -43,7 +43,7 @@ class PulseTable(NamedTuple):
 
 
 def read_pulses(path: str | Path) -> PulseTable:
-    """Read a table of Mavroeidis–Papageorgiou pulses (host).
+    """Read a table of Mavroeidis–Papageorgiou pulses.
 
     The file is a CSV with the columns `A` [m/s] or `A_cm_s` [cm/s], `f_p` [Hz], `gamma` [–], `nu` [rad]
     or `nu_deg` [°], and optionally `name`. Lines that begin with # are comments. Raises `ValueError` for
@@ -102,7 +102,7 @@ class PulseFit:
         return _velocity(self.pulse, jnp.asarray(times, float) - self.time)
 
     def residual(self, motion: Motion) -> Motion:
-        """Return the motion minus the pulse (host)."""
+        """Return the motion minus the pulse."""
         pulse = np.asarray(self.pulse(jnp.asarray(motion.time) - self.time))
         return dataclasses.replace(motion, acceleration=motion.acceleration - pulse)
 
@@ -127,19 +127,18 @@ def fit_pulse(
     shortest: float = PERIODS[0],
     longest: float = PERIODS[1],
 ) -> PulseFit:
-    """Fit a Mavroeidis–Papageorgiou pulse to a record, by least squares on its velocity or displacement
-    (host).
+    """Fit a Mavroeidis–Papageorgiou pulse to a record, by least squares on velocity or displacement.
 
     - `motion`: a [`rockjax.Motion`][] or [`rockjax.Record`][], which starts at rest
     - `quantity`: the fitted quantity. The displacement gives more weight to long periods, and needs a
       record with a correct displacement
-    - `shortest`, `longest`: range of initial periods 1/f_p [s]
+    - `shortest`, `longest`: range of the initial periods 1/f_p [s]
 
-    For 40 periods and 5 numbers of oscillations, correlation finds the best time of the pulse in the
+    For 40 initial periods and 5 numbers of oscillations, correlation finds the best time of the pulse in the
     record. Least squares (Levenberg–Marquardt) start from the four best pulses of different periods.
     [`rockjax.refit_pulse`][] gives derivatives of the pulse with respect to the samples. Raises
-    `ValueError` for none or several motions, for a motion that is zero throughout, and for invalid
-    periods.
+    `ValueError` for traced samples, for none or several motions, for a motion that is zero throughout, and
+    for invalid periods.
     """
     owner = "fit_pulse"
     motions = as_motions(owner, motion)
@@ -199,7 +198,7 @@ def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tu
     explains, the time of its centre, A, γ and ν."""
     from scipy.signal import fftconvolve
 
-    half = math.floor(0.5 * gamma / f_p / dt)
+    half = math.floor(0.5 * gamma / f_p / dt)  # number of samples in half of the pulse
     phase = 2 * math.pi * f_p * dt * np.arange(-half, half + 1)
     window = 0.5 * (1 + np.cos(phase / gamma))
     shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])

@@ -48,8 +48,8 @@ def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
 
 def describe_motions(excitations: Any) -> dict[str, Any]:
     """Return attributes that describe records, as lists for several records; empty for other excitations.
-    A `Motion` has name, source, number of samples, dt, PGA and checksum; a table of records has only dt,
-    PGA and checksum."""
+    Attributes of a `Motion` are name, source, number of samples, dt, PGA and checksum; those of a table of
+    records are only dt, PGA and checksum."""
     if isinstance(excitations, Motion):
         record = excitations.record()
         record = record.horizontal if isinstance(record, GroundMotion) else record
@@ -81,8 +81,8 @@ def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[
     - `records`: table of the records
     - `argument`: argument from which the table was made, or None
 
-    The coordinates are dt, PGA and checksum of the samples, and source and seed if all motions in
-    `argument` have them.
+    The coordinates are dt, PGA and checksum of the samples, and source and seed if each record comes from a
+    motion in `argument` that has them.
     """
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)

@@ -22,7 +22,7 @@ _COLUMNS = ("file", "name", "scale", "units", "dt", "component")
 def read_motion(
     path: str | Path, *, units: str | None = None, dt: float | None = None, component: int | str | None = None
 ) -> Motion:
-    """Read the ground motion in a file (host), with the contents of its header.
+    """Read the ground motion in a file, with the contents of the file header.
 
     The suffix or the first lines determine the format: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of
     GeoNet (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and
@@ -59,7 +59,7 @@ def read_suite(
     component: int | str | None = None,
     pattern: str | None = None,
 ) -> Motions:
-    """Read the ground motions in a folder, or in a table of files (host).
+    """Read the ground motions in a folder, or in a table of files.
 
     - `path`: a folder, or a table. All files of a folder are read in the order of their names; if the folder
       contains a `suite.csv`, this table is read instead. A table is a `.csv` with a row of headings:
@@ -137,7 +137,7 @@ def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
         raise ValueError(f"{path}:{rows[0][0]}: two columns have the same name; rename or remove one")
     if len(rows) == 1:
         raise ValueError(f"{path}: the table lists no file; add a line for each file below the headings")
-    described_rows = []
+    located_rows = []
     for line, cells in rows[1:]:
         if len(cells) > len(names):
             raise ValueError(
@@ -148,14 +148,14 @@ def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
         if "file" not in row:
             raise ValueError(f"{path}:{line}: file is missing")
         for name in ("scale", "dt"):
-            _cell(f"{path}:{line}", row, name)
+            _parse_cell(f"{path}:{line}", row, name)
         row["file"] = str(path.parent / row["file"])
-        described_rows.append((f"{path}:{line}", row))
-    return described_rows
+        located_rows.append((f"{path}:{line}", row))
+    return located_rows
 
 
-def _cell(where: str, row: dict[str, str], name: str) -> float | None:
-    """Return the number in a cell, None if it is empty. Raises `ValueError` for anything but a finite
+def _parse_cell(where: str, row: dict[str, str], name: str) -> float | None:
+    """Return the number in a cell; None for an empty cell. Raises `ValueError` for anything but a finite
     number."""
     try:
         value = float(row[name]) if name in row else None
@@ -169,11 +169,12 @@ def _cell(where: str, row: dict[str, str], name: str) -> float | None:
 def _read_all(
     path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: float, component, pattern
 ) -> Motions:
-    """Read the files in the rows (location for messages, cells) of the folder or table `path`."""
+    """Read the files in the rows (location for messages, cells) of the folder or table `path`. If `pattern`
+    is None, the message about unreadable files advises to give one."""
     motions, problems = [], []
     for where, row in rows:
         row_component = row.get("component", component)
-        row_dt, row_scale = _cell(where, row, "dt"), _cell(where, row, "scale")
+        row_dt, row_scale = _parse_cell(where, row, "dt"), _parse_cell(where, row, "scale")
         try:
             motion = read(
                 row["file"],

@@ -72,8 +72,7 @@ class Record(AbstractSampled):
         scale: float = 1.0,
         component: int | str | None = None,
     ) -> Self:
-        """Read a record from a file (host): PEER's .AT2, CSMIP and COSMOS .V2, ESM, K-NET, text, NumPy's
-        .npy.
+        """Read a record from a file: PEER's .AT2, CSMIP and COSMOS .V2, ESM, K-NET, text, NumPy's .npy.
 
         - `path`: file to read
         - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state
@@ -85,7 +84,7 @@ class Record(AbstractSampled):
         Formats, errors and warnings are the same as in [`rockjax.read_motion`][], which also returns the
         contents of the header.
         """
-        from .files import read  # imported here because it imports all formats
+        from .files import read  # imported here because `files` imports all formats
 
         scale = require_number("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)
@@ -110,10 +109,10 @@ class Record(AbstractSampled):
     def table(self) -> Float[Array, " n"]:
         return self.acceleration
 
-    def among(self, table: Float[Array, " n"], i: Index) -> Value:
+    def samples_at(self, table: Float[Array, " n"], i: Index) -> Value:
         return table[i]
 
-    def sizes(self) -> Float[Array, " n"]:
+    def magnitudes(self) -> Float[Array, " n"]:
         return jnp.abs(self.acceleration)
 
     @property

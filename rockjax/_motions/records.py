@@ -44,7 +44,7 @@ class Records(AbstractSampled):
     - `counts`: numbers of samples, shape (k,)
     - `intervals`: sampling intervals, shape (k,) [s]
     - `starts`: times of the first samples, shape (k,) [s]
-    - `which`: indices of the selected rows
+    - `which`: indices of the selected rows, with the shape of the batch
     - `scale`: factor on the samples [–]
     """
 
@@ -63,7 +63,7 @@ class Records(AbstractSampled):
     @classmethod
     def of(cls, records: Sequence[Record | Motion]) -> Self:
         """Return a batch of single records, with their scales multiplied into the samples. Raises
-        `ValueError` for an empty sequence, and for batches in it."""
+        `ValueError` for an empty sequence, and for elements that are batches."""
         if isinstance(records, Record | Motion | str) or not isinstance(records, Iterable):
             raise ValueError(
                 "Records: records must be a list of rockjax.Record, or rockjax.Motions, got "
@@ -135,24 +135,24 @@ class Records(AbstractSampled):
     def table(self) -> Float[Array, "k n"]:
         return self.acceleration
 
-    def among(self, table: Float[Array, "k n"], i: Index) -> Value:
+    def samples_at(self, table: Float[Array, "k n"], i: Index) -> Value:
         return table[self.which, i]
 
-    def of_row(self, rows: Array) -> Array:
+    def select_rows(self, rows: Array) -> Array:
         return rows[self.which]
 
-    def counts_of_rows(self) -> Int[Array, "k 1"]:
+    def row_counts(self) -> Int[Array, "k 1"]:
         return self.counts[:, None]
 
-    def sizes(self) -> Float[Array, "k n"]:
+    def magnitudes(self) -> Float[Array, "k n"]:
         numpy = array_module(self)
         counts = numpy.asarray(self.counts)[:, None]
         is_sample = numpy.arange(self.acceleration.shape[-1], dtype=counts.dtype)[None] < counts
         return numpy.where(is_sample, numpy.abs(self.acceleration), 0.0)
 
-    def chosen(self, which, scale) -> Self:
-        """Return the records with the indices `which`, scaled. The arguments are not converted, and NumPy
-        arrays stay NumPy arrays."""
+    def pick_scaled(self, which, scale) -> Self:
+        """Return the records with the indices `which`, scaled. The arguments are neither checked nor
+        converted, so that NumPy arrays stay NumPy arrays."""
         return dataclasses.replace(self, which=which, scale=scale)
 
     def common_form(self) -> Self:
@@ -174,7 +174,7 @@ class Records(AbstractSampled):
 
 
 class RecordPairs(GroundMotion):
-    """A batch of record pairs: the same rows of a horizontal and a vertical table. `sizes` refers to the
+    """A batch of record pairs: the same rows of a horizontal and a vertical table. `magnitudes` refers to the
     horizontal table."""
 
     @classmethod
@@ -193,8 +193,8 @@ class RecordPairs(GroundMotion):
     def __len__(self) -> int:
         return len(self._table)
 
-    def sizes(self) -> Float[Array, "k n"]:
-        return self._table.sizes()
+    def magnitudes(self) -> Float[Array, "k n"]:
+        return self._table.magnitudes()
 
     @property
     def _table(self) -> Records:
@@ -204,9 +204,9 @@ class RecordPairs(GroundMotion):
         """Return the pairs with the indices `which`, unscaled."""
         return self._map_components(lambda records: records.pick(which))
 
-    def chosen(self, which, scale) -> Self:
-        """Return the pairs with the indices `which`, scaled, as `Records.chosen` does."""
-        return self._map_components(lambda records: records.chosen(which, scale))
+    def pick_scaled(self, which, scale) -> Self:
+        """Return the pairs with the indices `which`, scaled, as `Records.pick_scaled` does."""
+        return self._map_components(lambda records: records.pick_scaled(which, scale))
 
     def _map_components(self, change: Callable[[Records], Records]) -> Self:
         horizontal, vertical = change(self._table), change(cast(Records, self.vertical))

@@ -82,15 +82,15 @@ def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
     return np.fft.irfft(white * np.sqrt(spectral_density(omega, soil)), 2 * count)[:count]
 
 
-def _at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, displaced: bool) -> np.ndarray:
+def _end_at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, at_origin: bool) -> np.ndarray:
     """Return the acceleration minus `weight` times a constant, so that the velocity ends at zero. With
-    `displaced`, subtract `weight` times a straight line, so that the displacement also ends at zero."""
+    `at_origin`, subtract `weight` times a straight line, so that the displacement also ends at zero."""
 
     def ends(a):
         motion = Motion(a, dt)
-        return np.array([motion.velocity[-1], motion.displacement[-1]][: 1 + displaced])
+        return np.array([motion.velocity[-1], motion.displacement[-1]][: 1 + at_origin])
 
-    shapes = [weight * np.linspace(0, 1, len(weight)) ** k for k in range(1 + displaced)]
+    shapes = [weight * np.linspace(0, 1, len(weight)) ** k for k in range(1 + at_origin)]
     c = np.linalg.solve(np.stack([ends(shape) for shape in shapes], axis=1), ends(acceleration))
     return acceleration - sum(factor * shape for factor, shape in zip(c, shapes, strict=True))
 
@@ -110,8 +110,8 @@ def synthetic_motions(
     envelope_peak: float = 0.2,
     envelope_end: float = 0.05,
 ) -> Motions:
-    """Return synthetic ground motions (host): Clough & Penzien's noise with Saragoni & Hart's envelope,
-    and optionally a pulse.
+    """Return synthetic ground motions: Clough & Penzien's noise with Saragoni & Hart's envelope, and
+    optionally a pulse.
 
     - `count`: number of motions, ≥ 1. Motion k depends only on `seed` and k, so a larger count starts
       with the same motions
@@ -175,7 +175,8 @@ def synthetic_motions(
     weight = envelope(t, t[-1], envelope_peak, envelope_end)
     motions = []
     for k, pulse_k in enumerate(pulses):
-        acceleration = _at_rest(weight * _noise(int(seed), k, samples, dt, soil), dt, weight, displaced=True)
+        noise = weight * _noise(int(seed), k, samples, dt, soil)
+        acceleration = _end_at_rest(noise, dt, weight, at_origin=True)
         acceleration *= pga / np.abs(acceleration).max()
         if pulse_k is not None:
             acceleration = acceleration + _pulse(pulse_k, t, envelope_peak)
@@ -211,4 +212,5 @@ def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndar
     rate = np.sin(phase / gamma) * np.cos(phase + nu) / gamma
     rate += (1 + np.cos(phase / gamma)) * np.sin(phase + nu)
     window = np.where(is_inside, 1 + np.cos(phase / gamma), 0.0)
-    return _at_rest(np.where(is_inside, -0.5 * A * omega * rate, 0.0), t[1] - t[0], window, displaced=False)
+    samples = np.where(is_inside, -0.5 * A * omega * rate, 0.0)
+    return _end_at_rest(samples, t[1] - t[0], window, at_origin=False)

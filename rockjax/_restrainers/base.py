@@ -26,11 +26,12 @@ from rockjax._types import Number, Value
 class AbstractRestrainer(Module):
     """A device on each column.
 
-    A subclass overrides private methods, such as `_force`; by default a device has no such effect. Arguments
-    of private methods refer to the joints that the device spans, those of public methods to both joints.
+    A subclass overrides the private methods of its effects, such as `_force`. Arguments of private methods
+    refer to the joints that the device spans, those of public methods to both joints.
     """
 
-    strengths: ClassVar[tuple[str, ...]] = ()  # names of fields; the device does nothing if all are zero
+    # Names of the fields that are strengths: if all strengths are zero, the device does nothing.
+    strength_fields: ClassVar[tuple[str, ...]] = ()
 
     @property
     @abc.abstractmethod
@@ -78,13 +79,13 @@ class AbstractRestrainer(Module):
         return None
 
     @abc.abstractmethod
-    def of_block(self, weight: Number, inertia: Number, speed: Number) -> Self:
+    def for_equivalent_block(self, weight_ratio: Number, inertia_ratio: Number, p_ratio: Number) -> Self:
         """Return the device for the solitary block that is equivalent to a frame with this device, see
         [`rockjax.Podium.equivalent_block`][].
 
-        - `weight`: ratio 1+2γ of the frame's restoring moment to the block's
-        - `inertia`: ratio 3γ+¾(1+λ) of the frame's inertia to the block's
-        - `speed`: ratio of the block's frequency parameter p to the frame's
+        - `weight_ratio`: restoring moment of the frame divided by that of the block, 1+2γ
+        - `inertia_ratio`: inertia of the frame divided by that of the block, 3γ+¾(1+λ)
+        - `p_ratio`: frequency parameter p of the block divided by that of the frame
         """
 
     @property
@@ -112,14 +113,14 @@ class AbstractRestrainer(Module):
         return self.force(stretch, jnp.zeros_like(stretch), jnp.ones_like(stretch))
 
     @property
-    def stores(self) -> bool:
-        """True if the class defines `_potential`, and thus a static force, even if all strengths are zero."""
+    def has_static_force(self) -> bool:
+        """True if the class defines `_potential`, and thus a static force, even if its strengths are zero."""
         return type(self)._potential is not AbstractRestrainer._potential
 
     @property
-    def idle(self) -> bool:
+    def has_no_strength(self) -> bool:
         """True if all strengths are concrete scalars equal to zero. The device then does nothing."""
-        values = [concrete(getattr(self, name)) for name in self.strengths]
+        values = [concrete(getattr(self, name)) for name in self.strength_fields]
         return bool(values) and all(y is not None and y.ndim == 0 and y == 0 for y in values)
 
     @property
@@ -135,7 +136,7 @@ class AbstractRestrainer(Module):
         return None if inertance is None else self.elongation_ratio**2 * inertance
 
     @property
-    def slope(self) -> Number | None:
+    def equivalent_stiffness(self) -> Number | None:
         """Stiffness K R/(m_c g) of the equivalent device that spans both joints; None if there is none."""
         stiffness = self._stiffness
         return None if stiffness is None else self.elongation_ratio**2 * stiffness

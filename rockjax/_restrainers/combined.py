@@ -50,17 +50,17 @@ def prestress(restrainers: Sequence[AbstractRestrainer], like: Number) -> Number
     """Return τ, the sum of all static forces at uplift divided by m_c g, with the shape and type of
     `like`."""
     zero = jnp.zeros_like(like)
-    return zero + sum(device.static_force(zero) for device in restrainers if device.stores)
+    return zero + sum(device.static_force(zero) for device in restrainers if device.has_static_force)
 
 
 def apparent_mass(restrainers: Sequence[AbstractRestrainer]) -> Number | None:
-    """Return μ, the sum of all inertances divided by m_c; None if there are no inerters."""
+    """Return μ, the sum of all inertances divided by m_c; None if no device has an inertance."""
     return _sum([device.apparent_mass for device in restrainers])
 
 
 def stiffness(restrainers: Sequence[AbstractRestrainer]) -> Number | None:
-    """Return κ, the sum of all stiffnesses K R/(m_c g); None if there are no tendons."""
-    return _sum([device.slope for device in restrainers])
+    """Return κ, the sum of all stiffnesses K R/(m_c g); None if no device has a stiffness."""
+    return _sum([device.equivalent_stiffness for device in restrainers])
 
 
 def _sum(terms: Sequence[Number | None]) -> Number | None:
@@ -79,7 +79,7 @@ def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[Abstrac
     Up to α, both gravity and restrainers turn the column back. Therefore the root lies between α and π/2,
     where V' of (C5) decreases through zero at most once.
     """
-    with_static_force = [device for device in restrainers if device.stores]
+    with_static_force = [device for device in restrainers if device.has_static_force]
     if not with_static_force:
         return alpha
     return _find_stability_angle(alpha, weight, with_static_force)

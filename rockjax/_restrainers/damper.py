@@ -43,7 +43,8 @@ class Damper(AbstractRestrainer):
     - `joints`: number of joints that the damper spans: 2 (from ground to beam) or 1 (only the bottom joint)
 
     The force is 0 at zero rate, so a damper never holds the column. For ν < 1 the force has an infinite slope
-    at zero rate. Therefore it is smoothed below a rate proportional to the tolerance, see docs/control.md.
+    at zero rate. Therefore the force is smoothed below a rate proportional to the tolerance, see
+    docs/control.md.
     Raises `ValueError` for concrete values outside these ranges.
     """
 
@@ -51,7 +52,7 @@ class Damper(AbstractRestrainer):
     exponent: Number | float = eqx.field(converter=as_exponent, default=1.0)
     joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
-    strengths = ("coefficient",)
+    strength_fields = ("coefficient",)
 
     def _check(self, owner: str) -> None:
         require_not_negative(owner, coefficient=self.coefficient)
@@ -80,6 +81,6 @@ class Damper(AbstractRestrainer):
     def _power(self, rate: Value, slip: Value) -> Value:
         return self.coefficient * rate * rate * self._force_per_rate(rate, slip)
 
-    def of_block(self, weight: Number, inertia: Number, speed: Number) -> Damper:
-        del inertia
-        return Damper(self.coefficient / weight * speed**self.exponent, self.exponent, self.joints)
+    def for_equivalent_block(self, weight_ratio: Number, inertia_ratio: Number, p_ratio: Number) -> Damper:
+        del inertia_ratio
+        return Damper(self.coefficient / weight_ratio * p_ratio**self.exponent, self.exponent, self.joints)

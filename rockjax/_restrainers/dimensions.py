@@ -24,8 +24,8 @@ def restrainers_of(
     - `coefficient`, `exponent`: coefficient [N(s/m)^ν] and exponent ν of the damper
     - `inertance`: inertance of the inerter [kg]
 
-    Devices are left out if their parameters are the Python number 0. Raises `ValueError` for concrete
-    values out of range.
+    A device is left out if its parameters, not counting the exponent, are the Python number 0. Raises
+    `ValueError` for concrete values out of range.
     """
     require_not_negative(
         owner,

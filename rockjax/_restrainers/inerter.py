@@ -24,7 +24,7 @@ class Inerter(AbstractRestrainer):
     inertance: Number = eqx.field(converter=as_number("Inerter: inertance"))
     joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
-    strengths = ("inertance",)
+    strength_fields = ("inertance",)
 
     def _check(self, owner: str) -> None:
         require_not_negative(owner, inertance=self.inertance)
@@ -33,6 +33,6 @@ class Inerter(AbstractRestrainer):
     def _apparent_mass(self) -> Number:
         return self.inertance
 
-    def of_block(self, weight: Number, inertia: Number, speed: Number) -> Inerter:
-        del weight, speed
-        return Inerter(self.inertance / inertia, self.joints)
+    def for_equivalent_block(self, weight_ratio: Number, inertia_ratio: Number, p_ratio: Number) -> Inerter:
+        del weight_ratio, p_ratio
+        return Inerter(self.inertance / inertia_ratio, self.joints)

@@ -27,7 +27,7 @@ class Tendon(AbstractRestrainer):
     stiffness: Number = eqx.field(converter=as_number("Tendon: stiffness"), default=0.0)
     joints: int = eqx.field(static=True, default=2)  # pyright: ignore[reportIncompatibleMethodOverride]
 
-    strengths = "prestress", "stiffness"
+    strength_fields = "prestress", "stiffness"
 
     def _check(self, owner: str) -> None:
         require_not_negative(owner, prestress=self.prestress, stiffness=self.stiffness)
@@ -43,6 +43,6 @@ class Tendon(AbstractRestrainer):
     def _stiffness(self) -> Number:
         return self.stiffness
 
-    def of_block(self, weight: Number, inertia: Number, speed: Number) -> Tendon:
-        del inertia, speed
-        return Tendon(self.prestress / weight, self.stiffness / weight, self.joints)
+    def for_equivalent_block(self, weight_ratio: Number, inertia_ratio: Number, p_ratio: Number) -> Tendon:
+        del inertia_ratio, p_ratio
+        return Tendon(self.prestress / weight_ratio, self.stiffness / weight_ratio, self.joints)

@@ -65,6 +65,7 @@ class ShearBuilding(AbstractSuperstructure):
       the beam, and `peak_shear` and `peak_floor_acceleration` omit the impulses of this mass at impacts
     - `heights`: heights of the stories, > 0 [m], for forces in the joints, drift ratios and pictures; None if
       unknown
+    - `retained`: the number `modes` as a field, for `dataclasses.replace`
 
     [`rockjax.ShearBuilding.modes`][] returns the retained modes. Peaks and histories include story drifts
     and floor accelerations. Raises `ValueError` for unequal lengths and for concrete values outside these
@@ -223,7 +224,7 @@ class ShearBuilding(AbstractSuperstructure):
     def split(self) -> Self:
         values: dict[str, Any] = {name: split_row(getattr(self, name)) for name in ("masses", "stiffnesses")}
         values["damping"] = split_unless_scalar(self.damping)
-        values["heights"] = None  # the motion does not depend on them
+        values["heights"] = None  # the motion does not depend on the heights
         return with_fields(self, values)
 
     def resolved(self) -> AbstractSuperstructure:

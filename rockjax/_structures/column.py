@@ -32,6 +32,7 @@ def check_column_units(width, height, mass) -> None:
 
 
 def _check_density(width: np.ndarray, height: np.ndarray, mass: np.ndarray) -> None:
+    """Warn if the density of a square column is outside `DENSITIES`."""
     density = mass / (width**2 * height)
     low, high = DENSITIES
     is_unlikely = (density < low) | (density > high)
@@ -53,8 +54,8 @@ def slenderness_and_size(width: Number, height: Number) -> tuple[Number, Number]
 
 
 def enlargement(owner: str, radius: Number, height: Number) -> Number:
-    """Return H/(H − r_c), the ratio of R of the equivalent podium with flat ends to R of a podium with round
-    column ends, (R5).
+    """Return H/(H − r_c), the factor on R of a podium with round column ends that gives R of the equivalent
+    podium with flat ends, (R5).
 
     - `owner`: name for error messages
     - `radius`: radius r_c of the round ends of a column, in [0, H) [m]

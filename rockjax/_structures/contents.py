@@ -32,6 +32,7 @@ def as_level(level) -> Level:
 
 
 def _restitution(value) -> Restitution:
+    """Convert the argument `restitution`; the error message names `Contents`."""
     try:
         return as_restitution(value)
     except ValueError as error:

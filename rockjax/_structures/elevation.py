@@ -31,8 +31,8 @@ class Elevation(Module):
     """Positions of the columns of a podium, and heights of the masses on them.
 
     - `columns`: positions x_i of the N ≥ 2 columns along the direction of motion [m], along the last axis.
-      Columns of a line across the plane of motion have equal positions. The centres of all masses are above
-      the mean position
+      Columns in one line across the plane of motion have equal positions. The centres of all masses are
+      above the mean position
     - `beam_depth`: depth D of the beam, ≥ 0 [m]; its mass is at D/2
     - `top_height`: height above the top of the beam [m]. [`rockjax.Elastic`][] and [`rockjax.Rigid`][] need
       the height of their mass, [`rockjax.Modes`][] one height for each mode (negative for some higher modes),
@@ -49,7 +49,8 @@ class Elevation(Module):
     beam_depth: Number
     top_height: Any  # a scalar, or a row over modes or floors
     residual_height: Number
-    _raised: Number | None = None  # round ends: height of the model's column tops above the real tops [m]
+    # Height of the column tops of the model above those of columns with round ends [m]; None for flat ends.
+    _raised: Number | None = None
 
     def __init__(
         self,
@@ -122,8 +123,8 @@ class Elevation(Module):
         superstructure.check_heights("Podium", height)
 
     def split(self, superstructure: AbstractSuperstructure | None) -> Elevation:
-        """Return the elevation with rows split into tuples, so that each leaf has one value per podium of a
-        batch. Heights of a building replace `top_height`."""
+        """Return the elevation with each row, such as `columns`, as a tuple of its elements, so that every
+        leaf has one value per podium of a batch. Heights of a building replace `top_height`."""
         if isinstance(self.columns, tuple):
             return self
         height = self.top_height

@@ -8,8 +8,8 @@ from rockjax._types import Number
 
 
 class Impulses(NamedTuple):
-    """Impulses of the mean column for σ = +1 before the impact, divided by m_c and by the speed |θ̇| before
-    the impact, (F12) [m].
+    """Impulses of the mean column for θ > 0 (σ = +1) before the impact, divided by m_c and by the speed |θ̇|
+    before the impact, (F12) [m].
 
     - `horizontal`, `axial`: J_T and J_N at the bottom and the top joint
     - `sway`, `rise`: changes Δu̇_b and Δv̇_b of the velocity of the beam, divided by |θ̇|

@@ -14,7 +14,8 @@ from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
 ROUNDING = 1e-9  # fraction by which the sum of modal masses may exceed the total mass
 
-# Values for modes, stories or columns along the last axis of an array; a tuple in split structures.
+# Values for modes, stories or columns along the last axis of an array. In structures that `split` returns, a
+# row is a tuple of its elements.
 Row = Array
 
 
@@ -90,7 +91,7 @@ class Modes(AbstractSuperstructure):
     eta: Row
     T: Row
     zeta: Row
-    residual: Number  # None in split modes without a residual
+    residual: Number  # `split` replaces 0 by None
 
     def __init__(self, eta: Any, T: Any, zeta: Any = 0.05, residual: Any = 0.0):
         self.eta = as_row("Modes", "eta", eta, "mode")
@@ -187,9 +188,9 @@ class Modes(AbstractSuperstructure):
         return Oscillators(modes.eta, modes.T_s, modes.zeta, self.carried)
 
 
-def with_fields(superstructure, values):
+def with_fields(structure, values):
     """Return a copy with some fields replaced. The new values are neither converted nor checked."""
-    copy = object.__new__(type(superstructure))
-    for name, value in (vars(superstructure) | values).items():
+    copy = object.__new__(type(structure))
+    for name, value in (vars(structure) | values).items():
         object.__setattr__(copy, name, value)
     return copy

@@ -204,7 +204,7 @@ class Podium(Module):
         building = stories, story_masses, story_stiffnesses
         has_stories = any(argument is not None for argument in building)
         if not has_stories:
-            _without_building(owner, modes=modes, story_heights=story_heights)
+            _refuse_without_building(owner, modes=modes, story_heights=story_heights)
         if has_stories:
             superstructure = _building(
                 owner, columns_mass, *building, eta, period, damping, modes, story_heights
@@ -216,8 +216,8 @@ class Podium(Module):
         else:
             superstructure = Rigid(eta=eta)
         alpha, R = slenderness_and_size(width, height)
-        strengths = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
-        devices = restrainers_of(owner, column_mass, R, as_numpy_unless_traced(g), *strengths)
+        device_values = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
+        devices = restrainers_of(owner, column_mass, R, as_numpy_unless_traced(g), *device_values)
         radius = as_numpy_unless_traced(end_radius, f"{owner}: end_radius")
         if not is_plain_zero(radius):
             R, elevation = _with_round_ends(owner, radius, height, R, devices, elevation)
@@ -286,7 +286,7 @@ class Podium(Module):
         above `uplift_demand`.
         """
         threshold = g_tan_alpha(self.alpha, self.g)
-        if any(restrainer.stores for restrainer in self.restrainers):
+        if any(restrainer.has_static_force for restrainer in self.restrainers):
             threshold = threshold * (
                 1 + prestress(self.restrainers, self.gamma) / (self.gamma + self.eta + 0.5)
             )
@@ -318,7 +318,7 @@ class Podium(Module):
         """Velocity factor e = |θ̇⁺/θ̇⁻| of an impact [–], according to the law `restitution`. Rocking ends at
         an impact if e ≤ 0.
 
-        A rigid superstructure is part of the beam in every law.
+        Every law counts a rigid superstructure as part of the beam.
         """
         gamma, eta = self.mass_ratios
         return self.restitution.factor(
@@ -352,7 +352,7 @@ class Podium(Module):
         """
         gamma, eta = self.mass_ratios
         sin2, (bottom, top) = jnp.sin(self.alpha) ** 2, self.inertances
-        return impulse_eccentricity(sin2, gamma, eta, self.lam, 0.5 * (bottom + top), self._e)
+        return impulse_eccentricity(sin2, gamma, eta, self.lam, 0.5 * (bottom + top), self._impact_factor)
 
     @property
     def impact_friction(self) -> Number:
@@ -360,7 +360,7 @@ class Podium(Module):
         the last axis [–], (F12). It is 0 at the top joint of a solitary block."""
         gamma, eta = self.mass_ratios
         geometry = 2 * self.R, jnp.sin(self.alpha), jnp.cos(self.alpha)
-        mean_column = impulses(*geometry, gamma, eta, self.inertances, self._e)
+        mean_column = impulses(*geometry, gamma, eta, self.inertances, self._impact_factor)
         ratios = (
             jnp.where(axial > 0, horizontal / jnp.where(axial > 0, axial, 1.0), 0.0)
             for horizontal, axial in zip(mean_column.horizontal, mean_column.axial, strict=True)
@@ -376,8 +376,8 @@ class Podium(Module):
         return self.elevation.core_distance
 
     @property
-    def _e(self) -> Number:
-        """Velocity factor of an impact [–]; 0 if rocking ends there."""
+    def _impact_factor(self) -> Number:
+        """Velocity factor of an impact [–]; 0 if rocking ends at the impact."""
         return jnp.maximum(self.restitution_factor, 0.0)
 
     @property
@@ -475,7 +475,8 @@ class Podium(Module):
         weight, inertia = 2 * gamma + 1, 3 * gamma + 0.75 * (1 + self.lam)
         ratio = weight / inertia
         devices = tuple(
-            restrainer.of_block(weight, inertia, jnp.sqrt(ratio)) for restrainer in self.restrainers
+            restrainer.for_equivalent_block(weight, inertia, jnp.sqrt(ratio))
+            for restrainer in self.restrainers
         )
         return Podium(
             alpha=self.alpha,
@@ -486,8 +487,8 @@ class Podium(Module):
         )
 
     def split(self) -> Podium:
-        """Return the podium with rows over columns, modes or stories split into tuples, so that each leaf has
-        one value per podium of a batch."""
+        """Return the podium with each row over columns, modes or stories as a tuple of its elements, so that
+        every leaf has one value per podium of a batch."""
         superstructure, elevation = self.superstructure, self.elevation
         if isinstance(elevation, Elevation):
             elevation = elevation.split(superstructure)
@@ -495,7 +496,7 @@ class Podium(Module):
 
     def without_idle_restrainers(self) -> Podium:
         """Return the podium without restrainers of zero strength, which would only cost time."""
-        active = tuple(restrainer for restrainer in self.restrainers if not restrainer.idle)
+        active = tuple(restrainer for restrainer in self.restrainers if not restrainer.has_no_strength)
         if len(active) == len(self.restrainers):
             return self
         return eqx.tree_at(lambda podium: podium.restrainers, self, active)
@@ -598,7 +599,7 @@ def _with_round_ends(
     return R * ratio, elevation
 
 
-def _without_building(owner: str, **arguments: object) -> None:
+def _refuse_without_building(owner: str, **arguments: object) -> None:
     """Raise `ValueError` for arguments other than None that apply only to a building."""
     for name, value in arguments.items():
         if value is not None:

@@ -1,7 +1,7 @@
 """Superstructures on the podium: the base class, `Rigid`, `Elastic`, and `Oscillators` for the engine.
 
 To the engine a superstructure is a set of oscillators in parallel on the beam, and a mass that moves with the
-beam.
+beam. Properties marked as static are known before tracing, and select the program.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ class AbstractSuperstructure(Module):
     @property
     @abc.abstractmethod
     def oscillators(self) -> Elastic | Oscillators | None:
-        """The oscillators; None if nothing vibrates. Their number is static."""
+        """The oscillators; None if nothing vibrates. The number of oscillators is static."""
 
     @property
     @abc.abstractmethod
     def carried(self) -> Number | None:
-        """Mass ratio of the part that moves with the beam [–]; None (static) if there is no such part."""
+        """Mass ratio of the part that moves with the beam [–]; None if there is no such part, which is
+        static."""
 
     @property
     @abc.abstractmethod
@@ -104,8 +105,8 @@ class AbstractSuperstructure(Module):
         return oscillators.eta * heights, None if carried is None else carried * residual_height
 
     def split(self) -> Self:
-        """Return the superstructure with rows over modes or stories split into tuples, so that each leaf has
-        one value per podium of a batch."""
+        """Return the superstructure with each row over modes or stories as a tuple of its elements, so that
+        every leaf has one value per podium of a batch."""
         return self
 
     def resolved(self) -> AbstractSuperstructure:
@@ -217,8 +218,8 @@ class Oscillators(AbstractSuperstructure):
     eta: Array
     T_s: Array
     zeta: Array  # one value for all modes, or one for each
-    residual: Number | None = None
-    shapes: Array | None = None
+    residual: Number | None = None  # mass ratio of the mass that moves with the beam; None if there is none
+    shapes: Array | None = None  # Γ_i φ_ji of a building, see `floors`
 
     @property
     def omega_s(self) -> Array:
@@ -272,9 +273,9 @@ def uplifted_squares(
     - `inertia`, `stiffness`: Λ [–] and k [1/s²] of (C15)
     - `cos_alpha`: cos α
 
-    They solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0, as the eigenvalues of a symmetric matrix with
-    the diagonal ω_i², bordered by a row and a column for the rotation. Rotation and oscillators are scaled by
-    the square roots of their masses.
+    The squares x solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of a
+    symmetric matrix with the diagonal ω_i², bordered by a row and a column for the rotation. Rotation and
+    oscillators are scaled by the square roots of their masses.
     """
     squares, masses = oscillators.omega_s**2, 3 * oscillators.eta
     if isinstance(oscillators, Elastic):
@@ -284,6 +285,7 @@ def uplifted_squares(
 
 
 def _bordered(squares: Array, masses: Array, inertia: Array, stiffness: Array, cos_alpha: Array) -> Array:
+    """Return the matrix of `uplifted_squares`."""
     corner = (stiffness + cos_alpha**2 * jnp.sum(masses * squares, axis=-1, keepdims=True)) / inertia
     border = -cos_alpha * jnp.sqrt(masses / inertia) * squares
     size = squares.shape[-1] + 1
@@ -296,6 +298,7 @@ def _bordered(squares: Array, masses: Array, inertia: Array, stiffness: Array, c
 
 @jax.custom_jvp
 def _squares_of(squares: Array, masses: Array, inertia: Array, stiffness: Array, cos_alpha: Array) -> Array:
+    """Return the eigenvalues of `_bordered`."""
     return jnp.asarray(eigh(_bordered(squares, masses, inertia, stiffness, cos_alpha))[0])
 
 

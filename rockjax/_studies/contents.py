@@ -97,7 +97,7 @@ def contents_fragility(
     require_memory(owner, len(records) * levels.size)
     import_in_background(*TABLES)
     record_index = np.arange(len(records), dtype=np.int32)[:, None]
-    scaled = records.chosen(record_index, levels / np.asarray(measure.values, float)[record_index])
+    scaled = records.pick_scaled(record_index, levels / np.asarray(measure.values, float)[record_index])
     block_tuple = tuple(blocks.values())
     peaks = peak_responses(podium, scaled, options=options, progress=progress, on_floors=block_tuple)
     import xarray

@@ -55,7 +55,7 @@ class Measure(NamedTuple):
 
 def pga(records: Records | RecordPairs) -> Measure:
     """Return the peak ground acceleration of records as an intensity measure [m/s²]."""
-    return Measure("PGA", np.asarray(records.sizes()).max(axis=1), "m s-2")
+    return Measure("PGA", np.asarray(records.magnitudes()).max(axis=1), "m s-2")
 
 
 HIGHEST = 6.0  # default highest level, as PGA/(g tan α)
@@ -205,7 +205,7 @@ def incremental_dynamic_analysis(
         """Return the scenes of records with the indices x, scaled to intensities y."""
         record_index = np.asarray(x).astype(np.int32)
         # NumPy, because JAX compiles a program for every shape.
-        return podium, records.chosen(record_index, y / unscaled[record_index])
+        return podium, records.pick_scaled(record_index, y / unscaled[record_index])
 
     import_in_background(*TABLES)
     indices, search_range = np.arange(count), (0.0, float(levels[-1]))

@@ -83,7 +83,7 @@ def record_spectrum(
     def plane(x, y):
         """Return the scenes of cells x under records scaled by y."""
         record, size = np.divmod(np.asarray(x).astype(np.int32), sizes.size)
-        return podium.replace(R=R[size]), records.chosen(record, y)
+        return podium.replace(R=R[size]), records.pick_scaled(record, y)
 
     import_in_background(*TABLES)
     cells = np.arange(count * sizes.size)  # one for each record and size

@@ -57,8 +57,8 @@ def test_counts_and_curves():
     data = on_frame("drop")
     which = np.arange(len(SUITE), dtype=np.int32)[:, None]
     table = rj.Records.of(SUITE)
-    scale = LEVELS / table.sizes().max(axis=1)[:, None]
-    plain = rj.peak_responses(FRAME, table.chosen(which, scale), options=OPTIONS)
+    scale = LEVELS / table.magnitudes().max(axis=1)[:, None]
+    plain = rj.peak_responses(FRAME, table.pick_scaled(which, scale), options=OPTIONS)
     assert np.array_equal(data["peak_rotation"], plain.peak_rotation)
     assert 0 < plain.overturned.sum() < plain.overturned.size
     exceed = on_frame("exceed")

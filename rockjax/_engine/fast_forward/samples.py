@@ -60,7 +60,9 @@ def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
         return acceleration(c, sigma, ground, x, v)
 
     before, after = (jnp.clip(piece - 1 + k, 0, count - 1) for k in (0, 1))
-    ground_before, ground_after = barrier([scale * record.among(record.table, k) for k in (before, after)])
+    ground_before, ground_after = barrier(
+        [scale * record.samples_at(record.table, k) for k in (before, after)]
+    )
     slope = barrier((ground_after - ground_before) / dt)
     ground = barrier(ground_before + slope * (state.t - record.sample_time(before)))
     now = record.sample_time(piece)  # varies with the parameters; its fixed value is the stamp

@@ -16,6 +16,7 @@ _PEAK_TOLERANCE = 0.01  # relative difference up to which the peaks of column an
 
 
 def _afad(path: Path, lines: list[str], component: Component) -> Samples:
+    """Read AFAD's text: lines KEY: value, a line with the names of the components, and rows of samples."""
     header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     end = next((k for k, line in enumerate(lines) if tuple(line.split()) == _COMPONENTS), None)
     if end is None:
@@ -65,7 +66,7 @@ def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
 
     - `peaks`: text of the header with the peaks of all components
     - `name`: name of the component
-    - `values`: the column
+    - `values`: samples of the component
     """
     match = re.search(rf"\({re.escape(name)}\)\s*([\d.]+)", peaks)
     try:

@@ -40,7 +40,7 @@ class Samples:
     units: str | None  # key of the unit; None if the file states no known unit of acceleration
     metadata: dict[str, Any]
     stated_unit: str | None = None  # unit as written in the file
-    dt_statement: str = ""  # location and text of the interval in the file; if dt is None, why there is none
+    dt_statement: str = ""  # for messages: location and value of the interval, or why the file has none
     unit_location: str = ""  # location of the unit in the file; empty for the header
     raw_location: str = ""  # location of the statement that the samples are raw, such as "line 3"
 
@@ -91,7 +91,7 @@ def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: C
     - `path`: path of the file, for messages
     - `channels`: (number, name) of each channel of the file
     - `component`: number of a channel, its name, the first word of its name, or another name of the same
-      direction; None if there is only one channel
+      direction; None selects the only channel of a file
 
     Raises `ValueError` unless exactly one channel matches.
     """
@@ -154,7 +154,8 @@ def _value(word: str) -> float | None:
 
 
 def _cause(word: str) -> str:
-    """Return the probable reason why a word is not a number, or the cure, as the end of a message."""
+    """Return the end of a message: the probable reason why a word is not a number, or the cure; empty if
+    neither is known."""
     if word.casefold() in _MISSING:
         return " (a missing value)"
     if set(word) == {"*"}:
@@ -175,8 +176,8 @@ def parse_interval(path: Path, line: int, word: str, name: str) -> float:
     """Return a sampling interval of a file [s]. Raises `ValueError` unless it is > 0.
 
     - `path`, `line`: location of the interval, for messages
-    - `word`: the word that represents it
-    - `name`: its name in the file, for messages
+    - `word`: word that represents the interval
+    - `name`: name of the interval in the file, for messages
     """
     value = parse_number(path, line, word)
     if not value > 0:
@@ -195,8 +196,8 @@ def require_count(path: Path, line: int, name: str, count: int, values: list[flo
 
     - `path`, `line`: location of the count, for messages
     - `name`: name of the count, for messages
-    - `count`: the count
-    - `values`: the values
+    - `count`: number of values according to the file
+    - `values`: values that the file contains
     """
     if len(values) != count:
         cause = "; the file may be cut short" if len(values) < count else ""

@@ -45,8 +45,8 @@ def _knet(path: Path, lines: list[str], component: Component) -> Samples:
         raise ValueError(
             f"{path}:{factor_line}: Scale Factor must have the form 2000(gal)/8388608, got {abbreviate(text)}"
         )
-    counts = parse_number(path, factor_line, factor[2])
-    if not counts > 0:
+    divisor = parse_number(path, factor_line, factor[2])
+    if not divisor > 0:
         raise ValueError(
             f"{path}:{factor_line}: the divisor of Scale Factor must be > 0, got {abbreviate(text)}"
         )
@@ -66,7 +66,7 @@ def _knet(path: Path, lines: list[str], component: Component) -> Samples:
         path, duration_line, "duration times frequency", count, read_numbers(path, lines, end)
     )
     with np.errstate(over="ignore"):
-        values = values * np.divide(parse_number(path, factor_line, factor[1]), counts)
+        values = values * np.divide(parse_number(path, factor_line, factor[1]), divisor)
     dt_statement = f"{path}:{line}: the sampling frequency is {frequency:g} Hz"
     samples = Samples(
         values, 1 / frequency, "gal", metadata, "gal", dt_statement, raw_location="as all K-NET data"

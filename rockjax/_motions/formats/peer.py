@@ -32,7 +32,7 @@ _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
 def _count_and_step(line: str) -> tuple[str, str] | None:
-    """Return NPTS and DT in a line; None if it is a comment or lacks one of them."""
+    """Return NPTS and DT in a line; None for a comment, and for a line without NPTS or DT."""
     if line.lstrip()[:1] in tuple("#%!"):
         return None
     if plain := _AT2_PLAIN.match(line):
@@ -47,6 +47,7 @@ def _is_peer(path: Path, lines: list[str]) -> bool:
 
 
 def _at2(path: Path, lines: list[str]) -> Samples:
+    """Return the samples of a file; its header ends with the line of NPTS and DT."""
     matches = [(k, match) for k, line in enumerate(lines[:_HEAD]) if (match := _count_and_step(line))]
     if not matches:
         raise ValueError(

@@ -31,7 +31,7 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
 _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
 _FLOAT32 = 1.2e-7  # relative spacing of float32
 _COARSE = 0.25  # largest deviation of times that counts as rounding, divided by the step
-_COARSEST = 2.0  # the same for long records, whose mean step is accurate despite the rounding
+_COARSEST = 2.0  # the same limit for long records, whose mean step is accurate despite the rounding
 _MAX_HEADINGS = 3  # largest number of lines of headings
 
 
@@ -47,6 +47,7 @@ class _Table(NamedTuple):
 
 
 def _array(path: Path) -> np.ndarray:
+    """Return the array in a .npy file, with two axes."""
     try:
         array = np.load(path, allow_pickle=False)
     except (ValueError, OSError, EOFError) as error:
@@ -73,7 +74,7 @@ def _cells(text: str) -> list[str]:
 
 
 def _is_heading(cells: list[str]) -> bool:
-    """Return True for a row of headings, which has no number in its first cell.
+    """Return True for a row of headings: its first cell is not a number.
 
     If the first cell is empty, as in files of pandas, the other cells must be names or column numbers.
     """
@@ -191,7 +192,7 @@ def _table(path: Path, lines: list[str]) -> _Table:
 
 
 def _samples(path: Path, table: _Table, component: Component) -> Samples:
-    """Return the acceleration in a table, and the sampling interval if it has times."""
+    """Return the acceleration in a table, and the sampling interval if the table has a column of times."""
     rows, headings = table.rows, table.headings
     columns = range(rows.shape[1])
     kinds = [heading.kind for heading in headings] if headings else _guess_kinds(path, rows, component)
@@ -275,7 +276,8 @@ def _is_rising(values: np.ndarray) -> bool:
 
 
 def _rounding(times: list[str], values: np.ndarray) -> float:
-    """Return one unit of the last digit of times, whose decimals or significant digits are fixed."""
+    """Return one unit of the last digit of times that have the same number of decimals, or of significant
+    digits; 0 if all times are 0. The times are given as text (`times`) and as numbers (`values`)."""
     largest = float(np.abs(values).max())
     if not largest:
         return 0.0
@@ -338,8 +340,8 @@ def _simplest_step(values: np.ndarray, step: float, digit: float, factor: float)
     """Return the step of rounded times whose inverse, the sampling rate, has the fewest decimals.
 
     - `values`: the times
-    - `step`: their mean step, returned if no rate with at most four decimals fits about as well
-    - `digit`: unit of their last digit
+    - `step`: mean step of the times, returned if no rate with at most four decimals fits about as well
+    - `digit`: unit of the last digit of the times
     - `factor`: unit of the times [s]
     """
     k, rate = np.arange(len(values)), 1 / (factor * step)

@@ -77,7 +77,8 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
 
 
 def _join(path: Path, segments: list[Any]) -> Any:
-    """Return the traces of a channel as one trace. Raises `ValueError` that names the first gap."""
+    """Return the traces of a channel as one trace. Raises `ValueError` for gaps and overlaps, and for a
+    sampling interval that changes."""
     import obspy
 
     stream = obspy.Stream(segments)
