@@ -59,7 +59,7 @@ def as_numpy_unless_traced(x, what: str = "the value") -> Any:
 
 
 def as_array(x) -> Array:
-    """Return `x` as a JAX array without compilation; `jnp.array` would compile a program for each shape."""
+    """Return `x` as a JAX array, without compiling a program for its shape."""
     if isinstance(x, jax.Array):
         return x
     refuse_gaps("the value", x)
@@ -96,8 +96,7 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
     such as -999.
 
     One of the `_SENTINELS` counts as such a value if it is more than three times as large as all other
-    samples, or if it fills three samples in succession and the samples jump where one of its runs starts
-    or ends.
+    samples, or if it occurs three times in succession and the samples jump where such a run starts or ends.
     """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
@@ -142,10 +141,12 @@ def _first_run(flags: np.ndarray) -> str:
 
 
 def _is_python_numbers(x) -> bool:
+    """Return whether `x` is a list or tuple, possibly nested, of Python numbers."""
     return isinstance(x, list | tuple) and all(isinstance(y, float | int) or _is_python_numbers(y) for y in x)
 
 
 def _contains_string(x) -> bool:
+    """Return whether `x` is a list or tuple, possibly nested, that contains a string."""
     return isinstance(x, list | tuple) and any(isinstance(y, str | bytes) or _contains_string(y) for y in x)
 
 

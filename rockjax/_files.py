@@ -80,6 +80,7 @@ def as_json(data: Any, ascii: bool = False) -> str:
 
 
 def _to_json_types(y: Any) -> Any:
+    """Return data as the types that `json` writes, with None for numbers that are not finite."""
     if isinstance(y, dict):
         return {key: _to_json_types(value) for key, value in y.items()}
     if isinstance(y, list | tuple):

@@ -1,6 +1,7 @@
 """Lognormal distributions, and maximum-likelihood fits to capacities and to counts.
 
-Fits are differentiable with respect to the data, by the implicit function theorem at the maximum.
+A capacity is the intensity at which an event, such as overturning, first occurs. Fits are differentiable with
+respect to the data, by the implicit function theorem at the maximum.
 """
 
 from __future__ import annotations
@@ -71,16 +72,16 @@ def fit_capacities(
 
 
 def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[Array, " m"]) -> Lognormal:
-    """Fit a lognormal distribution to counts at several levels (multiple stripes): a binomial likelihood
-    with a probit curve in ln x.
+    """Fit a lognormal distribution to counts at several intensity levels (multiple stripes): a binomial
+    likelihood with a probit curve in ln x.
 
     - `x`: levels, > 0, shape (m,)
-    - `events`: numbers of events at the levels, shape (m,)
-    - `trials`: numbers of trials at the levels, shape (m,)
+    - `events`: numbers of motions at the levels that cause the event, shape (m,)
+    - `trials`: numbers of all motions at the levels, shape (m,)
 
-    The result is NaN if the likelihood has no maximum: if all events are at higher levels than all other
-    trials, or if the share of events does not increase with the level. It is also NaN for a dispersion above
-    `MAX_DISPERSION`.
+    The result is NaN if the likelihood has no maximum: if all motions that cause the event are at higher
+    levels than all other motions, or if the share of events does not increase with the level. The result is
+    also NaN for a dispersion above `MAX_DISPERSION`.
     """
     log = jnp.log(x)
     has_events, has_others = events > 0, events < trials
@@ -109,23 +110,23 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
 def _lognormal_where(
     is_valid: Bool[Array, ""], median: Float[Array, ""], dispersion: Float[Array, ""]
 ) -> Lognormal:
-    """Return the distribution, with NaN unless `is_valid`."""
+    """Return the distribution; its parameters are NaN unless `is_valid`."""
     return Lognormal(jnp.where(is_valid, median, jnp.nan), jnp.where(is_valid, dispersion, jnp.nan))
 
 
 def _minimise(misfit, start, data, has_fit: Bool[Array, ""]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
     """Return the point at which the gradient of a misfit is zero, and whether the search has found one.
 
-    - `misfit`: (y, data) ↦ misfit
+    - `misfit`: (y, data) ↦ misfit, for the parameters y of a distribution
     - `start`: initial y
     - `data`: pytree of the data
-    - `has_fit`: whether there is a minimum
+    - `has_fit`: whether the misfit has a minimum
     """
     import optimistix as optx  # slow to import, and needed only when a fit is traced
 
     constant = jax.lax.stop_gradient
 
-    # Without a minimum, the solvers and their derivatives would raise; y² is minimised instead.
+    # If there is no minimum, y² is minimised, because otherwise the solvers would raise an error.
     def loss(y, data):
         return jnp.where(has_fit, misfit(y, data), 0.5 * jnp.sum(y**2))
 

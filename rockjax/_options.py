@@ -28,7 +28,7 @@ HISTORY = 4096  # default of `history`
 
 
 def _names(outputs) -> tuple[str | AbstractOutput, ...]:
-    """Return the requested outputs as names of the registry, and as instances for user-defined outputs."""
+    """Return the requested outputs: those of the registry as names, user-defined ones as instances."""
     requested: tuple[Any, ...] = as_strings("Options", "outputs", outputs)
     return tuple(name_if_registered(y) if isinstance(y, AbstractOutput) else y for y in requested)
 
@@ -42,13 +42,13 @@ class Options(Module):
       The flat engine accepts explicit Runge–Kutta methods with an error estimate, the segments engine any
       solver (also `"kvaerno5"`). With `"dopri8"`, rigid podiums without restrainers, whose accelerations
       do not depend on velocities, use the Nyström method RKN8(6)9FM of the same order
-    - `engine`: `"flat"`; or, for cross-checks, `"segments"`: one `diffrax.diffeqsolve` with an event per
-      segment
+    - `engine`: `"flat"`, one loop over the trial steps of a scene; or, for cross-checks, `"segments"`, one
+      `diffrax.diffeqsolve` from each event to the next
     - `overturn_ratio`: |θ|/α at which a scene counts as overturned. The angle must not exceed π/2 or,
       with the output `"margin"`, [`rockjax.Podium.stability_angle`][]
     - `rest_velocity`: an impact that leaves |θ̇| ≤ `rest_velocity`·pα brings the columns to rest [–];
       by default equal to `rtol`
-    - `max_steps`: limit of trial steps of a scene, accepted and rejected together
+    - `max_steps`: limit of the number of trial steps of a scene, accepted and rejected together
     - `outputs`: requested outputs: `"peak_rotation"`, `"peak_deformation"`, `"peak_shear"`, `"impacts"`,
       `"margin"`, `"errors"`; for buildings also `"peak_drift"` and `"peak_floor_acceleration"`; for the deck
       `"peak_deck_acceleration"` and `"peak_velocity_jump"`; and for the joints `"peak_friction"`,
@@ -153,8 +153,8 @@ class Options(Module):
 
 def as_compiled(podium: Podium, options: Options) -> Options:
     """Return the options with defaults for everything that does not affect the compiled program, so that
-    equivalent requests share one program. The order of outputs, outputs that do not apply to the podium,
-    `history` and `throw` do not affect the program."""
+    equivalent requests share one program: for the order of outputs, outputs that do not apply to the podium,
+    `history` and `throw`."""
     parameters, structure = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
     return jax.tree.unflatten(_as_compiled(structure, applicable), parameters)
@@ -162,7 +162,7 @@ def as_compiled(podium: Podium, options: Options) -> Options:
 
 @functools.lru_cache(maxsize=256)
 def _as_compiled(structure, applicable: frozenset[str]):
-    """Return the tree structure of the options for `as_compiled`."""
+    """Return the tree structure of the options that `as_compiled` returns."""
     options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
     user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
     select = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)

@@ -18,7 +18,7 @@ import numpy as np
 PIECES_PER_PERIOD = 8
 SERIES_TERMS = 18  # terms of power series in s = λh; enough for pieces of an eighth of a period
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
-LANES = 512  # number of oscillators that are computed together
+LANES = 512  # number of lanes, that is, of oscillators that are computed together
 NEWTON_STEPS = 5  # iterations for a turning point, starting within a quarter of a piece
 TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first peak is returned
 
@@ -129,19 +129,22 @@ def ground_load(acceleration: np.ndarray, dt: float) -> Load:
 
 
 class _Oscillators(NamedTuple):
-    omega: np.ndarray
-    zeta: np.ndarray
+    """Constants of N oscillators, shape (N,)."""
+
+    omega: np.ndarray  # ω
+    zeta: np.ndarray  # ζ
     pole: np.ndarray  # λ
 
     @property
-    def damped(self) -> np.ndarray:
+    def damped_frequency(self) -> np.ndarray:
+        """ω_d [rad/s]."""
         return np.imag(self.pole)
 
     @property
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
         """The factors c of x and of 2ζωẋ + ω²x."""
         omega, zeta = self.omega, self.zeta
-        displacement = -1j / self.damped
+        displacement = -1j / self.damped_frequency
         return displacement, 2 * zeta * omega + omega**2 * (1 - 2 * zeta**2) * displacement
 
 
@@ -175,7 +178,7 @@ class _States(NamedTuple):
     before: np.ndarray
 
     def at_end(self, piece: np.ndarray, lane: np.ndarray) -> np.ndarray:
-        """Return z at the end of pieces, before the velocity jump that may follow."""
+        """Return z of lanes at the end of pieces, before the velocity jump that may follow."""
         index = np.searchsorted(self.kicks, piece + 1)
         is_kick = np.isin(piece + 1, self.kicks)
         before = self.before[np.where(is_kick, index, 0), lane] if self.kicks.size else 0.0
@@ -319,7 +322,11 @@ def _search(load: Load, oscillators: _Oscillators, factor: np.ndarray, states: _
 def _first_peak(
     value: np.ndarray, lane: np.ndarray, piece: np.ndarray, fraction: np.ndarray, count: int
 ) -> _Peak:
-    """Return the largest |value| of each lane, or the first of several equal ones."""
+    """Return the largest |value| of each lane; if several are equal, the first in time.
+
+    - `value`, `lane`, `piece`, `fraction`: values q, with the lane, the piece and τ/h of each
+    - `count`: number of lanes
+    """
     size = np.zeros(count)
     np.maximum.at(size, lane, np.abs(value))
     tied = np.flatnonzero(np.abs(value) >= size[lane] * (1 - TIE_TOLERANCE))
@@ -332,7 +339,7 @@ def _next_turn(oscillators: _Oscillators, factor: np.ndarray, z: np.ndarray) -> 
     """Return q at the first turning point in free vibration from the state z, where |q| is largest, and the
     time until this point [s]."""
     angle = np.mod(0.5 * math.pi - np.angle(factor * oscillators.pole * z), math.pi)
-    delay = angle / oscillators.damped
+    delay = angle / oscillators.damped_frequency
     return np.real(factor * z * np.exp(oscillators.pole * delay)), delay
 
 
@@ -377,6 +384,10 @@ def _slope(
     slope_states: _States,
 ) -> np.ndarray:
     """Return the derivative of the largest responses, (L8).
+
+    - `load`, `oscillators`, `factor`: the load, N oscillators, and c of the response q = Re(c z)
+    - `states`, `peak`: states of the oscillators under the load, and their largest |q|
+    - `slope`, `slope_states`: derivative of the load with respect to a parameter, and states under it
 
     The derivative of a peak is the derivative of q at a fixed time. For a peak at an end of a piece, it also
     contains the rate of q times the derivative of the time of this end.

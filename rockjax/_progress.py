@@ -15,7 +15,7 @@ TICK = 1.0  # time between updates of the elapsed time [s]
 
 
 def start_clock(progress_bar: Any) -> threading.Event:
-    """Start a thread that redraws a bar every second, and return an event that ends it.
+    """Start a thread that redraws a bar every second, and return an event that ends the thread.
 
     The thread also ends if the bar is deleted.
     """
@@ -87,7 +87,7 @@ def bar(total: float | None, unit: str, progress: Any, **settings) -> Any:
 
 
 class _SilentBar:
-    """A bar that is not shown. It is created much faster than a disabled `tqdm`."""
+    """A bar that is not shown. Creating it takes much less time than creating a disabled `tqdm`."""
 
     n = 0
 

@@ -45,7 +45,7 @@ class RESULTS(eqx.Enumeration):
     )
 
 
-# Codes of the results inside the integration loop. RUNNING is the code of a scene that has no result yet.
+# Codes of the results inside the integration loop. A scene without a result has the code RUNNING.
 RUNNING = -1
 (
     SETTLED,
@@ -101,8 +101,8 @@ def explain_failures(codes) -> str:
 class Interrupted(KeyboardInterrupt):
     """Raised if Ctrl-C stops a computation.
 
-    - `partial`: the answer so far, or None. It has the form of the complete answer; unsolved scenes have
-      the result `interrupted`, and NaN in place of numbers
+    - `partial`: the answer so far, in the form of the complete answer, or None. Unsolved scenes have the
+      result `interrupted`, and NaN in place of numbers
     """
 
     def __init__(self, message: str, partial: Any):
@@ -115,7 +115,7 @@ class State(Module):
 
     - `theta`, `theta_dot`: rotation [rad] and its rate [rad/s]
     - `u_t`, `u_t_dot`: displacement of the top mass relative to the ground [m] and its rate [m/s].
-      They have no effect without an elastic superstructure. With several modes, the last axis holds u_i and
+      Both have no effect without an elastic superstructure. With several modes, the last axis holds u_i and
       u̇_i of the modes; a scalar means that all floors have this displacement or rate
     """
 

@@ -1,5 +1,5 @@
-"""Roots of functions in brackets: bisection, Newton's method inside a bracket, and division into several
-parts.
+"""Roots of functions in brackets: bisection, Newton's method inside a bracket, and division of brackets into
+several parts.
 
 A bracket is an interval with a function value > 0 at one end and ≤ 0 at the other, in either order. All
 methods work on arrays of brackets.
@@ -106,12 +106,12 @@ def narrow_brackets(
     close: float,
     lanes: int,
 ) -> Brackets:
-    """Narrow brackets to the relative width `close`, in at most 64 rounds (host).
+    """Narrow brackets to the relative width `close`, in at most 64 rounds, with NumPy.
 
     - `brackets`: brackets to narrow
     - `evaluate`: (indices of brackets (m,), points (m, k)) ↦ (values, second output), both of shape (m, k).
       NaN counts as > 0
-    - `close`: width to reach, divided by the absolute value of the position
+    - `close`: width to reach, divided by the larger absolute value of the two ends
     - `lanes`: number of points that are evaluated together
 
     Points on both sides of the root of the straight line through the ends are evaluated, at a distance

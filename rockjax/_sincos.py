@@ -20,8 +20,8 @@ _LIMIT = Fraction(5, 2)  # upper limit of ψ² for the polynomials, slightly mor
 
 def _economised(series: list[Fraction], terms: int) -> tuple[float, ...]:
     """Return the coefficients of a power series in z, reduced to `terms` terms by Lanczos' economisation:
-    Chebyshev polynomials on [0, _LIMIT] remove the highest powers. The result is nearly the best
-    polynomial of its degree."""
+    Chebyshev polynomials on [0, _LIMIT] remove the highest powers. No polynomial of the same degree is much
+    more accurate."""
     series = list(series)
     while len(series) > terms:
         degree = len(series) - 1
@@ -47,6 +47,7 @@ _COS = _economised([Fraction((-1) ** k, math.factorial(2 * k)) for k in range(1,
 
 
 def _horner(coefficients: tuple[float, ...], z: Value) -> Value:
+    """Return the polynomial in z with the coefficients, the constant term first."""
     total = z * coefficients[-1] + coefficients[-2]
     for c in coefficients[-3::-1]:
         total = total * z + c
@@ -88,8 +89,8 @@ def sin(x: Value) -> Value:
 @jax.custom_jvp
 @jax.jit
 def cos(x: Value) -> Value:
-    """Return cos x for any x, as accurately as `sin`. Near the zeros of cos x, the absolute error is one
-    rounding error of the number 1."""
+    """Return cos x for any x, as accurately as `sin`, except that the absolute error near the zeros of cos x
+    is one rounding error of the number 1."""
     turns, sign = _half_turns(x)
     _, c = sincos(_subtract_half_turns(x, turns))
     return sign * c

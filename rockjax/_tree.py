@@ -10,8 +10,8 @@ import equinox as eqx
 class Module(eqx.Module):
     """Equinox's module, but with ordinary methods.
 
-    Equinox returns a pytree whenever a method is looked up. This pytree is not hashable if a field of the
-    module is an array, so that `jax.jit(podium.method)` fails, and creating the pytree takes time.
+    Equinox returns a pytree for `podium.method`. If a field of the podium is an array, this pytree is not
+    hashable, so that `jax.jit(podium.method)` fails; creating the pytree also takes time.
     """
 
     if not TYPE_CHECKING:

@@ -18,7 +18,7 @@ class Unit(NamedTuple):
     """A unit."""
 
     dimension: str  # name of the physical quantity
-    factor: float  # size in SI units; in 1/year for rates and in years for return periods
+    factor: float  # size of the unit in SI units; rates are in 1/year, and return periods in years
 
 
 UNITS = {

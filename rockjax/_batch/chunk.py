@@ -2,7 +2,7 @@
 
 If sensitivities are requested, every quantity of scenes and states that depends on the parameters has a
 second array with the derivatives, called slopes, with a row for each parameter. Functions of scene and state
-are evaluated together with the slopes of the results (`pushed`), by the same rules as for a single scene.
+are evaluated together with the slopes of the results (`push_forward`), by the same rules as for one scene.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rockjax._engine.step import trial
 from rockjax._options import Options
 from rockjax._outputs.margin import TurningPoints
 from rockjax._programs.barrier import barrier
-from rockjax._programs.derivatives import find_dependent_outputs, pushed
+from rockjax._programs.derivatives import find_dependent_outputs, push_forward
 from rockjax._responses.sensitivities import with_unit_factors
 from rockjax._types import Flag
 
@@ -124,7 +124,7 @@ class Chunk(NamedTuple):
         - `function`: (scene, state) ↦ (floats, rest)
         - `parts`, `lane`: leaves of the scenes that differ, and states, with a row for each lane
         - `slopes`: derivatives of `parts` and `lane`; if None, the returned slopes are also None
-        - `loops`: True if the function contains loops, see `pushed`
+        - `loops`: True if the function contains loops, see `push_forward`
         """
 
         def scene(parts, common) -> Scene:
@@ -142,7 +142,7 @@ class Chunk(NamedTuple):
         # `loops` selects a form that compiles faster but computes each row of derivatives on its own. With a
         # single row nothing is lost.
         is_single = slopes.lane["event_time"].shape[0] == 1
-        return pushed(in_all_lanes, (parts, self.common, lane), all_slopes, loops=loops or is_single)
+        return push_forward(in_all_lanes, (parts, self.common, lane), all_slopes, loops=loops or is_single)
 
 
 def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
@@ -185,7 +185,7 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
             flat = [y if flag else None for y, flag in zip(flat, depends, strict=True)]
             return (flat, differentiated_fields(lane)), (scenes, lane)
 
-        _, (scene_slopes, lane_slopes), (scenes, lane) = pushed(
+        _, (scene_slopes, lane_slopes), (scenes, lane) = push_forward(
             of_factors, (factors,), (jnp.eye(len(names)),), loops=True
         )
         part_slopes = [y for y, flag in zip(scene_slopes, has_rows, strict=True) if flag]

@@ -231,7 +231,9 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
         varied_indices = [k for k, is_varied in enumerate(varied) if is_varied]
         if all(map(is_concrete, primals)) and set(varied_indices) <= set(positions):
             arguments = jax.tree.unflatten(structure, primals)
-            boundary_gradient.ahead(arguments, np.zeros((), float_type()), positions=positions, margin=margin)
+            boundary_gradient.prepare(
+                arguments, np.zeros((), float_type()), positions=positions, margin=margin
+            )
             first = search(*primals)
             slopes = boundary_gradient(arguments, first.scale, positions=positions, margin=margin)
             change = directional_derivative(

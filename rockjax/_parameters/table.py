@@ -16,8 +16,8 @@ from rockjax._units import displayed
 class Range(NamedTuple):
     """Interval of valid values of a parameter.
 
-    - `low`, `high`: ends of the interval; `closed`: whether each end belongs to it
-    - `unit`: unit that `words` appends
+    - `low`, `high`: ends of the interval; `closed`: whether each end belongs to the interval
+    - `unit`: unit of the ends, which the property `words` appends
     """
 
     low: float = -math.inf
@@ -58,8 +58,8 @@ class Parameter(NamedTuple):
     - `place`: path of attributes in the structure, such as `superstructure.T_s`. Members of a tuple are named
       by their class, as in `restrainers.Tendon.stiffness`. Empty for derived parameters
     - `formula`: definition of the symbol; `note`: meaning of a special value, or of a missing value
-    - `instead_of`: parameters of the same quantity, which cannot be given together with this one
-    - `is_integer`: whether it is a whole number, which neither varies nor has a derivative
+    - `instead_of`: parameters of the same quantity, which cannot be given together with this parameter
+    - `is_integer`: whether the parameter is a whole number, which neither varies nor has a derivative
     """
 
     name: str
@@ -230,7 +230,7 @@ def motion_parameter(name: str) -> Parameter:
 
 
 def find_entry(name: str) -> Parameter | None:
-    """Return the parameter of a name or a path, such as `excitation.gamma`; None if there is none."""
+    """Return the parameter with a name or a path, such as `excitation.gamma`; None if there is none."""
     path, _, short = name.rpartition(".")
     table = STRUCTURE if short in STRUCTURE and not path.startswith("excitation") else MOTION
     return table.get(short)

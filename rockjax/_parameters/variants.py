@@ -57,7 +57,7 @@ def parameters_of(podium: Podium) -> dict[str, Parameter]:
 
 
 def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
-    """Return the values of a parameter that has one for each mode, story or column.
+    """Return the values of a parameter that has one value for each mode, story or column.
 
     The result is empty if the podium has a single value instead, or no such parameter.
     """
@@ -83,7 +83,7 @@ _HEIGHTS = STRUCTURE["top_height"].place
 
 
 def has_parameter(podium: Podium, parameter: Parameter) -> bool:
-    """Return whether this podium has a parameter."""
+    """Return whether this podium has a parameter; every podium has the derived parameters."""
     if parameter.place == _HEIGHTS:
         return podium.elevation is not None and not _has_rows(podium)
     try:

@@ -1,1 +1,1 @@
-"""Compiled programs, which are stored on disk. Later processes load them, and neither trace nor compile."""
+"""Compiled programs, which are stored on disk. Later processes load them instead of tracing and compiling."""

@@ -1,9 +1,10 @@
 """Derivatives of programs, in forward mode together with the value.
 
-Inside a traced program, derivatives with respect to scalars come from a Jacobian (`_with_jacobian_rule`). For
-one scene with concrete parameters, one stored program serves all requested derivatives (`differentiable`): in
-one pass it computes the answers and their derivatives with respect to every scalar parameter of the podium
-and the excitation. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
+The answers of a scene are the floats and integers that its program returns. Inside a traced program,
+derivatives with respect to scalars come from a Jacobian (`_with_jacobian_rule`). For one scene with concrete
+parameters, one stored program serves all requested derivatives (`differentiable`): in one pass it computes
+the answers and the derivatives of the floats with respect to every scalar parameter of the podium and the
+excitation. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from rockjax._programs.barrier import barrier
 from rockjax._programs.program import StoredProgram
 
 
-def pushed(
+def push_forward(
     function: Callable, arguments: Sequence[Any], slopes: Sequence[Any], *, loops: bool = False
 ) -> tuple[Any, Any, Any]:
     """Evaluate a function once, and propagate derivatives of its arguments to its floating-point outputs.
@@ -41,19 +42,19 @@ def pushed(
     tangents = jax.tree.leaves(tuple(slopes), is_leaf=is_none)
     varied = [i for i, tangent in enumerate(tangents) if tangent is not None]
     point = [leaves[i] for i in varied]
-    of_varied = _of_some(lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), leaves, varied)
+    of_varied = _restrict(lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), leaves, varied)
     directions = [tangents[i] for i in varied]
     if loops:
         push = lambda *direction: jax.jvp(of_varied, point, list(direction), has_aux=True)
         return jax.vmap(push, out_axes=(None, 0, None))(*directions)
     floats, linear, others = jax.linearize(of_varied, *point, has_aux=True)
-    # Without the barrier the coefficients would be computed again for every tangent.
+    # The barrier stores the coefficients, so that all tangents share them.
     coefficients, form = jax.tree.flatten(linear)
     linear = jax.tree.unflatten(form, barrier(coefficients))
     return floats, jax.vmap(linear)(*directions), others
 
 
-def _of_some(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) -> Callable:
+def _restrict(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) -> Callable:
     """Return the function of only the leaves with the indices `varied`; the other leaves are fixed."""
 
     def of_varied(*values):
@@ -65,7 +66,8 @@ def _of_some(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) -
     return of_varied
 
 
-def _of_leaves(function: Callable, structure: Any, **keywords: Any) -> Callable:
+def _take_leaves(function: Callable, structure: Any, **keywords: Any) -> Callable:
+    """Return the function of the leaves of its arguments, which have the tree structure `structure`."""
     return lambda *leaves: function(*jax.tree.unflatten(structure, leaves), **keywords)
 
 
@@ -83,7 +85,7 @@ def with_derivatives(function: Callable) -> Callable:
     def evaluate(*arguments, history: int | None = None):
         leaves, structure = jax.tree.flatten(arguments)
         plain, reversible = (
-            _of_leaves(function, structure, history=history, reversible=y) for y in (False, True)
+            _take_leaves(function, structure, history=history, reversible=y) for y in (False, True)
         )
         return _with_jacobian_rule(plain, reversible, arguments[-1].engine == "flat")(*leaves)
 
@@ -95,13 +97,14 @@ def with_slopes(function: Callable) -> Callable:
 
     - `function`: as for `with_derivatives`
 
-    The derivatives are with respect to the leaves with the indices `leaf_indices`, one row per leaf.
+    The returned function has the keyword `leaf_indices`. The derivatives are with respect to the leaves with
+    these indices, one row per leaf.
     """
 
     @functools.wraps(function)
     def evaluate(*arguments, leaf_indices: tuple[int, ...], history: int | None = None):
         leaves, structure = jax.tree.flatten(arguments)
-        of_leaves = _of_leaves(function, structure, history=history, reversible=False)
+        of_leaves = _take_leaves(function, structure, history=history, reversible=False)
         floats, jacobian, integers = _with_jacobian(of_leaves, leaves, leaf_indices)
         return (floats, integers), jacobian
 
@@ -115,14 +118,15 @@ def _with_jacobian(function: Callable, leaves: Sequence[Any], varied: Sequence[i
     unit_tangents: list[Any] = [None] * len(point)
     for k, i in enumerate(varied):
         unit_tangents[i] = jnp.eye(len(varied), dtype=point[i].dtype)[k]
-    return pushed(function, point, unit_tangents, loops=True)
+    return push_forward(function, point, unit_tangents, loops=True)
 
 
-def _with_jacobian_rule(function: Callable, for_arrays: Callable, has_derivatives: bool):
+def _with_jacobian_rule(function: Callable, reversible: Callable, has_derivatives: bool):
     """Give a function a derivative rule that computes the value and a Jacobian in one pass.
 
     - `function`: function leaves ↦ (floats, integers)
-    - `for_arrays`: form of the function that is differentiated with respect to arrays
+    - `reversible`: the same function with loops that can be differentiated in reverse mode; the rule uses it
+      for derivatives with respect to arrays
     - `has_derivatives`: whether the engine supports derivatives
     """
     evaluate = jax.custom_jvp(function)
@@ -134,7 +138,7 @@ def _with_jacobian_rule(function: Callable, for_arrays: Callable, has_derivative
         directions = tuple(tangents[i] for i in varied)
         if any(jnp.ndim(primals[i]) for i in varied):
             point = tuple(_first_order_only(primals[i]) for i in varied)
-            of_varied = _of_some(for_arrays, primals, varied)
+            of_varied = _restrict(reversible, primals, varied)
             floats, floats_dot, integers = jax.jvp(of_varied, point, directions, has_aux=True)
         else:
             floats, jacobian, integers = _with_jacobian(function, primals, varied)
@@ -153,8 +157,7 @@ def _no_tangent(integers: Any) -> Any:
 
 @jax.custom_jvp
 def _first_order_only(x):
-    """Return x; its second derivative raises an error, since the treatment of event times is exact only to
-    first order."""
+    """Return x. Its second derivative raises an error, since event times are exact only to first order."""
     return x
 
 
@@ -232,8 +235,8 @@ def value_of(leaf: Any) -> Any:
 def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: Any, history: int | None):
     """Return a differentiable function from the leaves of a scene to its answers.
 
-    - `program`: computes the answers
-    - `slopes_of`: computes the answers and their derivatives, see `with_slopes`
+    - `program`: program that computes the answers
+    - `slopes_of`: program that computes the answers and their derivatives, see `with_slopes`
     - `structure`: tree structure of the arguments
     - `history`: number of steps to store; None to store no steps
     """
@@ -247,7 +250,7 @@ def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: 
         podium, excitation, *_ = structure.children()
         leaf_indices = scalar_positions(primals[: podium.num_leaves + excitation.num_leaves])
         if not set(varied) <= set(leaf_indices) or any(isinstance(y, Tracer) for y in primals):
-            return _traced(program, structure, history, primals, tangents, varied)
+            return _differentiate_traced(program, structure, history, primals, tangents, varied)
         scene = jax.tree.unflatten(structure, primals)
         answer, slopes = slopes_of(*scene, leaf_indices=leaf_indices, history=history)
         directions = {leaf_indices.index(i): tangents[i] for i in varied}
@@ -283,9 +286,11 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
     return functools.reduce(jax.lax.add, terms)
 
 
-def _traced(program: StoredProgram, structure: Any, history: int | None, primals, tangents, varied):
-    """Differentiate the traced program: for arrays, such as samples, for initial states, and inside other
-    transformations."""
+def _differentiate_traced(
+    program: StoredProgram, structure: Any, history: int | None, primals, tangents, varied
+):
+    """Differentiate the program through `jax.jit`: with respect to arrays, such as samples, with respect to
+    initial states, and inside other transformations."""
     traced = lambda *leaves: program.through_jit(*jax.tree.unflatten(structure, leaves), history=history)
-    of_varied = _of_some(traced, primals, varied)
+    of_varied = _restrict(traced, primals, varied)
     return jax.jvp(of_varied, [primals[i] for i in varied], [tangents[i] for i in varied])

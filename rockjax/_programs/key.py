@@ -39,8 +39,8 @@ class TracedFunction:
     """A user-defined function, identified by the lowered program of the function and its derivative.
 
     - `function`: the function
-    - `like`: example arguments for lowering, pytrees of arrays or of their shapes. Calls with other shapes
-      are correct, too
+    - `like`: example arguments for lowering, pytrees of arrays or of their shapes. The function may also be
+      called with other shapes
     """
 
     def __init__(self, function: Callable, *like: Any):
@@ -61,7 +61,7 @@ class TracedFunction:
 
 
 def describe(value: Any) -> str:
-    """Return the key of a static value. Raises `NoKeyError` if it has none."""
+    """Return the key of a static value. Raises `NoKeyError` for a value without a key."""
     if value is None:
         return "None"
     if isinstance(value, TracedFunction):
@@ -121,7 +121,7 @@ def describe_shapes(leaves: Iterable[Any]) -> str:
 
 
 def describe_machine() -> str:
-    """Return what a compiled program depends on besides its trace: versions, settings, processor."""
+    """Return the versions, settings and processor on which a compiled program depends, as a string."""
     settings = [
         (name, getattr(jax.config, name, value))
         for name, value in sorted(jax.config.values.items())
@@ -134,7 +134,7 @@ def describe_machine() -> str:
 def _describe_versions() -> str:
     device = jax.local_devices(backend="cpu")[0]
     libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
-    try:  # the processor's features, which the compiler uses; otherwise the name of the machine
+    try:  # the compiler uses the processor's features; if they are unknown, the machine's name replaces them
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         processor = [line for line in lines if line.split(":")[0].strip().lower() in _PROCESSOR]
     except OSError:
@@ -147,8 +147,8 @@ def _describe_versions() -> str:
 
 @functools.cache
 def source_hash() -> str:
-    """Return a hash of the source of both packages and of their JSON tables. Raises `NoKeyError` if there
-    are no files of the source."""
+    """Return a hash of the source of `rockjax` and `optimise` and of their JSON tables. Raises `NoKeyError`
+    if a package has no source files."""
     digest = hashlib.sha256()
     for package in _OWN_PACKAGES:
         spec = find_spec(package)

@@ -42,10 +42,10 @@ _OPTIMISATION = {"xla_backend_optimization_level": 1}
 
 
 class _StaticInputs(NamedTuple):
-    """Static inputs of a program: everything besides the shapes and types of its arrays."""
+    """Static inputs of a program: all inputs except the arrays and numbers that are passed to it."""
 
     structure: Any  # tree structure of the arguments
-    leaves: tuple[Any, ...]  # static leaves, such as functions and strings; None in place of passed leaves
+    leaves: tuple[Any, ...]  # static leaves, such as functions; None in place of each passed leaf
     keywords: tuple[tuple[str, Any], ...]  # keyword arguments, sorted by name
 
 
@@ -54,7 +54,7 @@ class StoredProgram:
 
     - `function`: the function
     - `donate`: positions of arguments whose buffers may be reused for the result
-    - `arrays_only`: True if Python numbers are static, too
+    - `arrays_only`: True if Python numbers are static as well
     - `compiler_options`: options of XLA
     - `name`: name of the program in its key; by default the full name of the function
     - `words`: name of the program in progress bars
@@ -95,8 +95,8 @@ class StoredProgram:
             key = static, types, _SETTINGS(jax.config)
             return (self._ready.get(key) or self._make(key, passed))(*passed)
 
-    def ahead(self, *arguments: Any, **keywords: Any) -> None:
-        """Load or compile the program for such arguments in another thread."""
+    def prepare(self, *arguments: Any, **keywords: Any) -> None:
+        """Start to load or compile, in another thread, the program that a call with such arguments needs."""
         passed, static = self._split(arguments, keywords)
         key = static, _types(passed), _SETTINGS(jax.config)
 
@@ -145,7 +145,7 @@ class StoredProgram:
         return self._jits[static]
 
     def _make(self, key: Any, passed: list) -> Callable:
-        """Load or compile the program of a key."""
+        """Load or compile the program of a key, unless another thread has done so."""
         # One thread compiles a program, and other threads wait for it. But a thread that holds the tracing
         # lock must not wait, because the compiling thread may be waiting for the tracing lock.
         lock = self._locks.setdefault(key, threading.Lock())
@@ -155,6 +155,7 @@ class StoredProgram:
             return self._ready[key]
 
     def _load_or_compile(self, passed: list, static: _StaticInputs) -> Callable:
+        """Return the program from the store; if it is not there, compile it and, if possible, store it."""
         options = _OPTIMISATION | self._options
         compile_key = f"{self.name}\ndonated {self._donate}, {options}"
         uses_store, key = store.enabled(), None
@@ -189,6 +190,8 @@ _PENDING_WRITES: list[Future] = []  # programs that are being written to the sto
 
 
 class _ThreadState(threading.local):
+    """State of the calling thread."""
+
     tracing = False  # True while this thread holds the tracing lock
     from_jax = False  # True if the last program of this thread came from JAX's own cache
 
@@ -211,6 +214,8 @@ def _tracing() -> Iterator[None]:
 
 @functools.cache
 def _watch_cache_hits() -> None:
+    """Set `_THREAD_STATE.from_jax` whenever JAX takes a program from its own cache."""
+
     def record_event(event: str, **_) -> None:
         _THREAD_STATE.from_jax |= event == "/jax/compilation_cache/cache_hits"
 
@@ -297,6 +302,7 @@ def current_compilation() -> str | None:
 
 
 def _announce() -> None:
+    """Log that a program is being compiled, once per process."""
     if not _ANNOUNCED.is_set():
         _ANNOUNCED.set()
         stored_note = f"it is stored in {store.folder()} and only loaded the next time"

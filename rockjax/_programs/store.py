@@ -32,16 +32,13 @@ class Entry(NamedTuple):
 
 
 def enabled() -> bool:
-    """Return whether programs are stored; `ROCKJAX_CACHE=off` disables it."""
+    """Return whether programs are stored; `ROCKJAX_CACHE=off` disables the store."""
     return not switched_off("ROCKJAX_CACHE")
 
 
 def root() -> Path:
-    """Return the cache folder.
-
-    It is `ROCKJAX_CACHE_DIR`; by default `rockjax` in `XDG_CACHE_HOME`, or in the platform's folder for
-    caches.
-    """
+    """Return the cache folder: `ROCKJAX_CACHE_DIR` if this variable is set, otherwise the folder `rockjax` in
+    `XDG_CACHE_HOME` or, if this variable is not set either, in the platform's folder for caches."""
     if chosen := os.environ.get("ROCKJAX_CACHE_DIR"):
         return Path(chosen).expanduser()
     if shared := os.environ.get("XDG_CACHE_HOME"):

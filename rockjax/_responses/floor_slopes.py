@@ -16,7 +16,7 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.sampled import common_size
 from rockjax._options import Options
 from rockjax._oscillators import Load
-from rockjax._programs.derivatives import pushed
+from rockjax._programs.derivatives import push_forward
 from rockjax._programs.program import StoredProgram
 from rockjax._results import State
 from rockjax._structures import Podium
@@ -70,7 +70,7 @@ def solved(
         return (nodes, motion.breakpoints, motion.support[0], weights), (piece, used)
 
     ones = jnp.ones(len(names))
-    floats, slopes, (piece, used) = pushed(function, [ones], [jnp.eye(len(names))], loops=True)
+    floats, slopes, (piece, used) = push_forward(function, [ones], [jnp.eye(len(names))], loops=True)
     nodes = floats[0]._replace(piece=piece, used=used)
     _, breakpoints, start, weights = floats
     return Solution(nodes, breakpoints, start, weights, slopes)
@@ -96,7 +96,7 @@ def bodies_with_slopes(
         return bodies(changed_scene, t, left, node), None
 
     ones = jnp.ones(len(names))
-    motion, slopes, _ = pushed(function, [ones], [jnp.eye(len(names))])
+    motion, slopes, _ = push_forward(function, [ones], [jnp.eye(len(names))])
     return motion, slopes
 
 

@@ -37,7 +37,7 @@ def card(module: eqx.Module, headings: Mapping[str, str] | None = None) -> str:
 
 
 def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]:
-    """Return names and values of fields, with or without empty tuples."""
+    """Return names and values of fields; fields that hold an empty tuple only with `empty`."""
     fields = [
         (field.name, getattr(module, field.name))
         for field in dataclasses.fields(module)
@@ -81,7 +81,7 @@ def _meaning(module: eqx.Module, name: str) -> str:
 
 
 def _value(value: Any) -> str:
-    """Return a value as text."""
+    """Return a value as text: numbers with 6 digits, arrays as their shape and range."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if not isinstance(value, jax.Array | np.ndarray):

@@ -10,7 +10,7 @@ Rows = Sequence[Sequence[str]]
 
 
 def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
-    """Return rows as lines with columns aligned left; with `numbers`, all but the first are aligned right."""
+    """Return rows as lines with aligned columns: all on the left, or with `numbers` only the first."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -31,6 +31,7 @@ def html(rows: Rows, caption: str = "", heads: Literal["row", "column", "none"] 
 
 
 def _cells(row: Sequence[str], k: int, heads: str) -> str:
+    """Return the HTML of the cells of row k."""
     if len(row) == 2 and not row[1]:
         return f'<td colspan="2">{escape(row[0])}</td>'
     cells = []

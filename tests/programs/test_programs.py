@@ -192,7 +192,7 @@ def test_the_folder_is_where_the_user_says(monkeypatch, tmp_path):
 
 
 def test_threads_share_a_program_and_one_can_make_it_ahead(stored):
-    stored.program.ahead(*ARGUMENTS)
+    stored.program.prepare(*ARGUMENTS)
     before, answers = len(TRACED), []
     threads = [threading.Thread(target=lambda: answers.append(stored.program(*ARGUMENTS))) for _ in range(8)]
     for thread in threads:
@@ -202,7 +202,7 @@ def test_threads_share_a_program_and_one_can_make_it_ahead(stored):
     assert len(TRACED) <= before + 1
     assert all(np.array_equal(answers[0]["sum"], y["sum"]) for y in answers)
     with jax.numpy_rank_promotion("warn"):  # which another thread would not have
-        stored.program.ahead(*ARGUMENTS, times=4)
+        stored.program.prepare(*ARGUMENTS, times=4)
     assert 4 not in TRACED[before:]
 
 
