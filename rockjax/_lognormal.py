@@ -120,7 +120,7 @@ def _minimise(misfit, start, data, has_fit: Bool[Array, ""]) -> tuple[Float[Arra
     - `misfit`: (y, data) ↦ misfit, for the parameters y of a distribution
     - `start`: initial y
     - `data`: pytree of the data
-    - `has_fit`: whether the misfit has a minimum
+    - `has_fit`: whether there is a minimum
     """
     import optimistix as optx  # slow to import, and needed only when a fit is traced
 

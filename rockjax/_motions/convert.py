@@ -56,9 +56,8 @@ def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcita
 
 
 def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
-    """Return one or several motions as one excitation: a single `Motion` as a record, several records as a
-    table, several motions of another class as one motion with arrays of parameters. An excitation is returned
-    unchanged."""
+    """Return one or several motions as one excitation: a `Motion` as a record, several records as a table,
+    several motions of another class as one motion with arrays; an excitation unchanged."""
     if isinstance(value, Motion):
         return value.record()
     return (

@@ -217,7 +217,7 @@ class Motion(Accelerogram):
             header_text(key, default)
             for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
         )
-        # Smaller samples become 0, so that all exponents have two digits and columns do not touch.
+        # Smaller samples become 0, so that exponents have two digits and columns do not touch.
         samples = np.where(
             np.abs(self.acceleration) < _AT2_SMALLEST * STANDARD_GRAVITY, 0.0, self.acceleration
         )

@@ -169,8 +169,8 @@ def _parse_cell(where: str, row: dict[str, str], name: str) -> float | None:
 def _read_all(
     path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: float, component, pattern
 ) -> Motions:
-    """Read the files in the rows (location for messages, cells) of the folder or table `path`. If `pattern`
-    is None, the message about unreadable files advises to give one."""
+    """Read the files in the rows (location for messages, cells) of the folder or table `path`. With `pattern`
+    None, the message about unreadable files advises one."""
     motions, problems = [], []
     for where, row in rows:
         row_component = row.get("component", component)

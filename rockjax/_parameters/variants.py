@@ -83,7 +83,7 @@ _HEIGHTS = STRUCTURE["top_height"].place
 
 
 def has_parameter(podium: Podium, parameter: Parameter) -> bool:
-    """Return whether this podium has a parameter; every podium has the derived parameters."""
+    """Return whether this podium has a parameter; every podium has derived ones."""
     if parameter.place == _HEIGHTS:
         return podium.elevation is not None and not _has_rows(podium)
     try:

@@ -96,7 +96,7 @@ class StoredProgram:
             return (self._ready.get(key) or self._make(key, passed))(*passed)
 
     def prepare(self, *arguments: Any, **keywords: Any) -> None:
-        """Start to load or compile, in another thread, the program that a call with such arguments needs."""
+        """Load or compile the program for such arguments in another thread, without waiting."""
         passed, static = self._split(arguments, keywords)
         key = static, _types(passed), _SETTINGS(jax.config)
 
@@ -145,7 +145,7 @@ class StoredProgram:
         return self._jits[static]
 
     def _make(self, key: Any, passed: list) -> Callable:
-        """Load or compile the program of a key, unless another thread has done so."""
+        """Load or compile the program of a key."""
         # One thread compiles a program, and other threads wait for it. But a thread that holds the tracing
         # lock must not wait, because the compiling thread may be waiting for the tracing lock.
         lock = self._locks.setdefault(key, threading.Lock())
@@ -155,7 +155,7 @@ class StoredProgram:
             return self._ready[key]
 
     def _load_or_compile(self, passed: list, static: _StaticInputs) -> Callable:
-        """Return the program from the store; if it is not there, compile it and, if possible, store it."""
+        """Return the program from the store, or compile and store it."""
         options = _OPTIMISATION | self._options
         compile_key = f"{self.name}\ndonated {self._donate}, {options}"
         uses_store, key = store.enabled(), None

@@ -35,8 +35,7 @@ class AbstractSuperstructure(Module):
     @property
     @abc.abstractmethod
     def carried(self) -> Number | None:
-        """Mass ratio of the part that moves with the beam [–]; None if there is no such part, which is
-        static."""
+        """Mass ratio of the part that moves with the beam [–]; None (static) if there is no such part."""
 
     @property
     @abc.abstractmethod

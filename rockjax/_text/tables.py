@@ -31,7 +31,6 @@ def html(rows: Rows, caption: str = "", heads: Literal["row", "column", "none"] 
 
 
 def _cells(row: Sequence[str], k: int, heads: str) -> str:
-    """Return the HTML of the cells of row k."""
     if len(row) == 2 and not row[1]:
         return f'<td colspan="2">{escape(row[0])}</td>'
     cells = []

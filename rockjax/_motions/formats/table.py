@@ -276,8 +276,8 @@ def _is_rising(values: np.ndarray) -> bool:
 
 
 def _rounding(times: list[str], values: np.ndarray) -> float:
-    """Return one unit of the last digit of times that have the same number of decimals, or of significant
-    digits; 0 if all times are 0. The times are given as text (`times`) and as numbers (`values`)."""
+    """Return one unit of the last digit of times, given as text and as numbers (`values`), that have the same
+    number of decimals or of significant digits; 0 if all times are 0."""
     largest = float(np.abs(values).max())
     if not largest:
         return 0.0
