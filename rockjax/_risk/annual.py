@@ -217,7 +217,7 @@ def _frequency_of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) 
 
 
 def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -> xarray.Dataset:
-    """Return the contribution of each intensity to the annual frequency (host).
+    """Return the contribution of each intensity to the annual frequency.
 
     The contribution is the density F(x) |dλ/d ln x| divided by the frequency. Its integral over ln x is 1.
 

@@ -271,7 +271,7 @@ def write_fragility_model(
     fragilities: xarray.Dataset | Sequence[xarray.Dataset],
     names: Sequence[str] | None = None,
 ) -> Path:
-    """Write lognormal fragility curves as an OpenQuake fragility model (NRML 0.5), atomically (host).
+    """Write lognormal fragility curves as an OpenQuake fragility model (NRML 0.5), atomically.
 
     - `path`: file to write
     - `fragilities`: one or more datasets of [`rockjax.fragility`][] or [`rockjax.read_fragility_model`][]
@@ -316,7 +316,7 @@ def write_fragility_model(
 
 
 def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
-    """Return the lognormal curves of an OpenQuake fragility model (NRML 0.5), in SI units (host).
+    """Return the lognormal curves of an OpenQuake fragility model (NRML 0.5), in SI units.
 
     - `path`: file to read
 

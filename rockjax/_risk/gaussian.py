@@ -243,7 +243,7 @@ class GaussianMotion(Module):
         count: int = 200,
         seed: int = 0,
     ) -> xarray.Dataset:
-        """Return statistics of the pseudo-acceleration spectra of sampled motions (host).
+        """Return statistics of the pseudo-acceleration spectra of sampled motions.
 
         - `periods`: periods, ≥ 0 [s]; `damping`: damping ratio, 0 ≤ ζ < 1 [–]
         - `count`: number of motions, ≥ 2; `seed`: seed of the random numbers; equal seeds give equal results
@@ -277,7 +277,7 @@ class GaussianMotion(Module):
         )
 
     def samples(self, count: int, *, seed: int) -> Float[Array, "count d"]:
-        """Return standard normal u (count, dimension); equal seeds give equal samples (host)."""
+        """Return standard normal u (count, dimension); equal seeds give equal samples."""
         if not isinstance(count, int) or count < 1:
             raise ValueError(f"GaussianMotion.samples: count must be a whole number >= 1, got {count!r}")
         return as_float(np.random.default_rng(seed).standard_normal((count, self.dimension)))

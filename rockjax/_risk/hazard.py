@@ -69,7 +69,7 @@ class Hazard(Module):
         return jnp.log(self.intensity), jnp.log(self.annual_rate)
 
     def intensity_at(self, annual_rate) -> Float[Array, "*m"]:
-        """Return the intensities [`units`] that are exceeded at annual rates [1/year] (host)."""
+        """Return the intensities [`units`] that are exceeded at annual rates [1/year]."""
         rate = np.asarray(annual_rate, float)
         require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
         log_x, log_rate = (np.asarray(y) for y in self.logarithms)
@@ -94,7 +94,7 @@ class Hazard(Module):
 
     @classmethod
     def from_file(cls, path: str | Path, *, site: int | None = None) -> Self:
-        """Read a hazard curve from a file (host), in SI units.
+        """Read a hazard curve from a file, in SI units.
 
         - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or a CSV with two columns. One
           column has the intensity, with measure and unit in its heading (`PGA [g]`, `Sa(1 s), %g`). The other
@@ -111,7 +111,7 @@ class Hazard(Module):
         return cls(**read_hazard(path, site))
 
     def dataset(self) -> xarray.Dataset:
-        """Return the points as a dataset (host)."""
+        """Return the points as a dataset."""
         import xarray
 
         return xarray.Dataset(

@@ -21,7 +21,7 @@ LIMIT_STATE = "Family", "Theta_0", "Theta_1"
 
 
 def write_pelicun(path: str | Path, fragility: xarray.Dataset) -> Path:
-    """Write fragilities of contents as a CSV table of component fragilities for pelicun, atomically (host).
+    """Write fragilities of contents as a CSV table of component fragilities for pelicun, atomically.
 
     - `path`: file to write
     - `fragility`: dataset of [`rockjax.contents_fragility`][], whose measure is PGA, PGV or Sa(T s)

@@ -84,7 +84,7 @@ def reliability(
     max_scenes: int = 1_000_000,
     progress: Any = False,
 ) -> FailureProbability:
-    """Return P(G(u) ≤ 0) for standard normal u (host).
+    """Return P(G(u) ≤ 0) for standard normal u.
 
     - `G`: a differentiable JAX function of u, shape (dimension,), that returns a scalar; failure is G ≤ 0
     - `dimension`: length of u, ≥ 1

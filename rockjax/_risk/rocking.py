@@ -58,7 +58,7 @@ def design_points(
     starts: int = 8,
     seed: int = 0,
 ) -> list[DesignPoint]:
-    """Return the most likely ground motions of a Gaussian model that make a structure fail (host).
+    """Return the most likely ground motions of a Gaussian model that make a structure fail.
 
     - `podium`: podium with scalar parameters
     - `motion`: a [`rockjax.GaussianMotion`][]
@@ -108,7 +108,7 @@ def failure_probability(
     max_scenes: int = 1_000_000,
     progress: Any = False,
 ) -> FailureProbability:
-    """Return the probability that a Gaussian ground motion makes a structure fail (host).
+    """Return the probability that a Gaussian ground motion makes a structure fail.
 
     - `podium`, `motion`, `limit`, `starts`, `seed`: as for [`rockjax.design_points`][]
     - `method`: name of the estimator. `"subset"` and `"monte-carlo"` need neither design points nor

@@ -48,7 +48,7 @@ def contents_fragility(
     options: Options = DEFAULT_OPTIONS,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Fit fragility curves of blocks on the floors of a podium, one for each damage state (host).
+    """Fit fragility curves of blocks on the floors of a podium, one for each damage state.
 
     Every record is scaled to all levels of `intensity`. Each curve is fitted by maximum likelihood to the
     number of records that reach the damage state at each level (multiple stripes).

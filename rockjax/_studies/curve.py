@@ -34,7 +34,7 @@ def fragility(
     confidence: float | None = 0.9,
     limit: tuple[str, float] | None = None,
 ) -> xarray.Dataset:
-    """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood (host).
+    """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood.
 
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
     - `method`: `"capacities"` fits the least overturning intensities; for a record that does not overturn, it

@@ -54,7 +54,7 @@ def ensemble(
     options: Options = Options(),
     progress: Any = False,
 ) -> Ensemble:
-    """Compute peak responses of random variants of a podium under random motions (host).
+    """Compute peak responses of random variants of a podium under random motions.
 
     All scenes form one batch. They are independent, so the confidence bounds of [`rockjax.Ensemble`][] hold
     for every n. The bounds do not include the uncertainty from choosing the motions.

@@ -86,7 +86,7 @@ def floor_spectrum(
     sensitivities: Sequence[str] = (),
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Compute floor response spectra under one ground motion or a suite (host), (L5) to (L10).
+    """Compute floor response spectra under one ground motion or a suite, (L5) to (L10).
 
     Oscillators start at rest relative to their floor and do not affect it. Impulses of impacts are included
     exactly.

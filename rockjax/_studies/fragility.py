@@ -155,7 +155,7 @@ def incremental_dynamic_analysis(
     options: Options = DEFAULT_OPTIONS,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Compute peak responses to scaled records, and the intensities at which the outcome changes (host).
+    """Compute peak responses to scaled records, and the intensities at which the outcome changes.
 
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records. Vertical motions (`Motions.paired`, or

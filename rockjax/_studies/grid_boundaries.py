@@ -39,7 +39,7 @@ def with_boundaries(
     options: Options,
     progress: Any = False,
 ) -> list[xarray.Dataset]:
-    """Add the variables `minimum` and `boundaries` of overturning spectra to rocking spectra (host).
+    """Add the variables `minimum` and `boundaries` of overturning spectra to rocking spectra.
 
     - `spectra`: result of [`rockjax.rocking_spectra`][]
     - `podiums`, `pulse`, `options`: arguments with which `spectra` were computed

@@ -48,7 +48,7 @@ def overturning_spectrum(
     options: Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Find the pulse accelerations at which a podium changes between survival and overturning (host).
+    """Find the pulse accelerations at which a podium changes between survival and overturning.
 
     - `podium`: podium with scalar parameters
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) ↦ excitation

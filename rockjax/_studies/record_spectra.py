@@ -42,7 +42,7 @@ def record_spectrum(
     options: Options = DEFAULT_OPTIONS,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Compute the effect of records on structures that differ only in the size of their columns (host).
+    """Compute the effect of records on structures that differ only in the size of their columns.
 
     - `podium`: podium with scalar parameters; its `R` is replaced by the value that follows from `p`
     - `records`: `Motions`, `Records`, or a list of motions or records

@@ -44,7 +44,7 @@ def rocking_spectrum(
     resume: xarray.Dataset | None = None,
     sensitivities: Sequence[str] = (),
 ) -> xarray.Dataset:
-    """Compute peak responses of one podium over a grid of pulses (host), Section 4 of the paper.
+    """Compute peak responses of one podium over a grid of pulses, Section 4 of the paper.
 
     - `podium`: podium with scalar parameters
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) ↦ excitation
@@ -95,7 +95,7 @@ def rocking_spectra(
     resume: Sequence[xarray.Dataset | None] | None = None,
     sensitivities: Sequence[str] = (),
 ) -> list[xarray.Dataset]:
-    """Compute rocking spectra of several podiums over the same axes (host).
+    """Compute rocking spectra of several podiums over the same axes.
 
     Podiums of the same structure (the same classes of superstructure, restitution law and restrainers) share
     one batch, which is faster than separate spectra. Ctrl-C raises [`rockjax.Interrupted`][]; its `partial`
