@@ -169,7 +169,7 @@ def operations() -> dict[str, int]:
     for name, period in (("rigid", 0.0), ("elastic", 0.5)):
         structure = podium(Family(period, np.zeros(0), np.zeros(0)))
         motion, settings = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options()
-        structure = structure.split()
+        structure = structure.split_rows()
         plan = scene.plan_for(structure, settings, history=False)
         start = functools.partial(scene.prepare, structure, motion, REST, None, settings, plan)
         prepared, state = jax.jit(start)()

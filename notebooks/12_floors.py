@@ -94,13 +94,13 @@ axes[0].legend()
 
 # %%
 stories = (1, 8) if REDUCED else tuple(range(1, 9))
-things = [
+systems = [
     rj.Contents.from_dimensions(width=width, height=height, level=level)
     for width, height in ((0.6, 1.8), (0.35, 2.0))
     for level in stories
 ]
 answers = {
-    name: rj.peak_response(structure, motion, on_floors=things).on_floors
+    name: rj.peak_response(structure, motion, on_floors=systems).on_floors
     for name, structure in (("podium", podium), ("fixed base", fixed))
 }
 rotations = {

@@ -55,9 +55,9 @@ def design_chart(
     - `options`: options of the simulations
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`
 
-    Returns a Dataset with the dimensions `a_p` and `T_p`. `least_safe` is the smallest value above which all
-    values up to the upper bound survive (NaN where the upper bound overturns). `boundaries` holds every
-    change between survival and overturning that the scan finds, along a further dimension `boundary`,
+    Returns a Dataset with the dimensions `a_p` and `T_p`. `smallest_safe_value` is the smallest value above
+    which all values up to the upper bound survive (NaN where the upper bound overturns). `boundaries` holds
+    every change between survival and overturning that the scan finds, along a further dimension `boundary`,
     ascending and padded with NaN. Raises `ValueError` for invalid inputs.
     """
     import xarray
@@ -76,7 +76,7 @@ def design_chart(
     require_instance(owner, "options", options, rj.Options, "rockjax.Options")
     periods, amplitudes = _check_axes(owner, T_p, a_p)
     require_whole(owner, "resolution", resolution, 4)
-    boundary_tables, least_safe, scene_counts = [], [], []
+    boundary_tables, smallest_safe_value, scene_counts = [], [], []
     for amplitude in amplitudes:
 
         def scene(period, value, amplitude=amplitude):
@@ -86,7 +86,7 @@ def design_chart(
         scanned = scan(scene, periods, (low, high), resolution, options, progress, width=None)
         boundaries, _ = scanned.crossings.table(periods.size)
         boundary_tables.append(boundaries)
-        least_safe.append(_least_safe(boundaries, scanned.starts_surviving, low))
+        smallest_safe_value.append(_smallest_safe_value(boundaries, scanned.starts_surviving, low))
         scene_counts.append(scanned.scenes)
     boundary_count = max(table.shape[1] for table in boundary_tables)
     pad = lambda table: np.pad(table, ((0, 0), (0, boundary_count - table.shape[1])), constant_values=np.nan)
@@ -95,7 +95,7 @@ def design_chart(
     boundary_attrs = {"units": unit, "long_name": f"{name} where survival changes"}
     return xarray.Dataset(
         {
-            "least_safe": (("a_p", "T_p"), np.stack(least_safe), safe_attrs),
+            "smallest_safe_value": (("a_p", "T_p"), np.stack(smallest_safe_value), safe_attrs),
             "boundaries": (
                 ("a_p", "T_p", "boundary"),
                 np.stack(list(map(pad, boundary_tables))),
@@ -119,7 +119,7 @@ def design_chart(
     )
 
 
-def _least_safe(boundaries: np.ndarray, starts_surviving: np.ndarray, low: float) -> np.ndarray:
+def _smallest_safe_value(boundaries: np.ndarray, starts_surviving: np.ndarray, low: float) -> np.ndarray:
     """Return the smallest safe value at each period: the last boundary, `low` without boundaries, or NaN."""
     counts = np.sum(np.isfinite(boundaries), axis=1)
     # An odd number of changes means that survival differs between the two ends of the range.
@@ -136,7 +136,7 @@ def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
 
     Dots mark the other boundaries. Returns the axes.
     """
-    if "least_safe" not in getattr(chart, "data_vars", ()):
+    if "smallest_safe_value" not in getattr(chart, "data_vars", ()):
         raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {format_value(chart)}")
     import matplotlib.pyplot as plt
 
@@ -147,11 +147,11 @@ def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
     for k, amplitude in enumerate(chart["a_p"].values):
         colour, style = COLOURS[k % len(COLOURS)], STYLES[k % len(STYLES)]
         selected = chart.sel(a_p=amplitude)
-        least_safe = selected["least_safe"].values
-        ax.plot(T_p, least_safe, color=colour, ls=style, label=rf"$a_p = {amplitude:g}$ m/s$^2$")
+        smallest_safe_value = selected["smallest_safe_value"].values
+        ax.plot(T_p, smallest_safe_value, color=colour, ls=style, label=rf"$a_p = {amplitude:g}$ m/s$^2$")
         for boundary in selected["boundaries"].values.T:
-            ax.plot(T_p, np.where(boundary == least_safe, np.nan, boundary), ".", ms=2, color=colour)
-    unit = chart["least_safe"].attrs["units"]
+            ax.plot(T_p, np.where(boundary == smallest_safe_value, np.nan, boundary), ".", ms=2, color=colour)
+    unit = chart["smallest_safe_value"].attrs["units"]
     label = chart.attrs["varied"] if unit == "1" else f"{chart.attrs['varied']} [{unit}]"
     ax.set(xlabel=r"$T_p$ [s]", ylabel=f"smallest safe {label}", xlim=(T_p[0], T_p[-1]))
     ax.grid(alpha=0.3)

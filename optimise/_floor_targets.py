@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,26 +18,34 @@ from ._targets import AbstractTarget, Name, check_limit
 
 
 class AbstractFloorTarget(AbstractTarget):
-    """A target on contents or oscillators on floors (the field `things`) under every motion of a suite."""
+    """A target on secondary systems of floors (`systems`: contents or oscillators) under every motion of a
+    suite."""
 
     limit: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
-    things: eqx.AbstractVar[tuple[Any, ...]]
+    systems: eqx.AbstractVar[tuple[Any, ...]]
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
         options = options.replace(outputs=("margin",), throw=False)
-        solve = lambda motion: rj.peak_response(podium, motion, options=options, on_floors=self.things)
+        solve = lambda motion: rj.peak_response(podium, motion, options=options, on_floors=self.systems)
         peaks = self.suite.map_motions(solve)
         values = jnp.concatenate([self.limited_value(answer) for answer in peaks.on_floors])
         return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
     def limited_value(self, answer: Any) -> Margins:
-        """Return the quantity that `limit` bounds, from the responses of one of `things` (k,)."""
+        """Return the quantity that `limit` bounds, from the responses of one secondary system (k,)."""
         raise NotImplementedError
 
     @property
     def scenes(self) -> int:
         return len(self.suite)
+
+    @property
+    def things(self) -> tuple[Any, ...]:
+        """Former name of `systems`."""
+        name = type(self).__name__
+        warnings.warn(f"{name}.things is called systems now", DeprecationWarning, stacklevel=2)
+        return self.systems
 
 
 def _as_tuple(owner: str, name: str, required: type, value: Any) -> tuple[Any, ...]:
@@ -62,14 +71,14 @@ class ContentsRotation(AbstractFloorTarget):
 
     limit: Any
     suite: Suite
-    things: tuple[Any, ...]
+    systems: tuple[Any, ...]
     name: Name = eqx.field(static=True)
 
     def __init__(self, limit, excitations, contents, name: Name = None):
         owner = type(self).__name__
         check_limit(owner, "limit", limit, below=1)
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
-        self.things = _as_tuple(owner, "contents", rj.Contents, contents)
+        self.systems = _as_tuple(owner, "contents", rj.Contents, contents)
 
     def limited_value(self, answer: rj.ContentsAnswer) -> Margins:
         return jnp.where(answer.overturned, 1 - answer.margin, answer.peak_rotation)
@@ -90,14 +99,14 @@ class FloorSpectrum(AbstractFloorTarget):
 
     limit: Any
     suite: Suite
-    things: tuple[Any, ...]
+    systems: tuple[Any, ...]
     name: Name = eqx.field(static=True)
 
     def __init__(self, limit, excitations, oscillators, name: Name = None):
         owner = type(self).__name__
         check_limit(owner, "limit", limit)
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
-        self.things = _as_tuple(owner, "oscillators", rj.Oscillator, oscillators)
+        self.systems = _as_tuple(owner, "oscillators", rj.Oscillator, oscillators)
 
     def limited_value(self, answer: rj.OscillatorAnswer) -> Margins:
         return answer.pseudo_acceleration

@@ -34,7 +34,7 @@ class _StructureParameters:
     def __init__(self, variables: Variables):
         self.variables = variables
         podium = variables.podium(variables.start())
-        self.names = tuple(name for name, entry in parameters_of(podium).items() if entry.place)
+        self.names = tuple(name for name, entry in parameters_of(podium).items() if entry.attribute_path)
 
         def parameters(x):
             podium = variables.podium(x)

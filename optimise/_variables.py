@@ -200,7 +200,7 @@ def make_variables(
         raise ValueError(
             f'{owner}: vary must name at least one variable with its bounds, e.g. {{"alpha": (0.1, 0.2)}}'
         )
-    shapes = {jnp.shape(leaf) for leaf in jax.tree.leaves(as_podium(base).split())} - {()}
+    shapes = {jnp.shape(leaf) for leaf in jax.tree.leaves(as_podium(base).split_rows())} - {()}
     if shapes:
         raise ValueError(
             f"{owner}: podium must be a single podium with scalar parameters, got arrays of shape {shapes}"
@@ -271,8 +271,8 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
         return
     if entry.name == "restitution":
         raise ValueError(_law_message(owner, base.restitution))
-    if entry.place.startswith("restrainers."):
-        device = entry.place.split(".")[1]
+    if entry.attribute_path.startswith("restrainers."):
+        device = entry.attribute_path.split(".")[1]
         raise ValueError(
             f"{owner}: vary names {name!r}, which needs exactly one {device} among the podium's restrainers"
         )
@@ -287,7 +287,7 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
 
 def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
     """Raise `ValueError` unless a name is a dimension that can vary."""
-    rows = [(entry, getattr(base, entry.place)) for entry in ROWS_OF_DIMENSIONS.values()]
+    rows = [(entry, getattr(base, entry.attribute_path)) for entry in ROWS_OF_DIMENSIONS.values()]
     variable_names = [entry.name for entry in DIMENSIONS.values() if not entry.is_integer]
     variable_names += [
         numbered_parameter(e, k + 1).name for e, row in rows if row is not None for k in range(row.size)
@@ -343,7 +343,7 @@ def value_of(base: Structure, name: str):
     if not isinstance(base, Dimensions):
         return variants.read(base, name)
     row, position = _row_entry(name)
-    return getattr(base, name) if row is None else getattr(base, row.place)[position - 1]
+    return getattr(base, name) if row is None else getattr(base, row.attribute_path)[position - 1]
 
 
 def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
@@ -356,7 +356,7 @@ def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
         if row is None:
             changes[name] = value
         else:
-            row_values = changes.get(row.place, getattr(base, row.place))
-            changes[row.place] = jnp.asarray(row_values).at[position - 1].set(value)
+            row_values = changes.get(row.attribute_path, getattr(base, row.attribute_path))
+            changes[row.attribute_path] = jnp.asarray(row_values).at[position - 1].set(value)
     with _without_unit_warnings():
         return base.replace(**changes)

@@ -52,7 +52,7 @@ def _operations(jaxpr) -> int:
 
 def operations_of_trial(podium: rj.Podium, motion: rj.AbstractExcitation, options: rj.Options) -> int:
     """How many operations a trial step of a scene has; one on a row of modes counts once."""
-    structure = podium.split()
+    structure = podium.split_rows()
     plan = plan_for(structure, options, history=False)
     start = lambda: prepare(structure, motion, rj.State(), None, options, plan)
     scene, state = jax.eval_shape(start)

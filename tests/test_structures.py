@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import optimise
 import rockjax as rj
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.model import acceleration
@@ -118,6 +119,11 @@ def test_former_names_warn():
     ):
         with pytest.warns(DeprecationWarning, match=rf"\.{former} is called {name} now"):
             assert getattr(owner, former) == getattr(owner, name)
+    with pytest.warns(DeprecationWarning, match=r"Podium\.split is called split_rows now"):
+        assert podium.split() == podium.split_rows()
+    target = optimise.FloorSpectrum(5.0, rj.Ricker(3.0, 1.0), rj.Oscillator(0.3))
+    with pytest.warns(DeprecationWarning, match=r"FloorSpectrum\.things is called systems now"):
+        assert target.things is target.systems
     motion = rj.Motion(np.sin(np.linspace(0.0, 6.0, 61)), 0.1)
     fit = PulseFit(
         rj.MavroeidisPapageorgiou(0.5, 1.0, 2.0, 0.0), jnp.asarray(3.0), jnp.asarray(0.5), "velocity"

@@ -24,10 +24,10 @@ from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
 from rockjax._machine.threads import run_in_threads
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options, as_compiled
-from rockjax._parameters.variants import place_of
+from rockjax._parameters.variants import attribute_path_of
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import errors, second_options
-from rockjax._responses.on_floors import Things, as_things
+from rockjax._responses.on_floors import SecondarySystems, as_systems
 from rockjax._responses.peak import Peak, peak_fields
 from rockjax._responses.sensitivities import check_sensitivities, sensitivities_of
 from rockjax._results import REST, Interrupted, State
@@ -64,7 +64,7 @@ def peak_responses(
     sensitivities: Sequence[str] = (),
     devices: Sequence[jax.Device] | None = None,  # pyright: ignore[reportInvalidTypeForm]
     threads: int | None = None,
-    on_floors: Things = (),
+    on_floors: SecondarySystems = (),
 ) -> Peak:
     """Compute peak responses of a batch of scenes, outside jit, in parallel on all cores or devices.
 
@@ -91,8 +91,8 @@ def peak_responses(
       default all accelerators, or threads on the CPU if there are none
     - `threads`: number of threads on a CPU, ≥ 1, only without `devices`; by default one for each core that
       this process may use
-    - `on_floors`: light things on the floors of every scene, as for [`rockjax.peak_response`][]; their
-      answers have no sensitivities
+    - `on_floors`: light secondary systems on the floors of every scene, as for [`rockjax.peak_response`][];
+      their answers have no sensitivities
 
     Raises `ValueError` for invalid inputs, and for `options.engine` other than `"flat"`.
     """
@@ -138,7 +138,7 @@ def responses(
     devices: Sequence | None = None,
     threads: int | None = None,
     sensitivities: Sequence[str] = (),
-    on_floors: Things = (),
+    on_floors: SecondarySystems = (),
 ) -> Peak:
     """Compute [`peak_responses`][rockjax.peak_responses] without warnings; another thread can stop it.
 
@@ -157,12 +157,12 @@ def responses(
             f"{options.engine!r}; call peak_response for each scene to use the segments engine"
         )
     names = check_sensitivities("peak_responses", podiums, excitations, sensitivities)
-    varied = {place_of(name).partition(".")[0] for name in names}
+    varied = {attribute_path_of(name).partition(".")[0] for name in names}
     if "restrainers" not in varied:
         podiums = podiums.without_idle_restrainers()
     if not options.of_joints and "elevation" not in varied:
         podiums = podiums.without_elevation()
-    things = as_things("peak_responses", podiums, on_floors)
+    systems = as_systems("peak_responses", podiums, on_floors)
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     solution_count = 2 if "errors" in options.outputs else 1
     require_memory("peak_responses", scenes.total, solution_count * BYTES + len(names) * BYTES_OF_SLOPES)
@@ -187,8 +187,10 @@ def responses(
         fields = peak_fields(floats, integers, options)
         raise Interrupted(message, Peak(**fields, errors=estimates, sensitivities=slopes))
     floor_answers = ()
-    if things:
-        floor_answers = answers_on_floors(scenes, shape, options, things, progress, stop, lane_executor.hosts)
+    if systems:
+        floor_answers = answers_on_floors(
+            scenes, shape, options, systems, progress, stop, lane_executor.hosts
+        )
     fields = peak_fields(floats, integers, options)
     return Peak(**fields, errors=estimates, sensitivities=slopes, on_floors=floor_answers)
 

@@ -1,4 +1,4 @@
-"""Light things (contents and oscillators) on the floors of a batch of scenes."""
+"""Light secondary systems (contents and oscillators) on the floors of a batch of scenes."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ CHUNK = 16  # number of scenes that are solved together
 
 
 @StoredProgram
-def _chunk(leaves, things, options, *, structure, axes, history: int):
-    """Return the answers of things on the floors of a chunk of scenes."""
+def _chunk(leaves, systems, options, *, structure, axes, history: int):
+    """Return the answers of secondary systems on the floors of a chunk of scenes."""
 
     def solve_scene(*leaves):
         podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
-        structures = podium.without_elevation(), things
+        structures = podium.without_elevation(), systems
         return on_floors(structures, excitation, initial, t_end, options, history=history)
 
     return jax.vmap(solve_scene, in_axes=axes)(*leaves)
@@ -37,15 +37,15 @@ def answers_on_floors(
     scenes: SceneBatch,
     shape: tuple[int, ...],
     options: Options,
-    things: tuple,
+    systems: tuple,
     progress: Any,
     stop: threading.Event,
     threads: int,
 ) -> tuple[Any, ...]:
-    """Return the answers of things on floors, as arrays that have the shape of the batch.
+    """Return the answers of secondary systems on floors, as arrays that have the shape of the batch.
 
     - `scenes`, `shape`, `options`: scenes, shape and options of the batch
-    - `things`: things on the floors of every scene
+    - `systems`: secondary systems on the floors of every scene
     - `progress`: as in `peak_responses`; `threads`: number of threads
     - `stop`: event that stops the batch
 
@@ -61,7 +61,7 @@ def answers_on_floors(
         leaves = scenes.part(SceneIndices(first, 1, count), CHUNK)
         while True:
             static = {"structure": scenes.structure, "axes": scenes.axes, "history": history}
-            answer = jax.tree.map(np.asarray, _chunk(leaves, things, options, **static))
+            answer = jax.tree.map(np.asarray, _chunk(leaves, systems, options, **static))
             is_full = np.any(answer[1][1][:count] == results.HISTORY_FULL)
             if not is_full or history >= options.max_steps + 2:
                 return jax.tree.map(lambda y: y[:count] if y.ndim else np.full(count, y), answer)
@@ -80,10 +80,10 @@ def answers_on_floors(
 
         run_in_threads(work, min(threads, len(pending)), stop, raises=False)
     if stop.is_set():
-        raise Interrupted("stopped while things on floors were solved", None)
+        raise Interrupted("stopped while secondary systems on floors were solved", None)
     grid_order = np.argsort(scenes.in_grid(np.arange(scenes.total)))
     joined = jax.tree.map(
         lambda *y: np.concatenate(y)[grid_order].reshape(shape), *(answers[k] for k in sorted(answers))
     )
     floats, (integers, _) = joined
-    return as_answers(things, floats, integers)
+    return as_answers(systems, floats, integers)

@@ -119,7 +119,7 @@ def broadcast(
     Raises `ValueError` for arrays that do not broadcast or are empty.
     """
     excitations = excitations.common_form()
-    arguments = podiums.split(), excitations, as_start(owner, initial, podiums), as_end(owner, t_end)
+    arguments = podiums.split_rows(), excitations, as_start(owner, initial, podiums), as_end(owner, t_end)
     leaves, structure = jax.tree.flatten(arguments)
     outer, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
     if not any(outer):

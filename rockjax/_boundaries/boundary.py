@@ -189,7 +189,7 @@ def overturning_boundary(
     """
     owner = "overturning_boundary"
     check_types(owner, podium, options)
-    podium = podium.split().without_idle_restrainers().without_elevation()
+    podium = podium.split_rows().without_idle_restrainers().without_elevation()
     excitation = as_excitation(owner, excitation)
     check_range(owner, podium, excitation, None, options)
     check_limit(owner, "max_scale", max_scale)

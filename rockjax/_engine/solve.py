@@ -46,7 +46,7 @@ def solve(
     Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). Stored
     programs are used if all values are concrete, also inside `jax.grad` and `jax.jvp` of concrete values.
     """
-    podium = podium.split().without_idle_restrainers()
+    podium = podium.split_rows().without_idle_restrainers()
     podium = podium if options.of_joints else podium.without_elevation()
     arguments = podium, excitation, initial, t_end, options
     leaves = jax.tree.leaves(arguments)

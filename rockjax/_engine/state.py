@@ -38,7 +38,7 @@ class Plan:
     fast_forwards: tuple[str, ...]
 
     @property
-    def refines(self) -> bool:
+    def ends_on_maxima(self) -> bool:
         """True if steps end on peaks, because the order of the method exceeds 5, the degree of the polynomial
         that describes a step."""
         return self.tableau.order > 5

@@ -150,7 +150,7 @@ def _classify(
     event_fraction = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
 
     # A step is shortened to end on a maximum if the polynomial is not accurate enough to give the maximum.
-    view = Step(scene, plan.refines, state, ground_at, trial, guard, before, after)
+    view = Step(scene, plan.ends_on_maxima, state, ground_at, trial, guard, before, after)
     maxima = tuple(
         output.over_step(view, record) for output, record in zip(plan.outputs, state.records, strict=True)
     )

@@ -46,7 +46,7 @@ class PeakDeformation(AbstractOutput):
 
     def over_step(self, step: Step, record: Values) -> Maximum:
         # Steps end on maxima only if the method is more accurate than the polynomial over the step.
-        return step.largest(step.deformations, record, END_ZONE_QUINTIC, lands=step.refines)
+        return step.largest(step.deformations, record, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         return all_true(bounds.deformations() < record)

@@ -39,7 +39,7 @@ class PeakDrift(AbstractStoryOutput):
 
     def over_step(self, step: Step, record: Values) -> Maximum:
         drifts = jax.vmap(step.deformations.summed)(_weights(step.c))
-        return step.largest(drifts, record, END_ZONE_QUINTIC, lands=step.refines)
+        return step.largest(drifts, record, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima)
 
     def is_final(self, bounds: Bounds, record: Values) -> Flag:
         frequencies = jnp.sqrt(present(bounds.c.vibration).omega2)

@@ -37,7 +37,7 @@ class Margin(AbstractEventOutput):
     def over_step(self, step: Step, record: Value) -> Maximum:
         value = step.turn.margin
         is_near_record = jax.lax.stop_gradient(value) < record + NEAR_RECORD * (1 - record)
-        return Maximum(value, step.cut_at_turn(step.refines & step.has_peak & is_near_record))
+        return Maximum(value, step.cut_at_turn(step.ends_on_maxima & step.has_peak & is_near_record))
 
     def update(self, end: StepEnd, record: Value, note: None, largest: Value | None) -> tuple[Value, None]:
         del largest

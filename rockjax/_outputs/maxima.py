@@ -92,7 +92,7 @@ class End(NamedTuple):
     past: Value  # time from this end to the event or breakpoint there, with its derivative [s]
 
 
-@functools.partial(jax.jit, static_argnames=("end_zone", "lands", "sizes"))
+@functools.partial(jax.jit, static_argnames=("end_zone", "shortens_step", "sizes"))
 def largest(
     path: Path,
     h: Value,
@@ -100,7 +100,7 @@ def largest(
     record: Any,
     ends: tuple[End, End],
     end_zone: float = END_ZONE_QUINTIC,
-    lands: bool = True,
+    shortens_step: bool = True,
     sizes: Sizes = "absolute",
     zone_of_force: Value | None = None,
 ) -> Maximum:
@@ -112,7 +112,7 @@ def largest(
     - `record`: largest |f| so far
     - `ends`: f at both ends
     - `end_zone`: fraction of the step at both ends where an extremum needs no shorter step
-    - `lands`: whether steps are shortened at all
+    - `shortens_step`: whether steps are shortened at all
     - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f; `record` has
       the same form
     - `zone_of_force`: for forces in the joints, replaces `end_zone`; None for other quantities
@@ -148,7 +148,7 @@ def largest(
         else:
             exceeds_ends = jax.lax.stop_gradient(value > largest_end + rounding * jnp.abs(largest_end))
             threshold = so_far - jnp.where(jnp.isfinite(so_far), NEAR_RECORD * jnp.abs(so_far), 0.0)
-        shortens = lands & turned & exceeds_ends & (value > threshold)
+        shortens = shortens_step & turned & exceeds_ends & (value > threshold)
         size_of_dip = size_at_z + change  # bound of |f| at both turning points
         if zone_of_force is not None:
             threshold = jnp.maximum(threshold, largest_end - NEAR_RECORD * jnp.abs(largest_end))

@@ -50,7 +50,7 @@ class PeakRotation(AbstractEventOutput):
 
     def over_step(self, step: Step, record: Value) -> Maximum:
         top = step.guard.turn_value
-        may_raise = step.refines & step.has_peak & (top > record * (1 - NEAR_RECORD))
+        may_raise = step.ends_on_maxima & step.has_peak & (top > record * (1 - NEAR_RECORD))
         return Maximum(top, step.cut_at_turn(may_raise))
 
     def update(self, end: StepEnd, record: Value, note: Value, largest: Any) -> tuple[Value, Value]:

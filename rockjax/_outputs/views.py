@@ -130,7 +130,8 @@ class Step:
     """A trial step as outputs see it: both ends, the mode, and polynomials of quantities in between.
 
     - `scene`: the prepared scene
-    - `refines`: whether steps end on maxima, because the method has a higher order than the polynomials
+    - `ends_on_maxima`: whether steps end on maxima, because the method has a higher order than the
+      polynomials
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the current piece of the excitation [m/s²]
     - `trial`, `guard`: the step and its guard
@@ -140,7 +141,7 @@ class Step:
     def __init__(
         self,
         scene: Scene,
-        refines: bool,
+        ends_on_maxima: bool,
         state: LoopState,
         ground_at: Any,
         trial: Attempt,
@@ -148,7 +149,7 @@ class Step:
         before: Value,
         after: Value,
     ):
-        self.scene, self.refines, self.ground_at = scene, refines, ground_at
+        self.scene, self.ends_on_maxima, self.ground_at = scene, ends_on_maxima, ground_at
         self.state, self.trial, self.guard = state, trial, guard
         self._courses: dict[Quantity, list[Course]] = {}
         self.span = Span(trial.h, is_long(trial.h, scene.max_step), before, after)
@@ -263,21 +264,21 @@ class Step:
 
         return carried
 
-    def cut_at_turn(self, lands: Flag) -> Value:
-        """Return the fraction of the step up to the guard's turning point, or inf unless `lands`.
+    def cut_at_turn(self, shortens_step: Flag) -> Value:
+        """Return the fraction of the step up to the guard's turning point, or inf if not `shortens_step`.
 
         The result is also inf if the turning point is so close to an end of the step that the polynomial is
         accurate enough.
         """
         turn = self.guard.turn
-        return jnp.where(lands & (turn > END_ZONE) & (turn < 1 - END_ZONE), turn, jnp.inf)
+        return jnp.where(shortens_step & (turn > END_ZONE) & (turn < 1 - END_ZONE), turn, jnp.inf)
 
     def largest(
         self,
         course: Course,
         record: Any,
         end_zone: float = END_ZONE_CUBIC,
-        lands: bool = True,
+        shortens_step: bool = True,
         sizes: Sizes = "absolute",
     ) -> Maximum:
         """Return the largest absolute value of a quantity in the step, and the fraction of the step to try
@@ -286,11 +287,11 @@ class Step:
         - `course`: the quantity over the step
         - `record`: largest absolute value so far
         - `end_zone`: fraction of the step at both ends where a maximum needs no shorter step
-        - `lands`: whether the step is shortened at all
+        - `shortens_step`: whether the step is shortened at all
         - `sizes`: "absolute" for |f|, "signed" for f, "both" for a pair of −f and f, in `record` too
         """
         span, ends = self.span, self._ends(course)
-        return largest(course.path, span.h, span.long, record, ends, end_zone, lands, sizes)
+        return largest(course.path, span.h, span.long, record, ends, end_zone, shortens_step, sizes)
 
     def _ends(self, course: Course) -> tuple[End, End]:
         return End(*course.start, self.span.before), End(*course.end, self.span.after)

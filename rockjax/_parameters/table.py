@@ -55,8 +55,9 @@ class Parameter(NamedTuple):
 
     - `name`: name in axes, options, keys of problem files and variables; `symbol`: mathematical symbol
     - `unit`: unit as in datasets, "1" for a ratio; `range`: range of valid values; `meaning`: description
-    - `place`: path of attributes in the structure, such as `superstructure.T_s`. Members of a tuple are named
-      by their class, as in `restrainers.Tendon.stiffness`. Empty for derived parameters
+    - `attribute_path`: attributes that lead to the value in the structure, such as `superstructure.T_s`.
+      Members of a tuple are named by their class, as in `restrainers.Tendon.stiffness`. Empty for derived
+      parameters
     - `formula`: definition of the symbol; `note`: meaning of a special value, or of a missing value
     - `instead_of`: parameters of the same quantity, which cannot be given together with this parameter
     - `is_integer`: whether the parameter is a whole number, which neither varies nor has a derivative
@@ -67,7 +68,7 @@ class Parameter(NamedTuple):
     unit: str
     range: Range
     meaning: str
-    place: str = ""
+    attribute_path: str = ""
     formula: str = ""
     note: str = ""
     instead_of: tuple[str, ...] = ()
@@ -89,9 +90,9 @@ def _by_name(*entries: Parameter) -> dict[str, Parameter]:
     return {entry.name: entry for entry in entries}
 
 
-def _ratio(name: str, symbol: str, meaning: str, place: str, formula: str = "", note: str = "") -> Parameter:
+def _ratio(name: str, symbol: str, meaning: str, path: str, formula: str = "", note: str = "") -> Parameter:
     """Return a dimensionless parameter ≥ 0."""
-    return Parameter(name, symbol, "1", NOT_NEGATIVE, meaning, place, formula, note)
+    return Parameter(name, symbol, "1", NOT_NEGATIVE, meaning, path, formula, note)
 
 
 WIDTH_AND_HEIGHT = ("width", "height")  # dimensions of a column, which together determine alpha and R
@@ -105,7 +106,7 @@ _RESIDUAL_HEIGHT = "height of the residual mass above the beam"
 _LINEAR = "1 is a linear damper"
 _ROUND = "less than H; not with restrainers"
 
-# Parameters of a podium. Those with a `place` are stored there; variants.py computes the others.
+# Parameters of a podium. The podium stores those with an `attribute_path`; variants.py computes the others.
 STRUCTURE = _by_name(
     Parameter("alpha", "α", "rad", ANGLE, _SLENDER, "alpha"),
     Parameter("tan_alpha", "tan α", "1", POSITIVE, _SLENDER, formula="B/H", instead_of=("alpha",)),
@@ -161,7 +162,7 @@ def numbered_parameter(entry: Parameter, number: int) -> Parameter:
         name=f"{entry.name}_{number}",
         symbol=f"{entry.symbol}_{number}",
         meaning=f"{entry.meaning} {number}",
-        place=f"{entry.place}.{number}",
+        attribute_path=f"{entry.attribute_path}.{number}",
     )
 
 

@@ -28,20 +28,21 @@ from .table import (
 
 
 def find_parameter(name: str) -> Parameter | None:
-    """Return the parameter of a structure with this name or `place`; None if there is none."""
+    """Return the parameter of a structure with this name or attribute path; None if there is none."""
     for table in (STRUCTURE, OVERALL):
         if name in table:
             return table[name]
     row, _, number = name.rpartition("_")
     if row in ROWS and number.isdecimal():
         return numbered_parameter(ROWS[row], int(number))
-    return next((entry for entry in STRUCTURE.values() if entry.place == name), None)
+    return next((entry for entry in STRUCTURE.values() if entry.attribute_path == name), None)
 
 
-def place_of(name: str) -> str:
-    """Return the `place` of a parameter of a structure; empty for other names and for derived parameters."""
+def attribute_path_of(name: str) -> str:
+    """Return the attribute path of a parameter of a structure; empty for other names and derived
+    parameters."""
     parameter = find_parameter(name)
-    return "" if parameter is None else parameter.place
+    return "" if parameter is None else parameter.attribute_path
 
 
 def parameters_of(podium: Podium) -> dict[str, Parameter]:
@@ -61,9 +62,11 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
 
     The result is empty if the podium has a single value instead, or no such parameter.
     """
-    path, _, field = entry.place.partition(".")
+    path, _, field = entry.attribute_path.partition(".")
     holder = getattr(podium, path)
-    if field not in getattr(holder, "rows", ()) or (entry.place == _HEIGHTS and not _has_rows(podium)):
+    if field not in getattr(holder, "rows", ()) or (
+        entry.attribute_path == _HEIGHTS and not _has_rows(podium)
+    ):
         return ()
     values = getattr(holder, field)
     row = () if values is None else split_unless_scalar(values)
@@ -79,15 +82,15 @@ def _has_rows(podium: Podium) -> bool:
     return superstructure is not None and superstructure.height_count is not None
 
 
-_HEIGHTS = STRUCTURE["top_height"].place
+_HEIGHTS = STRUCTURE["top_height"].attribute_path
 
 
 def has_parameter(podium: Podium, parameter: Parameter) -> bool:
     """Return whether this podium has a parameter; every podium has derived ones."""
-    if parameter.place == _HEIGHTS:
+    if parameter.attribute_path == _HEIGHTS:
         return podium.elevation is not None and not _has_rows(podium)
     try:
-        _stored_value(podium, parameter.place)
+        _stored_value(podium, parameter.attribute_path)
     except AttributeError:
         return False
     return True
@@ -99,7 +102,7 @@ def is_fixed(podium: Podium, parameter: Parameter) -> bool:
     A static parameter is fixed before tracing and has no derivative.
     """
     try:
-        return not jax.tree.leaves(_stored_value(podium.split(), parameter.place))
+        return not jax.tree.leaves(_stored_value(podium.split_rows(), parameter.attribute_path))
     except AttributeError:  # a residual mass of 0 is left out
         return True
 
@@ -107,8 +110,8 @@ def is_fixed(podium: Podium, parameter: Parameter) -> bool:
 def read(podium: Podium, name: str) -> Any:
     """Return the value of a parameter of this podium. Raises `ValueError` for other names."""
     parameter = _require_parameter(podium, name)
-    if parameter.place:
-        return _stored_value(podium, parameter.place)
+    if parameter.attribute_path:
+        return _stored_value(podium, parameter.attribute_path)
     return jnp.tan(podium.alpha) if parameter.name == "tan_alpha" else getattr(podium, parameter.name)
 
 
@@ -123,18 +126,18 @@ def with_values(podium: Podium, values: Mapping[str, Any]) -> Podium:
     clash = find_clash(values)
     if clash is not None:
         raise ValueError(f"{clash[0]} and {clash[1]} describe the same quantity; give one of them")
-    places = {entry.name: entry.place for entry in parameters.values() if entry.place}
+    paths = {entry.name: entry.attribute_path for entry in parameters.values() if entry.attribute_path}
     stored = {
-        places[name]: _for_all_modes(podium, places[name], value)
+        paths[name]: _for_all_modes(podium, paths[name], value)
         for name, value in values.items()
-        if name in places
+        if name in paths
     }
     if "tan_alpha" in values:
         stored["alpha"] = jnp.arctan(values["tan_alpha"])
     if any(name in values for name in WIDTH_AND_HEIGHT):
         width, height = (values.get(name, getattr(podium, name)) for name in WIDTH_AND_HEIGHT)
         stored["alpha"], stored["R"] = slenderness_and_size(width, height)
-    return _with_changes(podium, {tuple(place.split(".")): value for place, value in stored.items()})
+    return _with_changes(podium, {tuple(path.split(".")): value for path, value in stored.items()})
 
 
 def check_values(owner: str, values: Mapping[str, Any]) -> None:
@@ -165,17 +168,18 @@ def _require_parameter(podium: Podium, name: str) -> Parameter:
     return parameter
 
 
-def _stored_value(holder: Any, place: str) -> Any:
-    """Return the value stored at a `place`. Raises `AttributeError` if the object has no such value."""
-    for step in place.split(".") if place else ():
+def _stored_value(holder: Any, path: str) -> Any:
+    """Return the value stored at an attribute path. Raises `AttributeError` if the object has no such
+    value."""
+    for step in path.split(".") if path else ():
         if step.isdecimal():
             holder = _row_member(holder, int(step))
         elif isinstance(holder, tuple):
             holder = holder[_index_of_class(holder, step)]
         else:
-            rows = [] if place == _HEIGHTS else getattr(holder, "rows", ())
+            rows = [] if path == _HEIGHTS else getattr(holder, "rows", ())
             holder = getattr(holder, step)
-            if step in rows and place.endswith(step) and split_unless_scalar(holder) is not holder:
+            if step in rows and path.endswith(step) and split_unless_scalar(holder) is not holder:
                 raise AttributeError(f"{step} is a row of numbers")
             if holder is None:
                 raise AttributeError(f"{step} is not there")
@@ -200,13 +204,13 @@ def _index_of_class(members: tuple, class_name: str) -> int:
     return indices[0]
 
 
-def _for_all_modes(podium: Podium, place: str, value: Any) -> Any:
-    """Repeat the values of several podiums for each mode, if this `place` holds one value for all modes.
+def _for_all_modes(podium: Podium, path: str, value: Any) -> Any:
+    """Repeat the values of several podiums for each mode, if this path holds one value for all modes.
 
     Otherwise the axis of podiums would be taken for the axis of modes.
     """
-    top, field = podium.superstructure, place.removeprefix("superstructure.")
-    if field == place or top is None or field not in top.rows or isinstance(getattr(top, field), tuple):
+    top, field = podium.superstructure, path.removeprefix("superstructure.")
+    if field == path or top is None or field not in top.rows or isinstance(getattr(top, field), tuple):
         return value
     return array_module(value).repeat(value[..., None], top.count, -1) if np.ndim(value) else value
 
@@ -214,7 +218,7 @@ def _for_all_modes(podium: Podium, place: str, value: Any) -> Any:
 def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
     """Return a variant of a dataclass, or of a tuple of dataclasses, with new values.
 
-    `changes` maps the path of a value, as a tuple of the steps of its `place`, to the new value.
+    `changes` maps the path of a value, as a tuple of the steps of its attribute path, to the new value.
     """
     by_step: dict[str, dict[tuple[str, ...], Any]] = {}
     for (step, *rest), value in changes.items():
@@ -228,8 +232,8 @@ def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
         else:
             new[step] = _with_changes(_stored_value(holder, step), inner)
     if isinstance(holder, tuple):
-        places = {_index_of_class(holder, step): value for step, value in new.items()}
-        return tuple(places.get(k, member) for k, member in enumerate(holder))
+        members = {_index_of_class(holder, step): value for step, value in new.items()}
+        return tuple(members.get(k, member) for k, member in enumerate(holder))
     if any(isinstance(getattr(holder, field), tuple) for field in getattr(holder, "rows", ())):
         return with_fields(holder, new)  # in a program, rows are split into tuples of scalars
     return dataclasses.replace(holder, **new)

@@ -113,8 +113,10 @@ class Reader:
             if "tan_alpha" in parameters:
                 parameters["alpha"] = math.atan(parameters.pop("tan_alpha"))
             devices: dict[str, dict[str, Any]] = {}
-            for name in [name for name in parameters if STRUCTURE[name].place.startswith("restrainers.")]:
-                _, class_name, field = STRUCTURE[name].place.split(".")
+            for name in [
+                name for name in parameters if STRUCTURE[name].attribute_path.startswith("restrainers.")
+            ]:
+                _, class_name, field = STRUCTURE[name].attribute_path.split(".")
                 devices.setdefault(class_name, {})[field] = parameters.pop(name)
             if "Damper" in devices and "coefficient" not in devices["Damper"]:
                 raise ValueError("exponent also needs coefficient, the coefficient of the damper")

@@ -245,7 +245,7 @@ def _suffix(factor: float) -> str:
 def _stacked(podiums: list[Podium]) -> Podium:
     """Return podiums as a batch of shape (n, 1)."""
     # `split` turns rows over modes or stories into tuples, whose numbers stack.
-    split = [_with_mode_damping(podium.split()) for podium in podiums]
+    split = [_with_mode_damping(podium.split_rows()) for podium in podiums]
     return jax.tree.map(lambda *y: np.stack([np.asarray(v, float) for v in y])[:, None], *split)
 
 

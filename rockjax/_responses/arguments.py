@@ -47,7 +47,7 @@ def _least_tolerance(dtype: np.dtype) -> tuple[float, str]:
 
 def check_single(owner: str, podium: Podium) -> None:
     """Raise `ValueError` for a batch of podiums. Axes of modes, stories and columns are allowed."""
-    if any(np.ndim(y) for y in jax.tree.leaves(podium.split())):
+    if any(np.ndim(y) for y in jax.tree.leaves(podium.split_rows())):
         raise ValueError(
             f"{owner}: podium must have scalar parameters; call the function once for each podium"
         )

@@ -69,7 +69,9 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
     """Return the parameters of a podium and derived quantities, for the attributes of a file."""
     top = podium.superstructure
     law, derived = podium.restitution, derived_numbers(podium)
-    parameters = [parameter for parameter in variants.parameters_of(podium).values() if parameter.place]
+    parameters = [
+        parameter for parameter in variants.parameters_of(podium).values() if parameter.attribute_path
+    ]
     return {
         **{
             attribute_name(parameter): float(variants.read(podium, parameter.name))

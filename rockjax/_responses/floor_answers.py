@@ -1,4 +1,5 @@
-"""Answers (results) of light things on the floors of a structure, also as rows of tables and datasets."""
+"""Answers (results) of light secondary systems on the floors of a structure, also as rows of tables and
+datasets."""
 
 from __future__ import annotations
 
@@ -91,10 +92,10 @@ VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
 
 
 def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, Any]:
-    """Return the variables of a dataset for things on floors: `contents_peak_rotation` … with the last dim
-    `contents`, and `oscillator_pseudo_acceleration` … with the last dim `oscillator`.
+    """Return the variables of a dataset for secondary systems on floors: `contents_peak_rotation` … with the
+    last dim `contents`, and `oscillator_pseudo_acceleration` … with the last dim `oscillator`.
 
-    - `answers`: answers for one scene or a batch, in the order in which the things were given
+    - `answers`: answers for one scene or a batch, in the order in which the systems were given
     - `dims`: dims of the scenes; empty if the caller adds these dims
     """
     data: dict[str, Any] = {}
@@ -113,7 +114,7 @@ def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, 
 
 
 def floor_rows(answers: Sequence[Any]) -> Iterator[tuple[str, str]]:
-    """Yield rows (label, value) about the things on the floors, for the table of a scene."""
+    """Yield rows (label, value) about the secondary systems on the floors, for the table of a scene."""
     for k, answer in enumerate(answers, 1):
         code = int(results.code_of(answer.result))
         is_block = isinstance(answer, ContentsAnswer)

@@ -1,4 +1,4 @@
-"""The motion of modes and beam (the bodies) along a history, which excites things on floors."""
+"""The motion of modes and beam (the bodies) along a history, which excites secondary systems on floors."""
 
 from __future__ import annotations
 

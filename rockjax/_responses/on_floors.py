@@ -1,4 +1,4 @@
-"""Light things (contents and oscillators) on floors, solved along the history of the structure."""
+"""Light secondary systems (contents and oscillators) on floors, solved along the history of the structure."""
 
 from __future__ import annotations
 
@@ -126,48 +126,49 @@ def _vibrate(
 
 def _solve(structure: Podium, motion: AbstractExcitation, end: Value, options: Options, reversible: bool):
     """Solve a structure on a floor up to the time `end` [s], and return the answers."""
-    structure = structure.split()
+    structure = structure.split_rows()
     plan = without_fast_forwards(plan_for(structure, options, history=True))
     scene, state = prepare(structure, motion, REST, end, options, plan)
     state, final, _ = solve_scene(scene, plan, state, options.max_steps, None, reversible)
     return answers(scene, plan, state, final)
 
 
-# For each class of things on floors: the function that computes the answers, and the class of the answers.
+# For each class of secondary systems on floors: the function that computes the answers, and the class of the
+# answers.
 KINDS: dict[type, tuple[Any, type]] = {
     Contents: (_rock, ContentsAnswer),
     Oscillator: (_vibrate, OscillatorAnswer),
 }
 
 
-Things = Sequence[Contents | Oscillator] | Contents | Oscillator
+SecondarySystems = Sequence[Contents | Oscillator] | Contents | Oscillator
 
 
 def _on_floors(structures, excitation, initial, t_end, options: Options, *, history: int, reversible: bool):
-    """Return the answers of things on the floors of a scene.
+    """Return the answers of secondary systems on the floors of a scene.
 
-    - `structures`: the podium, and the things on its floors
+    - `structures`: the podium, and the systems on its floors
     - `excitation`, `initial`, `t_end`, `options`: the scene
     - `history`: number of steps that the history of the floors can hold
     - `reversible`: whether reverse mode can differentiate the loops
 
-    The result is (floats, (integers, code)): the floats and the integers of each thing by name, and the
+    The result is (floats, (integers, code)): the floats and the integers of each system by name, and the
     result code of the scene.
     """
-    podium, things = structures
+    podium, systems = structures
     if t_end is None:
-        periods = [thing.period for thing in things if isinstance(thing, Oscillator)]
+        periods = [system.period for system in systems if isinstance(system, Oscillator)]
         t_end = end_with_oscillators(podium, excitation, functools.reduce(jnp.maximum, periods, 0.0))
     course, code = floor_course(podium, excitation, initial, t_end, options, history, reversible)
-    groups: dict[Any, list[int]] = {}  # things of the same class and direction are solved together
-    for k, thing in enumerate(things):
-        groups.setdefault((type(thing), getattr(thing, "direction", None)), []).append(k)
+    groups: dict[Any, list[int]] = {}  # systems of the same class and direction are solved together
+    for k, system in enumerate(systems):
+        groups.setdefault((type(system), getattr(system, "direction", None)), []).append(k)
     answer_of = {}
     for members in groups.values():
-        answers_of_group = _solve_group(podium, [things[k] for k in members], course, options, reversible)
+        answers_of_group = _solve_group(podium, [systems[k] for k in members], course, options, reversible)
         answer_of |= dict(zip(members, answers_of_group, strict=True))
     has_failed = code > results.OVERTURNED
-    floats, integers = zip(*(answer_of[k] for k in range(len(things))), strict=True)
+    floats, integers = zip(*(answer_of[k] for k in range(len(systems))), strict=True)
     floats = jax.tree.map(lambda y: jnp.where(has_failed, jnp.nan, y), floats)
     flags = {"until_overturning": code == results.OVERTURNED}
     integers = tuple(y | flags | {"code": jnp.where(has_failed, code, y["code"])} for y in integers)
@@ -175,58 +176,61 @@ def _on_floors(structures, excitation, initial, t_end, options: Options, *, hist
 
 
 on_floors = with_derivatives(_on_floors)
-PROGRAM = StoredProgram(on_floors, words="the program for things on floors")
-SLOPES = StoredProgram(with_slopes(_on_floors), words="the program for things on floors")
+PROGRAM = StoredProgram(on_floors, words="the program for secondary systems on floors")
+SLOPES = StoredProgram(with_slopes(_on_floors), words="the program for secondary systems on floors")
 
 
 def _solve_group(
-    podium: Podium, things: list[Any], course: FloorCourse, options: Options, reversible: bool
+    podium: Podium, systems: list[Any], course: FloorCourse, options: Options, reversible: bool
 ) -> list[Any]:
-    """Return the answers of things of one class and direction, solved together under `vmap`."""
-    solve, _ = KINDS[type(things[0])]
-    weights = jnp.stack([_weights_of(podium, thing) for thing in things])
-    stacked = jax.tree.map(lambda *y: jnp.stack(y), *map(_stackable, things))
-    solve_one = lambda thing, row: solve(thing, podium.g, row, course, options, reversible)
+    """Return the answers of systems of one class and direction, solved together under `vmap`."""
+    solve, _ = KINDS[type(systems[0])]
+    weights = jnp.stack([_weights_of(podium, system) for system in systems])
+    stacked = jax.tree.map(lambda *y: jnp.stack(y), *map(_stackable, systems))
+    solve_one = lambda system, row: solve(system, podium.g, row, course, options, reversible)
     answers = jax.vmap(solve_one)(stacked, weights)
-    return [jax.tree.map(functools.partial(jnp.take, indices=k, axis=0), answers) for k in range(len(things))]
+    return [
+        jax.tree.map(functools.partial(jnp.take, indices=k, axis=0), answers) for k in range(len(systems))
+    ]
 
 
-def _weights_of(podium: Podium, thing: Any) -> Values:
-    """Return the weights of the bodies in the motion of the floor under a thing, horizontally and vertically,
-    shape (2, bodies). The vertical weights are zero for contents that ignore the vertical motion."""
-    modes = with_beam(jnp.asarray(floor_weights("on_floors", podium, thing.level)))
+def _weights_of(podium: Podium, system: Any) -> Values:
+    """Return the weights of the bodies in the motion of the floor under a system, horizontally and
+    vertically, shape (2, bodies). The vertical weights are zero for contents that ignore the vertical
+    motion."""
+    modes = with_beam(jnp.asarray(floor_weights("on_floors", podium, system.level)))
     horizontal, vertical = (in_direction(modes, direction) for direction in DIRECTIONS)
-    return jnp.stack([horizontal, float(getattr(thing, "vertical", True)) * vertical])
+    return jnp.stack([horizontal, float(getattr(system, "vertical", True)) * vertical])
 
 
-def _stackable(thing: Any) -> Any:
-    """Return a thing with the same static fields as all things of this class, so that they can be stacked.
+def _stackable(system: Any) -> Any:
+    """Return a system with the same static fields as all systems of this class, so that they can be stacked.
     `level` and `vertical` are not needed, since the weights contain them; a restitution factor replaces a
     restitution law."""
-    thing = dataclasses.replace(thing, level=DECK)
-    if isinstance(thing, Contents):
-        e = GivenRestitution(thing.block(jnp.ones(())).restitution_factor)
-        thing = dataclasses.replace(thing, vertical=True, restitution=e)
-    return jax.tree.map(jnp.asarray, thing)
+    system = dataclasses.replace(system, level=DECK)
+    if isinstance(system, Contents):
+        e = GivenRestitution(system.block(jnp.ones(())).restitution_factor)
+        system = dataclasses.replace(system, vertical=True, restitution=e)
+    return jax.tree.map(jnp.asarray, system)
 
 
 def answers_on_floors(
-    owner: str, podium: Podium, excitation, initial, t_end, options: Options, things: Any
+    owner: str, podium: Podium, excitation, initial, t_end, options: Options, systems: Any
 ) -> tuple[Any, ...]:
-    """Return the answers of things on the floors of one scene.
+    """Return the answers of secondary systems on the floors of one scene.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `excitation`, `initial`, `t_end`, `options`: arguments of the scene, which are already checked
-    - `things`: [`rockjax.Contents`][] and [`rockjax.Oscillator`][], one or a sequence of them
+    - `systems`: [`rockjax.Contents`][] and [`rockjax.Oscillator`][], one or a sequence of them
 
-    Raises `ValueError` for things of another class, and for levels that the structure does not have.
+    Raises `ValueError` for systems of another class, and for levels that the structure does not have.
     """
-    things = as_things(owner, podium, things)
-    if not things:
+    systems = as_systems(owner, podium, systems)
+    if not systems:
         return ()
-    podium = podium.without_elevation().split().without_idle_restrainers()
+    podium = podium.without_elevation().split_rows().without_idle_restrainers()
     options, capacity = floor_options(options), options.history
-    arguments = (podium, things), excitation.common_form(), initial, t_end, options
+    arguments = (podium, systems), excitation.common_form(), initial, t_end, options
     leaves, structure = jax.tree.flatten(arguments)
     while True:
         if any(isinstance(y, Tracer) for y in leaves) and all(map(is_concrete, leaves)):
@@ -235,7 +239,7 @@ def answers_on_floors(
             answer = PROGRAM(*arguments, history=capacity)
         floats, (integers, code) = answer
         if concrete(code) != results.HISTORY_FULL or capacity >= options.max_steps + 2:
-            return as_answers(things, floats, integers)
+            return as_answers(systems, floats, integers)
         capacity *= 4
 
 
@@ -245,26 +249,26 @@ def floor_options(options: Options) -> Options:
     return options.replace(outputs=("peak_rotation",), engine="flat", method=method)
 
 
-def as_answers(things: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
-    """Convert the answers of things to `ContentsAnswer` and `OscillatorAnswer`.
+def as_answers(systems: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
+    """Convert the answers of systems to `ContentsAnswer` and `OscillatorAnswer`.
 
-    - `things`: the things; `floats`, `integers`: their answers by name
+    - `systems`: the systems; `floats`, `integers`: their answers by name
     """
     answers = []
-    for thing, values, counts in zip(things, floats, integers, strict=True):
-        answer_class = KINDS[type(thing)][1]
+    for system, values, counts in zip(systems, floats, integers, strict=True):
+        answer_class = KINDS[type(system)][1]
         fields = {field.name for field in dataclasses.fields(answer_class)}
         flags = {name: y for name, y in counts.items() if name in fields}
         answers.append(answer_class(**values, **flags, result=results.named(counts["code"])))
     return tuple(answers)
 
 
-def as_things(owner: str, podium: Podium, on_floors: Any) -> tuple[Any, ...]:
-    """Convert things on floors to a tuple. Raises `ValueError` as `answers_on_floors` does."""
-    things = (on_floors,) if isinstance(on_floors, tuple(KINDS)) else on_floors
-    if not isinstance(things, Sequence) or not all(isinstance(thing, tuple(KINDS)) for thing in things):
+def as_systems(owner: str, podium: Podium, on_floors: Any) -> tuple[Any, ...]:
+    """Convert secondary systems on floors to a tuple. Raises `ValueError` as `answers_on_floors` does."""
+    systems = (on_floors,) if isinstance(on_floors, tuple(KINDS)) else on_floors
+    if not isinstance(systems, Sequence) or not all(isinstance(system, tuple(KINDS)) for system in systems):
         classes = " or ".join(f"rockjax.{y.__name__}" for y in KINDS)
         raise ValueError(f"{owner}: on_floors must hold {classes}, got {format_value(on_floors)}")
-    for thing in things:
-        floor_weights(f"{owner}: on_floors", podium, thing.level)
-    return tuple(things)
+    for system in systems:
+        floor_weights(f"{owner}: on_floors", podium, system.level)
+    return tuple(systems)

@@ -94,7 +94,7 @@ class AbstractPeak(Module):
       none. Derivatives of the motion after an impact grow like 1/|θ̇⁻|
     - `values`: answers of all outputs by name. Each answer is also an attribute: `peak.peak_shear` is
       `peak.values["peak_shear"]`
-    - `on_floors`: answers of light things on the floors, [`rockjax.ContentsAnswer`][] and
+    - `on_floors`: answers of light secondary systems on the floors, [`rockjax.ContentsAnswer`][] and
       [`rockjax.OscillatorAnswer`][], in the order in which they were given
     - `errors`: estimated errors, an [`rockjax.Errors`][]; None unless requested
     - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
@@ -276,8 +276,8 @@ def _overturning_attrs(variable: Variable) -> dict[str, str]:
 def data_variables(
     peaks: Peak, outputs: Sequence[str | AbstractOutput], dims: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return the variables of a dataset: peaks, answers of things on floors, and sensitivities, if there are
-    any, along `parameter`.
+    """Return the variables of a dataset: peaks, answers of secondary systems on floors, and sensitivities, if
+    there are any, along `parameter`.
 
     - `peaks`, `outputs`: a batch and its requested outputs
     - `dims`: dims of the scenes; empty if the caller adds these dims

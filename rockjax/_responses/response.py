@@ -305,7 +305,7 @@ class Response(AbstractPeak):
         at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)
         rtol = self.options.rtol if self.podium.restrainers else None
-        podium = self.podium.split()
+        podium = self.podium.split_rows()
         podium = podium if with_elevation else podium.without_elevation()
         return podium, self.excitation.common_form(), history.pad_nodes(self.nodes), end, method, rtol
 

@@ -23,7 +23,7 @@ from rockjax._structures import Podium
 
 from .arguments import as_end, as_start, check_range, check_types, warn_of_amplitude_in_g
 from .estimate import Errors, errors, second_options
-from .on_floors import Things, answers_on_floors
+from .on_floors import SecondarySystems, answers_on_floors
 from .peak import Peak, peak_fields
 from .response import Response
 
@@ -37,7 +37,7 @@ def peak_response(
     initial: State = REST,
     t_end: float | Array | None = None,
     options: Options = Options(),
-    on_floors: Things = (),
+    on_floors: SecondarySystems = (),
 ) -> Peak:
     """Compute the peak response of one scene, without history.
 
@@ -49,8 +49,9 @@ def peak_response(
     - `initial`: state at the start of the excitation's support
     - `t_end`: latest end of the scene [s]; by default max(30/p, 10 T_s) after the end of the excitation
     - `options`: accuracy, requested outputs and limits
-    - `on_floors`: light things on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][], one or a
-      sequence of them; their answers are the field `on_floors` of the result; the other fields stay the same
+    - `on_floors`: light secondary systems on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][],
+      one or a sequence of them; their answers are the field `on_floors` of the result; the other fields stay
+      the same
 
     If values are concrete, raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError`
     for a scene that does not finish. Under `jit` check `result`.
@@ -71,7 +72,7 @@ def simulate(
     initial: State = REST,
     t_end: float | Array | None = None,
     options: Options = Options(),
-    on_floors: Things = (),
+    on_floors: SecondarySystems = (),
 ) -> Response:
     """Compute the response history of one scene until `t_end` or overturning, or, without an elastic
     superstructure, until the columns rest for good.
@@ -149,7 +150,7 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
     check_types(owner, podium, options)
     excitation = as_excitation(owner, excitation)
     initial, t_end = as_start(owner, initial, podium), as_end(owner, t_end)
-    for name, tree in (("podium", podium.split()), ("initial", initial), ("t_end", t_end)):
+    for name, tree in (("podium", podium.split_rows()), ("initial", initial), ("t_end", t_end)):
         shapes = {jnp.shape(y) for y in jax.tree.leaves(tree)} - {()}
         if shapes:
             raise ValueError(

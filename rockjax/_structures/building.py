@@ -221,7 +221,7 @@ class ShearBuilding(AbstractSuperstructure):
         modal_moments = (floor_moments[..., None] * self.shapes).sum(axis=-2)
         return modal_moments, None if self.retained == self.stories else total - modal_moments.sum(axis=-1)
 
-    def split(self) -> Self:
+    def split_rows(self) -> Self:
         values: dict[str, Any] = {name: split_row(getattr(self, name)) for name in ("masses", "stiffnesses")}
         values["damping"] = split_unless_scalar(self.damping)
         values["heights"] = None  # the motion does not depend on the heights

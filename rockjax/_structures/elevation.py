@@ -122,7 +122,7 @@ class Elevation(Module):
             )
         superstructure.check_heights("Podium", height)
 
-    def split(self, superstructure: AbstractSuperstructure | None) -> Elevation:
+    def split_rows(self, superstructure: AbstractSuperstructure | None) -> Elevation:
         """Return the elevation with each row, such as `columns`, as a tuple of its elements, so that every
         leaf has one value per podium of a batch. Heights of a building replace `top_height`."""
         if isinstance(self.columns, tuple):

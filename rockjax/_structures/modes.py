@@ -14,8 +14,8 @@ from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
 ROUNDING = 1e-9  # fraction by which the sum of modal masses may exceed the total mass
 
-# Values for modes, stories or columns along the last axis of an array. In structures that `split` returns, a
-# row is a tuple of its elements.
+# Values for modes, stories or columns along the last axis of an array. In structures that `split_rows`
+# returns, a row is a tuple of its elements.
 Row = Array
 
 
@@ -91,7 +91,7 @@ class Modes(AbstractSuperstructure):
     eta: Row
     T: Row
     zeta: Row
-    residual: Number  # `split` replaces 0 by None
+    residual: Number  # `split_rows` replaces 0 by None
 
     def __init__(self, eta: Any, T: Any, zeta: Any = 0.05, residual: Any = 0.0):
         self.eta = as_row("Modes", "eta", eta, "mode")
@@ -175,7 +175,7 @@ class Modes(AbstractSuperstructure):
             return modal_moments[..., 0], None
         return modal_moments, carried
 
-    def split(self) -> Self:
+    def split_rows(self) -> Self:
         values = {"eta": split_row(self.eta), "T": split_row(self.T), "zeta": split_unless_scalar(self.zeta)}
         values["residual"] = self.carried
         return with_fields(self, values)

@@ -486,13 +486,18 @@ class Podium(Module):
             restrainers=devices,
         )
 
-    def split(self) -> Podium:
+    def split_rows(self) -> Podium:
         """Return the podium with each row over columns, modes or stories as a tuple of its elements, so that
         every leaf has one value per podium of a batch."""
         superstructure, elevation = self.superstructure, self.elevation
         if isinstance(elevation, Elevation):
-            elevation = elevation.split(superstructure)
-        return self._with_parts(None if superstructure is None else superstructure.split(), elevation)
+            elevation = elevation.split_rows(superstructure)
+        return self._with_parts(None if superstructure is None else superstructure.split_rows(), elevation)
+
+    def split(self) -> Podium:
+        """Former name of `split_rows`."""
+        warnings.warn("Podium.split is called split_rows now", DeprecationWarning, stacklevel=2)
+        return self.split_rows()
 
     def without_idle_restrainers(self) -> Podium:
         """Return the podium without restrainers of zero strength, which would only cost time."""

@@ -103,7 +103,7 @@ class AbstractSuperstructure(Module):
             return None, None if carried is None else carried * heights
         return oscillators.eta * heights, None if carried is None else carried * residual_height
 
-    def split(self) -> Self:
+    def split_rows(self) -> Self:
         """Return the superstructure with each row over modes or stories as a tuple of its elements, so that
         every leaf has one value per podium of a batch."""
         return self

@@ -87,7 +87,9 @@ def ensemble(
     motion, labels = labelled_motion(owner, motions, "motions")
     if labels is None and not spread:
         raise ValueError(f"{owner}: nothing is random; give a distribution in spread, or several motions")
-    state_names = [name for name, y in INITIAL.items() if podium.vibrates or not y.place.startswith("u_t")]
+    state_names = [
+        name for name, y in INITIAL.items() if podium.vibrates or not y.attribute_path.startswith("u_t")
+    ]
     valid = [*variable_parameters(podium, motion, labels is None), *state_names]
     check_names(owner, "names in spread", tuple(spread), valid)
     parameters = {name: _find_parameter(podium, name) for name in spread}

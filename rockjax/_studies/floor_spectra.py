@@ -154,7 +154,7 @@ def floor_spectrum(
         for member in members:
             scene_end = end
             if scene_end is None:
-                scene_end = float(_default_end(podium.split(), member.common_form(), T.max()))
+                scene_end = float(_default_end(podium.split_rows(), member.common_form(), T.max()))
             response = simulate(podium, member, initial=initial, t_end=scene_end, options=options)
             spectra.append(_spectrum(response, start, scene_end, request))
             counter.update(1)
@@ -235,7 +235,7 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     solution = None
     if request.names:
         solution = solved(
-            response.podium.split(),
+            response.podium.split_rows(),
             response.excitation.common_form(),
             start,
             as_float(t_end),
@@ -244,7 +244,7 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
             levels=tuple(request.stories.values()),
             history=capacity_for(int(response.nodes.used)),
         )
-        scene = response.podium.split(), scene[1], jax.tree.map(np.asarray, solution.nodes), *scene[3:]
+        scene = response.podium.split_rows(), scene[1], jax.tree.map(np.asarray, solution.nodes), *scene[3:]
     end = deck.last(t_end)
     pieces = pieces_of(scene, end)
     if solution is None:

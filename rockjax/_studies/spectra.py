@@ -115,7 +115,7 @@ def rocking_spectra(
         check_types(owner, podium, options)
     pulse = as_pulse(owner, pulse)
     axes = _axes(owner, frequency_ratio, acceleration_ratio)
-    if any(jnp.ndim(y) for y in jax.tree.leaves([podium.split() for podium in podiums])):
+    if any(jnp.ndim(y) for y in jax.tree.leaves([podium.split_rows() for podium in podiums])):
         raise ValueError(
             f"{owner}: podium must have scalar parameters; use rocking_spectra with a list of podiums, or "
             "peak_responses"
@@ -197,7 +197,7 @@ def group_by_structure(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
     """
     groups: dict[Any, list[int]] = {}
     for k, podium in sorted(enumerate(podiums), key=lambda indexed: not indexed[1].vibrates):
-        groups.setdefault(jax.tree.structure(podium.split()), []).append(k)
+        groups.setdefault(jax.tree.structure(podium.split_rows()), []).append(k)
     return groups
 
 
@@ -210,7 +210,7 @@ def stack_podiums(podiums: Sequence[Podium], per_podium: Callable[[np.ndarray], 
     Parameters that are equal in all podiums remain scalars; the others become arrays.
     """
     stack = lambda *y: y[0] if len(set(map(float, y))) == 1 else per_podium(np.asarray(y))
-    return jax.tree.map(stack, *(podium.split() for podium in podiums))
+    return jax.tree.map(stack, *(podium.split_rows() for podium in podiums))
 
 
 def boundary_axis(table: np.ndarray) -> tuple[str, np.ndarray, dict[str, str]]:

@@ -46,7 +46,7 @@ class Variants(NamedTuple):
         podium, motion = with_parameters("ensemble", self.podium, motion, others)
         superstructure, changes = podium.superstructure, {}
         for name in draws.keys() & INITIAL.keys():
-            field, values = INITIAL[name].place, draws[name]
+            field, values = INITIAL[name].attribute_path, draws[name]
             if field.startswith("u_t") and superstructure is not None and superstructure.has_mode_axis:
                 values = values[..., None].repeat(superstructure.count, -1)
             changes[field] = values

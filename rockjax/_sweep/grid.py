@@ -81,7 +81,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     that are not one-dimensional or outside their ranges.
     """
     require_instance("grid", "structure", structure, Podium, "a rockjax.Podium")
-    structure = structure.split()  # one scalar for each mode, story or column; arrays are then batches
+    structure = structure.split_rows()  # one scalar for each mode, story or column; arrays are then batches
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
     if shapes:
         raise ValueError(

@@ -15,26 +15,26 @@ class ChunkLayout(NamedTuple):
     """A grid of scenes divided into chunks, in C order.
 
     - `shape`: number of scenes along each axis
-    - `block`: number of scenes of a chunk along each axis; the last chunk of an axis may be shorter
+    - `chunk_shape`: number of scenes of a chunk along each axis; the last chunk of an axis may be shorter
     """
 
     shape: tuple[int, ...]
-    block: tuple[int, ...]
+    chunk_shape: tuple[int, ...]
 
     @classmethod
     def of(cls, shape: Sequence[int], chunk: int) -> ChunkLayout:
         """Return a layout with chunks of at most `chunk` scenes: the last axes in full, then a part of one
         axis, and length 1 along the first axes."""
-        block, remaining = [], max(1, chunk)
+        chunk_shape, remaining = [], max(1, chunk)
         for n in reversed(shape):
-            block.append(min(n, remaining))
+            chunk_shape.append(min(n, remaining))
             remaining = remaining // n if remaining >= n else 1
-        return cls(tuple(shape), tuple(reversed(block)))
+        return cls(tuple(shape), tuple(reversed(chunk_shape)))
 
     @property
     def chunks_along(self) -> tuple[int, ...]:
         """Number of chunks along each axis."""
-        return tuple(-(-n // b) for n, b in zip(self.shape, self.block, strict=True))
+        return tuple(-(-n // b) for n, b in zip(self.shape, self.chunk_shape, strict=True))
 
     @property
     def chunk_count(self) -> int:
@@ -44,14 +44,16 @@ class ChunkLayout(NamedTuple):
     def box(self, k: int) -> Box:
         """Return the slices of the grid that form chunk k."""
         position = np.unravel_index(k, self.chunks_along)
-        starts = [int(j) * b for j, b in zip(position, self.block, strict=True)]
-        return tuple(slice(i, min(i + b, n)) for i, b, n in zip(starts, self.block, self.shape, strict=True))
+        starts = [int(j) * b for j, b in zip(position, self.chunk_shape, strict=True)]
+        return tuple(
+            slice(i, min(i + b, n)) for i, b, n in zip(starts, self.chunk_shape, self.shape, strict=True)
+        )
 
     def sizes(self) -> np.ndarray:
         """Return the number of scenes in every chunk, shape (chunks,)."""
         axis_sizes = [
             np.minimum(b, n - b * np.arange(m))
-            for n, b, m in zip(self.shape, self.block, self.chunks_along, strict=True)
+            for n, b, m in zip(self.shape, self.chunk_shape, self.chunks_along, strict=True)
         ]
         return np.prod(np.meshgrid(*axis_sizes, indexing="ij"), axis=0).reshape(-1)
 
@@ -59,5 +61,5 @@ class ChunkLayout(NamedTuple):
         """Return the indices of the chunks that contain the scenes with these flat indices."""
         indices = np.unravel_index(scenes, self.shape)
         return np.ravel_multi_index(
-            [j // b for j, b in zip(indices, self.block, strict=True)], self.chunks_along
+            [j // b for j, b in zip(indices, self.chunk_shape, strict=True)], self.chunks_along
         )

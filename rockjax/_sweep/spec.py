@@ -55,7 +55,7 @@ class SweepSpec(NamedTuple):
             "pytree": str(jax.tree.structure(self.scene_arrays.skeleton)),
             "dims": list(self.dims),
             "shape": list(self.shape),
-            "chunk": list(layout.block),
+            "chunk": list(layout.chunk_shape),
             "values": {name: digest(y) for name, y in self.scene_arrays.arrays.items()},
             "labels": {name: digest(y) for name, y in self.labels.items()},
             "options": {
@@ -102,7 +102,7 @@ def make_spec(
     if options.engine != "flat":
         raise ValueError(f"sweep: options.engine must be 'flat', got {options.engine!r}")
     initial, t_end = as_start("sweep", initial, structures), as_end("sweep", t_end)
-    scene_arrays = SceneArrays.of("sweep", structures.split(), excitations, initial, t_end)
+    scene_arrays = SceneArrays.of("sweep", structures.split_rows(), excitations, initial, t_end)
     dims, labels = _axes(coords, scene_arrays.shape)
     names = check_sensitivities("sweep", structures, excitations, sensitivities)
     return SweepSpec(scene_arrays, dims, labels, options, bool(jax.config.jax_enable_x64), names)  # pyright: ignore[reportAttributeAccessIssue]

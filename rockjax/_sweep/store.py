@@ -158,10 +158,11 @@ class Store:
         zarr = _zarr()
         layout = ChunkLayout(tuple(identity["shape"]), tuple(identity["chunk"]))
         with atomic_folder(path) as temporary:
-            blocks = dict(zip(dims, layout.block, strict=True))
+            chunk_lengths = dict(zip(dims, layout.chunk_shape, strict=True))
             # Short 1-D coordinates are stored as one chunk, others in the chunks of the results.
             coord_encoding = {
-                name: {"chunks": _coord_chunks(array, blocks)} for name, array in coords.variables.items()
+                name: {"chunks": _coord_chunks(array, chunk_lengths)}
+                for name, array in coords.variables.items()
             }
             new_store = zarr_store(temporary)
             coords.to_zarr(new_store, mode="w", zarr_format=3, consolidated=False, encoding=coord_encoding)
@@ -172,7 +173,7 @@ class Store:
                     name,
                     shape=(*layout.shape, *variable.extra_dims.values()),
                     dtype=variable.dtype,
-                    chunks=(*layout.block, *variable.extra_dims.values()),
+                    chunks=(*layout.chunk_shape, *variable.extra_dims.values()),
                     fill_value=variable.fill_value,
                     dimension_names=(*dims, *variable.extra_dims),
                     attributes=variable.attrs,
@@ -288,13 +289,13 @@ def _input_chunks(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...
     grid_ndim = len(layout.shape)
     if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < grid_ndim:
         return shape
-    return tuple(min(n, b) for n, b in zip(shape, layout.block, strict=False)) + shape[grid_ndim:]
+    return tuple(min(n, b) for n, b in zip(shape, layout.chunk_shape, strict=False)) + shape[grid_ndim:]
 
 
-def _coord_chunks(array: xarray.Variable, blocks: Mapping[str, int]) -> tuple[int, ...]:
+def _coord_chunks(array: xarray.Variable, chunk_lengths: Mapping[str, int]) -> tuple[int, ...]:
     names = [str(name) for name in array.dims]
     return tuple(
-        n if len(names) == 1 and n < _LONG_INPUT else blocks[name]
+        n if len(names) == 1 and n < _LONG_INPUT else chunk_lengths[name]
         for name, n in zip(names, array.shape, strict=True)
     )
 

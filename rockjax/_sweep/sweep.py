@@ -245,7 +245,7 @@ def _plan(
     return SweepPlan(
         scenes=spec.scenes,
         shape=spec.shape,
-        chunk=layout.block,
+        chunk=layout.chunk_shape,
         chunks=layout.chunk_count,
         done=int(sizes[is_solved].sum()),
         steps=steps,

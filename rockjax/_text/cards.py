@@ -70,12 +70,12 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
 def _meaning(module: eqx.Module, name: str) -> str:
     """Return the heading of a field in the tables of parameters, empty if it is not a parameter."""
     parts = "superstructure", f"restrainers.{type(module).__name__}", "elevation"
-    places = (name, *(f"{part}.{name}" for part in parts))
+    paths = (name, *(f"{part}.{name}" for part in parts))
     entries = (
         table.MOTION if hasattr(module, "support") else table.STRUCTURE | table.DIMENSIONS | table.BUILDING
     )
     for entry in (*entries.values(), *table.ROWS.values(), *table.OVERALL.values()):
-        if entry.place in places or (not entry.place and entry.name == name):
+        if entry.attribute_path in paths or (not entry.attribute_path and entry.name == name):
             return entry.heading
     return ""
 

@@ -188,7 +188,9 @@ def test_a_listed_parameter_has_a_derivative_or_one_line_says_why_not(name):
         except ValueError as error:
             refused[parameter] = str(error)
             continue
-        move = lambda factors, names=(parameter,): with_unit_factors(podium.split(), motion, names, factors)
+        move = lambda factors, names=(parameter,): with_unit_factors(
+            podium.split_rows(), motion, names, factors
+        )
         _, slopes = jax.jvp(move, (jnp.ones(1),), (jnp.ones(1),))
         assert all(np.isfinite(slope).all() for slope in jax.tree.leaves(slopes))
     assert list(refused) == ([FIXED[name]] if name in FIXED else [])

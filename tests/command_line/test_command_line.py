@@ -541,17 +541,17 @@ damping = 0.02
 def test_a_response_has_what_stands_on_the_floors(run, tmp_path):
     pulse = "[motions.pulse]\nkind = 'ricker'\na_p = 3.2\nT_p = 1.0\n"
     podium = "[structure]\nalpha = 0.15\nR = 1.5\ngamma = 10.0\n"
-    problem = tmp_path / "things.toml"
+    problem = tmp_path / "floors.toml"
     problem.write_text(podium + pulse + ON_FLOORS)
     code, out, _ = run("response", problem, "-o", "a")
     assert code == 0
     assert "block 1" in out and "block 2" in out and "oscillator 3" in out  # noqa: PT018
-    things = rj.Contents.from_dimensions(0.16, 1.6), rj.Contents(0.3, 0.5, vertical=False)
+    systems = rj.Contents.from_dimensions(0.16, 1.6), rj.Contents(0.3, 0.5, vertical=False)
     one = rj.peak_response(
         rj.Podium(0.15, 1.5, 10.0),
         rj.Ricker(3.2, 1.0),
         options=rj.Options(rtol=1e-8, atol=1e-10),
-        on_floors=(*things, rj.Oscillator(0.3, 0.02)),
+        on_floors=(*systems, rj.Oscillator(0.3, 0.02)),
     )
     with xarray.open_dataset("a.nc") as data:
         found = data["contents_peak_rotation"].sel(contents=["cabinet", "contents-2"])
@@ -576,16 +576,16 @@ def test_a_response_has_what_stands_on_the_floors(run, tmp_path):
     ],
 )  # fmt: skip
 def test_wrong_keys_of_things_on_floors_are_named(run, tmp_path, old, new, words):
-    problem = tmp_path / "things.toml"
+    problem = tmp_path / "floors.toml"
     problem.write_text("[structure]\nalpha = 0.15\nR = 1.5\n" + ON_FLOORS.replace(old, new, 1))
     code, _, err = run("response", problem, "--a-p", "3.2", "--T-p", "1")
     assert code == 2
-    assert f"things.toml: {words}" in err
+    assert f"floors.toml: {words}" in err
 
 
 @pytest.mark.slow
 def test_a_fragility_has_a_table_of_contents(run, tmp_path):
-    problem = tmp_path / "things.toml"
+    problem = tmp_path / "floors.toml"
     motions = "[motions.noise]\nsynthetic = 6\nseed = 1\nduration = 5.0\n"
     podium = "[structure]\nalpha = 0.15\nR = 1.5\ngamma = 10.0\n"
     problem.write_text(podium + motions + ON_FLOORS + "[fragility]\nintensity = [0.7, 9.0]\nlevels = 8\n")
@@ -930,7 +930,7 @@ def test_chart_of_the_slimmest_safe_column():
     block = rj.Podium(alpha=0.15, R=1.5)
     T_p = np.linspace(0.5, 0.9, 7)
     chart = optimise.design_chart(block, ("alpha", (0.05, 0.4)), rj.Ricker, 3.0, T_p)
-    least = chart["least_safe"].values[0]
+    least = chart["smallest_safe_value"].values[0]
     safe, fallen = (
         rj.peak_responses(block.replace(alpha=least * side), rj.Ricker(3.0, T_p)).overturned
         for side in (1 + 1e-7, 1 - 1e-7)

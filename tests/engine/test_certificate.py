@@ -55,8 +55,8 @@ class Bounds:
         self.speed = self.u * (0.0 if theta else 3.0)
         swings = (self.u, self.speed) if modes else (self.u[0], self.speed[0])
         self.initial = rj.State(theta, 0.02 if theta else 0.0, *swings)
-        plan = plan_for(podium.split(), options.replace(outputs=tuple(wanted)), history=False)
-        self.scene, self.state = prepare(podium.split(), self.motion, self.initial, None, options, plan)
+        plan = plan_for(podium.split_rows(), options.replace(outputs=tuple(wanted)), history=False)
+        self.scene, self.state = prepare(podium.split_rows(), self.motion, self.initial, None, options, plan)
         self.c = self.scene.c
         self.well = ALPHA if not podium.restrainers else min(float(podium.stability_angle), ALPHA)
         self.steepest = max(math.sin(ALPHA), math.sin(self.well - ALPHA))
@@ -156,7 +156,7 @@ class Bounds:
         names["floors"] = "peak_floor_acceleration"
         name_of = lambda short: names.get(short, f"peak_{short}")
         options = rj.Options(outputs=(name_of(output),))
-        plan = plan_for(self.podium.split(), options, history=False)
+        plan = plan_for(self.podium.split_rows(), options, history=False)
         known = {"peak_rotation": self.state.peak} | {name_of(k): jnp.asarray(y) for k, y in records.items()}
         state = self.state._replace(records=tuple(known[each.name] for each in plan.outputs))
         ground = self.motion.piece(state.piece)(state.t)

@@ -62,7 +62,7 @@ def test_a_jump_moves_a_rocking_block():
     still = rj.GroundMotion(rj.Rest(), rj.Rest())
 
     def after(theta, side, across, up, block=rj.Podium(0.2, 0.5)):
-        scene, _ = prepare(block.split(), still, rj.State(), None, FINE, plan_for(block, FINE, False))
+        scene, _ = prepare(block.split_rows(), still, rj.State(), None, FINE, plan_for(block, FINE, False))
         x, v = (jnp.asarray(theta),), (jnp.zeros(()),)
         at_rest = Shaking(jnp.zeros(()), jnp.zeros(()))
         return jolt(scene, jnp.asarray(side), x, v, at_rest, Shaking(jnp.asarray(across), jnp.asarray(up)))
@@ -82,9 +82,9 @@ def test_a_jump_moves_a_rocking_block():
 def test_one_impact_starts_a_block():
     """Facts 16 and 19: a frame that comes to rest at its first impact, with and without its vertical part."""
     podium = FRAME.replace(restitution=0.0)
-    things = rj.Contents(0.3, 0.4), rj.Contents(0.3, 0.4, vertical=False)
+    systems = rj.Contents(0.3, 0.4), rj.Contents(0.3, 0.4, vertical=False)
     response = rj.simulate(
-        podium, rj.Rest(), initial=rj.State(theta=0.05), t_end=4.0, options=FINE, on_floors=things
+        podium, rj.Rest(), initial=rj.State(theta=0.05), t_end=4.0, options=FINE, on_floors=systems
     )
     found, deck = response.on_floors, response.floor()
     np.testing.assert_allclose(deck.velocity_jumps, [0.6036118453365736], rtol=1e-9)
@@ -110,16 +110,16 @@ def test_an_impact_of_a_building_starts_a_block():
 def test_oscillators_agree_with_their_closed_form():
     """Fact 9, and every level of a building against floor spectra, which are another method."""
     periods = np.array([0.05, 0.5, 2.0])
-    things = [rj.Oscillator(T) for T in periods] + [rj.Oscillator(T, direction="vertical") for T in periods]
-    found = rj.peak_response(FRAME, rj.Ricker(3.2, 1.0), t_end=8.0, options=FINE, on_floors=things).on_floors
+    systems = [rj.Oscillator(T) for T in periods] + [rj.Oscillator(T, direction="vertical") for T in periods]
+    found = rj.peak_response(FRAME, rj.Ricker(3.2, 1.0), t_end=8.0, options=FINE, on_floors=systems).on_floors
     values = [float(each.pseudo_acceleration) for each in found]
     reference = [5.42355969, 5.68864346, 8.75070007, 21.63090363, 2.85445778]
     np.testing.assert_allclose(values[:5], reference, rtol=1e-8)
     building = FRAME.replace(superstructure=rj.ShearBuilding([3, 3, 2], [900, 700, 500], modes=2))
     levels = "deck", 1, 3
-    things = [rj.Oscillator(T, 0.02, level) for level in levels for T in periods]
+    systems = [rj.Oscillator(T, 0.02, level) for level in levels for T in periods]
     options = rj.Options(rtol=1e-9, atol=1e-11)
-    found = rj.peak_response(building, rj.OneSine(3.0, 0.9), t_end=6.0, options=options, on_floors=things)
+    found = rj.peak_response(building, rj.OneSine(3.0, 0.9), t_end=6.0, options=options, on_floors=systems)
     exact = [
         rj.floor_spectrum(
             building, rj.OneSine(3.0, 0.9), periods, damping=0.02, level=level, t_end=6.0, options=options
@@ -137,8 +137,8 @@ def test_on_a_podium_that_never_lifts_a_block_stands_on_the_ground():
     stocky = rj.Podium(0.6, 2.0, gamma=5.0)
     pulse = rj.OneSine(2.6, 0.8)
     pair = rj.GroundMotion(pulse, rj.OneSine(1.5, 0.5))
-    things = BLOCK, dataclasses.replace(BLOCK, vertical=False)
-    answers = rj.peak_response(stocky, pair, options=FINE, on_floors=things).on_floors
+    systems = BLOCK, dataclasses.replace(BLOCK, vertical=False)
+    answers = rj.peak_response(stocky, pair, options=FINE, on_floors=systems).on_floors
     for found, motion in zip(answers, (pair, pulse), strict=True):
         ground = rj.peak_response(rj.Podium(0.2, 0.5), motion, options=FINE)
         np.testing.assert_allclose(found.peak_rotation, ground.peak_rotation, rtol=1e-8)
@@ -171,8 +171,8 @@ def test_blocks_agree_with_an_independent_integrator(name):
     start, stop = (float(y) for y in pulse.support)
     horizontal = restrained.ricker(a_p, T_p) if kind == "ricker" else restrained.one_sine(a_p, T_p)
     motion = rj.GroundMotion(pulse, pulse.scaled(up)) if up else pulse
-    things = [block for block, _ in blocks]
-    answers = rj.peak_response(podium, motion, t_end=start + 3.5, options=FINE, on_floors=things).on_floors
+    systems = [block for block, _ in blocks]
+    answers = rj.peak_response(podium, motion, t_end=start + 3.5, options=FINE, on_floors=systems).on_floors
     motions = horizontal, lambda t: up * horizontal(t)
     for found, (block, weights) in zip(answers, blocks, strict=True):
         e = float(block.block(podium.g).restitution_factor)
@@ -188,13 +188,13 @@ def test_blocks_agree_with_an_independent_integrator(name):
 
 
 def test_derivatives_agree_with_differences():
-    """With respect to the podium, the motion and the things themselves, forward and reverse. Fact 22: the
+    """With respect to the podium, the motion and the secondary systems, forward and reverse. Fact 22: the
     size of everything."""
 
     def values(y):
         podium = HEAVY.replace(alpha=y[0], R=y[1], superstructure=rj.Elastic(30.0, y[8], 0.05))
-        things = rj.Contents(y[4], y[5]), rj.Contents(0.25, y[7], level=1), rj.Oscillator(y[6])
-        found = rj.peak_response(podium, rj.Ricker(y[2], y[3]), t_end=6.0, options=FINE, on_floors=things)
+        systems = rj.Contents(y[4], y[5]), rj.Contents(0.25, y[7], level=1), rj.Oscillator(y[6])
+        found = rj.peak_response(podium, rj.Ricker(y[2], y[3]), t_end=6.0, options=FINE, on_floors=systems)
         block, other, oscillator = found.on_floors
         of_block = block.peak_rotation, block.uplift_time, block.peak_rotation_time
         of_others = other.peak_rotation, oscillator.relative_displacement, oscillator.absolute_acceleration
@@ -222,10 +222,10 @@ def test_derivatives_with_respect_to_samples_agree_with_differences():
     t = dt * np.arange(24)
     samples = 2.6 * np.sin(2 * np.pi * t / 0.9) * np.exp(-t) + 0.3 * noise
     blocks = rj.Contents(0.4, 0.5), rj.Contents(0.2, 0.5, level=1)
-    things = *blocks, rj.Oscillator(0.2), rj.Oscillator(0.3, level=1)
+    systems = *blocks, rj.Oscillator(0.2), rj.Oscillator(0.3, level=1)
 
     def values(samples):
-        found = rj.peak_response(HEAVY, rj.Record(samples, dt), t_end=4.0, options=FINE, on_floors=things)
+        found = rj.peak_response(HEAVY, rj.Record(samples, dt), t_end=4.0, options=FINE, on_floors=systems)
         deck, top, *oscillators = found.on_floors
         of_blocks = deck.peak_rotation, deck.uplift_time, top.uplift_time, top.overturn_time
         friction = deck.friction_demand, top.friction_demand
@@ -243,15 +243,15 @@ def test_derivatives_with_respect_to_samples_agree_with_differences():
 
 def test_nothing_acts_back_and_batches_agree_with_single_scenes():
     """Fact 23: the podium's answers are the same bits; mirrored motions and another order change nothing."""
-    things = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5, vertical=False)
+    systems = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5, vertical=False)
     amplitudes = np.array([[2.0, 3.2], [-3.2, 9.0]])
-    batch = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0, on_floors=things)
+    batch = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0, on_floors=systems)
     plain = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0)
     assert np.array_equal(batch.peak_rotation, plain.peak_rotation)
     assert plain.on_floors == ()
     for index in ((0, 0), (0, 1), (1, 1)):
         pulse = rj.Ricker(amplitudes[index], 1.0)
-        single = rj.peak_response(FRAME, pulse, t_end=6.0, on_floors=things)
+        single = rj.peak_response(FRAME, pulse, t_end=6.0, on_floors=systems)
         assert float(single.peak_rotation) == float(rj.peak_response(FRAME, pulse, t_end=6.0).peak_rotation)
         for one, many in zip(single.on_floors, batch.on_floors, strict=True):
             for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(many), strict=True):
@@ -260,7 +260,7 @@ def test_nothing_acts_back_and_batches_agree_with_single_scenes():
     np.testing.assert_allclose(blocks.peak_rotation[1, 0], blocks.peak_rotation[0, 1], rtol=1e-9)
     assert batch.overturned[1, 1]
     assert list(blocks.until_overturning.ravel()) == [False, False, False, True]
-    turned = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0, on_floors=things[::-1])
+    turned = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0, on_floors=systems[::-1])
     for one, other in zip(batch.on_floors, turned.on_floors[::-1], strict=True):
         for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
             assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
@@ -268,11 +268,11 @@ def test_nothing_acts_back_and_batches_agree_with_single_scenes():
 
 def test_modes_without_mass_and_split_modes_change_nothing():
     """Facts 8 and 23: an oscillator on the deck is a mode without mass, and two modes of one period are one
-    mode, for the podium and for all things on it."""
-    things = rj.Contents(0.12, 0.4), rj.Oscillator(0.3, 0.02)
+    mode, for the podium and for all secondary systems on it."""
+    systems = rj.Contents(0.12, 0.4), rj.Oscillator(0.3, 0.02)
     u_b = 2 * 1.5 * (math.sin(0.15) - math.sin(0.05))
     for initial in (rj.State(), rj.State(theta=0.1, u_t=u_b, u_t_dot=0.0)):
-        scene: Any = {"initial": initial, "t_end": 4.0, "options": FINE, "on_floors": things}
+        scene: Any = {"initial": initial, "t_end": 4.0, "options": FINE, "on_floors": systems}
         reference = rj.peak_response(TOP, PULSE, **scene)
         for eta in ([30.0, 0.0, 0.0], [12.0, 18.0, 0.0]):
             modes = rj.Modes(eta, [0.5, 0.5, 0.3], [0.05, 0.05, 0.02])

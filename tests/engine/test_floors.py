@@ -74,7 +74,7 @@ def test_jumps_of_frames_have_their_ratio():
 @pytest.mark.parametrize(("gamma", "exact"), [(10.0, 0.006562912782958232), (0.0, -0.4665023668442045)])
 def test_a_jump_of_the_ground_acceleration_reaches_the_deck_in_part(gamma, exact):
     """Fact 4: k_g at ψ = α, and 1 in full contact."""
-    c = coefficients(FRAME.replace(gamma=gamma).split(), 1e-8, False)
+    c = coefficients(FRAME.replace(gamma=gamma).split_rows(), 1e-8, False)
     x = v = (jnp.zeros(()),)
 
     def deck(sigma, ground):

@@ -108,7 +108,7 @@ def found_at(podium: rj.Podium, sigma: int, states: States) -> Found:
     """Forces in states under one mode σ."""
     states = States(*(jnp.asarray(np.asarray(y, float)) for y in states))
     moves_up = bool(np.any(np.asarray(states.vertical)))
-    return Found(*map(np.asarray, _forces(podium.split(), jnp.asarray(float(sigma)), states, moves_up)))
+    return Found(*map(np.asarray, _forces(podium.split_rows(), jnp.asarray(float(sigma)), states, moves_up)))
 
 
 def at(podium, sigma, theta=0.0, theta_dot=0.0, ground=0.0, vertical=0.0, u=(), u_dot=()) -> Found:
@@ -430,7 +430,7 @@ def test_balance_of_columns(kind):
 
 def impulses_at(podium: rj.Podium, sigma: int, theta_dot: float, u=()) -> tuple[np.ndarray, np.ndarray]:
     """(J_T, J_N) of all columns over m_c."""
-    c = coefficients(podium.split(), joints=True)
+    c = coefficients(podium.split_rows(), joints=True)
     arms = present(c.joints).arms
     several = c.vibration is not None and jnp.ndim(c.vibration.omega2)
     x: tuple = (jnp.asarray(0.0),)
@@ -951,7 +951,7 @@ BOUNDED = {
 
 def bounds_along(scene: Scene, response, podium: rj.Podium) -> dict[str, np.ndarray]:
     """Bounds of (F17) from each node of a history on: whether they hold, and whether the columns rest."""
-    podium = podium.split().without_idle_restrainers()
+    podium = podium.split_rows().without_idle_restrainers()
     motion = response.excitation.common_form()
     plan = plan_for(podium, TIGHT, history=False)
     ready, state = prepare(podium, motion, rj.State(), jnp.asarray(scene.end), TIGHT, plan)

@@ -32,7 +32,7 @@ def test_kernels_of_a_trial_share_what_they_need(podium, outputs):
     """As many operations as are written, and a few more: kernels work out in each what is not held for all of
     them. It was 1.4 to 1.8 times as many."""
     motion, options = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options(outputs=outputs)
-    podium = podium.split()
+    podium = podium.split_rows()
     plan = plan_for(podium, options, history=False)
     scene, state = jax.jit(lambda: prepare(podium, motion, REST, None, options, plan))()
     lanes = jax.tree.map(lambda y: jnp.broadcast_to(y, (LANES, *jnp.shape(y))), state)
@@ -44,7 +44,7 @@ def test_kernels_of_a_trial_share_what_they_need(podium, outputs):
 def test_stages_of_rigid_steps_divide_by_nothing():
     """Not by the inertia: 14 stages each did, and a division takes a vector unit as long as ten products or
     more."""
-    podium, options = PODIUMS["rigid"].split(), rj.Options(outputs=("peak_rotation",))
+    podium, options = PODIUMS["rigid"].split_rows(), rj.Options(outputs=("peak_rotation",))
     plan = plan_for(podium, options, history=False)
     motion = rj.Record(np.sin(np.arange(100)), 0.02)
     scene, state = prepare(podium, motion, REST, None, options, plan)

@@ -46,7 +46,7 @@ def rough(seed: int, vertical: bool = False):
 
 def solved(podium: rj.Podium, motion, outputs, change=None):
     """The answers of a scene, and the plan of its program after `change`."""
-    podium = podium.split()
+    podium = podium.split_rows()
     options = OPTIONS.replace(outputs=outputs)
     plan = plan_for(podium, options, history=False)
     plan = plan if change is None else change(plan)
@@ -122,12 +122,14 @@ def test_an_output_alone_is_what_it_is_beside_others(kind):
 
 
 def test_all_fast_forwards_are_allowed_by_all_outputs_of_rigid_podiums():
-    plan = plan_for(PODIUMS["rigid"].split(), OPTIONS.replace(outputs=("peak_rotation", "peak_shear")), False)
+    plan = plan_for(
+        PODIUMS["rigid"].split_rows(), OPTIONS.replace(outputs=("peak_rotation", "peak_shear")), False
+    )
     assert plan.fast_forwards == ("rest", "bounces", "samples")
     building = FRAME.replace(superstructure=STIFF)
-    assert plan_for(building.split(), OPTIONS.replace(outputs=outputs_of(building)), False).fast_forwards == (
-        plan.fast_forwards
-    )
+    assert plan_for(
+        building.split_rows(), OPTIONS.replace(outputs=outputs_of(building)), False
+    ).fast_forwards == (plan.fast_forwards)
 
 
 def test_floors_of_a_rigid_building_move_with_the_beam():

@@ -117,7 +117,7 @@ def test_under_pulses_as_well_where_all_impacts_are_wanted(name):
 
 
 def start(motion, options=USUAL):
-    podium = PODIUM.split()
+    podium = PODIUM.split_rows()
     plan = plan_for(podium, options, history=False)
     return plan, *prepare(podium, motion, rj.State(), None, options, plan)
 

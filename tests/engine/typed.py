@@ -81,7 +81,7 @@ def check_scene(name: str, podium, motion) -> None:
             check_fields(part, f"{name}, {type(part).__name__}")
 
     # As arguments: what is known while tracing may be a number of NumPy.
-    jax.eval_shape(checked, podium.split(), motion, REST)
+    jax.eval_shape(checked, podium.split_rows(), motion, REST)
 
 
 def main() -> None:
@@ -92,7 +92,7 @@ def main() -> None:
         for what in ("peaks", "margin", "history"):
             options, history = OPTIONS[what]
             scene = lambda p, m, o=options, h=history: _solve(p, m, REST, None, o, history=h)
-            jax.eval_shape(scene, FURTHER_PODIUMS[name].split(), PAIR)
+            jax.eval_shape(scene, FURTHER_PODIUMS[name].split_rows(), PAIR)
             print(what, name, flush=True)
     for what, (options, history) in OPTIONS.items():
         for name, podium in PODIUMS.items():

@@ -788,10 +788,10 @@ def test_targets_on_floors_name_things_of_the_file(folder):
     assert isinstance(rotation, optimise.ContentsRotation)
     assert isinstance(spectrum, optimise.FloorSpectrum)
     assert (rotation.limit, spectrum.limit) == (0.5, 9.0)
-    assert [float(block.alpha) for block in rotation.things] == [0.2]
-    assert [float(y.period) for y in spectrum.things] == [0.3]
+    assert [float(block.alpha) for block in rotation.systems] == [0.2]
+    assert [float(y.period) for y in spectrum.systems] == [0.3]
     every = OF_FLOORS.replace('contents = ["cabinet"]', "")
-    assert len(optimise.load(write_problem(folder, FILE + ON_FLOORS + every)).targets[-2].things) == 2
+    assert len(optimise.load(write_problem(folder, FILE + ON_FLOORS + every)).targets[-2].systems) == 2
     for text, words in (
         (OF_FLOORS, r"targets\[\d\]: needs entries \[\[contents\]\]"),
         (ON_FLOORS + OF_FLOORS.replace("cabinet", "shelf"), r"contents must be some of cabinet, contents-2"),

@@ -28,7 +28,7 @@ def test_margins_and_their_derivatives(target):
         return target.margins(dataclasses.replace(PODIUM, alpha=alpha), options)
 
     found = np.asarray(margins(jnp.asarray(0.15)))
-    peaks = [rj.peak_response(PODIUM, motion, options=options, on_floors=target.things) for motion in SUITE]
+    peaks = [rj.peak_response(PODIUM, motion, options=options, on_floors=target.systems) for motion in SUITE]
     name = "peak_rotation" if isinstance(target, optimise.ContentsRotation) else "pseudo_acceleration"
     sizes = [
         float(getattr(each, name))

@@ -261,13 +261,13 @@ def test_things_on_floors(tmp_path):
     report = rj.report(problem, skip=("spread", "methods"))
     contents, spectrum = report.evaluation.checks
     motions = problem.motions["pulses"].excitations
-    things = [
+    systems = [
         rj.Contents.from_dimensions(0.4, 1.8),
         rj.Contents.from_dimensions(0.2, 2.0),
         rj.Oscillator(0.3),
     ]
     options = report.evaluation.scenes.options("pulses")
-    peaks = rj.peak_responses(problem.podium, motions, options=options, on_floors=things)
+    peaks = rj.peak_responses(problem.podium, motions, options=options, on_floors=systems)
     np.testing.assert_array_equal(spectrum.values.values, peaks.on_floors[2].pseudo_acceleration)
     known = [rj.floor_spectrum(problem.podium, y, [0.3])["pseudo_acceleration"].item() for y in motions]
     np.testing.assert_allclose(spectrum.values.values, known, rtol=1e-6)
@@ -277,7 +277,7 @@ def test_things_on_floors(tmp_path):
     assert {"contents-pulses", "oscillators-pulses"} <= report.tables.keys()
     h = 1e-4
     rows = [
-        rj.peak_response(problem.podium, motions[1].scaled(1 + y), options=options, on_floors=things[2:])
+        rj.peak_response(problem.podium, motions[1].scaled(1 + y), options=options, on_floors=systems[2:])
         for y in (-h, h)
     ]
     low, high = (float(row.on_floors[0].pseudo_acceleration) for row in rows)

@@ -77,7 +77,7 @@ def solved_chunks(monkeypatch):
 )
 def test_chunks_hold_every_scene_once(shape, chunk):
     layout = ChunkLayout.of(shape, chunk)
-    assert math.prod(layout.block) <= chunk
+    assert math.prod(layout.chunk_shape) <= chunk
     times = np.zeros(shape, int)
     sizes = layout.sizes()
     for k in range(layout.chunk_count):

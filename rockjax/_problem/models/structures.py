@@ -55,7 +55,7 @@ _NOTES = {
 def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
     """Return the type and the field of a parameter; `needed`: whether the key is required."""
     # `damping` has no option, because --zeta sets both damping ratios.
-    panel = "" if name == "damping" or entry.place.count(".") > 1 else STRUCTURE
+    panel = "" if name == "damping" or entry.attribute_path.count(".") > 1 else STRUCTURE
     note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
     key_type, meaning = type_of(entry), f"{entry.heading}{note}."
     return (key_type, key(..., meaning, panel)) if needed else (key_type | None, key(None, meaning, panel))
@@ -67,11 +67,11 @@ def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
     return create_model("Parameters", __base__=Keys, **fields)
 
 
-def _stored_in(*places: str) -> dict[str, table.Parameter]:
-    """Return the structural parameters, except width and height, whose place in a podium begins with one of
-    `places`."""
+def _stored_in(*parts: str) -> dict[str, table.Parameter]:
+    """Return the structural parameters, except width and height, that one of the `parts` of a podium
+    holds."""
     entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.WIDTH_AND_HEIGHT}
-    return {name: entry for name, entry in entries.items() if entry.place.partition(".")[0] in places}
+    return {name: entry for name, entry in entries.items() if entry.attribute_path.partition(".")[0] in parts}
 
 
 class Superstructure(make_model(_stored_in("superstructure") | table.BUILDING, "eta")):

@@ -18,7 +18,7 @@ from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scenes import Scenes
 from rockjax._report.tables import Column, Table, Word
-from rockjax._responses.on_floors import as_things
+from rockjax._responses.on_floors import as_systems
 from rockjax._responses.simulate import peak_response
 from rockjax._structures import Podium
 from rockjax._types import Value
@@ -57,7 +57,7 @@ class FloorKind(Kind):
         for name in names:
             if name not in in_file:
                 raise ValueError(f"{self.table} must be some of {', '.join(in_file)}, got {name!r}")
-        as_things(self.table, podium, tuple(in_file[name] for name in names))
+        as_systems(self.table, podium, tuple(in_file[name] for name in names))
         return {self.table: {name: in_file[name] for name in names}}
 
     def missing(self, entry: Entry, problem: Problem) -> str:
