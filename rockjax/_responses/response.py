@@ -44,7 +44,7 @@ _SERIES = {
     "ground_acceleration": ("m s-2", "ground acceleration ü_g"),
     "vertical_acceleration": ("m s-2", "vertical ground acceleration v̈_g, upwards"),
     "restoring_moment": ("1", "restoring moment divided by its value at uplift"),
-    "mode": ("1", "mode: full contact (0), or rocking to one side (1, −1)"),
+    "mode": ("1", "contact mode: full contact (0), or rocking to one side (1, −1)"),
     "mechanical_energy": ("m2 s-2", "mechanical energy relative to the ground per N m_c"),
     "input_energy": ("m2 s-2", "work of the ground since the start per N m_c"),
     "impact_energy": ("m2 s-2", "energy lost at the impacts since the start per N m_c"),
@@ -140,7 +140,8 @@ class Response(AbstractPeak):
         return self._values_at(t, "mechanical_energy")[0]
 
     def mode(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the mode σ at times t [s]: 0 in full contact, ±1 while rocking, with the sign of θ [–]."""
+        """Return the contact mode σ at times t [s]: 0 in full contact, ±1 while rocking, with the sign of θ
+        [–]."""
         return self._values_at(t, "mode")[0]
 
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
@@ -252,8 +253,8 @@ class Response(AbstractPeak):
             return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
-        """Return the history as a dataset: states, deformation, ground acceleration, mode, restoring moment
-        and energies at times t, by default at 4001 times from start to end of `span`.
+        """Return the history as a dataset: states, deformation, ground acceleration, contact mode, restoring
+        moment and energies at times t, by default at 4001 times from start to end of `span`.
 
         Answers of [`rockjax.Peak`][] have no dim `time`. The times of impacts and the rates of rotation
         before and after impacts have the dim `impact`. Joint forces are included if an output of the joints
