@@ -111,7 +111,7 @@ print(f"width {wide:.4f} m; α = {answer.podium.alpha:.4f} rad")
 # %% [markdown]
 # ## A chart
 #
-# The chart shows the least safe width for a Ricker pulse of given amplitude against the period of the pulse.
+# The chart shows the smallest safe width for a Ricker pulse of given amplitude against the period of the pulse.
 # Columns with widths above the line survive. Dots are further boundaries below the line.
 
 # %%

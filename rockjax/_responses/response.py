@@ -191,7 +191,7 @@ class Response(AbstractPeak):
         the time of an impact, these are the forces after the impact, or with `left=True` before it.
 
         If no elevation is given, there is one column, the mean column. Forces follow from the motion and do
-        not affect it. They no longer hold after the first time at which a joint pulls or would slide.
+        not affect it. They no longer hold after the first time at which a joint is in tension or would slide.
         """
         series = self._joint_series(t, left)
         return JointForces(series["joint_shear"], series["joint_axial_force"])
@@ -199,7 +199,7 @@ class Response(AbstractPeak):
     def friction(
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times columns joints"]:
-        """Return the friction demand |T|/N of all joints [–] at times t [s]; inf where a joint pulls."""
+        """Return the friction demand |T|/N of all joints [–] at times t [s]; inf where a joint is in tension."""
         return self._joint_series(t, left)["joint_friction"]
 
     def eccentricity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
@@ -388,7 +388,7 @@ def with_joints(data: xarray.Dataset, response: Response) -> xarray.Dataset:
             data[name] = dims, np.asarray(series[name]), _attributes(unit, description)
     horizontal, axial = np.moveaxis(np.asarray(response.impulses)[: data.sizes["impact"]], -1, 0)
     demand = np.asarray(JointForces(jnp.asarray(horizontal), jnp.asarray(axial)).friction)
-    attrs = _attributes("1", "friction demand |J_T|/J_N at the impact, inf where the joint pulls")
+    attrs = _attributes("1", "friction demand |J_T|/J_N at the impact, inf where the joint is in tension")
     data["impact_friction"] = ("impact", joint_forces.COLUMNS, JOINTS), demand, attrs
     return data.assign_coords(joint_forces.coordinates(demand.shape[1]))
 
