@@ -199,7 +199,8 @@ class Response(AbstractPeak):
     def friction(
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times columns joints"]:
-        """Return the friction demand |T|/N of all joints [–] at times t [s]; inf where a joint is in tension."""
+        """Return the friction demand |T|/N of all joints [–] at times t [s]; inf where a joint is in
+        tension."""
         return self._joint_series(t, left)["joint_friction"]
 
     def eccentricity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
