@@ -1,11 +1,12 @@
-"""Run time of a scene: `python -m benchmarks.cost motions|restrained|forces|scaling|processors`.
+"""Run time of a scene: `python -m benchmarks.cost motions|restrained|forces|floors|scaling|processors`.
 
 `motions` solves the grid of Fig. 6 with several pulse shapes. `restrained` compares podiums that have a
 tendon and a linear damper with the same podiums without devices. Accelerations are relative to the uplift
 threshold, so that both podiums rock alike. `forces` compares batches with and without forces in the joints,
-for pulses and for records. `scaling` measures time and memory from 10³ to 10⁶ scenes. `processors` compares
-the devices of JAX with threads on the CPU, including differences between the answers; without an
-accelerator, `processors --host-devices 2` uses two parts of the CPU as devices.
+for pulses and for records. `floors` times floor spectra with a thousand periods. `scaling` measures time and
+memory from 10³ to 10⁶ scenes. `processors` compares the devices of JAX with threads on the CPU, including
+differences between the answers; without an accelerator, `processors --host-devices 2` uses two parts of the
+CPU as devices.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import numpy as np
 import rockjax as rj
 from rockjax._batch.batch import Tally, run_batch
 from rockjax._batch.scenes import SceneBatch, broadcast
+from rockjax._oscillators import ground_load, largest
 
 from .measure import Family, family, options, podium, report, shortest_time, show
 from .records import Suite
@@ -147,6 +149,25 @@ def time_forces(runs: int = 5) -> None:
 
 
 # -------------------------------------------------------------------------------- scaling
+def time_floors(runs: int = 7) -> None:
+    (motion,) = rj.synthetic_motions(1, seed=1, duration=20.0, dt=0.02, pga=3.0)
+    building = rj.ShearBuilding.uniform(stories=3, eta=30.0, T=0.5)
+    structure = rj.Podium(0.15, 1.5, 10.0, building)
+    samples, rows = np.asarray(motion.acceleration), []
+    for shortest in (0.05, 0.01):
+        periods = np.geomspace(shortest, 5.0, 1000)
+        load = ground_load(samples, float(motion.dt))
+        cases = {
+            "record, oscillators": lambda load=load, T=periods: largest(load, T, np.full(1000, 0.05), False),
+            "story 3, scene and oscillators": lambda T=periods: rj.floor_spectrum(
+                structure, motion, T, level=3
+            ),
+        }
+        for name, solve in cases.items():
+            rows.append({"floor": name, "shortest period [s]": shortest, "s": shortest_time(solve, runs)})
+    report("floors", rows)
+
+
 def timed_batch(batch: SceneBatch, options: rj.Options) -> tuple[float, Tally]:
     """Return the time of a batch [s] and its counts of lanes."""
     start = time.perf_counter()
@@ -228,6 +249,7 @@ COMMANDS = {
     "motions": motions,
     "restrained": time_restrained,
     "forces": time_forces,
+    "floors": time_floors,
     "scaling": scaling,
     "processors": processors,
     "timed": time_batches,
@@ -235,4 +257,5 @@ COMMANDS = {
 
 if __name__ == "__main__":
     command, *arguments = sys.argv[1:]
-    COMMANDS[command](*(map(int, arguments) if command in ("motions", "restrained", "forces") else arguments))
+    takes_numbers = command in ("motions", "restrained", "forces", "floors")
+    COMMANDS[command](*(map(int, arguments) if takes_numbers else arguments))

@@ -10,15 +10,30 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple, Self
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Self
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from numpy.polynomial import polynomial
+
+from rockjax._excitations.sampled import common_size
+from rockjax._machine.threads import precision
+from rockjax._programs.program import StoredProgram
 
 # Least number of pieces per period. Longer pieces are divided, so that few pieces contain a turning point.
 PIECES_PER_PERIOD = 8
-SERIES_TERMS = 18  # terms of power series in s = λh; enough for pieces of an eighth of a period
+SERIES_TERMS = 16  # terms of power series in s = λh; enough for pieces of an eighth of a period
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
-LANES = 512  # number of lanes, that is, of oscillators that are computed together
+# A group of oscillators has pieces for its shortest period. If these are more than `MORE_PIECES` times the
+# pieces of the load, periods in the group differ by at most a factor of two.
+MORE_PIECES = 1.2
+LANES = 256  # largest number of oscillators in a group, and a power of 4 times `FEW_LANES`
+FEW_LANES = 16  # groups are padded to this number times a power of 4
+ROWS = 8  # number of pieces in a block; only states at the starts of blocks are stored
+BLOCKS = 32  # number of blocks that the compiled program solves in one call
+PAIRS = 20_000  # largest number of pairs of a block and an oscillator that are searched together
 NEWTON_STEPS = 5  # iterations for a turning point, starting within a quarter of a piece
 TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first peak is returned
 
@@ -47,9 +62,13 @@ class Load(NamedTuple):
         """End of the last piece [s]."""
         return float(self.start[-1] + self.length[-1])
 
+    def counts(self, longest: float) -> np.ndarray:
+        """Return into how many parts of at most `longest` [s] each piece must be divided, shape (n,)."""
+        return np.maximum(np.ceil(self.length / longest * (1 - 1e-12)), 1).astype(int)
+
     def divided(self, longest: float) -> Self:
         """Return the same acceleration in pieces of at most `longest` [s]."""
-        counts = np.maximum(np.ceil(self.length / longest * (1 - 1e-12)), 1).astype(int)
+        counts = self.counts(longest)
         if counts.max() == 1:
             return self
         parent = np.repeat(np.arange(counts.size), counts)  # index of the old piece that contains a new piece
@@ -105,9 +124,10 @@ def largest(
     groups: list[Peaks] = []
     start = 0
     while start < order.size:
+        shortest = float(period[order[start]])
+        count = int(load.counts(shortest / PIECES_PER_PERIOD).sum())
         group = order[start : start + LANES]
-        shortest = float(period[group[0]])
-        if load.length.max() > shortest / PIECES_PER_PERIOD:
+        if count > MORE_PIECES * load.length.size:
             group = group[period[group] <= 2 * shortest]
         loads = [y.divided(shortest / PIECES_PER_PERIOD) for y in (load, *slopes)]
         groups.append(_largest(loads[0], loads[1:], period[group], damping[group], rests))
@@ -153,118 +173,158 @@ def _oscillators(period: np.ndarray, damping: np.ndarray) -> _Oscillators:
     return _Oscillators(omega, damping, omega * (-damping + 1j * np.sqrt(1 - damping**2)))
 
 
-def _series(terms: np.ndarray) -> np.ndarray:
-    """Return coefficients d_j with Σ c_k k! φ_{k+1}(s) = Σ d_j s^j, (L7), for j < `SERIES_TERMS`.
+def _series(length: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """Return the coefficients of powers of λ in e^(λh) and in −h Σ c_k k! φ_{k+1}(λh), (L7), up to the power
+    `SERIES_TERMS` − 1.
 
-    - `terms`: coefficients c_k of n accelerations, shape (n, m+1); the result has shape (n, `SERIES_TERMS`)
+    - `length`, `terms`: lengths h and coefficients c_k of n pieces, shapes (n,) and (n, m+1); the result has
+      shape (2, n, `SERIES_TERMS`)
     """
     factorials = [math.factorial(k) for k in range(terms.shape[1] + SERIES_TERMS)]
     weights = [
         [factorials[k] / factorials[j + k + 1] for j in range(SERIES_TERMS)] for k in range(terms.shape[1])
     ]
-    return terms @ np.array(weights)
+    powers = polynomial.polyvander(length, SERIES_TERMS - 1)
+    return powers * np.stack([EXPONENTIAL + 0 * powers, -length[:, None] * (terms @ np.array(weights))])
 
 
 class _States(NamedTuple):
-    """States z of N oscillators.
+    """States z of N oscillators, and sizes of their responses.
 
-    - `starts`: z at the starts of the n pieces, after velocity jumps, and at the end; shape (n+1, N)
-    - `kicks`: indices of the pieces that start with a velocity jump
-    - `before`: z just before these jumps, shape (number of jumps, N)
+    - `starts`: z at the start of each block of `ROWS` pieces, before a velocity jump, shape (blocks, N)
+    - `end`: z at the end of the last piece, shape (N,)
+    - `sizes`: largest |q| of each response at the ends of the pieces of a block, before and after velocity
+      jumps, shape (responses, blocks, N)
     """
 
     starts: np.ndarray
-    kicks: np.ndarray
-    before: np.ndarray
-
-    def at_end(self, piece: np.ndarray, lane: np.ndarray) -> np.ndarray:
-        """Return z of lanes at the end of pieces, before the velocity jump that may follow."""
-        index = np.searchsorted(self.kicks, piece + 1)
-        is_kick = np.isin(piece + 1, self.kicks)
-        before = self.before[np.where(is_kick, index, 0), lane] if self.kicks.size else 0.0
-        return np.where(is_kick, before, self.starts[piece + 1, lane])
+    end: np.ndarray
+    sizes: np.ndarray
 
 
-def _states(load: Load, pole: np.ndarray) -> _States:
-    """Return the states of oscillators that start from rest. In the series of (L7), s^j = (λh)^j is the
-    product of a power of λ h_max, the same for all pieces, and a power of h/h_max, the same for all
-    oscillators."""
-    longest, degrees = load.length.max(), np.arange(SERIES_TERMS)
-    powers = ((pole * longest) ** degrees[:, None]).view(float)  # real and imaginary parts
-    ratio = np.round(load.length / longest, 13)
-    starts = np.zeros((ratio.size + 1, pole.size), complex)
-    forced = -load.length[:, None] * ratio[:, None] ** degrees * _series(load.terms)
-    np.matmul(forced, powers, out=starts[1:].view(float))
-    ratios, length_index = np.unique(ratio, return_inverse=True)
-    decay = (ratios[:, None] ** degrees * EXPONENTIAL @ powers).view(complex)
-    kicks = np.flatnonzero((load.kick != 0) | (load.shift != 0))
-    jumps = dict(zip(kicks.tolist(), load.kick[kicks, None] - pole * load.shift[kicks, None], strict=True))
-    before, decayed = [], np.empty(pole.size, complex)
-    for k, row in enumerate(length_index.tolist()):
-        if k in jumps:
-            before.append(starts[k].copy())
-            starts[k] -= jumps[k]
-        np.multiply(decay[row], starts[k], out=decayed)
-        starts[k + 1] += decayed
-    return _States(starts, kicks, np.array(before).reshape(kicks.size, pole.size))
+def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _States:
+    """Return the states of oscillators that start from rest, and the sizes of responses with factors c."""
+    count, lanes, rows = pole.size, common_size(pole.size, FEW_LANES, 4), ROWS * BLOCKS
+    parts = lambda y: np.pad(np.stack([np.real(y), np.imag(y)]), [(0, 0), (0, lanes - count)])
+    constants = parts(pole), np.array([parts(y) for y in factors]).reshape(-1, 2, lanes)
+    state: Any = np.zeros((2, lanes))
+    starts, sizes = [], []
+    with precision(x64=True):
+        for first in range(0, load.length.size, rows):
+            padding = max(first + rows - load.length.size, 0)
+            length, terms, kick, shift = (
+                np.pad(y[first : first + rows], [(0, padding)] + [(0, 0)] * (y.ndim - 1))
+                for y in (load.length, load.terms, load.kick, load.shift)
+            )
+            state, *answers = _solve_blocks(state, _series(length, terms), kick, shift, *constants)
+            starts.append(np.asarray(answers[0]))
+            sizes.append(np.asarray(answers[1]))
+    joined = lambda y: y[..., 0, :count] + 1j * y[..., 1, :count]
+    all_sizes = np.concatenate(sizes)[..., :count].swapaxes(0, 1)
+    return _States(joined(np.concatenate(starts)), joined(np.asarray(state)), all_sizes)
 
 
-class _Pairs(NamedTuple):
-    """Pairs of a piece and an oscillator: z at the start of the piece, λ, c and the length of the piece,
-    shape (k,), and the coefficients of the acceleration, shape (k, m+1)."""
+@StoredProgram
+def _solve_blocks(state, series, kick, shift, pole, factors):
+    """Return z after `BLOCKS` blocks of pieces, z at the start of each block, and the sizes of each block.
 
-    z: np.ndarray
-    pole: np.ndarray
-    factor: np.ndarray
-    length: np.ndarray
-    terms: np.ndarray
+    Complex numbers are pairs of real numbers.
 
-    def select(self, indices: np.ndarray) -> Self:
-        return type(self)(*(y[indices] for y in self))
+    - `state`: z of N oscillators at the start, shape (2, N)
+    - `series`: coefficients from `_series`, shape (2, pieces, `SERIES_TERMS`); `kick`, `shift`: jumps at the
+      starts of the pieces, shape (pieces,)
+    - `pole`, `factors`: λ, shape (2, N), and c of each response, shape (responses, 2, N)
+    """
 
-    def state(self, fraction: np.ndarray) -> np.ndarray:
-        """Return z at a fraction τ/h of each piece, in [0, 1]."""
-        s = self.pole * self.length * fraction
-        powers = np.vander(fraction, self.terms.shape[1], increasing=True)
-        forced = (self.length * fraction)[:, None] * _series(self.terms * powers)
-        terms = EXPONENTIAL[:, None] * self.z - forced.T
-        z = terms[-1]
-        for term in terms[-2::-1]:
-            z *= s
-            z += term
-        return z
+    def times(a, b):
+        return jnp.stack([a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]])
 
-    def value_and_rates(self, fraction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return q and its first two derivatives with respect to τ/h, at a fraction τ/h of each piece."""
-        z, degrees = self.state(fraction), np.arange(self.terms.shape[1])
-        powers = np.vander(fraction, degrees.size, increasing=True)
-        a = (self.terms * powers).sum(axis=1)
-        slope = (self.terms[:, 1:] * degrees[1:] * powers[:, :-1]).sum(axis=1) / self.length
-        rate = self.pole * z - a
-        second = self.pole * rate - slope
-        h = self.length
-        return (
-            np.real(self.factor * z),
-            h * np.real(self.factor * rate),
-            h * h * np.real(self.factor * second),
-        )
+    def size(z):
+        return jnp.abs(factors[:, 0] * z[:1] - factors[:, 1] * z[1:])
+
+    powers = [jnp.zeros_like(pole).at[0].set(1.0)]
+    for _ in range(SERIES_TERMS - 1):
+        powers.append(times(powers[-1], pole))
+    decay, forced = jnp.einsum("apj,jcn->apcn", series, jnp.stack(powers))
+
+    def solve_piece(carry, piece):
+        z, largest = carry
+        decay, forced, kick, shift = piece
+        after = (z + shift * pole).at[0].add(-kick)
+        z = times(decay, after) + forced
+        return (z, jnp.maximum(largest, jnp.maximum(size(after), size(z)))), None
+
+    def solve_block(z, pieces):
+        (end, largest), _ = jax.lax.scan(solve_piece, (z, size(z)), pieces)
+        return end, (z, largest)
+
+    blocks = (y.reshape(BLOCKS, ROWS, *y.shape[1:]) for y in (decay, forced, kick, shift))
+    end, (starts, sizes) = jax.lax.scan(solve_block, state, tuple(blocks))
+    return end, starts, sizes
 
 
-def _turning_points(pairs: _Pairs) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of pairs whose response has a turning point, and the fraction τ/h of this point. A
-    quarter of a piece has a turning point if the rate has different signs at its ends."""
+def _taylor(z: np.ndarray, pole: np.ndarray, length: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """Return the coefficients Z_n of z = Σ Z_n (τ/h)^n in pieces, from ż = λz − a; shape (`SERIES_TERMS`, k).
+
+    - `z`, `pole`, `length`: z at the start of each piece, λ, and the length h of the piece, shape (k,)
+    - `terms`: coefficients of the acceleration, shape (k, m+1)
+    """
+    coefficients = np.empty((SERIES_TERMS, z.size), complex)
+    coefficients[0], s = z, pole * length
+    for n in range(SERIES_TERMS - 1):
+        rate = s * coefficients[n]
+        if n < terms.shape[1]:
+            rate -= length * terms[:, n]
+        coefficients[n + 1] = rate / (n + 1)
+    return coefficients
+
+
+def _series_of_block(
+    load: Load, z: np.ndarray, pole: np.ndarray, block: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield the first pieces of blocks, the second pieces, and so on: indices of the blocks that have such a
+    piece, the piece in each, and the coefficients of z in this piece, as returned by `_taylor`.
+
+    - `z`, `pole`, `block`: z at the start of each block, before a velocity jump; λ; and the block; shape (k,)
+    """
+    index, z = np.arange(z.size), z.copy()
+    for row in range(ROWS):
+        index = index[block[index] * ROWS + row < load.length.size]
+        piece, p = block[index] * ROWS + row, pole[index]
+        after = z[index] - load.kick[piece] + p * load.shift[piece]
+        series = _taylor(after, p, load.length[piece], load.terms[piece])
+        z[index] = series.sum(axis=0)
+        yield index, piece, series
+
+
+def _series_in_piece(load: Load, states: _States, pole: np.ndarray, piece: np.ndarray) -> np.ndarray:
+    """Return the coefficients of z in one piece of each oscillator, as returned by `_taylor`."""
+    found = np.empty((SERIES_TERMS, piece.size), complex)
+    block, lanes = piece // ROWS, np.arange(piece.size)
+    for index, reached, series in _series_of_block(load, states.starts[block, lanes], pole, block):
+        is_here = reached == piece[index]
+        found[:, index[is_here]] = series[:, is_here]
+    return found
+
+
+def _turning_points(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices of pieces in which a response has a turning point, and the fraction τ/h of this
+    point. A quarter of a piece has a turning point if the rate has different signs at its ends.
+
+    - `series`: coefficients of powers of τ/h in each piece, shape (`SERIES_TERMS`, k)
+    """
     quarters = np.linspace(0.0, 1.0, 5)
-    tiled = pairs.select(np.tile(np.arange(pairs.length.size), quarters.size))
-    fractions = np.repeat(quarters, pairs.length.size)
-    rates = tiled.value_and_rates(fractions)[1].reshape(quarters.size, -1)
+    rate = polynomial.polyder(series)
+    rates = polynomial.polyvander(quarters, len(rate) - 1) @ rate
     quarter, index = np.nonzero(rates[:-1] * rates[1:] < 0)
-    turning, sign = pairs.select(index), np.sign(rates[quarter, index])
+    rate, sign = rate[:, index], np.sign(rates[quarter, index])
+    second = polynomial.polyder(rate)
     low, high = quarters[quarter], quarters[quarter + 1]
     fraction = low + 0.25 * rates[quarter, index] / (rates[quarter, index] - rates[quarter + 1, index])
     for _ in range(NEWTON_STEPS):
-        _, rate, second = turning.value_and_rates(fraction)
-        low, high = np.where(sign * rate > 0, fraction, low), np.where(sign * rate > 0, high, fraction)
-        step = fraction - rate / np.where(second == 0, np.inf, second)
+        value, slope = (polynomial.polyval(fraction, y, tensor=False) for y in (rate, second))
+        low, high = np.where(sign * value > 0, fraction, low), np.where(sign * value > 0, high, fraction)
+        step = fraction - value / np.where(slope == 0, np.inf, slope)
         fraction = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
     return index, fraction
 
@@ -285,38 +345,42 @@ def _response(factor: np.ndarray, z: np.ndarray) -> np.ndarray:
     return q if not np.real(factor).any() else q + np.real(z) * np.real(factor)
 
 
-def _search(load: Load, oscillators: _Oscillators, factor: np.ndarray, states: _States) -> _Peak:
-    """Return the peaks up to the end of the last piece. Only pieces that may contain a peak are searched."""
-    size = np.abs(_response(factor, states.starts))
-    before = np.abs(_response(factor, states.before))
-    best = np.maximum(size.max(axis=0), before.max(axis=0, initial=0.0))
+def _search(
+    load: Load, oscillators: _Oscillators, factor: np.ndarray, states: _States, sizes: np.ndarray
+) -> _Peak:
+    """Return the peaks of a response up to the end of the last piece. Only pieces that may contain a peak are
+    searched.
+
+    - `load`, `oscillators`, `factor`: the load, N oscillators, and c of the response q = Re(c z)
+    - `states`, `sizes`: states of the oscillators, and largest |q| of blocks of states, shape (blocks, N)
+    """
+    best = sizes.max(axis=0)
     # In a piece with a turning point, |q| is at most h²/8 max|q̈| larger than at the ends, and |q̇| ≤ h max|q̈|.
     # The load alone determines q̈ + 2ζωq̇ + ω²q, so a bound of this sum also bounds max|q̈|.
-    h, omega, sizes = load.length, oscillators.omega, np.abs(load.terms)
-    largest_load = (sizes.sum(axis=1) * h**2).max() * np.abs(np.real(factor * oscillators.pole))
-    steepest = ((sizes @ np.arange(sizes.shape[1])) * h).max() * np.abs(np.real(factor))
+    h, omega, terms = load.length, oscillators.omega, np.abs(load.terms)
+    largest_load = (terms.sum(axis=1) * h**2).max() * np.abs(np.real(factor * oscillators.pole))
+    steepest = ((terms @ np.arange(terms.shape[1])) * h).max() * np.abs(np.real(factor))
     divisor = 8 * np.maximum(1 - 2 * oscillators.zeta * omega * h.max(), 0.2)
     min_size = (best - (largest_load + steepest) / divisor) / (1 + (omega * h.max()) ** 2 / divisor)
-    size[0, :] = np.inf  # the first piece is always searched, and only this piece if all states are zero
-    points, lanes = np.divmod(np.flatnonzero(size >= np.where(best > 0, min_size, np.inf)), omega.size)
-    kick, kick_lanes = np.nonzero(before >= min_size)
-    ends = states.kicks[kick] - 1
-    piece, lane = np.concatenate([points, points - 1, ends]), np.concatenate([lanes, lanes, kick_lanes])
-    is_piece = (piece >= 0) & (piece < h.size)
-    indices = np.unique(piece[is_piece] * omega.size + lane[is_piece])
-    piece, lane = np.unravel_index(indices, (h.size, omega.size))
-    z = states.starts[piece, lane]
-    pairs = _Pairs(z, oscillators.pole[lane], factor[lane], h[piece], load.terms[piece])
-    index, fraction = _turning_points(pairs)
-    inner = pairs.select(index).value_and_rates(fraction)[0]
-    at_ends = _response(factor[lane], states.at_end(piece, lane))
-    return _first_peak(
-        np.concatenate([_response(factor[lane], z), inner, at_ends]),
-        np.concatenate([lane, lane[index], lane]),
-        np.concatenate([piece, piece[index], piece]),
-        np.concatenate([np.zeros(piece.size), fraction, np.ones(piece.size)]),
-        omega.size,
-    )
+    is_searched = sizes >= np.where(best > 0, min_size, np.inf)
+    is_searched[0] = True  # the first block always, and only this block if all states are zero
+    block, lane = np.nonzero(is_searched)
+    found = []
+    for first in range(0, block.size, PAIRS):
+        block_part, lane_part = block[first : first + PAIRS], lane[first : first + PAIRS]
+        z, pole = states.starts[block_part, lane_part], oscillators.pole[lane_part]
+        for index, piece, series in _series_of_block(load, z, pole, block_part):
+            lanes = lane_part[index]
+            q = _response(factor[lanes], series)
+            at_ends = np.stack([q[0], q.sum(axis=0)])
+            near = np.flatnonzero((np.abs(at_ends).max(axis=0) >= min_size[lanes]) | (piece == 0))
+            q, at_ends, lanes, piece = q[:, near], at_ends[:, near], lanes[near], piece[near]
+            turn, fraction = _turning_points(q)
+            inner = polynomial.polyval(fraction, q[:, turn], tensor=False)
+            found.append((inner, lanes[turn], piece[turn], fraction))
+            found += [(at_ends[end], lanes, piece, np.full(lanes.size, float(end))) for end in (0, 1)]
+    value, lane, piece, fraction = map(np.concatenate, zip(*found, strict=True))
+    return _first_peak(value, lane, piece, fraction, omega.size)
 
 
 def _first_peak(
@@ -347,12 +411,12 @@ def _largest(load: Load, slopes: list[Load], period: np.ndarray, damping: np.nda
     """Return the largest responses as `largest` does; pieces must be at most an eighth of every period."""
     oscillators = _oscillators(period, damping)
     pole, last = oscillators.pole, load.length.size
-    states = _states(load, pole)
-    slope_states = [_states(slope, pole) for slope in slopes]
+    states = _states(load, pole, oscillators.factors)
+    slope_states = [_states(slope, pole, ()) for slope in slopes]
     values, times, changes = [], [], []
-    end = states.starts[-1]
-    for factor in oscillators.factors:
-        peak = _search(load, oscillators, factor, states)
+    end = states.end
+    for factor, sizes in zip(oscillators.factors, states.sizes, strict=True):
+        peak = _search(load, oscillators, factor, states, sizes)
         if rests:
             value, delay = _next_turn(oscillators, factor, end)
             is_later = np.abs(value) > np.abs(peak.value) * (1 + TIE_TOLERANCE)
@@ -392,14 +456,15 @@ def _slope(
     The derivative of a peak is the derivative of q at a fixed time. For a peak at an end of a piece, it also
     contains the rate of q times the derivative of the time of this end.
     """
-    pole, lanes, last = oscillators.pole, np.arange(factor.size), load.length.size
+    pole, last = oscillators.pole, load.length.size
     is_free, k = peak.piece == last, np.minimum(peak.piece, last - 1)  # in free vibration after the load
     at_start, at_end = ~is_free & (peak.fraction == 0), ~is_free & (peak.fraction == 1)
     fraction = np.where(is_free, 0.0, peak.fraction)
-    pairs = _Pairs(slope_states.starts[k, lanes], pole, factor, load.length[k], slope.terms[k])
-    z = np.where(at_end, slope_states.at_end(k, lanes), pairs.state(fraction))
-    z = np.where(is_free, slope_states.starts[-1] * np.exp(pole * np.where(is_free, peak.fraction, 0.0)), z)
-    state = np.where(at_end, states.at_end(k, lanes), states.starts[k, lanes])
+    series = _series_in_piece(load, states, pole, k)
+    slope_series = _series_in_piece(slope, slope_states, pole, k)
+    z = polynomial.polyval(fraction, slope_series, tensor=False)
+    z = np.where(is_free, slope_states.end * np.exp(pole * np.where(is_free, peak.fraction, 0.0)), z)
+    state = np.where(at_end, series.sum(axis=0), series[0])
     a = np.where(at_end, load.terms[k].sum(axis=1), load.terms[k, 0])
     start_slope = np.append(slope.start_slope, 0.0)[np.where(at_end, k + 1, k)]
     rate = np.real(factor * (pole * state - a)) * np.where(at_start | at_end, start_slope, 0.0)

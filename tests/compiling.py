@@ -1,4 +1,4 @@
-"""Record which programs JAX compiles."""
+"""What JAX compiles meanwhile."""
 
 import logging
 
@@ -6,8 +6,7 @@ import jax
 
 
 def compiled_by(call, caplog):
-    """Return the names of the programs that a call compiles, as in a new process; stored programs stay
-    available."""
+    """What a call compiles as in a new process, but for kept programs: these stay."""
     jax.clear_caches()
     caplog.clear()
     with jax.log_compiles(), caplog.at_level(logging.WARNING):

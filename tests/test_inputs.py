@@ -1,5 +1,4 @@
-"""Invalid inputs raise a `ValueError` before tracing, which names the argument, the value and the valid
-values."""
+"""Inputs that make no sense: a `ValueError` before tracing that names argument, value and what is right."""
 
 import dataclasses
 import math

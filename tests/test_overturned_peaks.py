@@ -1,4 +1,4 @@
-"""Peaks of overturned scenes cover the time until overturning, and all texts and pictures state this."""
+"""Peaks of scenes that overturned stop at the fall, and everything that shows them says so."""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,4 +1,4 @@
-"""Results state their record, the restitution law and the masses."""
+"""Results name their record, the law of the impact and the masses."""
 
 import hashlib
 import json

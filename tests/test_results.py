@@ -1,4 +1,4 @@
-"""Texts of results state the cause and the remedy."""
+"""Texts of results name the cause and the cure."""
 
 import numpy as np
 import pytest

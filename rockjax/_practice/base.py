@@ -5,7 +5,6 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -77,7 +76,7 @@ class MethodResult:
       methods that compute no rotation
     - `values`: intermediate numbers by name, each a `Quantity`
     - `conservative`: whether the method is on the safe side: `"yes"`, `"no"` or `"depends"`
-    - `reliability`: what is known about the reliability of the method
+    - `verdict_known`: what is known about the reliability of the method
     - `missing`: what was not computed, and why
     - `motions`: names of the motions
     """
@@ -97,17 +96,9 @@ class MethodResult:
     answers: tuple[tuple[float, ...], ...] | None
     values: Mapping[str, Quantity]
     conservative: Literal["yes", "no", "depends"]
-    reliability: str
+    verdict_known: str
     missing: tuple[str, ...]
     motions: tuple[str, ...]
-
-    @property
-    def verdict_known(self) -> str:
-        """Former name of `reliability`."""
-        warnings.warn(
-            "MethodResult.verdict_known is called reliability now", DeprecationWarning, stacklevel=2
-        )
-        return self.reliability
 
     @property
     def governing_demand(self) -> float | None:
@@ -168,7 +159,7 @@ class AbstractMethod(abc.ABC):
     unit: ClassVar[str]
     statistic: ClassVar[Literal["max", "mean"]] = "max"
     conservative: ClassVar[Literal["yes", "no", "depends"]]
-    reliability: ClassVar[str]
+    verdict_known: ClassVar[str]
     missing: ClassVar[tuple[str, ...]] = ()  # what the method never computes, and why
 
     @abc.abstractmethod
@@ -204,7 +195,7 @@ class AbstractMethod(abc.ABC):
 
     def _texts(self) -> dict[str, Any]:
         """Return the fields of `MethodResult` that are class variables of the method."""
-        names = "name title source equation formula quantity unit statistic conservative reliability"
+        names = "name title source equation formula quantity unit statistic conservative verdict_known"
         return {name: getattr(self, name) for name in names.split()}
 
 

@@ -32,7 +32,7 @@ from . import history
 
 MIN_BEAM_WEIGHT = 1e-12  # a smaller weight of the beam, |1 − ΣW_i|, counts as zero
 
-DEGREE = 5  # degree of the polynomials of accelerations
+DEGREE = 7  # degree of the polynomials of accelerations
 MAX_LAST_COEFFICIENT = 1e-8  # limit of the last Chebyshev coefficient divided by the largest acceleration
 MAX_HALVINGS = 12  # largest number of times that a piece is halved
 MOTION_PIECES = 64  # least number of pieces in a ground motion; one step in full contact may cover all of it
@@ -199,18 +199,6 @@ class Pieces(NamedTuple):
         t = self.start[:, None] + self.length[:, None] * POINTS
         return t.ravel(), np.repeat(self.node, POINTS.size)
 
-    @property
-    def samples(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Arguments `t`, `left` and `node` of `bodies`: for all points, then just before each start, then at
-        each start."""
-        (t, node), size = self.points, self.start.size
-        left = np.arange(t.size + 2 * size) - t.size
-        return (
-            np.concatenate([t, self.start, self.start]),
-            (left >= 0) & (left < size),
-            np.concatenate([node, np.full(2 * size, -1)]),
-        )
-
     def select(self, which: np.ndarray) -> Pieces:
         """Return the pieces that `which`, an array of indices or of flags, selects."""
         return Pieces(*(y[which] for y in self))
@@ -220,30 +208,27 @@ class PieceMotions(NamedTuple):
     """Motion of modes and beam in n pieces. The last of the bodies is the vertical motion of the beam.
 
     - `terms`: coefficients of polynomials of absolute accelerations, shape (n, m+1, bodies) [m/s²]
-    - `before`, `after`: velocities relative to the ground just before and at the start of each piece, shape
-      (n, bodies) [m/s]
-    - `jump`: jump of the ground acceleration at the start of each piece, horizontal and vertical, shape (n,
-      2) [m/s²]
+    - `jumps`: velocity jumps at the start of each piece, shape (n, bodies) [m/s]
     """
 
     terms: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    jump: np.ndarray
+    jumps: np.ndarray
 
 
-def motions(sampled: Bodies, pieces: Pieces) -> PieceMotions:
-    """Return the motion of modes and beam in pieces, from their motion at `pieces.samples`."""
-    size = pieces.start.size
-    count = size * POINTS.size
-    values, velocity = sampled.accelerations[:count], sampled.velocities[count:]
-    terms = np.einsum("npb,pk->nkb", values.reshape(size, POINTS.size, -1), TO_TERMS)
-    ground = np.asarray(sampled.ground)[count:]
-    return PieceMotions(terms, velocity[:size], velocity[size:], ground[size:] - ground[:size])
+def terms_of(accelerations: np.ndarray) -> np.ndarray:
+    """Return the coefficients c_k of polynomials from their values at `POINTS`, shape (n, points, bodies)."""
+    return np.einsum("npb,pk->nkb", accelerations, TO_TERMS)
 
 
-def pieces_of(scene: history.Solved, end: float) -> Pieces:
+def around(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the arguments `t`, `left` and `node` of `bodies` for instants just before, and at, the times
+    t."""
+    return np.tile(t, 2), np.repeat([True, False], t.size), np.full(2 * t.size, -1)
+
+
+def pieces_of(scene: history.Solved, end: float) -> tuple[Pieces, PieceMotions]:
     """Divide a scene at its events, nodes and breakpoints into pieces on which polynomials are accurate.
+    Return the pieces and the motion in them.
 
     - `scene`: solved scene; `end`: end of the last piece [s]
     """
@@ -255,25 +240,29 @@ def pieces_of(scene: history.Solved, end: float) -> Pieces:
     start, length = cuts[:-1], np.diff(cuts)
     node = np.searchsorted(times[:count], start, side="right") - 1
     pending = Pieces(start, length, node, np.isin(start, times[np.isfinite(np.asarray(nodes.impact_time))]))
-    accurate, scale = [], 0.0
-    for _ in range(MAX_HALVINGS):
+    parts, scale = [], 0.0
+    for halvings in range(MAX_HALVINGS + 1):
         t, node = pending.points
         motion = evaluate_padded(scene, t, np.zeros(t.size, bool), node)
         values = motion.accelerations.reshape(pending.start.size, POINTS.size, -1)
         scale = np.maximum(scale, np.abs(values).max(axis=(0, 1)))
         last_coefficients = np.abs(np.einsum("npb,p->nb", values, TO_LAST))
-        is_rough = (last_coefficients > MAX_LAST_COEFFICIENT * scale).any(axis=1)
-        accurate.append(pending.select(~is_rough))
+        is_rough = (last_coefficients > MAX_LAST_COEFFICIENT * scale).any(axis=1) & (halvings < MAX_HALVINGS)
+        parts.append((*pending.select(~is_rough), values[~is_rough]))
         if not is_rough.any():
             break
         pending = pending.select(is_rough)
         half, no_impact = 0.5 * pending.length, np.zeros(pending.start.size, bool)
         second = Pieces(pending.start + half, half, pending.node, no_impact)
         pending = Pieces(*map(np.concatenate, zip(pending._replace(length=half), second, strict=True)))
-    else:
-        accurate.append(pending)
-    pieces = Pieces(*map(np.concatenate, zip(*accurate, strict=True)))
-    return pieces.select(np.argsort(pieces.start))
+    *fields, values = map(np.concatenate, zip(*parts, strict=True))
+    order = np.argsort(fields[0])
+    pieces = Pieces(*fields).select(order)
+    jumps, impacts = np.zeros((order.size, values.shape[-1])), pieces.start[pieces.is_impact]
+    if impacts.size:
+        velocities = evaluate_padded(scene, *around(impacts)).velocities
+        jumps[pieces.is_impact] = velocities[impacts.size :] - velocities[: impacts.size]
+    return pieces, PieceMotions(terms_of(values[order]), jumps)
 
 
 def load_of(pieces: Pieces, motion: PieceMotions, weights: np.ndarray) -> Load:
@@ -282,7 +271,7 @@ def load_of(pieces: Pieces, motion: PieceMotions, weights: np.ndarray) -> Load:
     - `pieces`, `motion`: pieces of the scene, and the motion of the bodies in them
     - `weights`: weights of the bodies, shape (bodies,): modes, beam, and vertical motion of the beam
     """
-    of_beam = (motion.after - motion.before)[:, -2:] @ weights[-2:]  # velocities of modes do not jump
+    of_beam = motion.jumps[:, -2:] @ weights[-2:]  # velocities of modes do not jump
     jumps = np.where(pieces.is_impact, of_beam, 0.0)
     zeros = np.zeros(pieces.start.size)
     return Load(pieces.start, pieces.length, motion.terms @ weights, jumps, zeros, zeros)
@@ -396,8 +385,7 @@ class FloorMotion(Module):
         - `direction`: "horizontal" or "vertical"
         - `end`: end of the pieces for a rigid podium that rests for good, as for `last`
         """
-        pieces = pieces_of(self.scene, self.last(end))
-        motion = motions(evaluate_padded(self.scene, *pieces.samples), pieces)
+        pieces, motion = pieces_of(self.scene, self.last(end))
         return load_of(pieces, motion, in_direction(with_beam(np.asarray(self.weights)), direction))
 
     def to_record(self, dt: float, direction: str = "horizontal") -> Record:

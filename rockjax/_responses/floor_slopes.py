@@ -22,7 +22,18 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 from . import history
-from .floor import Bodies, PieceMotions, Pieces, bodies, in_direction, motions, pad, with_beam
+from .floor import (
+    POINTS,
+    Bodies,
+    PieceMotions,
+    Pieces,
+    around,
+    bodies,
+    in_direction,
+    pad,
+    terms_of,
+    with_beam,
+)
 from .sensitivities import with_unit_factors
 
 
@@ -105,11 +116,14 @@ class Slopes(NamedTuple):
 
     - `motions`: derivatives of the motion of modes and beam at fixed times
     - `times`: derivatives of the starts of the pieces [s]
+    - `ground`: these derivatives times the jumps of the ground acceleration at the starts, horizontal and
+      vertical, shape (n, 2)
     - `weights`: derivatives of the weights of the modes, by level
     """
 
     motions: PieceMotions
     times: np.ndarray
+    ground: np.ndarray
     weights: dict[str, np.ndarray]
 
 
@@ -129,10 +143,11 @@ def motions_with_slopes(
     - `levels`: levels of `solution.weights`, which become the keys of `Slopes.weights`
     """
     node_slopes, breaks, start, weights = jax.tree.map(np.asarray, solution.slopes)
-    samples, count = pieces.samples, pieces.samples[0].size
+    (t, node), starts = pieces.points, around(pieces.start)
+    samples = tuple(map(np.concatenate, zip((t, np.zeros(t.size, bool), node), starts, strict=True)))
     sampled, slopes = bodies_with_slopes(scene, node_slopes, *pad(*samples), names=names)
-    sampled = jax.tree.map(lambda y: np.asarray(y)[:count], sampled)
-    slopes = jax.tree.map(lambda y: np.asarray(y)[:, :count], slopes)
+    sampled = jax.tree.map(lambda y: np.asarray(y)[: samples[0].size], sampled)
+    ground = sampled.ground[t.size :].reshape(2, -1, 2)
     time_slopes = np.zeros((len(names), pieces.start.size))
     breakpoints = np.asarray(solution.breakpoints)
     is_finite = np.isfinite(breakpoints)
@@ -150,13 +165,24 @@ def motions_with_slopes(
         time_slopes[:, index[is_start]] = slope[:, is_start]
     slopes_of_parameters = [
         Slopes(
-            motions(jax.tree.map(lambda y, q=q: y[q], slopes), pieces),
+            _motions(jax.tree.map(lambda y, q=q: np.asarray(y)[q, : samples[0].size], slopes), pieces),
             time_slopes[q],
+            (ground[1] - ground[0]) * time_slopes[q][:, None],
             {level: weight[q] for level, weight in zip(levels, weights, strict=True)},
         )
         for q in range(len(names))
     ]
-    return motions(sampled, pieces), slopes_of_parameters
+    return _motions(sampled, pieces), slopes_of_parameters
+
+
+def _motions(sampled: Bodies, pieces: Pieces) -> PieceMotions:
+    """Return the motion in pieces, or its derivative, from values at the points of the pieces, just before
+    their starts, and at their starts."""
+    size = pieces.start.size
+    count = size * POINTS.size
+    before, after = sampled.velocities[count:].reshape(2, size, -1)
+    accelerations = sampled.accelerations[:count].reshape(size, POINTS.size, -1)
+    return PieceMotions(terms_of(accelerations), after - before)
 
 
 def slope_of_load(
@@ -184,9 +210,9 @@ def slope_of_load(
     if direction == "vertical":
         row_slope = 0 * row_slope
     terms = slope.motions.terms @ row + motion.terms @ row_slope
-    differences = (slope.motions.after - slope.motions.before) @ row
-    of_beam = (motion.after - motion.before)[:, -2:] @ row_slope[-2:]
+    differences = slope.motions.jumps @ row
+    of_beam = motion.jumps[:, -2:] @ row_slope[-2:]
     kick = differences + np.where(pieces.is_impact, of_beam, 0.0)
-    kick -= motion.jump[:, int(direction == "vertical")] * slope.times
+    kick -= slope.ground[:, int(direction == "vertical")]
     kick[0] = -load.terms[0, 0] * slope.times[0]  # oscillators start at rest relative to the floor
     return Load(load.start, load.length, terms, kick, load.kick * slope.times, slope.times)

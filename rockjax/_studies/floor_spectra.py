@@ -25,12 +25,10 @@ from rockjax._responses.datasets import describe_excitation, describe_options, d
 from rockjax._responses.floor import (
     DECK,
     check_direction,
-    evaluate_padded,
     floor_weights,
     in_direction,
     largest_acceleration,
     load_of,
-    motions,
     pieces_of,
     with_beam,
 )
@@ -246,10 +244,8 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
         )
         scene = response.podium.split_rows(), scene[1], jax.tree.map(np.asarray, solution.nodes), *scene[3:]
     end = deck.last(t_end)
-    pieces = pieces_of(scene, end)
-    if solution is None:
-        motion, slopes = motions(evaluate_padded(scene, *pieces.samples), pieces), []
-    else:
+    (pieces, motion), slopes = pieces_of(scene, end), []
+    if solution is not None:
         motion, slopes = motions_with_slopes(scene, solution, pieces, request.names, list(request.stories))
     ended = Ending(*(np.asarray(y) for y in ending(scene, as_float(end))))
     period, damping = (y.ravel() for y in np.meshgrid(request.periods, request.damping))

@@ -305,10 +305,10 @@ def test_a_start_that_moves_omits_the_first_acceleration(direction, kick):
     """(L8) at the start, where a⁻ = 0: the jump is −a⁺ t'."""
     terms, zeros = np.array([[[2.0, 1.0]], [[3.0, 0.5]]]), np.zeros((2, 2))
     pieces = Pieces(np.array([0.0, 1.0]), np.ones(2), np.zeros(2, int), np.zeros(2, bool))
-    motion, still = (PieceMotions(y, zeros, zeros, zeros) for y in (terms, 0 * terms))
+    motion, still = (PieceMotions(y, zeros) for y in (terms, 0 * terms))
     none = np.zeros(0)  # modes
     load = load_of(pieces, motion, in_direction(with_beam(none), direction))
-    slope = Slopes(still, np.array([0.3, 0.0]), {})
+    slope = Slopes(still, np.array([0.3, 0.0]), zeros, {})
     found = slope_of_load(load, pieces, motion, slope, none, none, direction)
     np.testing.assert_allclose(found.kick, [kick, 0.0], rtol=1e-15)
 
