@@ -85,7 +85,7 @@ def windows() -> None:
 
 
 def charts() -> None:
-    """The slimmest safe column over the period of the pulse, and the least safe γ."""
+    """The slimmest safe column over the period of the pulse, and the smallest safe γ."""
     figure = plt.figure(figsize=(10, 4), layout="constrained")
     axes = figure.subplots(1, 2)
     T_p = np.linspace(0.3, 2.0, 120)

@@ -13,7 +13,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from optimise._problem import problem_schema
-from rockjax._parameters import table
+from rockjax._parameters import registry
 from rockjax._units import displayed
 
 ROOT = Path(__file__).parent.parent
@@ -32,11 +32,11 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 def parameters_table() -> str:
     """The parameters of structures, their dimensions and ground motions, as the package knows them."""
     lines = ["| name | symbol | unit | range | meaning |", "|---|---|---|---|---|"]
-    of_structure = table.STRUCTURE | table.DIMENSIONS
+    of_structure = registry.STRUCTURE | registry.DIMENSIONS
     for name, y in [
         *of_structure.items(),
-        *(pair for pair in table.MOTION.items() if pair[0] not in of_structure),
-        *table.INITIAL.items(),
+        *(pair for pair in registry.MOTION.items() if pair[0] not in of_structure),
+        *registry.INITIAL.items(),
     ]:
         lines.append(f"| `{name}` | {y.symbol} | {displayed(y.unit)} | {y.range.words} | {y.meaning} |")
     return "\n".join(lines)

@@ -55,7 +55,7 @@ least = rj.minimum_overturning(spectrum)
 print(least.sel(frequency_ratio=3, method="nearest").item(), "± a step of", round(11 / (n - 1), 3))
 
 # %% [markdown]
-# ## The margin
+# ## The overturning margin
 #
 # Towards the boundary the peak rotation rises to 1 ever more steeply, and beyond the boundary it is 1. The
 # overturning margin passes through zero with a finite slope. The margin is the energy that is missing for
@@ -153,4 +153,4 @@ for rtol in (1e-3, 1e-5, 1e-8):
 # - [`04_column_sizing`](04_column_sizing.py): from boundaries to dimensions
 # - [`05_records_and_fragility`](05_records_and_fragility.py): records instead of pulses
 # - [`06_speed_and_accuracy`](06_speed_and_accuracy.py): run time and accuracy
-# - [Overturning](../docs/overturning.md): the margin, the search, and its limits
+# - [Overturning](../docs/overturning.md): the overturning margin, the search, and its limits

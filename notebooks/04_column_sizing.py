@@ -111,8 +111,8 @@ print(f"width {wide:.4f} m; α = {answer.podium.alpha:.4f} rad")
 # %% [markdown]
 # ## A chart
 #
-# The chart shows the least safe width for a Ricker pulse of given amplitude against the period of the pulse.
-# Columns with widths above the line survive. Dots are further boundaries below the line.
+# The chart shows the smallest safe width for a Ricker pulse of given amplitude against the period of the
+# pulse. Columns with widths above the line survive. Dots are further boundaries below the line.
 
 # %%
 periods = np.linspace(0.6, 1.4, 3 if REDUCED else 25)

@@ -23,7 +23,7 @@ from rockjax.internal import (
 )
 
 from ._fresh import FreshSamples
-from ._suite import Margins, Suite
+from ._suite import Suite, Values
 from ._targets import AbstractScaleTarget, Name, check_limit
 
 
@@ -127,7 +127,7 @@ class AnnualFrequency(AbstractScaleTarget):
         exceedance_rate = jax.lax.stop_gradient(self.hazard(self.max_scale))
         return jnp.where(is_fitted, rj.annual_frequency(curve, self.hazard).frequency, exceedance_rate)
 
-    def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
+    def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
         return jnp.log(self.at_most / self._frequency(scales))[None]
 
     def describe(self) -> str:

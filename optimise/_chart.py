@@ -12,7 +12,7 @@ from rockjax._boundaries.boundary import BOUNDARY
 from rockjax._boundaries.crossings import scan
 from rockjax._checks import require
 from rockjax._motions.convert import as_pulse
-from rockjax._parameters.table import variable_attributes
+from rockjax._parameters.registry import variable_attributes
 from rockjax._responses.datasets import describe_options
 from rockjax.internal import as_float, format_value, require_instance, require_whole
 

@@ -72,7 +72,7 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
             worst_motions.append((worst.min(), target.suite.motion(int(np.argmin(worst)))))
     if worst_motions:
         return min(worst_motions, key=lambda pair: pair[0])[1]
-    return motions[int(np.nanargmin(Suite.of(motions).margins(design.podium, problem.options)))]
+    return motions[int(np.nanargmin(Suite.of(motions).overturning_margins(design.podium, problem.options)))]
 
 
 def joint_peaks(problem: Problem, design: Design) -> Any:

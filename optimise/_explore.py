@@ -20,7 +20,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
 from rockjax._options import PEAKS
-from rockjax._parameters.table import STRUCTURE, motion_parameter
+from rockjax._parameters.registry import STRUCTURE, motion_parameter
 from rockjax._responses.peak import AbstractPeak
 from rockjax._units import MM_PER_M
 from rockjax.internal import (

@@ -23,10 +23,10 @@ from rockjax._risk.rocking import limit_state
 from rockjax._risk.structure import parse_limit
 from rockjax.internal import concrete, require_instance, require_number, require_whole
 
-from ._suite import Margins
+from ._suite import Values
 from ._targets import AbstractTarget, Name, check_limit
 
-SAFETY_FACTOR = 1.645  # safety margin in standard errors of ln P; covers 95 % of independent samples
+SAFETY_FACTOR = 1.645  # allowance in standard errors of ln P; covers 95 % of independent samples
 MAX_SCENES = 10_000_000  # largest number of scenes of an independent sample
 SAME_STRUCTURE = 1e-3  # largest relative difference of parameters with which an independent sample is reused
 
@@ -43,7 +43,7 @@ class FailureProbability(AbstractTarget):
     The margin is ln k. If the standard normal variables u of the motion are multiplied by k, the probability
     equals `at_most`; without a pulse, this multiplies the motions by k. During the search k comes from rays
     through failing samples of the first structure, with derivatives by the implicit function theorem. All
-    structures use the same rays, and a safety margin covers the scatter between two samples. A design is
+    structures use the same rays, and an allowance covers the scatter between two samples. A design is
     verified by subset simulation with another seed; this independent sample gives the margin and is stored
     in `Design.probabilities`. If the sample has not converged in 10 million scenes, the margin is NaN and
     the design is not satisfied, with the result `unverified`.
@@ -86,7 +86,7 @@ class FailureProbability(AbstractTarget):
             podium, self.motion, limit=self.limit, cov=self.cov, seed=seed, max_scenes=MAX_SCENES
         )
 
-    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         """Return the margin of a structure (1,) from rays sampled for this structure; outside jit."""
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
@@ -122,7 +122,7 @@ class RayTarget:
     """A target with rays, which are sampled at the first structure of a search; outside jit.
 
     - `scenes`: number of scenes simulated so far; `samples`: independent samples taken so far
-    - `is_verifying`: whether a design is being verified; margins then have no safety margin
+    - `is_verifying`: whether a design is being verified; margins then have no allowance
     """
 
     def __init__(self, target: FailureProbability, podium: rj.Podium):

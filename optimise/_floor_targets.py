@@ -13,7 +13,7 @@ import rockjax as rj
 from rockjax.internal import format_value
 
 from ._peak_targets import limited_by_overturning
-from ._suite import Margins, Suite
+from ._suite import Suite, Values
 from ._targets import AbstractTarget, Name, check_limit
 
 
@@ -25,14 +25,14 @@ class AbstractFloorTarget(AbstractTarget):
     suite: eqx.AbstractVar[Suite]
     systems: eqx.AbstractVar[tuple[Any, ...]]
 
-    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         options = options.replace(outputs=("margin",), throw=False)
         solve = lambda motion: rj.peak_response(podium, motion, options=options, on_floors=self.systems)
         peaks = self.suite.map_motions(solve)
         values = jnp.concatenate([self.limited_value(answer) for answer in peaks.on_floors])
         return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
-    def limited_value(self, answer: Any) -> Margins:
+    def limited_value(self, answer: Any) -> Values:
         """Return the quantity that `limit` bounds, from the responses of one secondary system (k,)."""
         raise NotImplementedError
 
@@ -80,7 +80,7 @@ class ContentsRotation(AbstractFloorTarget):
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
         self.systems = _as_tuple(owner, "contents", rj.Contents, contents)
 
-    def limited_value(self, answer: rj.ContentsAnswer) -> Margins:
+    def limited_value(self, answer: rj.ContentsAnswer) -> Values:
         return jnp.where(answer.overturned, 1 - answer.margin, answer.peak_rotation)
 
     def describe(self) -> str:
@@ -108,7 +108,7 @@ class FloorSpectrum(AbstractFloorTarget):
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
         self.systems = _as_tuple(owner, "oscillators", rj.Oscillator, oscillators)
 
-    def limited_value(self, answer: rj.OscillatorAnswer) -> Margins:
+    def limited_value(self, answer: rj.OscillatorAnswer) -> Values:
         return answer.pseudo_acceleration
 
     def describe(self) -> str:

@@ -16,7 +16,7 @@ from rockjax.internal import Module, require_instance
 
 from ._annual import AnnualFrequency
 from ._peak_targets import limited_output, output_title, output_values, overturning_depths, with_margin
-from ._suite import Margins, Suite
+from ._suite import Suite, Values
 from ._targets import AbstractResponses, check_limit, severity
 
 
@@ -27,7 +27,7 @@ class AbstractObjective(Module):
     """
 
     @abc.abstractmethod
-    def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def values(self, podium: rj.Podium, options: rj.Options) -> Values:
         """Return the values (k,) of a podium; traceable and differentiable.
 
         - `podium`: the structure; `options`: options of the simulations
@@ -55,7 +55,7 @@ class AbstractWorst(AbstractObjective, AbstractResponses):
     def __init__(self, excitations):
         self.suite = Suite.of(excitations, type(self).__name__)
 
-    def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def values(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.read(self.suite.responses(podium, options, self.outputs), options)
 
     @property
@@ -74,7 +74,7 @@ class WorstRotation(AbstractWorst):
     def __init__(self, excitations):
         super().__init__(excitations)
 
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         return severity(peaks, options)
 
     def describe(self) -> str:
@@ -109,7 +109,7 @@ class WorstPeak(AbstractWorst):
     def outputs(self) -> tuple[str | AbstractOutput, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         return with_margin(self.output)
 
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         values = output_values(self, self.output, peaks)
         overturned, depth = overturning_depths(peaks, len(values))
         return jnp.where(overturned, (1 + depth) * values, values)
@@ -161,7 +161,7 @@ class OfPodium(AbstractObjective):
 
     function: Callable[[rj.Podium], Any] = eqx.field(static=True)
 
-    def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def values(self, podium: rj.Podium, options: rj.Options) -> Values:
         value = jnp.asarray(self.function(podium), float)
         if value.ndim > 1:
             raise ValueError(
@@ -197,7 +197,7 @@ class ExpectedLoss(AbstractObjective):
         require_instance(owner, "risk", risk, AnnualFrequency, "an optimise.AnnualFrequency")
         self.cost, self.loss, self.risk = OfPodium(function), float(loss), risk
 
-    def values(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def values(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.cost.values(podium, options) + self.loss * self.risk.frequency(podium, options)
 
     def while_searching(self) -> Self:

@@ -16,7 +16,7 @@ from rockjax._outputs.registry import REGISTRY, name_if_registered
 from rockjax._units import displayed_or_empty
 from rockjax.internal import concrete
 
-from ._suite import Margins, Suite
+from ._suite import Suite, Values
 from ._targets import AbstractResponses, AbstractResponseTarget, Name, check_limit, severity
 
 
@@ -39,7 +39,7 @@ class PeakRotation(AbstractResponseTarget):
         check_limit("PeakRotation", "limit", limit, below=1)
         self.limit, self.suite, self.name = float(limit), Suite.of(excitations, type(self).__name__), name
 
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         return (self.limit - severity(peaks, options)) / self.limit
 
     def describe(self) -> str:
@@ -78,7 +78,7 @@ class PeakLimit(AbstractResponseTarget):
     def outputs(self) -> tuple[str | AbstractOutput, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         return with_margin(self.output)
 
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         margins = (self.limit - output_values(self, self.output, peaks)) / self.limit
         return limited_by_overturning(margins, peaks)
 
@@ -126,7 +126,7 @@ def output_values(reader: AbstractResponses, output: AbstractOutput, peaks: rj.P
     return values.ravel()
 
 
-def limited_by_overturning(margins: Margins, peaks: rj.Peak) -> Margins:
+def limited_by_overturning(margins: Values, peaks: rj.Peak) -> Values:
     """Return margins (k,), limited to the overturning margin where the columns overturn."""
     overturned, depth = overturning_depths(peaks, len(margins))
     return jnp.where(overturned, jnp.minimum(margins, -depth), margins)
@@ -245,7 +245,7 @@ class LeastAxialForce(AbstractResponseTarget):
         self.at_least, self.name = float(at_least), name
         self.suite = Suite.of(excitations, "LeastAxialForce")
 
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         unloading = output_values(self, Unloading(), peaks)
         return limited_by_overturning(1 - self.at_least - unloading, peaks)
 

@@ -2,7 +2,7 @@
 
 A start ends at the mean of the second half of its gradient steps (Polyak–Ruppert averaging). Small batches
 bias this mean. An independent sample at the mean measures the bias. If the mean violates a target, the bias
-and a safety margin for the scatter between two samples are added to the margins aimed at, and a shorter
+and an allowance for the scatter between two samples are added to the margins aimed at, and a shorter
 search continues from the mean. A new independent sample follows each search.
 """
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 MAX_ITERATIONS = 300
 MAX_CORRECTIONS = 3  # further searches after the first
 STEPS_DIVISOR = 4  # a further search has max_iterations/STEPS_DIVISOR steps
-SAFETY_FACTOR = 1.645 * np.sqrt(2)  # safety margin in standard errors; covers 95 % of further samples
+SAFETY_FACTOR = 1.645 * np.sqrt(2)  # allowance in standard errors; covers 95 % of further samples
 EXACT_PENALTY = 1e4  # penalty of violations in the computation of multipliers
 
 
@@ -131,7 +131,7 @@ class FreshSearch:
         """Correct the margins aimed at, using the independent sample; return which starts continue (s,).
 
         Violated margins are corrected. After the first search, margins of active targets that exceed twice
-        the safety margin are corrected as well.
+        the allowance are corrected as well.
         """
         continuing, steps = np.zeros(len(self.x), bool), self.steps
         for k, evaluation in enumerate(self.evaluations):

@@ -18,7 +18,7 @@ from rockjax.internal import AnyMotions, Module, array_module, single_motions
 
 from ._fresh import FreshSamples
 
-Margins = Float[Array, " k"]
+Values = Float[Array, " k"]
 
 
 class Suite(Module):
@@ -136,7 +136,7 @@ class Suite(Module):
         order = list(self.order)
         return {name: np.concatenate([np.asarray(getattr(y, name)) for y in peaks])[order] for name in names}
 
-    def margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
+    def overturning_margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
         """Return the overturning margins under all motions (k,), on all cores; outside jit and grad."""
         return self.peaks(podium, options, ("margin",), ("margin",))["margin"]
 

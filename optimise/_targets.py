@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 import rockjax as rj
 from rockjax.internal import DEFAULT_WIDTH, Module, concrete, fit_capacities
 
-from ._suite import Margins, Suite
+from ._suite import Suite, Values
 
 Name = str | None
 SearchedTarget = TypeVar("SearchedTarget", bound="AbstractTarget")
@@ -32,7 +32,7 @@ class AbstractTarget(Module):
     name: eqx.AbstractVar[Name]
 
     @abc.abstractmethod
-    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         """Return the margins (k,) at a podium, ≥ 0 where the target holds [–]; traceable, differentiable."""
 
     @abc.abstractmethod
@@ -58,7 +58,7 @@ class AbstractResponses(Module):
     until_overturning: ClassVar[bool] = False  # whether peaks cover only the time until overturning
 
     @abc.abstractmethod
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         """Return the margins of a target, or the values of an objective, (k,), from responses with
         `outputs`."""
 
@@ -66,7 +66,7 @@ class AbstractResponses(Module):
 class AbstractResponseTarget(AbstractTarget, AbstractResponses):
     """A target on peak responses to a suite."""
 
-    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.read(self.suite.responses(podium, options, self.outputs), options)
 
     @property
@@ -74,7 +74,7 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
         return len(self.suite)
 
 
-def severity(peaks: rj.Peak, options: rj.Options) -> Margins:
+def severity(peaks: rj.Peak, options: rj.Options) -> Values:
     """Return max|θ|/α; where the columns overturn, overturn_ratio − M with the overturning margin M < 0,
     which increases with the speed of the fall [–]."""
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
@@ -105,7 +105,7 @@ class NoOverturning(AbstractResponseTarget):
     def __init__(self, excitations, name: Name = None):
         self.suite, self.name = Suite.of(excitations, type(self).__name__), name
 
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         return peaks.margin
 
     def describe(self) -> str:
@@ -161,7 +161,7 @@ class OverturningAcceleration(AbstractTarget):
         self.T_p = jnp.atleast_1d(jnp.asarray(T_p, float)).ravel()
         self.max_acceleration_ratio, self.width = float(max_acceleration_ratio), float(width)
 
-    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         g_tan_alpha = podium.g * jnp.tan(podium.alpha)
 
         def least_amplitude(T_p):
@@ -216,10 +216,10 @@ class AbstractScaleTarget(AbstractTarget):
     accepts_fresh_samples: ClassVar[bool] = False
 
     @abc.abstractmethod
-    def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
+    def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
         """Return the margins from overturning scales (k,), which are inf where they exceed `max_scale`."""
 
-    def margins(self, podium: rj.Podium, options: rj.Options) -> Margins:
+    def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.margins_of_scales(self.least_scales(podium, options))
 
     def while_searching(self) -> Self:
@@ -278,7 +278,7 @@ class OverturningScale(AbstractScaleTarget):
         self.width = float(width)
         self.suite, self.name = Suite.of(excitations, type(self).__name__), name
 
-    def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
+    def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
         return jnp.where(scales < jnp.inf, scales, self.max_scale) / self.at_least - 1
 
     def describe(self) -> str:
@@ -312,7 +312,7 @@ class MedianCapacity(AbstractScaleTarget):
         if len(self.suite) < 2:
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
 
-    def margins_of_scales(self, scales: Float[Array, " k"]) -> Margins:
+    def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
         median = fit_capacities(scales, jnp.full_like(scales, self.max_scale)).median
         return (jnp.where(jnp.isnan(median), self.max_scale, median) / self.at_least - 1)[None]
 
@@ -345,22 +345,22 @@ class OverturningProbability(AbstractResponseTarget):
         self.at_most, self.smoothing, self.name = float(at_most), float(smoothing), name
         self.suite = Suite.of(suite, type(self).__name__, "suite").scaled(float(intensity))
 
-    def read(self, peaks: rj.Peak, options: rj.Options) -> Margins:
+    def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]
 
     def smoothed(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
         """Return P = mean Φ(−M/h) at a podium [–]; outside jit."""
-        return float(jnp.mean(norm.cdf(-self.suite.margins(podium, options) / self.smoothing)))
+        return float(jnp.mean(norm.cdf(-self.suite.overturning_margins(podium, options) / self.smoothing)))
 
     def exact(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
         """Return the fraction of the suite that overturns a podium [–]; outside jit."""
-        return float(np.mean(self.suite.margins(podium, options) < 0))
+        return float(np.mean(self.suite.overturning_margins(podium, options) < 0))
 
     def describe(self) -> str:
         return f"overturning probability ≤ {self.at_most:g} (h = {self.smoothing:g})"
 
 
-def _smoothed_quantile(values: Margins, share, width) -> Float[Array, ""]:
+def _smoothed_quantile(values: Values, share, width) -> Float[Array, ""]:
     """Solve mean Φ((m − values)/width) = share for m; differentiable by the implicit function theorem."""
     constant = jax.lax.stop_gradient(values)
 

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 import rockjax as rj
 from rockjax._parameters import variants
-from rockjax._parameters.table import ROWS_OF_DIMENSIONS, Parameter, find_clash, numbered_parameter
+from rockjax._parameters.registry import ROWS_OF_DIMENSIONS, Parameter, find_clash, numbered_parameter
 from rockjax._restrainers.damper import as_exponent
 from rockjax._text.cards import card, format_call
 from rockjax._units import STANDARD_GRAVITY

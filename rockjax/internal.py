@@ -12,7 +12,7 @@ from ._checks import (
 )
 from ._lognormal import fit_capacities
 from ._motions.convert import AnyMotion, AnyMotions, as_excitation, single_motions
-from ._parameters.table import DIMENSIONS
+from ._parameters.registry import DIMENSIONS
 from ._parameters.variants import find_parameter, parameters_of, read, with_values
 from ._tree import Module
 from ._units import displayed

@@ -1,4 +1,4 @@
-"""What JAX compiles meanwhile."""
+"""Record which programs JAX compiles."""
 
 import logging
 
@@ -6,7 +6,8 @@ import jax
 
 
 def compiled_by(call, caplog):
-    """What a call compiles as in a new process, but for kept programs: these stay."""
+    """Return the names of the programs that a call compiles, as in a new process; stored programs stay
+    available."""
     jax.clear_caches()
     caplog.clear()
     with jax.log_compiles(), caplog.at_level(logging.WARNING):

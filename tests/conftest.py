@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-# Programs compiled by one worker, and by one module, serve the others.
+# Workers and modules share their compiled programs.
 os.environ["ROCKJAX_CACHE_DIR"] = str(Path(__file__).parent.parent / ".pytest_cache" / "rockjax")
 
 import jax
@@ -20,19 +20,19 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 def pytest_configure(config):
     # Jobs in the background of a shell ignore SIGINT, and so would the processes that tests start and stop.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    # What is traced anew: at least it is not compiled anew.
+    # A program that is traced again need not be compiled again.
     cache = Path(config.rootpath) / ".pytest_cache" / "jax"
     jax.config.update("jax_compilation_cache_dir", str(cache))
-    # Also single operations: another module, or the other worker, asks for the same ones.
+    # This includes single operations, because other modules and workers use the same ones.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """`slow(but=[…])`: the cases whose names match one of these are not.
+    """Select the slow tests: `slow(but=[…])` excepts the cases whose names match one of the list.
 
-    Modules with most slow tests first, whether they run or not: what is left of them takes longest as well,
-    and the workers then end at about the same time (with `--no-loadscope-reorder`).
+    Modules with the most slow tests run first, even if these tests are skipped, because their other tests
+    take the longest too. The workers then end at about the same time (with `--no-loadscope-reorder`).
     """
     without_a_case: dict[tuple[str, str], set[str]] = {}
     for item in items:
@@ -44,7 +44,7 @@ def pytest_collection_modifyitems(config, items):
         without_a_case.setdefault((str(item.path), item.originalname), set(kept)).difference_update(own)
         if own:
             item.own_markers[:] = [m for m in item.own_markers if m.name != "slow"]
-    if not any("::" in argument for argument in config.args):  # all cases are there
+    if not any("::" in argument for argument in config.args):  # no single case was requested
         for (path, test), names in without_a_case.items():
             if names:
                 raise pytest.UsageError(f"{path}: {test}: slow(but={sorted(names)}) is the name of no case")
@@ -58,10 +58,9 @@ def pytest_sessionstart():
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_programs():
-    """Compiled programs hold memory maps, of which a process may have 65530 on Linux: a whole run would need
-    more.
-
-    And open figures of one module would make matplotlib warn in another.
+    """Clear compiled programs and close figures after each module. Programs use memory maps, of which Linux
+    allows 65530 per process; a complete run would need more. Open figures would cause warnings in the next
+    module.
     """
     yield
     forget()
@@ -70,7 +69,8 @@ def _forget_programs():
         sys.modules["matplotlib.pyplot"].close("all")
 
 
-# Where numbers of different types meet only on purpose. (Of the engine, tests/engine/typed.py looks at that.)
+# In these modules, numbers of different types are combined only on purpose. (tests/engine/typed.py checks the
+# engine.)
 STRICT = ("excitations", "motions", "parameters")
 
 

@@ -1,5 +1,5 @@
-"""Blocks and oscillators on floors, independent of the package: the motion of `tests.restrained`, own
-equations of a block and of an oscillator.
+"""Independent solution for blocks and oscillators on floors, with the motion of `tests.restrained` and its
+own equations of a block and of an oscillator.
 
 The floor's acceleration and its jumps come from the states between the events of the podium. Blocks and
 oscillators are integrated with SciPy's DOP853 from event to event.
@@ -42,7 +42,7 @@ class Found:
 
 
 class Stretches:
-    """Watches a scene: its stretches between events, and the velocity jumps of the deck between them."""
+    """Observer of a scene that stores the stretches between events and the velocity jumps of the deck."""
 
     def __init__(self, frame: Frame):
         self.frame, self.stretches, self.jumps = frame, [], {}
@@ -58,7 +58,7 @@ class Stretches:
 
 
 def floor_accelerations(m: _Motion, weights, s, found, clip, t: float) -> tuple[float, float]:
-    """Horizontal and vertical acceleration of a floor with these weights of the modes."""
+    """Return the horizontal and vertical acceleration of the floor with these mode weights."""
     f, y, inside = m.frame, found.sol(t), clip(t)
     rate = (m.rocking if s else m.contact)(inside, y, s)
     psi, theta_dot, theta_ddot = s * f.alpha - y[0], y[1], rate[1]
@@ -72,8 +72,8 @@ def floor_accelerations(m: _Motion, weights, s, found, clip, t: float) -> tuple[
 
 
 def oscillators_on_floors(frame: Frame, periods, zeta: float, end, horizontal, vertical, *, floors, **scene):
-    """Return max|x| of oscillators on each floor, and when the podium overturned. A floor is the pair of the
-    weights of the modes and "horizontal" or "vertical"."""
+    """Return max|x| of oscillators on each floor, and the time at which the podium overturned. A floor is a
+    pair of mode weights and a direction, "horizontal" or "vertical"."""
     watch = Stretches(frame)
     answer = restrained.simulate(frame, end, horizontal, vertical, watch=watch, **scene)
     m, omega = _Motion(frame, horizontal, vertical), 2 * math.pi / np.asarray(periods)
@@ -100,7 +100,8 @@ def oscillators_on_floors(frame: Frame, periods, zeta: float, end, horizontal, v
 
 
 def block_on_floor(frame: Frame, block: Block, end, horizontal, vertical=lambda t: 0.0, *, weights, **scene):
-    """Return what a block does on a floor; arguments of the scene as those of `restrained.simulate`."""
+    """Return the response of a block on a floor; the arguments of the scene are those of
+    `restrained.simulate`."""
     watch = Stretches(frame)
     restrained.simulate(frame, end, horizontal, vertical, watch=watch, **scene)
     m, out, b, g = _Motion(frame, horizontal, vertical), Found(), block, frame.g

@@ -1,5 +1,5 @@
-"""An independent reference for floors: frames with a rigid top, none or one elastic mode, and oscillators on
-the deck or on the top, together as one system of equations, with SciPy's DOP853 and its events."""
+"""Independent reference for floors: frames with a rigid top, no top or one elastic mode, and oscillators on
+the deck or on the top, solved as one system of equations by SciPy's DOP853 with events."""
 
 import math
 

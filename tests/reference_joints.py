@@ -1,8 +1,8 @@
-"""Forces in the joints from free bodies, independent of the package.
+"""Independent computation of joint forces from free bodies.
 
-Columns, beam and floors are separate rigid bodies and point masses, cut free at every joint; their equations
-of motion are a linear system for all joint forces of all columns and θ̈ at once. The motion comes from
-`tests.restrained`. Masses are in units of that of a column.
+Columns, beam and floors are separate rigid bodies and point masses, cut free at every joint. Their equations
+of motion are one linear system for θ̈ and the joint forces of all columns. The motion comes from
+`tests.restrained`. Masses are divided by the mass of a column.
 """
 
 import dataclasses
@@ -30,8 +30,8 @@ class Mass:
 
 @dataclasses.dataclass
 class Device:
-    """A device of each column by its elongation: force, force per elongation, coefficient of the damper, its
-    exponent, and inertance, all over m_c."""
+    """A device of each column: force, stiffness, coefficient and exponent of the damper, and inertance,
+    divided by m_c."""
 
     force: float = 0.0
     stiffness: float = 0.0
@@ -40,14 +40,16 @@ class Device:
     inertance: float = 0.0
 
     def pull(self, length, rate, bend):
-        """Force at an elongation with its rate, where `bend` is the part of its second rate without θ̈."""
+        """Return the force at an elongation with its rate; `bend` is the part of the second rate that does
+        not contain θ̈."""
         damper = self.coefficient * np.abs(rate) ** self.exponent * np.sign(rate)
         return self.force + self.stiffness * length + damper + self.inertance * bend
 
 
 @dataclasses.dataclass
 class Forces:
-    """Forces on the bodies above the joints, axes (times, joints, columns), bottom joint first, over m_c."""
+    """Forces on the bodies above the joints divided by m_c, axes (times, joints, columns), bottom joint
+    first."""
 
     T: np.ndarray
     N: np.ndarray
@@ -59,15 +61,15 @@ class Forces:
 
 @dataclasses.dataclass
 class Structure:
-    """A podium for both, motion and forces.
+    """A podium, for the motion and for the forces.
 
-    - `frame`: all devices as equivalents over both joints and dampers of one exponent, for the motion
+    - `frame`: the podium for the motion, with equivalent devices over both joints and dampers of one exponent
     - `over_both`, `over_one`: devices over both joints, and in the bottom joint
     """
 
     frame: Frame
     masses: tuple[Mass, ...]
-    positions: tuple[float, ...] = ()  # none: the mean column
+    positions: tuple[float, ...] = ()  # empty: forces of the mean column
     over_both: tuple[Device, ...] = ()
     over_one: tuple[Device, ...] = ()
 
@@ -78,16 +80,18 @@ class Structure:
 
     @property
     def weight(self) -> float:
-        """Of everything, per column and over m_c."""
+        """The total weight per column, divided by m_c."""
         return (1 + sum(m.mass for m in self.masses)) * self.frame.g
 
     # ------------------------------------------------------------------------------------------ joint forces
     def forces(self, s: int, y: np.ndarray, h: np.ndarray, v: np.ndarray) -> Forces:
-        """In states y (times, …) as `restrained` has them, under ground accelerations h and v."""
+        """Return the forces in states y (times, …) of `restrained`, under the ground accelerations h and
+        v."""
         return self._rocking(s, y, h, v) if s else self._contact(y, h, v)
 
     def _modes(self, s: int, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Deformations of the modes and accelerations by which their springs pull the beam (times, modes)."""
+        """Return the deformations of the modes, and the accelerations of the beam due to their springs,
+        (times, modes)."""
         f, n = self.frame, len(self.frame.modes)
         w = np.array([2 * math.pi / k[1] for k in f.modes])
         z = np.array([k[2] for k in f.modes])
@@ -104,19 +108,24 @@ class Structure:
         B, H = f.R * math.sin(f.alpha), f.R * math.cos(f.alpha)
         theta, omega = y[:, 0], y[:, 1]
         c, sn, g_v = np.cos(theta), np.sin(theta), f.g + v
-        turned = lambda a, b: (a * c + b * sn, -a * sn + b * c)  # a vector of the column, clockwise by θ
-        centre = turned(-s * B, H)  # from the edge on the ground; the beam's edge is as far beyond
+        turned = lambda a, b: (
+            a * c + b * sn,
+            -a * sn + b * c,
+        )  # a vector of the column, rotated clockwise by θ
+        centre = turned(
+            -s * B, H
+        )  # from the edge on the ground; the edge at the beam is as far from the centre
         by_theta, by_theta2 = turned(H, s * B), tuple(-q for q in centre)
-        # A joint opens by a chord of 2B sin(|θ|/2), across which its devices lie.
+        # The centre of a joint opens by 2B sin(|θ|/2), which is the elongation of its devices.
         along = np.sin(theta / 2), np.cos(theta / 2)
         opening = 2 * B * np.sin(s * theta / 2)
         rate = s * B * np.cos(theta / 2) * omega
         bend, per = (
             -0.5 * B * np.sin(s * theta / 2) * omega**2,
             s * B * np.cos(theta / 2),
-        )  # of its second rate
+        )  # second rate
         both, both_per = np.zeros(times), np.zeros(times)
-        for each in self.over_both:  # they pass both joints
+        for each in self.over_both:  # devices across both joints
             both, both_per = (
                 both + each.pull(2 * opening, 2 * rate, 2 * bend),
                 both_per + each.inertance * 2 * per,
@@ -144,7 +153,7 @@ class Structure:
             system[:, row, angular] = f.lam * f.R**2 + couple(one_per, both_per)
             right[:, row] = -couple(one, both)
             row += 1
-        # Beam and floors: what of their forces goes with θ̈, and the rest.
+        # Beam and floors: the part of their forces that is proportional to θ̈, and the rest.
         beam, beam_per = h + 2 * by_theta2[0] * omega**2, 2 * by_theta[0]
         rise, rise_per = g_v + 2 * by_theta2[1] * omega**2, 2 * by_theta[1]
         d, springs = self._modes(s, y)
@@ -167,7 +176,8 @@ class Structure:
             right[:, row] = n * (known + along[k] * both)
             row += 1
         if n > 1:
-            # Its contacts lie B off the centre lines; moments about the mean of the heads.
+            # The contacts of the beam are at a distance B from the centre lines; moments are about the mean
+            # of the column tops.
             system[:, row, 3 * n : 4 * n] = x - s * B
             system[:, row, angular] = n * (heights[1] - shift[1])
             right[:, row] = n * (shift[0] - heights[0])
@@ -181,7 +191,8 @@ class Structure:
         return Forces(found_T, found_N, found[:, angular], np.full(times, float(s)), V, W)
 
     def _share(self, system: np.ndarray, row: int) -> int:
-        """A rigid beam on equally stiff columns: N above is linear in the place of the column."""
+        """Return the share of each column under a rigid beam on equally stiff columns: N at the top is linear
+        in the position of the column."""
         n = len(self.x)
         if n > 2:
             free = scipy.linalg.null_space(np.stack([np.ones(n), self.x]))
@@ -191,11 +202,13 @@ class Structure:
         return row
 
     def _faces(self, tangent, normal, spin, tops, rise, moment, pulls, side=1.0):
-        """Resultants of faces in contact, one eccentricity at all of them: forces or impulses (times, 4n), ξ.
+        """Return the resultants of faces in contact with a common eccentricity: forces or impulses (times,
+        4n), and ξ.
 
-        - `tangent`, `normal`, `spin`: what force and moment (clockwise) each column takes
-        - `tops`, `rise`, `moment`: what the beam with its floors takes, per column; the moment anticlockwise
-        - `pulls`: of the devices at the bottom and at the top
+        - `tangent`, `normal`, `spin`: resultant force and moment (clockwise) on each column
+        - `tops`, `rise`, `moment`: resultant on the beam with its floors, per column; the moment
+          anticlockwise
+        - `pulls`: forces of the devices at the bottom and at the top
         """
         f, x, times = self.frame, self.x, len(tangent)
         n = len(x)
@@ -251,12 +264,13 @@ class Structure:
 
     # ------------------------------------------------------------------------------------------- impulses
     def impulses(self, s: int, y: np.ndarray, e: float | None = None):
-        """(J_T, J_N), each (joints, columns), and ξ_J at an impact, mode `s` and state `y` before it."""
+        """Return (J_T, J_N), each (joints, columns), and ξ_J at an impact, from the contact mode `s` and the
+        state `y` before it."""
         f, n = self.frame, len(self.x)
         e = max(f.restitution, 0.0) if e is None else e
         B, H = f.R * math.sin(f.alpha), f.R * math.cos(f.alpha)
         before, after = y[1], e * y[1]
-        # Velocities of the centres; the beam's are twice those.
+        # Velocities of the centres of columns; the beam is twice as fast.
         across, up = H * after - H * before, -s * B * after - s * B * before
         y = np.array([y], float)
         y[0, 0] = 0.0
@@ -279,7 +293,7 @@ class Structure:
 
 
 def _joints(found: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """T and N with axes (times, joints, columns)."""
+    """Return T and N with axes (times, joints, columns)."""
     parts = found[:, : 4 * n].reshape(len(found), 2, 2, n)
     return parts[:, :, 0], parts[:, :, 1]
 
@@ -287,9 +301,9 @@ def _joints(found: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
 # -------------------------------------------------------------------------------------- peaks of scenes
 @dataclasses.dataclass
 class Peaks:
-    """Peaks of a scene as the package has them: joints along an axis, worst column."""
+    """Peaks of a scene in the form of the package: joints along an axis, worst column."""
 
-    friction: Any = None  # angles until `finish`
+    friction: Any = None  # angles; `finish` converts them
     least_axial: Any = None
     most_axial: Any = None
     shear: float = 0.0
@@ -301,7 +315,7 @@ class Peaks:
 
 
 class _Watch:
-    """Collects peaks over stretches."""
+    """Observer that collects peaks over the stretches of a scene."""
 
     def __init__(self, structure: Structure, horizontal: Callable, vertical: Callable, per_step: int):
         self.structure, self.h, self.v, self.per_step = structure, horizontal, vertical, per_step
@@ -310,7 +324,8 @@ class _Watch:
         self.of_impacts = np.array([0.0, 0.0, -1.0, -1.0])
 
     def quantities(self, s: int, found, clip, t: np.ndarray) -> np.ndarray:
-        """Angles of both joints, −N and N of both, |V|, along the first axis; the worst column of each."""
+        """Return, along the first axis, the angles, −N and N of both joints and |V|, each of the worst
+        column."""
         inside = np.array([clip(time) for time in t])
         h = np.array([self.h(time) for time in inside])
         v = np.array([self.v(time) for time in inside])
@@ -352,7 +367,7 @@ class _Watch:
 
 
 def _zoom(values: Callable, low: float, high: float) -> tuple[float, float]:
-    """The largest value between two times, and where: two finer grids, then a parabola."""
+    """Return the largest value between two times, and its time, from two finer grids and a parabola."""
     near = found = np.zeros(3)
     k = 1
     for _ in range(2):
@@ -366,7 +381,7 @@ def _zoom(values: Callable, low: float, high: float) -> tuple[float, float]:
 
 
 def peaks(structure: Structure, end, horizontal, vertical=lambda t: 0.0, per_step: int = 6, **scene) -> Peaks:
-    """Peaks of one scene, arguments as those of `restrained.simulate`."""
+    """Return the peaks of one scene; the arguments are those of `restrained.simulate`."""
     watch = _Watch(structure, horizontal, vertical, per_step)
     answer = restrained.simulate(structure.frame, end, horizontal, vertical, watch=watch, **scene)
     best, g = watch.best, structure.frame.g
@@ -382,7 +397,7 @@ def peaks(structure: Structure, end, horizontal, vertical=lambda t: 0.0, per_ste
 
 # -------------------------------------------------------------------------------------- from podiums
 def structure_of(podium: rj.Podium) -> Structure:
-    """The numbers of a podium."""
+    """Return the structure with the parameters of a podium."""
     alpha, R, gamma, lam, g = (float(getattr(podium, name)) for name in ("alpha", "R", "gamma", "lam", "g"))
     p = math.sqrt(0.75 * g / R)
     elevation, top = podium.elevation, podium.superstructure

@@ -1,7 +1,8 @@
-"""Podiums with round column ends, independent of the package: Eqs. (R1)–(R4), SciPy's DOP853 with events.
+"""Independent solution for podiums with round column ends: Eqs. (R1)–(R4), SciPy's DOP853 with events.
 
-Arcs of radius r_c continue both flat faces of a column tangentially at its corners. A column lifts as before,
-then rolls on the ground and under the beam without sliding. Numbers are over N m_c, without restrainers.
+Arcs of radius r_c continue both flat faces of a column tangentially at its corners. A column lifts like one
+with flat ends, then rolls on the ground and under the beam without sliding. Masses are divided by N m_c.
+There are no restrainers.
 """
 
 import dataclasses
@@ -18,9 +19,9 @@ from tests.restrained import G
 
 @dataclasses.dataclass
 class RoundFrame:
-    """Numbers of a podium of flat width 2B and height 2H.
+    """Parameters of a podium whose columns have flat faces of width 2B and the height 2H.
 
-    - `alpha`, `R`, `gamma`, `lam`: those of the flat faces
+    - `alpha`, `R`, `gamma`, `lam`: parameters, with α and R of the flat faces
     - `radius`: r_c [m]
     - `eta`, `T`, `zeta`: of an elastic superstructure
     - `positions`, `beam_height`, `top_height`: x_i, h_b and h above the tops of the columns [m], for forces
@@ -48,39 +49,39 @@ class RoundFrame:
 
     @property
     def overturning(self) -> float:
-        """θ_o of (R3)."""
+        """Overturning angle θ_o, (R3)."""
         return math.atan(self.B / (self.H - self.radius))
 
     @property
     def restitution(self) -> float:
-        """e of (27), which has the top mass move with the beam."""
+        """Velocity factor e, Eq. (27), in which the top mass moves with the beam."""
         carried = self.gamma + self.eta
         return 1 - math.sin(self.alpha) ** 2 * (2 * carried + 0.5) / (0.25 * (1 + self.lam) + carried)
 
     # ------------------------------------------------------------------------------------------ kinematics
     def arms(self, theta, s: int):
-        """L, K of (R1)."""
+        """Return L and K of (R1)."""
         flat = self.H - self.radius
         L = self.radius + s * self.B * np.sin(theta) + flat * np.cos(theta)
         return L, s * self.B * np.cos(theta) - flat * np.sin(theta)
 
     def displacement(self, theta, s: int):
-        """u_b of (R1)."""
+        """Return u_b, (R1)."""
         rolled = self.radius * theta + s * self.B * (1 - np.cos(theta))
         return 2 * (rolled + (self.H - self.radius) * np.sin(theta))
 
     def lift(self, theta, s: int):
-        """v_b of (R1)."""
+        """Return v_b, (R1)."""
         return 2 * (s * self.B * np.sin(theta) - (self.H - self.radius) * (1 - np.cos(theta)))
 
     # -------------------------------------------------------------------------------------------- dynamics
     def spring(self, y, s: int):
-        """ω²(u − u_b) + 2ζω(u̇ − u̇_b) in states (θ, θ̇, u, u̇)."""
+        """Return ω²(u − u_b) + 2ζω(u̇ − u̇_b) in states (θ, θ̇, u, u̇)."""
         w, L = 2 * math.pi / self.T, self.arms(y[0], s)[0]
         return w**2 * (y[2] - self.displacement(y[0], s)) + 2 * self.zeta * w * (y[3] - 2 * L * y[1])
 
     def angular(self, y, s: int, ground):
-        """θ̈ of (R2)."""
+        """Return θ̈, (R2)."""
         theta, omega = y[0], y[1]
         L, K = self.arms(theta, s)
         beam, eta = 1 + 4 * self.gamma, self.eta
@@ -98,14 +99,15 @@ class RoundFrame:
         return np.array([y[1], self.angular(y, s, a), y[3], -a - spring])
 
     def excess(self, t, y, ground: Callable):
-        """|q| above the threshold, Eq. (9), and q."""
+        """Return |q| minus its threshold, Eq. (9), and q."""
         spring = self.spring((0.0, 0.0, y[2], y[3]), 1) if self.eta else 0.0
         half = 1 + 2 * self.gamma
         q = ground(t) - 2 * self.eta / half * spring
         return abs(q) - G * math.tan(self.alpha) * (half + 2 * self.eta) / half, q
 
     def quarter_period(self, theta: float) -> float:
-        """Time from rest at θ > 0 to θ = 0 without a superstructure, by quadrature (x = θ − z²)."""
+        """Return the time from rest at θ > 0 to θ = 0 without a superstructure, by quadrature (x = θ −
+        z²)."""
         weight = (self.gamma + 0.5) * G
 
         def over(z):
@@ -120,7 +122,8 @@ class RoundFrame:
 
     # ---------------------------------------------------------------------------------------------- forces
     def forces(self, y, s: int, ground):
-        """T and N, axes (columns, joints, times), over m_c g: (R4) with (F3), (F6), (F8), (F9)."""
+        """Return T and N divided by m_c g, axes (columns, joints, times): (R4) with (F3), (F6), (F8),
+        (F9)."""
         theta, omega = y[0], y[1]
         L, K = self.arms(theta, s)
         alpha = self.angular(y, s, ground)
@@ -154,8 +157,8 @@ def simulate(
     theta: float = 0.0,
     max_step: float = 0.02,
 ) -> list[Stretch]:
-    """One scene from rest at `theta` until `end`, or until |θ| = θ_o. `ground` is a function of time without
-    jumps; `max_step` is the longest step [s]."""
+    """Solve a scene from rest at `theta` until `end`, or until |θ| = θ_o. `ground` is a function of time
+    without jumps; `max_step` is the longest step [s]."""
     y, t, s = np.array([theta, 0.0, 0.0, 0.0]), start, int(np.sign(theta))
     found: list[Stretch] = []
     while t < end:
@@ -186,7 +189,7 @@ def simulate(
 
 
 def peak_displacement(frame: RoundFrame, stretches: list[Stretch]) -> float:
-    """max|u_b| of a scene, by cubic interpolation between steps [m]."""
+    """Return max|u_b| of a scene, by cubic interpolation between steps [m]."""
     best = 0.0
     for each in stretches:
         if each.side == 0 or each.t.size < 2:
@@ -202,8 +205,8 @@ def peak_displacement(frame: RoundFrame, stretches: list[Stretch]) -> float:
 def joint_extremes(
     frame: RoundFrame, stretches: list[Stretch], ground: Callable
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least N, largest N and largest |T|/N of the bottom and the top joint at the steps of a scene while
-    rocking, of the worst column."""
+    """Return least N, largest N and largest |T|/N of the worst column at the bottom and the top joint, over
+    the steps of a scene in which it rocks."""
     N, ratios = [], []
     for each in stretches:
         if each.side:

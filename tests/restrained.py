@@ -1,9 +1,9 @@
-"""An independent implementation of podiums: the Lagrangian in SI units with virtual work, SciPy's DOP853.
+"""Independent implementation of podiums: the Lagrangian in SI units with virtual work, SciPy's DOP853.
 
-Own right-hand sides, own events, own bookkeeping; nothing of the package but the numbers of a structure. Two
-columns of 700 kg; the devices of each are a tendon (N, N/m), a damper (N(s/m)^ν) and an inerter (kg) over
-both joints. Modes of a superstructure are oscillators beside each other on the beam. Vertical ground
-acceleration is added to gravity where something has weight.
+Equations and events are written separately; only the parameters of a structure come from the package. There
+are two columns of 700 kg. Each has a tendon (N, N/m), a damper (N(s/m)^ν) and an inerter (kg) over both
+joints. Modes of a superstructure are parallel oscillators on the beam. Vertical ground acceleration is added
+to gravity in all weights.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ G = 9.80665
 
 @dataclasses.dataclass
 class Frame:
-    """Numbers of a podium: ratios as in the model, devices as groups."""
+    """Parameters of a podium: the ratios of the model, and dimensionless parameters of devices."""
 
     alpha: float = 0.15
     R: float = 1.5
@@ -36,7 +36,7 @@ class Frame:
     delta: float = 0.0
     nu: float = 1.0
     mu: float = 0.0
-    # Restitution; by default angular momentum with the top masses moving with the beam.
+    # Restitution; by default from the angular momentum, with the top masses moving with the beam.
     e: float | None = None
     g: float = G
 
@@ -59,20 +59,21 @@ class Frame:
 class Answer:
     peak: float = 0.0  # max|θ|/α
     peak_time: float = math.nan
-    deformation: Any = 0.0  # of the first mode
+    deformation: Any = 0.0  # first mode
     shear: Any = 0.0
-    deformations: Any = 0.0  # of all modes
-    drifts: Any = 0.0  # of the stories
+    deformations: Any = 0.0  # all modes
+    drifts: Any = 0.0  # each story
     floors: Any = 0.0  # absolute accelerations
     uplift_time: float = math.nan
     overturn_time: float = math.nan
     impacts: list = dataclasses.field(default_factory=list)
-    damper: float = 0.0  # taken by dampers, over N m_c
+    damper: float = 0.0  # energy dissipated by dampers, divided by N m_c
     time: float = math.nan
 
 
 class _Motion:
-    """Equations of one frame under one ground motion, state (θ, θ̇, u_i, u̇_i, energy taken by dampers)."""
+    """Equations of one frame under one ground motion, with the state (θ, θ̇, u_i, u̇_i, energy dissipated by
+    dampers)."""
 
     def __init__(self, frame: Frame, horizontal: Callable, vertical: Callable):
         f, m = frame, COLUMN
@@ -89,7 +90,8 @@ class _Motion:
         self.half = self.beam + 0.5 * COLUMNS * m
 
     def springs(self, s, y):
-        """Force of each mode on the beam over its own mass, and its deformation."""
+        """Return the force of each mode on the beam divided by the modal mass, and the deformation of the
+        mode."""
         f, n = self.frame, self.n
         psi = s * f.alpha - y[0]
         u_b, v_b = 2 * f.R * (s * math.sin(f.alpha) - math.sin(psi)), 2 * f.R * y[1] * math.cos(psi)
@@ -102,7 +104,7 @@ class _Motion:
         psi = s * f.alpha - theta
         sn, cs, a, weight = math.sin(psi), math.cos(psi), self.h(t), f.g + self.v(t)
         spring, _ = self.springs(s, y)
-        # ℓ = 4R sin α sin(σθ/2), its first two derivatives by θ, and the forces along it
+        # ℓ = 4R sin α sin(σθ/2), its first two derivatives with respect to θ, and the forces of the devices
         length = 4 * f.R * math.sin(f.alpha) * math.sin(0.5 * s * theta)
         by = 2 * s * f.R * math.sin(f.alpha) * math.cos(0.5 * theta)
         by2 = -f.R * math.sin(f.alpha) * math.sin(0.5 * s * theta)
@@ -124,8 +126,8 @@ class _Motion:
         return np.concatenate([[0.0, 0.0], v, -self.h(t) - 2 * self.z * self.w * v - self.w**2 * u, [0.0]])
 
     def spare(self, t, y):
-        """What is left until uplift (≥ 0 stays), and the demand, as accelerations of the beam and half the
-        columns."""
+        """Return the threshold minus the demand (≥ 0 in full contact), and the demand, as accelerations of
+        the beam and half of the columns."""
         n = self.n
         spring = self.w**2 * y[2 : 2 + n] + 2 * self.z * self.w * y[2 + n : 2 + 2 * n]
         q = self.h(t) - float(self.tops @ spring) / self.half
@@ -151,10 +153,11 @@ def simulate(
     rest=1e-12,
     watch: Any = None,
 ) -> Answer:
-    """One scene from `start` to `end`, or until |θ| = `limit` (α).
+    """Solve a scene from `start` to `end`, or until |θ|/α = `limit`.
 
-    `watch.stretch(mode, found, clip)` is called after every stretch between events with SciPy's solution and
-    a function that clips times to its inside, `watch.impact(mode, state)` before every impact.
+    After every stretch between events, `watch.stretch(mode, found, clip)` receives the contact mode, SciPy's
+    solution and a function that clips times to the stretch. `watch.impact(mode, state)` is called before
+    every impact.
     """
     m, f, out = _Motion(frame, horizontal, vertical), frame, Answer()
     y = np.zeros(3 + 2 * m.n)
@@ -171,7 +174,7 @@ def simulate(
             s = -int(np.sign(m.spare(clip(t), y)[1]))
             out.uplift_time = t if math.isnan(out.uplift_time) else out.uplift_time
         if s:
-            # A power law has no slope where the columns turn: begin anew there.
+            # A power law has no slope at zero rate, so the integration restarts where the columns turn.
             events = [
                 _event(lambda time, yy, s=s: s * yy[0], -1),
                 _event(lambda time, yy, s=s: s * yy[0] - limit, 1),
@@ -225,7 +228,8 @@ def _turns(out: Answer, f: Frame, found) -> None:
 
 
 def _extremes(out: Answer, m: _Motion, s: int, found, clip) -> None:
-    """Largest deformations, shear, drifts and floor accelerations, from samples between the steps."""
+    """Return the largest deformations, shear, drifts and floor accelerations, from samples between the
+    steps."""
     if not m.n:
         return
     t = np.linspace(found.t[0], found.t[-1], 60 * len(found.t))
@@ -254,7 +258,7 @@ def _extremes(out: Answer, m: _Motion, s: int, found, clip) -> None:
 
 
 def _largest(values: np.ndarray) -> float:
-    """The largest of samples, by a parabola through it and its neighbours."""
+    """Return the maximum from samples, by a parabola through the largest and its neighbours."""
     k = int(values.argmax())
     if 0 < k < len(values) - 1:
         a, b, c = values[k - 1 : k + 2]
@@ -263,7 +267,7 @@ def _largest(values: np.ndarray) -> float:
 
 
 def frame_of(podium: rj.Podium) -> Frame:
-    """The numbers of a podium."""
+    """Return the frame with the parameters of a podium."""
     top, numbers = podium.superstructure, {}
     rows: tuple[tuple[float, ...], ...] = ()
     gamma, residual = float(podium.gamma), 0.0
@@ -289,18 +293,19 @@ def frame_of(podium: rj.Podium) -> Frame:
 
 
 def ricker(a_p: float, T_p: float) -> Callable:
-    """Symmetric Ricker pulse, centred at 0."""
+    """Return a symmetric Ricker pulse, centred at 0."""
     x = lambda t: (math.pi * t / T_p) ** 2
     return lambda t: a_p * (1 - 2 * x(t)) * math.exp(-x(t))
 
 
 def one_sine(a_p: float, T_p: float) -> Callable:
-    """One full sine from 0 on."""
+    """Return one full sine that starts at 0."""
     return lambda t: a_p * math.sin(2 * math.pi * t / T_p) if 0 <= t <= T_p else 0.0
 
 
 def check_peaks(found, answer, frame: Frame, rotation: float) -> None:
-    """Peaks and first uplift are those of the independent integration; the rotation within `rotation`."""
+    """Compare peaks and first uplift with the independent integration; `rotation`: tolerance of the
+    rotation."""
     assert 0.1 < answer.peak < 0.95
     assert abs(float(found.peak_rotation) - answer.peak) <= rotation
     assert abs(float(found.uplift_time) - answer.uplift_time) <= 1e-11

@@ -1,15 +1,16 @@
-"""Peak gradients of a rigid block at 30 digits, by an integrator of their own: `python -m tests.saltation`
+"""Gradients of peaks of a rigid block to 30 digits, from a separate integrator: `python -m tests.saltation`
 writes the table.
 
-Nothing here knows of the package. A solitary block rocks under a sine or cosine of one period, from rest or
-from a given state:
+This module does not use the package. A solitary block rocks under a sine or cosine of one period, from rest
+or from a given state:
 
     θ'' = −(3g/4R) [sin(σα − θ) + (ü_g/g) cos(σα − θ)]
 
-by Taylor series of order 40 with mpmath. Every coefficient carries its first derivatives by the parameters at
-fixed times (the variational equations, term by term). At an impact, where θ = 0, they are taken across by the
-saltation matrix: with δt = −δθ/θ̇ the state before becomes x⁺ = R(x⁻), δx⁺ = DR (δx⁻ + f⁻ δt) − f⁺ δt. Where
-the ground motion jumps or kinks, R is the identity and δt that of the time itself.
+The solution is a Taylor series of order 40 with mpmath. Every coefficient carries its first derivatives with
+respect to the parameters at fixed times (the variational equations, term by term). At an impact, where θ = 0,
+the saltation matrix maps the derivatives: with δt = −δθ/θ̇ the state before becomes x⁺ = R(x⁻), δx⁺ = DR (δx⁻
++ f⁻ δt) − f⁺ δt. Where the ground motion has a jump or a kink, R is the identity and δt is the change of the
+time of the jump or kink.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ SCENES: dict[str, dict[str, str]] = {
 }
 G = "9.80665"
 ORDER = 40
-DIGITS = 50  # worked with; the table keeps 30
+DIGITS = 50  # of the computation; the table has 30
 
 
 class Dual:
-    """A number and its derivatives by the parameters."""
+    """A number and its derivatives with respect to the parameters."""
 
     def __init__(self, value, slopes):
         self.value, self.slopes = value, list(slopes)
@@ -59,12 +60,12 @@ class Dual:
 
 
 def chain(value, slope, inner: Dual) -> Dual:
-    """f(inner), given f and f' there."""
+    """Return f(inner) as a dual, from the values of f and f' at inner."""
     return Dual(value, [slope * a for a in inner.slopes])
 
 
 class Block:
-    """One scene: its numbers as duals, and its motion as Taylor series."""
+    """A scene with its parameters as duals, and its motion as Taylor series."""
 
     def __init__(self, scene: dict[str, str]):
         from mpmath import mp
@@ -83,7 +84,7 @@ class Block:
         self.shakes = True
 
     def ground(self, t, terms: int) -> list[Dual]:
-        """Taylor coefficients of ü_g/g at the fixed time t."""
+        """Return the Taylor coefficients of ü_g/g at the fixed time t."""
         if not self.shakes:
             return [self.zero] * terms
         mp = self.mp
@@ -92,7 +93,7 @@ class Block:
             chain(mp.sin(angle.value), mp.cos(angle.value), angle),
             chain(mp.cos(angle.value), -mp.sin(angle.value), angle),
         )
-        # The shape and its derivative by the angle.
+        # The shape and its derivative with respect to the angle.
         now, after = (cos, sin * -1) if self.cosine else (sin, cos)
         scale, series = self.a_p * (1 / mp.mpf(G)), []
         for k in range(terms):
@@ -102,7 +103,7 @@ class Block:
         return series
 
     def taylor(self, t, side: int, theta: Dual, rate: Dual) -> list[Dual]:
-        """Taylor coefficients of θ at the fixed time t."""
+        """Return the Taylor coefficients of θ at the fixed time t."""
         mp = self.mp
         angle = self.alpha * side - theta
         sin = [chain(mp.sin(angle.value), mp.cos(angle.value), angle)]
@@ -125,7 +126,7 @@ class Block:
 
 
 def state_at(series: list[Dual], h) -> tuple[Dual, Dual, Dual]:
-    """(θ, θ̇, θ̈) a fixed time h after the expansion."""
+    """Return (θ, θ̇, θ̈) a fixed time h after the centre of the expansion."""
     theta = rate = bend = series[0] * 0
     for k in reversed(range(len(series))):
         theta = theta * h + series[k]
@@ -137,7 +138,7 @@ def state_at(series: list[Dual], h) -> tuple[Dual, Dual, Dual]:
 
 
 def root(f, low, high, mp):
-    """Where f changes sign in [low, high], to working precision: bisection, then secants."""
+    """Return the zero of f in [low, high] to working precision, by bisection and then secants."""
     below = f(low)
     for _ in range(60):
         middle = (low + high) / 2
@@ -149,7 +150,7 @@ def root(f, low, high, mp):
 
 
 def solve(scene: dict[str, str], until: str = "2.6") -> dict[str, Any]:
-    """Peak rotation over α, its time and its gradient."""
+    """Return the peak rotation divided by α, its time, and their gradients."""
     from mpmath import mp
 
     mp.dps = DIGITS

@@ -1,4 +1,4 @@
-"""Structures, motions and an interruption that the tests share."""
+"""Structures, motions and an interrupting progress bar that several tests use."""
 
 import math
 
@@ -24,12 +24,12 @@ def elastic(T_s: float, eta: float = 100.0, zeta: float = 0.05) -> rj.Podium:
 
 
 def pulse(kind=rj.Ricker, ratio: float = 2.5, T_p: float = 1.0):
-    """A pulse of amplitude ratio · g tan α for tan α = 0.15."""
+    """Return a pulse with the amplitude ratio · g tan α for tan α = 0.15."""
     return kind(ratio * G * 0.15, T_p)
 
 
 def shaking(n: int = 400, dt: float = 0.02, peak: float = 3.5, seed: int = 0) -> rj.Record:
-    """A synthetic record: enveloped noise with a pulse in it."""
+    """Return a synthetic record: noise with an envelope, and a pulse."""
     rng = np.random.default_rng(seed)
     t = dt * np.arange(n)
     noise = np.convolve(rng.normal(size=n), np.hanning(9), mode="same")
@@ -42,7 +42,7 @@ def options(rtol: float, method: str = "dopri8", **more) -> rj.Options:
 
 
 def _operations(jaxpr) -> int:
-    """Of a program, with those of the functions that it calls."""
+    """Return the number of operations of a program, including the functions that it calls."""
     count = 0
     for equation in jaxpr.eqns:
         inner = [getattr(y, "jaxpr", y) for y in equation.params.values() if hasattr(y, "jaxpr")]
@@ -51,7 +51,8 @@ def _operations(jaxpr) -> int:
 
 
 def operations_of_trial(podium: rj.Podium, motion: rj.AbstractExcitation, options: rj.Options) -> int:
-    """How many operations a trial step of a scene has; one on a row of modes counts once."""
+    """Return the number of operations of a trial step of a scene; an operation on a row of modes counts
+    once."""
     structure = podium.split_rows()
     plan = plan_for(structure, options, history=False)
     start = lambda: prepare(structure, motion, rj.State(), None, options, plan)
@@ -60,7 +61,7 @@ def operations_of_trial(podium: rj.Podium, motion: rj.AbstractExcitation, option
 
 
 class Stops:
-    """Progress that is interrupted after so many evaluations."""
+    """Progress bar that interrupts the computation after a number of evaluations."""
 
     def __init__(self, after):
         self.left = after

@@ -1,4 +1,5 @@
-"""The imports between modules: no circle, and none upwards in the table of docs/architecture.md."""
+"""Imports between modules: none is circular, and none is from a lower row of the table in
+docs/architecture.md."""
 
 import ast
 import graphlib
@@ -17,7 +18,7 @@ FILES = {
 
 
 def imports(name: str) -> Iterator[str]:
-    """Yield the modules that a module imports, in functions and for types as well."""
+    """Yield the modules that a module imports, including imports in functions and for types."""
     package = name if FILES[name].name == "__init__.py" else name.rpartition(".")[0]
     for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -68,14 +69,14 @@ def test_no_module_imports_upwards():
 
 
 def test_no_circle():
-    """`__init__` modules re-export their own folder, and are not counted."""
+    """`__init__` modules re-export their own folder and are ignored."""
     folders = {name for name, path in FILES.items() if path.name == "__init__.py"}
     graph = {
         name: {target for target in imports(name) if target not in folders | {name}}
         for name in FILES
         if name not in folders
     }
-    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError with the modules of a circle
+    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError with the modules of the circle
 
 
 def test_a_circle_is_found():

@@ -1,4 +1,4 @@
-"""Arguments of a wrong kind, of everything public: the error names the argument and what would be right."""
+"""Arguments of a wrong type for all public functions: the error names the argument and the valid values."""
 
 import datetime
 import inspect
@@ -13,8 +13,7 @@ from .scenes import PODIUMS, pulse, shaking
 
 PODIUM, MOTION = PODIUMS["rigid"], rj.Motion(np.array([0.0, 1.0, -1.0, 0.0]), 0.1)
 BOX = {"alpha": (0.1, 0.3)}
-# What each takes besides the argument in question. Arguments that take anything, or that Python itself
-# checks, are left out.
+# The other arguments of each function. Arguments that accept anything, or that Python checks, are not tested.
 VALID = {
     rj.Podium: {"alpha": 0.2, "R": 1.0},
     rj.Podium.from_dimensions: {"width": 0.4, "height": 2.0, "column_mass": 100.0},
@@ -124,7 +123,7 @@ VALID = {
 }
 ANYTHING = {"progress", "name", "metadata", "source", "ax", "client", "self", "throw", "ratio", "dry_run"}
 WRONG = {"text": "wrong", "date": datetime.date(2020, 1, 1)}
-# A text that is right there, or a path that is only looked for.
+# Valid text, or a path that is only looked up.
 RIGHT = {("path", "text"), ("measure", "text"), ("method", "text"), ("store", "text"), ("component", "text")}
 CASES = [
     pytest.param(function, name, value, id=f"{function.__qualname__}-{name}-{kind}")

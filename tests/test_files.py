@@ -1,4 +1,4 @@
-"""Files whole or not at all, and nothing lost by Ctrl-C: with real processes."""
+"""Atomic writes of files, and interruption by Ctrl-C without losses, in real processes."""
 
 import os
 import signal
@@ -47,7 +47,7 @@ def test_a_failed_write_leaves_what_was_there(tmp_path, error):
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
 def test_a_full_disk_is_reported_and_leaves_no_half_file(tmp_path):
-    """A limit on the size of files makes writing fail as a full disk does, after the first kilobytes."""
+    """A limit on the size of files makes writing fail after the first kilobytes, like a full disk."""
     script = """
         import resource, signal, sys
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -81,7 +81,7 @@ def run(script, folder):
 
 
 class StopsAfter:
-    """A progress bar that does what Ctrl-C does, once so many scenes have ended."""
+    """Progress bar that acts like Ctrl-C after a number of finished scenes."""
 
     def __init__(self, scenes):
         self.left = scenes
@@ -113,7 +113,7 @@ def test_ctrl_c_in_a_batch_keeps_what_is_solved(monkeypatch):
 
 
 def test_ctrl_c_does_not_wait_for_a_scene_that_takes_minutes():
-    """The superstructure of the last one swings a million times while the columns rock."""
+    """The superstructure of the last scene vibrates a million times while the columns rock."""
     podium = rj.Podium(0.2, 1.5, 3.0, rj.Elastic(5.0, np.where(np.arange(40) == 39, 1e-6, 0.5), 0.0))
     some = interrupted(
         lambda: rj.peak_responses(
@@ -126,7 +126,7 @@ def test_ctrl_c_does_not_wait_for_a_scene_that_takes_minutes():
 
 
 def test_a_process_that_ignores_ctrl_c_goes_on():
-    """As jobs in the background of a shell do."""
+    """Background jobs of a shell ignore Ctrl-C."""
     script = """
         import os, signal
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -199,7 +199,8 @@ def test_partial_files_of_other_runs_are_refused(tmp_path):
 
 
 def test_partial_files_keep_attributes_as_they_are(tmp_path):
-    """Numbers of Python, also where a whole spectrum is taken over: messages and comparisons look at them."""
+    """Attributes are Python numbers, also if a complete spectrum is read back, because messages and
+    comparisons use them."""
     path = _checkpoint.save(
         tmp_path / "a.nc", [xarray.Dataset(attrs={"rtol": 1e-8, "columns": 4, "law": "paper"})]
     )
@@ -214,8 +215,8 @@ def test_partial_files_keep_attributes_as_they_are(tmp_path):
 
 @pytest.mark.slow
 def test_ctrl_c_on_the_command_line_and_resume(tmp_path):
-    """A real process, a real SIGINT: 130, one file, a word on how to go on; and then the same answer as in
-    one go."""
+    """A real process receives SIGINT: it exits with status 130, writes one file and prints how to resume. The
+    resumed result equals an uninterrupted one."""
     flags = ["--points", "40", "--T-s", "0", "--eta-over-gamma", "5,10", "--rtol", "1e-9"]
     script = """
         import signal, sys

@@ -18,8 +18,14 @@ from rockjax._units import unit_of
         ("N-S [gal]", "N-S", "acceleration", "gal", None),
         ("UD (m/s²)", "UD", "acceleration", "m/s2", None),
         ("Acc (N-S) [g]", "Acc (N-S)", "acceleration", "g", None),
-        ("a_g", "a_g", "acceleration", None, None),  # the ground acceleration of Eurocode 8, not in g
-        ("N S", "N S", "", None, None),  # no seconds
+        (
+            "a_g",
+            "a_g",
+            "acceleration",
+            None,
+            None,
+        ),  # a_g is the ground acceleration of Eurocode 8, not a unit g
+        ("N S", "N S", "", None, None),  # N S is a direction, not a unit of time
         ("TIME [MS]", "TIME", "time", "ms", None),
         ("Time (msec)", "Time", "time", "ms", None),
         ("t / µs", "t", "time", "us", None),

@@ -1,4 +1,5 @@
-"""Inputs that make no sense: a `ValueError` before tracing that names argument, value and what is right."""
+"""Invalid inputs raise a `ValueError` before tracing, which names the argument, the value and the valid
+values."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""The list of files, tests and harmless changes in `benchmarks/mutations.py` is up to date."""
+"""The lists of files, tests and harmless changes in `benchmarks/mutations.py` are up to date."""
 
 import re
 import sys

@@ -1,4 +1,5 @@
-"""Answers of linear oscillators to polynomial accelerations with kicks, against SciPy's integrator."""
+"""Responses of linear oscillators to polynomial accelerations with velocity jumps, compared with SciPy's
+integrator."""
 
 import math
 
@@ -93,7 +94,7 @@ def test_groups_of_oscillators_keep_their_order():
 
 
 def moving(p):
-    """A load whose accelerations, kick and event depend on p."""
+    """Return a load whose accelerations, velocity jump and event time depend on p."""
     event = 0.9 + 0.2 * p
     start, length = np.array([0.0, event]), np.array([event, 2.0 - event])
     before, after = (1 + p) * np.array([1.0, 2.0]), np.array([-0.5 + p, 1.5 * (1 - p)])

@@ -1,4 +1,4 @@
-"""Peaks of scenes that overturned stop at the fall, and everything that shows them says so."""
+"""Peaks of overturned scenes cover the time until overturning, and all texts and pictures state this."""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,4 +1,4 @@
-"""Progress bars: what they say before the first scenes are through, and whose bar it is."""
+"""Progress bars: their text before the first scenes finish, and the type of bar."""
 
 import contextlib
 import io
@@ -43,7 +43,7 @@ def test_a_bar_ends_full_unless_something_stops_it():
 
 
 def test_bars_of_notebooks_are_widgets_and_end_full(tmp_path):
-    """In a kernel of its own: which bar it is, is decided when tqdm is imported."""
+    """Runs in a separate kernel, because tqdm selects the type of bar when it is imported."""
     pytest.importorskip("ipywidgets")
     pytest.importorskip("ipykernel")
     code = "\n".join(
@@ -55,7 +55,7 @@ def test_bars_of_notebooks_are_widgets_and_end_full(tmp_path):
             "_, drawn, numbers = made.container.children",
             "assert (drawn.value, drawn.max, drawn.bar_style) == (12, 12, 'success'), drawn",
             "assert '12/12' in numbers.value, numbers.value",
-            # Those of sweeps as well.
+            # The bars of sweeps too.
             "import rockjax as rj, tqdm.notebook",
             "made, begin = [], tqdm.notebook.tqdm_notebook.__init__",
             "def beginning(bar, *a, **k): made.append(bar); begin(bar, *a, **k | {'display': False})",
@@ -101,7 +101,7 @@ def test_a_bar_says_what_is_being_compiled(monkeypatch, total):
         time.sleep(0.2)
         assert "compiling" not in shown.getvalue()[before + 1 :].split("\r", 2)[-1]
         made.update(4)
-        with compiling("something else"):  # beside scenes that are solved
+        with compiling("something else"):  # while scenes are being solved
             before = shown.tell()
             time.sleep(0.2)
             assert "4.00" in shown.getvalue()[before:]
@@ -110,7 +110,7 @@ def test_a_bar_says_what_is_being_compiled(monkeypatch, total):
 
 
 def test_batches_say_that_they_compile(monkeypatch):
-    """In a bar of their own, while lanes of a kind that no other test has are compiled."""
+    """A separate bar is shown during compilation, here for a kind of lanes that no other test compiles."""
     monkeypatch.setattr(_progress, "TICK", 0.05)
     shown = io.StringIO()
     scenes = rj.Podium(0.15, [1.5, 2.0]), rj.OneSine(4.0, 1.0)

@@ -1,4 +1,4 @@
-"""Results name their record, the law of the impact and the masses."""
+"""Results state their record, the restitution law and the masses."""
 
 import hashlib
 import json

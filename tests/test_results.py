@@ -1,4 +1,4 @@
-"""Texts of results name the cause and the cure."""
+"""Texts of results state the cause and the remedy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Changes narrowed down, of margins that are formulas."""
+"""Refinement of changes of sign, for margins given by formulas."""
 
 import numpy as np
 import pytest
@@ -22,12 +22,12 @@ def kink(y, root):
 
 
 def noisy(y, root):
-    """As rounding and step sizes make it: with jumps that are small, and another zero for each of them."""
+    """Return a margin with small jumps, as rounding and step sizes cause, and a zero at each of them."""
     return root - y + 1e-9 * np.sin(1e8 * y)
 
 
 def search(margin, roots, places=200):
-    """(place, what is known at b, rounds) of one change on each line."""
+    """Return (position, values at b, number of rounds) of one change on each line."""
     rounds, step = [], 2 / (places - 1)
 
     def evaluate(rows, y):
@@ -50,7 +50,7 @@ def test_changes_are_found_to_the_width(margin):
 
 
 def test_brackets_may_lie_either_way_around():
-    """Survival above, as at the upper end of a window of overturning."""
+    """Survival is above the change, as at the upper end of a window of overturning."""
     rows = np.arange(ROOTS.size)
     value = lambda y: -smooth(y, ROOTS)
     ends = Brackets(ROOTS + 0.01, ROOTS - 0.02, value(ROOTS + 0.01), value(ROOTS - 0.02), rows)
@@ -60,13 +60,13 @@ def test_brackets_may_lie_either_way_around():
 
 
 def test_smooth_margins_need_few_rounds():
-    """Each root of a straight line is as much closer as the bracket is shorter."""
+    """For a straight line, each round reduces the error in proportion to the bracket."""
     assert len(search(smooth, ROOTS)[2]) <= 4
     assert len(search(smooth, ROOTS[:1])[2]) <= 3
 
 
 def test_jumps_are_divided_evenly():
-    """Two scenes divide a bracket by three: 1.26 times as many as halvings."""
+    """Two scenes divide a bracket by three, which takes 1.26 times as many scenes as halving."""
     rounds = search(jump, ROOTS)[2]
     assert sum(rounds) < 1.26 * 1.1 * ROOTS.size * np.log2(2 / 200 / (CLOSE * ROOTS.min()))
 

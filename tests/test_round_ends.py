@@ -21,7 +21,7 @@ from .reference_round import RoundFrame, joint_extremes, peak_displacement, simu
 from .restrained import ricker
 from .scenes import G
 
-FACTS = {  # share of H: θ_o, u_b(θ_o), quarter period from θ = .12, to 40 digits before rounding
+FACTS = {  # r_c/H: θ_o, u_b(θ_o), quarter period from θ = .12; computed to 40 digits and rounded
     0.5: (0.2935384595703356, 0.8836779060483668, 0.8598183656073165),
     0.8: (0.6471239202526718, 1.983972196268234, 0.7554683899391804),
 }
@@ -30,13 +30,13 @@ MODEL = rj.Options(rtol=1e-10, atol=1e-12)
 
 
 def frame(share: float, alpha: float = 0.15, **more) -> RoundFrame:
-    """A frame of R = 1.5 m whose radius is a share of H."""
+    """Return a frame of R = 1.5 m whose radius is given as a fraction of H."""
     flat = RoundFrame(alpha=alpha, **more)
     return dataclasses.replace(flat, radius=share * flat.H)
 
 
 def podium_of(real: RoundFrame, **more) -> rj.Podium:
-    """The podium of a frame, by dimensions, on two columns of 1 t."""
+    """Return the podium of a frame, from dimensions, with two columns of 1 t."""
     if real.eta:
         more |= {"top_mass": 2000 * real.eta, "period": real.T, "damping": real.zeta}
     return rj.Podium.from_dimensions(
@@ -45,14 +45,15 @@ def podium_of(real: RoundFrame, **more) -> rj.Podium:
 
 
 def beam_displacement(podium: rj.Podium, ratio) -> float:
-    """u_b at θ = ratio · α of the podium with flat ends [m]."""
+    """Return u_b of the podium with flat ends at θ = ratio · α [m]."""
     alpha = float(podium.alpha)
     return 2 * float(podium.R) * (math.sin(alpha) - math.sin(alpha - float(ratio) * alpha))
 
 
 @pytest.mark.parametrize("share", FACTS)
 def test_the_reference_has_the_facts(share):
-    """Facts 21 and 22 of the authority on the model; the quarter period also by time integration."""
+    """Facts 21 and 22: overturning angle, displacement and quarter period, the last also by time
+    integration."""
     real = frame(share)
     limit, reach, quarter = FACTS[share]
     assert real.overturning == pytest.approx(limit, rel=2e-15)
@@ -64,7 +65,8 @@ def test_the_reference_has_the_facts(share):
 
 
 def test_the_reference_conserves_energy_and_is_the_frame_with_flat_ends_without_radius():
-    """Kinetic and potential energy of (R2) during one hop; and an independent solver for r_c = 0."""
+    """Kinetic and potential energy of (R2) during one hop; comparison with an independent solver for r_c =
+    0."""
     for eta in (0.0, 50.0):
         real = frame(0.6, eta=eta, T=0.5, zeta=0.0)
         hop = simulate(real, 0.3, lambda t: 0.0, theta=0.12)[0]
@@ -104,7 +106,8 @@ def test_flat_ends_are_those_of_a_podium_without_a_radius_to_the_last_bit():
 
 
 SLENDER, STEEP = math.atan(0.15), 0.25
-# α, share of H, amplitude over uplift and period of a Ricker pulse; the share by which u_b may be too small
+# α, r_c/H, amplitude divided by the uplift amplitude and period of a Ricker pulse; fraction by which u_b may
+# be too small
 PEAKS = [
     (SLENDER, 0.5, 1.5, 1.0, 0.0012),
     (SLENDER, 0.5, 2.5, 1.0, 0.0012),
@@ -128,7 +131,7 @@ PEAKS = [
 
 @pytest.mark.parametrize(("alpha", "share", "ratio", "T_p", "bound"), PEAKS)
 def test_peak_displacements_are_those_of_round_ends(alpha, share, ratio, T_p, bound):
-    """The accuracies that docs/forces.md states."""
+    """Errors of the peaks are within the values of docs/forces.md."""
     real, a_p = frame(share, alpha), ratio * G * math.tan(alpha)
     podium = podium_of(real)
     found: Any = rj.peak_response(podium, rj.Ricker(a_p, T_p), t_end=2 * T_p, options=MODEL)
@@ -147,7 +150,7 @@ def test_peak_displacements_are_those_of_round_ends(alpha, share, ratio, T_p, bo
     ],
 )
 def test_overturning_takes_more_than_with_round_ends(alpha, share, T_p, falls, excess):
-    """The excess of the least overturning amplitude that docs/forces.md states."""
+    """Errors of the overturning amplitude are within the values of docs/forces.md."""
     real = frame(share, alpha)
     unit = G * math.tan(alpha)
     for ratio, overturns in ((0.995 * falls, False), (1.005 * falls, True)):
@@ -166,7 +169,7 @@ LEVELS: Any = {"positions": [-3.0, 3.0], "beam_depth": 0.6, "top_height": 8.4}
 
 @pytest.mark.parametrize(("share", "of_load", "relative"), [(0.5, 0.0025, 0.002), (0.8, 0.011, 0.013)])
 def test_forces_are_those_of_round_ends(share, of_load, relative):
-    """The forces of (R4) along a scene: masses stay as high above the middle of the columns."""
+    """Forces of (R4) along a scene; masses keep their heights above the middle of the columns."""
     more = {"eta": 50.0, "T": 0.5, "beam_height": 0.3, "top_height": 9.0}
     real = frame(share, SLENDER, **more)
     podium, a_p, T_p = podium_of(real, **LEVELS), 1.5 * G * 0.15, {0.5: 1.6, 0.8: 2.5}[share]
@@ -182,7 +185,8 @@ def test_forces_are_those_of_round_ends(share, of_load, relative):
 
 
 def test_heights_are_above_the_middle_of_the_columns():
-    """Also of several modes and a residual mass; changes of an elevation keep it."""
+    """Heights of several modes and a residual mass are measured in the same way, also after the elevation is
+    changed."""
     heights: Any = {"positions": [-3.0, 3.0], "beam_depth": 0.6}
     building: Any = {"story_masses": [1e4, 1e4], "story_stiffnesses": [2e6, 2e6], "modes": 1}
     raised = 1.5  # half of the height, doubled
@@ -245,7 +249,7 @@ def test_bad_input(changes, message):
 
 
 def test_round_ends_stretch_devices_more():
-    """What docs/forces.md says of devices, to the first order in α: the opening of a joint at overturning."""
+    """Opening of a joint at overturning, as stated in docs/forces.md for devices, to first order in α."""
     for share in (0.5, 0.8):
         real = frame(share, 1e-4)
         A = real.overturning

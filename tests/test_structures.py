@@ -46,7 +46,7 @@ def test_restitution_laws():
     block = rj.Podium(alpha=0.3, R=1.0)
     assert float(block.restitution_factor) == pytest.approx(1 - 1.5 * math.sin(0.3) ** 2)  # Housner
     frame = rj.Podium(alpha=0.3, R=1.0, gamma=4.0)
-    # Makris & Vassiliou, an array of columns under a beam
+    # Makris & Vassiliou: an array of columns under a beam
     assert float(frame.restitution_factor) == pytest.approx(
         (1 - 1.5 * math.sin(0.3) ** 2 + 12 * math.cos(0.6)) / 13
     )
@@ -71,7 +71,7 @@ def test_uplifted_frequency_is_an_eigenvalue_of_the_linearised_equations(eta):
     def a(x):
         return jnp.stack(acceleration(c, one, zero, (x[0], x[1]), (zero, zero)))
 
-    # The paper neglects gravity, and θ in ψ: the stiffness is that of the spring alone.
+    # The paper neglects gravity and the θ in ψ, so the only stiffness is that of the spring.
     with_spring = -jax.jacfwd(a)(jnp.zeros(2))
     assert c.vibration
     c0 = c._replace(vibration=c.vibration._replace(omega2=zero, damping=zero))

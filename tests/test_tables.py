@@ -1,4 +1,4 @@
-"""Tables of text and HTML, and what structures, motions and options show of themselves in a notebook."""
+"""Tables as text and HTML, and the display of structures, motions and options in notebooks."""
 
 import dataclasses
 import re
@@ -34,7 +34,7 @@ def cells(html: str) -> list[list[str]]:
 
 @pytest.mark.parametrize("shown", SHOWN, ids=lambda shown: type(shown).__name__)
 def test_every_number_is_shown_with_its_meaning(shown):
-    """The meanings are those of the tables of parameters and of the models of problem files."""
+    """The meanings come from the registry of parameters and the models of problem files."""
     rows = {name: (value, meaning) for name, value, meaning in cells(shown._repr_html_())}
     names = [field.name for field in dataclasses.fields(shown) if field.name[0] != "_"]
     for name in names:

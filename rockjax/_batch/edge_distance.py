@@ -29,8 +29,8 @@ def least_edge_distance(distance: Array, lane: LoopState, slopes: dict[str, Any]
     - `lane`: states of the n scenes after the steps
     - `slopes`: derivatives of these states with respect to ln s, with a first axis of length 1
     """
-    margin, deceleration = lane.records[-1]  # record of the output `TurningPoints`
-    slope, rate = (row[0] for row in slopes["records"][-1])  # derivatives of margin and deceleration
+    margin, deceleration = lane.accumulators[-1]  # of the output `TurningPoints`
+    slope, rate = (row[0] for row in slopes["accumulators"][-1])  # derivatives of margin and deceleration
     distance = jnp.minimum(distance, _distance(margin, slope, margin < MAX_MARGIN))
     return jnp.minimum(distance, _distance(deceleration, rate, margin < MAX_DECELERATION_MARGIN))
 

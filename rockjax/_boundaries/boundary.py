@@ -218,11 +218,11 @@ def check_limit(owner: str, name: str, value) -> None:
     require(owner, name, value, lambda v: v > 0, "finite and > 0")
 
 
-def _boundary(podium: Podium, excitation, limit, options: Options, width, margin: bool) -> Boundary:
+def _boundary(podium: Podium, excitation, limit, options: Options, width, uses_margin: bool) -> Boundary:
     excitation = excitation.common_form()
     leaves, structure = jax.tree.flatten((podium, excitation, limit, (options, width)))
     arguments_structure = jax.tree.structure((podium, excitation))
-    search = _make_search(structure, margin)
+    search = _make_search(structure, uses_margin)
 
     def rule(primals, tangents):
         varied = tuple(not isinstance(tangent, SymbolicZero) for tangent in tangents)
@@ -232,10 +232,10 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
         if all(map(is_concrete, primals)) and set(varied_indices) <= set(positions):
             arguments = jax.tree.unflatten(structure, primals)
             boundary_gradient.prepare(
-                arguments, np.zeros((), float_type()), positions=positions, margin=margin
+                arguments, np.zeros((), float_type()), positions=positions, uses_margin=uses_margin
             )
             first = search(*primals)
-            slopes = boundary_gradient(arguments, first.scale, positions=positions, margin=margin)
+            slopes = boundary_gradient(arguments, first.scale, positions=positions, uses_margin=uses_margin)
             change = directional_derivative(
                 np.asarray(slopes),
                 dict(zip(map(positions.index, varied_indices), given_tangents, strict=True)),
@@ -243,7 +243,7 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, margin
         else:
             first = search(*primals)
             change = traced_boundary_change(
-                list(primals), given_tangents, first.scale, structure, varied, margin
+                list(primals), given_tangents, first.scale, structure, varied, uses_margin
             )
         no_tangent = np.zeros(jnp.shape(first.impacts), jax.dtypes.float0)
         zero = array_module(first).zeros_like(first.scale)
@@ -266,13 +266,13 @@ def _without_tangents(tree):
     return jax.tree.map(value_of, tree) if all(map(is_concrete, jax.tree.leaves(tree))) else tree
 
 
-def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
+def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
     """Return the search as a function of all leaves. The search runs on the host if the leaves are concrete,
     also under `vmap`."""
 
     @jax.custom_batching.custom_vmap
     def program(*leaves):
-        return _search_in_program(leaves, structure, margin)
+        return _search_in_program(leaves, structure, uses_margin)
 
     @program.def_vmap
     def _(count, mapped, *leaves):
@@ -283,16 +283,16 @@ def _make_search(structure, margin: bool) -> Callable[..., FirstBoundary]:
                 np.asarray(y) if is_mapped else np.asarray(y)[None]
                 for y, is_mapped in zip(leaves, mapped, strict=True)
             ]
-            first = jax.tree.map(as_array, _search_on_host(rows, count, structure, margin))
+            first = jax.tree.map(as_array, _search_on_host(rows, count, structure, uses_margin))
             return first, FirstBoundary(True, True, True, True)
         axes = [0 if is_mapped else None for is_mapped in mapped]
-        first = jax.vmap(lambda *leaves: _search_in_program(leaves, structure, margin), axes)(*leaves)
+        first = jax.vmap(lambda *leaves: _search_in_program(leaves, structure, uses_margin), axes)(*leaves)
         return first, FirstBoundary(True, True, True, True)
 
     def search(*leaves):
         if _any_traced(leaves):
             return program(*leaves)
-        first = _search_on_host([np.asarray(y)[None] for y in leaves], 1, structure, margin)
+        first = _search_on_host([np.asarray(y)[None] for y in leaves], 1, structure, uses_margin)
         # NumPy arrays stay concrete under a transformation, where JAX would trace even concrete values.
         return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
@@ -303,13 +303,13 @@ def _any_traced(leaves) -> bool:
     return any(isinstance(y, Tracer) for y in leaves)
 
 
-def _search_on_host(rows: list[np.ndarray], count: int, structure, margin: bool) -> FirstBoundary:
+def _search_on_host(rows: list[np.ndarray], count: int, structure, uses_margin: bool) -> FirstBoundary:
     """Return the first boundaries of `count` searches, which are solved together.
 
     - `rows`: leaves of the arguments with a first axis of length 1 (common to all searches) or `count`
     - `count`: number of searches
     - `structure`: tree structure of (podium, excitation, limit, (options, width))
-    - `margin`: True if there is an overturning margin (see `has_margin`)
+    - `uses_margin`: True if there is an overturning margin (see `has_margin`)
     """
     podium, excitation, limit, settings = jax.tree.unflatten(structure, rows)
     limits = np.broadcast_to(limit, count)
@@ -348,12 +348,12 @@ def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
     return jax.tree.map(pick, excitation)
 
 
-@functools.partial(jax.jit, static_argnames=("structure", "margin"))
-def _search_in_program(leaves, structure, margin: bool) -> FirstBoundary:
+@functools.partial(jax.jit, static_argnames=("structure", "uses_margin"))
+def _search_in_program(leaves, structure, uses_margin: bool) -> FirstBoundary:
     """Return the first boundary of one search inside a compiled program, with arguments as in
     `_search_on_host`."""
     podium, excitation, limit, (options, width) = jax.tree.unflatten(structure, leaves)
-    search_options = margin_options(options, margin)
+    search_options = margin_options(options, uses_margin)
     coarse = scan_options(search_options, width)
 
     def solve_row(scales, accurate):
@@ -361,7 +361,7 @@ def _search_in_program(leaves, structure, margin: bool) -> FirstBoundary:
 
         def solve_scale(scale):
             (floats, _), (integers, _) = solve(podium, excitation.scaled(scale), REST, None, accuracy)
-            value = signed_margin(floats, integers["overturned"], options.overturn_ratio, margin)
+            value = signed_margin(floats, integers["overturned"], options.overturn_ratio, uses_margin)
             return jnp.where(integers["code"] > results.OVERTURNED, jnp.nan, value), integers["impacts"]
 
         return jax.vmap(solve_scale)(scales)

@@ -197,8 +197,8 @@ def margins(
     if x.size == 0:
         return np.zeros(0), np.zeros(0, int), np.zeros(0)
     podiums, motions = plane(x, y)
-    margin = has_margin(options, podiums)
-    search_options = margin_options(options, margin)
+    uses_margin = has_margin(options, podiums)
+    search_options = margin_options(options, uses_margin)
     floats, integers = bare_responses(podiums, motions, search_options, progress, has_distances)
     overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
     edge_distance = np.zeros(x.shape)
@@ -207,7 +207,7 @@ def margins(
             edge_distance = np.where(
                 np.isnan(floats["edge_distance"]), 0.0, floats["edge_distance"]
             ) * np.abs(y)
-    value = signed_margin(floats, overturned, float(options.overturn_ratio), margin, np)
+    value = signed_margin(floats, overturned, float(options.overturn_ratio), uses_margin, np)
     failed = codes > results.OVERTURNED
     value, edge_distance = (
         np.where(failed, np.nan, value),

@@ -31,9 +31,9 @@ from .margin import boundary_residual, has_margin, margin_options
 JUST_PAST = 1e-10  # relative distance to the boundary at which the margin is differentiated
 
 
-def _residual(podium: Podium, motion: AbstractExcitation, options: Options, margin: bool):
-    (floats, _), _ = solve(podium, motion, REST, None, margin_options(options, margin))
-    return boundary_residual(floats, margin)
+def _residual(podium: Podium, motion: AbstractExcitation, options: Options, uses_margin: bool):
+    (floats, _), _ = solve(podium, motion, REST, None, margin_options(options, uses_margin))
+    return boundary_residual(floats, uses_margin)
 
 
 def _root_change(slope, change, fallback: float):
@@ -43,7 +43,7 @@ def _root_change(slope, change, fallback: float):
     return jnp.where(is_usable, -change / numpy.where(is_usable, slope, 1.0), fallback)
 
 
-def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, ...], margin: bool):
+def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, ...], uses_margin: bool):
     """Return the tangent of a boundary from the tangents of parameters; zero if there is no boundary.
 
     - `leaves`: all leaves of the search's arguments
@@ -51,7 +51,7 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
     - `scale`: the boundary; inf if there is none
     - `structure`: tree structure of (podium, excitation, limit, (options, width))
     - `live`: for each leaf, whether it varies
-    - `margin`: whether the overturning margin applies, see `has_margin`
+    - `uses_margin`: whether the overturning margin applies, see `has_margin`
     """
     numpy = array_module(leaves, scale)
     is_found = numpy.isfinite(scale)
@@ -64,7 +64,7 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
         for k, value in zip(live_indices, values, strict=True):
             new_leaves[k] = value
         podium, excitation, _, (options, _) = jax.tree.unflatten(structure, new_leaves)
-        return _residual(podium, excitation.scaled(scale), options, margin)
+        return _residual(podium, excitation.scaled(scale), options, uses_margin)
 
     point = tuple(leaves[k] for k in live_indices)
     # The slope needs a call of its own, because reverse mode transposes the call with `live_tangents`.
@@ -75,22 +75,22 @@ def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, .
 
 
 @StoredProgram
-def boundary_gradient(arguments, scale, *, positions: tuple[int, ...], margin: bool):
+def boundary_gradient(arguments, scale, *, positions: tuple[int, ...], uses_margin: bool):
     """Return the derivatives of the boundary with respect to parameters of podium and motion, shape
     (positions,).
 
     - `arguments`: (podium, excitation, limit, (options, width))
     - `scale`: the boundary; inf if there is none
     - `positions`: indices of the parameters among the leaves of `arguments`
-    - `margin`: whether the overturning margin applies, see `has_margin`
+    - `uses_margin`: whether the overturning margin applies, see `has_margin`
     """
     leaves, structure = jax.tree.flatten(arguments)
     live = tuple(k in positions for k in range(len(leaves)))
-    change_along = lambda unit: boundary_change(leaves, list(unit), scale, structure, live, margin)
+    change_along = lambda unit: boundary_change(leaves, list(unit), scale, structure, live, uses_margin)
     return jax.vmap(change_along)(jnp.eye(len(positions), dtype=scale.dtype))
 
 
-traced_boundary_change = jax.jit(boundary_change, static_argnames=("structure", "live", "margin"))
+traced_boundary_change = jax.jit(boundary_change, static_argnames=("structure", "live", "uses_margin"))
 
 
 def log_sensitivities(
@@ -121,7 +121,7 @@ def log_sensitivities(
         group = finite[start : start + LANES]
         padded = np.concatenate([group, np.repeat(group[-1:], LANES - group.size)])
         group_rows = {name: y[padded] for name, y in rows.items()}
-        static = {"pulse": pulse, "names": names, "margin": has_margin(options, podium)}
+        static = {"pulse": pulse, "names": names, "uses_margin": has_margin(options, podium)}
         slopes = _log_slopes(podium, records, group_rows, a[padded], options, **static)
         result[:, group] = np.asarray(slopes)[: group.size].T
     return result
@@ -129,7 +129,7 @@ def log_sensitivities(
 
 @StoredProgram
 def _log_slopes(
-    podium: Podium, records, rows, a, options: Options, *, pulse, names: tuple[str, ...], margin: bool
+    podium: Podium, records, rows, a, options: Options, *, pulse, names: tuple[str, ...], uses_margin: bool
 ):
     def slopes_of_row(row: dict[str, Array], a):
         def residual(logs):
@@ -140,7 +140,7 @@ def _log_slopes(
             else:
                 motion = pulse(past, row["T_p"] * factors.pop("T_p", 1.0))
             structure = with_factors(podium, list(factors), list(factors.values()))
-            return _residual(structure, motion, options, margin)
+            return _residual(structure, motion, options, uses_margin)
 
         slopes = jax.jacfwd(residual)(jnp.zeros(1 + len(names), a.dtype))
         return _root_change(slopes[0], slopes[1:], jnp.nan)

@@ -27,39 +27,39 @@ def has_margin(options: Options, podium: Podium) -> bool:
     return limit is not None and bool(np.all(ratio <= limit))
 
 
-def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, margin: bool, xp: Any = jnp):
+def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, uses_margin: bool, xp: Any = jnp):
     """Return the signed margin of a scene: > 0 if it survives, ≤ 0 if it overturns, exactly 1 if the
     columns never lift.
 
     - `floats`: outputs of the scene: `margin`, or `peak_rotation` if there is no margin
     - `overturned`: whether the scene overturned
     - `overturn_ratio`: |θ|/α at which a scene counts as overturned
-    - `margin`: whether the overturning margin applies, see `has_margin`
+    - `uses_margin`: whether the overturning margin applies, see `has_margin`
     - `xp`: `numpy` or `jax.numpy`
 
-    The result is the overturning margin if `margin`. Otherwise it is 1 − max|θ|/(α·`overturn_ratio`) for
+    The result is the overturning margin if `uses_margin`. Otherwise it is 1 − max|θ|/(α·`overturn_ratio`) for
     scenes that survive, and −1 for scenes that overturn.
     """
-    if margin:
+    if uses_margin:
         value = floats["margin"]
         # Rounding may give the margin the wrong sign.
         return xp.where(overturned, xp.minimum(value, 0.0), xp.maximum(value, _TINY))
     return xp.where(overturned, -1.0, xp.maximum(1 - floats["peak_rotation"] / overturn_ratio, _TINY))
 
 
-def boundary_residual(floats: dict[str, Any], margin: bool):
+def boundary_residual(floats: dict[str, Any], uses_margin: bool):
     """Return the output to differentiate just past the boundary: the margin or, if it does not apply, the
     time of overturning.
 
     The time of overturning and its derivatives grow without bound towards the boundary, but the ratio of two
     derivatives tends to the derivative of the boundary.
     """
-    return floats["margin" if margin else "overturn_time"]
+    return floats["margin" if uses_margin else "overturn_time"]
 
 
-def margin_options(options: Options, margin: bool) -> Options:
+def margin_options(options: Options, uses_margin: bool) -> Options:
     """Return options of the same accuracy that request only the output needed for the boundary."""
-    return options.replace(outputs=("margin" if margin else "peak_rotation",), throw=False)
+    return options.replace(outputs=("margin" if uses_margin else "peak_rotation",), throw=False)
 
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:

@@ -36,7 +36,7 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     if eccentricity > 1 + ROUNDING:
         yield (
             f"warning: e = {float(podium.restitution_factor):.4g} is too small for rigid faces: at an impact "
-            f"the old edges would have to pull (impact_eccentricity = {eccentricity:.3g} > 1)"
+            f"the old edges would need tension (impact_eccentricity = {eccentricity:.3g} > 1)"
         )
     if podium.elevation is None:
         yield (

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rockjax._parameters.table import MOTION, STRUCTURE
+from rockjax._parameters.registry import MOTION, STRUCTURE
 from rockjax._problem import models
 
 from ._context import MASSES

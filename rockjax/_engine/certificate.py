@@ -13,7 +13,7 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     """Return whether all requested outputs are final, whatever the rest of the excitation does.
 
     This holds if the columns stay inside the potential well or rest for good, and every output confirms that
-    its record (its value so far) can no longer change.
+    its accumulator (its value so far) can no longer change.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state after a step
@@ -22,6 +22,6 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     """
     bounds = Bounds.of(scene, state, piece, ground, plan.follows_contact)
     final = bounds.stays_inside | bounds.rests
-    for output, record in zip(plan.outputs, state.records, strict=True):
-        final &= output.is_final(bounds, record)
+    for output, accumulator in zip(plan.outputs, state.accumulators, strict=True):
+        final &= output.is_final(bounds, accumulator)
     return final

@@ -156,7 +156,7 @@ def coefficients(
         cos_alpha=jnp.cos(podium.alpha),
         p=p,
         restitution=podium.restitution_factor,
-        # A demand equal to the threshold causes no uplift; the margin prevents uplift due to rounding.
+        # A demand equal to the threshold causes no uplift; the tolerance prevents uplift due to rounding.
         uplift=podium.uplift_acceleration * (1 + 64 * jnp.finfo(R.dtype).eps),
         two_R=2 * R,
         inertia=3 * gamma + 0.75 * (1 + lam),

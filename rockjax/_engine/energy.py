@@ -58,7 +58,7 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     without the terms of the ground motion, (C17).
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `x`, `v`: positions (θ [rad], u_t [m]) and velocities
     """
     total = 0.5 * spin_with_inerters(c, sigma, x[0]) * v[0] ** 2 + potential(c, sigma, x[0])

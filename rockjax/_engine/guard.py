@@ -1,6 +1,6 @@
-"""The guard of a mode over a step, and the time at which it breaks.
+"""The guard of a contact mode over a step, and the time at which it breaks.
 
-A mode of the automaton (full contact, or rocking on one side) lasts as long as its guard stays within
+A contact mode (full contact, or rocking on one side) lasts as long as its guard stays within
 limits. The guard breaks when it leaves these limits, which is an event: an impact, overturning or an uplift.
 """
 
@@ -37,7 +37,7 @@ class Guard(NamedTuple):
     q, which stays within ±q_up.
 
     The fields assume at most one turning point. If `turns_twice` is set, there may be more, and the step is
-    halved. All fields but `path`, `at_end` and `margin_at_end` are held constant under differentiation.
+    halved. All fields but `path`, `at_end` and `clearance_at_end` are held constant under differentiation.
     """
 
     path: Quintic  # the guard over the step, as a function of z ∈ [0, 1]
@@ -51,8 +51,8 @@ class Guard(NamedTuple):
     breaks_before_turn: Flag  # the guard is broken at the turning point
     breaks_after_turn: Flag  # the guard is broken at the end, but not at the turning point
     break_point: Value  # z at which the guard breaks, valid if it is broken
-    margin_at_end: Quintic  # signed distance to the limit, positive inside, in the time past the end [s]
-    time_past_end: Value  # root of `margin_at_end` [s], valid if `converges` is set
+    clearance_at_end: Quintic  # signed distance to the limit, positive inside, in the time past the end [s]
+    time_past_end: Value  # root of `clearance_at_end` [s], valid if `converges` is set
     converges: Flag  # Newton's method converges to the root
     turns_twice: Flag  # the guard turns more than once, and may break in between
 
@@ -102,19 +102,19 @@ def evaluate_guard(
     breaks_after_turn = is_broken(end_value) & ~breaks_before_turn
     breaks_before_turn, breaks_after_turn = barrier((breaks_before_turn, breaks_after_turn))
     broken_value = jnp.where(breaks_before_turn, turn_value, end_value)
-    margin = constant(_margin(scene, rocking, path, broken_value, broken_value < 0))
+    clearance = constant(_clearance(scene, rocking, path, broken_value, broken_value < 0))
     break_point = crossing(
-        margin, jnp.where(breaks_after_turn & turned, turn, 0.0), jnp.where(breaks_before_turn, turn, one)
+        clearance, jnp.where(breaks_after_turn & turned, turn, 0.0), jnp.where(breaks_before_turn, turn, one)
     )
-    margin_at_end = _margin(scene, rocking, at_end, end_value, ~rising_at_end)
+    clearance_at_end = _clearance(scene, rocking, at_end, end_value, ~rising_at_end)
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
-    time_past_end, converges = _newton_root(margin_at_end, 0.5 * h, rounding)
+    time_past_end, converges = _newton_root(clearance_at_end, 0.5 * h, rounding)
     # The demand cannot exceed the sum of its absolute coefficients.
     may_break = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)
     dips &= is_long(h, scene.max_step)
     turns_twice = turns_more_than_once(fixed, rising, rising_at_end, dips) & may_break
-    margin_at_end, break_point, time_past_end, converges, turns_twice = barrier(
-        (margin_at_end, break_point, time_past_end, converges, turns_twice)
+    clearance_at_end, break_point, time_past_end, converges, turns_twice = barrier(
+        (clearance_at_end, break_point, time_past_end, converges, turns_twice)
     )
     return Guard(
         path,
@@ -128,7 +128,7 @@ def evaluate_guard(
         breaks_before_turn,
         breaks_after_turn,
         break_point,
-        margin_at_end,
+        clearance_at_end,
         time_past_end,
         converges,
         turns_twice,
@@ -174,7 +174,7 @@ def _through(ends: Iterable[Value], h: Value, max_step: Value) -> tuple[Quintic,
     return path, Quintic(x1, v1, 0.5 * a1, third, zero, zero)
 
 
-def _margin(scene: Scene, rocking: Flag, guard: Quintic, value: Value, falling: Flag) -> Quintic:
+def _clearance(scene: Scene, rocking: Flag, guard: Quintic, value: Value, falling: Flag) -> Quintic:
     """Return the signed distance of the guard to one of its limits, positive inside.
 
     - `scene`, `rocking`: the prepared scene, and whether the columns rock
@@ -189,23 +189,23 @@ def _margin(scene: Scene, rocking: Flag, guard: Quintic, value: Value, falling: 
     return barrier(scaled._replace(c0=scaled.c0 + limit))
 
 
-def _newton_root(margin: Quintic, max_shift: Value, rounding: Value) -> tuple[Value, Flag]:
-    """Find the root of the margin near the end of the step by Newton's method.
+def _newton_root(clearance: Quintic, max_shift: Value, rounding: Value) -> tuple[Value, Flag]:
+    """Find the root of the clearance near the end of the step by Newton's method.
 
-    - `margin`: polynomial in the time past the end of the step [s]
+    - `clearance`: polynomial in the time past the end of the step [s]
     - `max_shift`: largest distance of the root from the end of the step [s]
-    - `rounding`: margins of this size count as zero
+    - `rounding`: clearances of this size count as zero
 
     Returns the time of the root past the end [s], and whether Newton's method has converged to a root at
-    which the margin decreases. Both are held constant under differentiation.
+    which the clearance decreases. Both are held constant under differentiation.
     """
-    margin = jax.lax.stop_gradient(margin)
-    time_past_end = jnp.zeros_like(margin.c0)
-    decreases = margin.c1 < 0
+    clearance = jax.lax.stop_gradient(clearance)
+    time_past_end = jnp.zeros_like(clearance.c0)
+    decreases = clearance.c1 < 0
     for _ in range(3):
-        slope = margin.slope(time_past_end)
-        time_past_end -= safe_ratio(margin.value(time_past_end), slope, decreases & (slope < 0))
+        slope = clearance.slope(time_past_end)
+        time_past_end -= safe_ratio(clearance.value(time_past_end), slope, decreases & (slope < 0))
         time_past_end = barrier(jnp.clip(time_past_end, -max_shift, max_shift))
-    # Where the margin only touches zero, Newton's method converges too slowly to pass this test.
-    is_root = jnp.abs(margin.value(time_past_end)) <= 1e-3 * jnp.abs(margin.c0) + rounding
+    # Where the clearance only touches zero, Newton's method converges too slowly to pass this test.
+    is_root = jnp.abs(clearance.value(time_past_end)) <= 1e-3 * jnp.abs(clearance.c0) + rounding
     return time_past_end, decreases & is_root

@@ -1,7 +1,7 @@
 """The model: equations of motion, uplift demand and impact map, with the paper's equation numbers.
 
-σ ∈ {−1, 0, +1} is the mode: 0 is full contact, ±1 rocking with the sign of θ. One vector field serves all
-modes: for σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ, u_b and u̇_b vanish, and Eq. (22) becomes Eq. (4).
+σ ∈ {−1, 0, +1} is the contact mode: 0 is full contact, ±1 rocking with the sign of θ. One vector field serves
+all modes: for σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ, u_b and u̇_b vanish, and Eq. (22) becomes Eq. (4).
 
 A state consists of positions x and velocities v. Both are tuples: (θ,) for rigid podiums, (θ, u) with an
 elastic superstructure, where u is a scalar for one vibration mode and an array (u_1, …, u_n) for several. The
@@ -127,7 +127,7 @@ def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple
     """Return the horizontal displacement u_b [m] and velocity u̇_b [m/s] of the beam, Eqs. (13), (14).
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `theta`, `theta_dot`: θ [rad] and θ̇ [rad/s]
     """
     s, cos = sincos(sigma * c.alpha - theta)
@@ -138,7 +138,7 @@ def beam_climb(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) ->
     """Return the vertical velocity of the beam relative to the ground v̇_b [m/s], Eq. (15), upwards.
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `theta`, `theta_dot`: θ [rad] and θ̇ [rad/s]
     """
     return c.two_R * theta_dot * sincos(sigma * c.alpha - theta)[0]
@@ -150,7 +150,7 @@ def beam_acceleration(
     """Return the horizontal acceleration of the beam relative to the ground ü_b [m/s²], Eq. (14).
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `theta`, `theta_dot`, `theta_ddot`: θ [rad], θ̇ [rad/s] and θ̈ [rad/s²]
     """
     s, cos = sincos(sigma * c.alpha - theta)
@@ -161,7 +161,7 @@ def beam_rise(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, the
     """Return the vertical acceleration of the beam relative to the ground v̈_b [m/s²], Eq. (15), upwards.
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `theta`, `theta_dot`, `theta_ddot`: θ [rad], θ̇ [rad/s] and θ̈ [rad/s²]
     """
     s, cos = sincos(sigma * c.alpha - theta)
@@ -174,7 +174,7 @@ def beam_absolute(
     """Return the absolute horizontal acceleration of the beam a_b = ü_g + ü_b [m/s²].
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     """
@@ -185,7 +185,7 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
     """Return the accelerations of the equations of motion: θ̈ from Eq. (24), ü_t from Eq. (22).
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ground acceleration ü_g, or ü_g and v̈_g, (C8) [m/s²]
     - `x`, `v`: positions (θ [rad], u_t [m]) and velocities
 
@@ -276,7 +276,7 @@ def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: 
     """Return the shear of the superstructure divided by its weight, V_s/(m_t g) [–], Eq. (7).
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
 
@@ -316,7 +316,7 @@ def floor_accelerations(
     """Return the absolute horizontal accelerations of the floors [m/s²].
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
 

@@ -245,7 +245,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
     is_rocking = (initial.theta != 0) | (initial.theta_dot != 0)
     x, v = _start(c.vibration, initial)
     q = uplift_demand(c, excitation.piece(piece)(t), x, v)
-    # The mode has the sign of the initial rotation, or at θ = 0 the sign of the initial velocity.
+    # The contact mode has the sign of the initial rotation, or at θ = 0 the sign of the initial velocity.
     side = jnp.where(initial.theta != 0, jnp.sign(initial.theta), jnp.sign(initial.theta_dot))
     sigma = constant(jnp.where(is_rocking, side, contact_mode(c, q)))
     toppled = jnp.abs(initial.theta) >= scene.overturn_angle
@@ -260,7 +260,7 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         return Moment(c, sigma, t, ground, x, v, acceleration(c, sigma, ground, x, v))
 
     view = Start(scene, initial, start, moment)
-    records_and_notes = [output.start(view) for output in plan.outputs]
+    accumulators_and_notes = [output.start(view) for output in plan.outputs]
     x, v = restart(scene, t, start - t, x, v, sigma, piece)
     state = LoopState(
         t=t,
@@ -272,8 +272,8 @@ def _first_state(scene: Scene, initial: State, plan: Plan) -> LoopState:
         h=0.05 * scene.max_excited_step,
         trial_limit=inf,
         code=jnp.where(is_valid, code, results.NOT_FINITE).astype(jnp.int32),
-        records=tuple(record for record, _ in records_and_notes),
-        notes=tuple(note for _, note in records_and_notes),
+        accumulators=tuple(accumulator for accumulator, _ in accumulators_and_notes),
+        notes=tuple(note for _, note in accumulators_and_notes),
         uplifted=sigma != 0,
         uplift_time=jnp.where(sigma != 0, start, nan),
         overturn_time=jnp.where(toppled, start, nan),

@@ -103,9 +103,9 @@ def _append(nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, impact_time:
     )
 
 
-class _Mode(NamedTuple):
-    """Equations of one mode on one piece of the ground motion. Diffrax integrates states that are divided by
-    their natural units (`scaled`)."""
+class _ContactMode(NamedTuple):
+    """Equations of one contact mode on one piece of the ground motion. Diffrax integrates states that are
+    divided by their natural units (`scaled`)."""
 
     scene: Scene
     sigma: Value
@@ -131,13 +131,14 @@ class _Mode(NamedTuple):
         return self.scaled((v, self.accelerations(t, x, v)))
 
     def guard(self, t, x, v):
-        """Return the distance of the guard to the nearest limit, positive as long as the mode lasts."""
+        """Return the distance of the guard to the nearest limit, positive as long as the contact mode
+        lasts."""
         angle = self.sigma * x[0]
         lift = self.scene.c.uplift - jnp.abs(uplift_demand(self.scene.c, self.ground_at(t), x, v))
         return jnp.where(self.rocking, jnp.minimum(angle, self.scene.overturn_angle - angle), lift)
 
 
-def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:
+def _solver(mode: _ContactMode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:
     """Return the function (t1, saveat, event) ↦ Diffrax solution from the state to the time t1 or the
     event."""
     scene, t0 = mode.scene, state.t
@@ -176,7 +177,7 @@ def _solver(mode: _Mode, options: Options, state: LoopState, stop: Value) -> Cal
 class _Path(NamedTuple):
     """A segment, solved until the guard breaks or the time `stop` is reached."""
 
-    mode: _Mode
+    mode: _ContactMode
     solve: Callable[..., Any]  # as returned by `_solver`
     solution: Any  # Diffrax's solution
     start: Value  # time of the start [s]
@@ -215,8 +216,8 @@ class _Path(NamedTuple):
         def newton(_, carry):
             t, x, v = carry
             a = mode.accelerations(t, x, v)
-            margin, slope = jax.jvp(mode.guard, (t, x, v), (jnp.ones_like(t), v, a))
-            delta = jnp.where(fired & (slope < 0), -margin / jnp.where(slope < 0, slope, -1.0), 0.0)
+            clearance, slope = jax.jvp(mode.guard, (t, x, v), (jnp.ones_like(t), v, a))
+            delta = jnp.where(fired & (slope < 0), -clearance / jnp.where(slope < 0, slope, -1.0), 0.0)
             delta = jnp.clip(delta, t0 - t, self.stop - t)
             x = tuple(y + delta * r + 0.5 * delta**2 * s for y, r, s in zip(x, v, a, strict=True))
             v = tuple(r + delta * s for r, s in zip(v, a, strict=True))
@@ -224,13 +225,13 @@ class _Path(NamedTuple):
 
         return jax.lax.fori_loop(0, 2, newton, (self.reached, x, v))
 
-    def largest(self, quantity, record) -> tuple[Value, Value]:
+    def largest(self, quantity, accumulator) -> tuple[Value, Value]:
         """Return the largest |quantity| in the segment, and the time of this maximum [s].
 
         - `quantity`: (t, x, v) ↦ the quantity
-        - `record`: largest value so far
+        - `accumulator`: largest value so far
 
-        If a maximum inside the segment may exceed the record, the segment is solved again up to this maximum.
+        If a maximum inside the segment may exceed it, the segment is solved again up to this maximum.
         """
         values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)
@@ -247,14 +248,14 @@ class _Path(NamedTuple):
         inside = rises(lo) & (sign * rate(hi) < 0)
         lo, _ = bisect(rises, lo, hi, 40, jnp)
         time = jnp.where(inside, lo, middle)
-        may_exceed = values[k] > record * (1 - 1e-2)
+        may_exceed = values[k] > accumulator * (1 - 1e-2)
         value = jax.lax.cond(
             may_exceed & inside, lambda: jnp.abs(quantity(time, *self.solve_to(time))), lambda: values[k]
         )
         return value, time
 
 
-def _path(mode: _Mode, options: Options, state: LoopState) -> _Path:
+def _path(mode: _ContactMode, options: Options, state: LoopState) -> _Path:
     scene, t0 = mode.scene, state.t
     stop = jnp.minimum(jnp.minimum(scene.excitation.breakpoint(state.piece), scene.end), state.trial_limit)
     solve = _solver(mode, options, state, stop)
@@ -279,7 +280,7 @@ class _Arrival(NamedTuple):
     t: Value  # time [s]
     x: Vector  # positions
     v: Vector  # velocities
-    sigma: Value  # mode
+    sigma: Value  # contact mode
     piece: Index  # piece of the excitation that follows
     ground: Value  # ground acceleration on that piece [m/s²]
     speed: Value  # |θ̇| before the transition [rad/s]
@@ -303,37 +304,40 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
     return _Arrival(ended, x, v, after, piece, ground_now, speed, hit, toppled, finite)
 
 
-def _raised(path: _Path, output: Any, record: Values) -> Values:
-    """Return the record of an output after the segment. The elements of an array are updated one by one."""
+def _raised(path: _Path, output: Any, accumulator: Values) -> Values:
+    """Return the accumulator of an output after the segment. The elements of an array are updated one by
+    one."""
     mode = path.mode
 
     def quantity(t, x, v):
         a = mode.accelerations(t, x, v)
         return output.quantity(Moment(mode.scene.c, mode.sigma, t, mode.ground_at(t), x, v, a))
 
-    if not record.ndim:
-        return jnp.maximum(record, path.largest(quantity, record)[0])
+    if not accumulator.ndim:
+        return jnp.maximum(accumulator, path.largest(quantity, accumulator)[0])
 
-    def raise_element(index_and_record):
-        k, record = index_and_record
-        largest, _ = path.largest(lambda t, x, v: quantity(t, x, v)[k], record)
-        return jnp.maximum(record, largest)
+    def raise_element(index_and_accumulator):
+        k, accumulator = index_and_accumulator
+        largest, _ = path.largest(lambda t, x, v: quantity(t, x, v)[k], accumulator)
+        return jnp.maximum(accumulator, largest)
 
-    return jax.lax.map(raise_element, (jnp.arange(record.size), record))
+    return jax.lax.map(raise_element, (jnp.arange(accumulator.size), accumulator))
 
 
 def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopState:
-    """Return the state after the segment, with updated records."""
+    """Return the state after the segment, with updated accumulators."""
     mode, scene = path.mode, path.mode.scene
     sigma = mode.sigma
     peak, peak_time = path.largest(lambda t, x, v: sigma * x[0], state.peak)
     peak = jnp.where(end.toppled, scene.overturn_angle, jnp.minimum(peak, scene.overturn_angle))
     peak_time = jnp.where(end.toppled, end.t, peak_time)
     raises_peak = mode.rocking & (peak > state.peak)
-    records = [jnp.where(raises_peak, peak, state.peak)]
+    accumulators = [jnp.where(raises_peak, peak, state.peak)]
     notes = [jnp.where(raises_peak, peak_time, state.notes[0])]
-    for output, record, note in list(zip(plan.outputs, state.records, state.notes, strict=True))[1:]:
-        records.append(record if output.follows_impacts else _raised(path, output, record))
+    for output, accumulator, note in list(zip(plan.outputs, state.accumulators, state.notes, strict=True))[
+        1:
+    ]:
+        accumulators.append(accumulator if output.follows_impacts else _raised(path, output, accumulator))
         notes.append(note)
     uplifts = ~mode.rocking & (end.sigma != 0)
     stats = path.solution.stats
@@ -345,7 +349,7 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
         sigma=end.sigma,
         piece=end.piece.astype(state.piece.dtype),
         trial_limit=jnp.full_like(end.t, jnp.inf),
-        records=tuple(records),
+        accumulators=tuple(accumulators),
         notes=tuple(notes),
         uplifted=state.uplifted | uplifts,
         uplift_time=jnp.where(uplifts & ~state.uplifted, end.t, state.uplift_time),
@@ -367,7 +371,7 @@ def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes
     the time up to which the segment is solved next.
     """
     ground_at = scene.excitation.piece(state.piece)
-    path = _path(_Mode(scene, state.sigma, ground_at, natural_units(scene.c)), options, state)
+    path = _path(_ContactMode(scene, state.sigma, ground_at, natural_units(scene.c)), options, state)
     missed, retry_until = path.missed()
     end = _arrival(path, state)
     advanced = _advanced(path, plan, state, end)

@@ -102,8 +102,8 @@ def answers(
         "end_time": state.t,
     }
     ended = Ended(scene, state.t, state.x, state.v, state.code, state.overturn_time)
-    for output, record, note in zip(plan.outputs, state.records, state.notes, strict=True):
-        floats |= output.answer(ended, record, note)
+    for output, accumulator, note in zip(plan.outputs, state.accumulators, state.notes, strict=True):
+        floats |= output.answer(ended, accumulator, note)
     for output in plan.absent:
         floats |= output.absent(ended)
     state = state if final is None else final

@@ -86,20 +86,20 @@ class Scene(NamedTuple):
 
 class LoopState(NamedTuple):
     """State of the automaton. Stamps and step lengths are held constant under differentiation; positions,
-    velocities and records carry the tangents."""
+    velocities and accumulators carry the tangents."""
 
     t: Value  # time stamp [s]
     event_time: Value  # equal to t, with the derivative of the event's or breakpoint's time [s]
     x: Vector  # positions
     v: Vector  # velocities
-    sigma: Value  # mode: 0 full contact, ±1 rocking
+    sigma: Value  # contact mode: 0 full contact, ±1 rocking
     piece: Index  # piece of the excitation
     h: Value  # step length that the step-size control proposes [s]
     # Limit of the next trial: in the flat engine its length, in the segments engine its end [s]; inf for
     # none.
     trial_limit: Value
     code: Index  # result code, or results.RUNNING
-    records: tuple[Any, ...]  # records of the plan's outputs, with tangents; the first is max|θ|
+    accumulators: tuple[Any, ...]  # of the plan's outputs, with tangents; the first is max|θ|
     notes: tuple[Any, ...]  # further data of the outputs, such as times; no tangents in batches
     uplifted: Flag  # the columns have lifted
     uplift_time: Value  # time of the first uplift [s], else NaN
@@ -114,11 +114,11 @@ class LoopState(NamedTuple):
     @property
     def peak(self) -> Value:
         """Largest |θ| so far [rad]."""
-        return self.records[0]
+        return self.accumulators[0]
 
 
 # Fields whose tangents later steps use.
-DIFFERENTIATED = ("event_time", "x", "v", "records")
+DIFFERENTIATED = ("event_time", "x", "v", "accumulators")
 
 # Other fields that have tangents. Modes, stamps and step lengths have none.
 _REPORTED = ("notes", "uplift_time", "overturn_time", "min_impact_speed", "min_impact_speed_before_peak")
@@ -143,7 +143,7 @@ class Decision(NamedTuple):
     reaches_stop: Flag  # the step ends at the next breakpoint or at the end of the scene
     lands: Flag  # the step ends on an event
     false_uplift: Flag  # the step does not confirm the uplift, and the columns return to full contact
-    mode: Value  # mode after the step
+    mode: Value  # contact mode after the step
 
 
 class StepInfo(NamedTuple):

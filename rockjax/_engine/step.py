@@ -114,9 +114,9 @@ def _classify(
     c, h, time_resolution, rocking = scene.c, trial.h, trial.time_resolution, state.sigma != 0
     max_distance = jnp.maximum(scene.landing_fraction * h, time_resolution)
     is_before_stop = state.t + h + guard.time_past_end <= constant(trial.stop) + time_resolution
-    margin = guard.margin_at_end.value(guard.time_past_end)
-    slope = guard.margin_at_end.slope(guard.time_past_end)
-    has_small_residual = jnp.abs(constant(safe_ratio(margin, slope, guard.converges))) <= max_distance
+    clearance = guard.clearance_at_end.value(guard.time_past_end)
+    slope = guard.clearance_at_end.slope(guard.time_past_end)
+    has_small_residual = jnp.abs(constant(safe_ratio(clearance, slope, guard.converges))) <= max_distance
     lands = (
         guard.converges
         & (jnp.abs(guard.time_past_end) <= max_distance)
@@ -138,7 +138,7 @@ def _classify(
         lands = replayed.lands
     # Times of events and breakpoints depend on the parameters. `before` and `after` are the times from the
     # stamp to the event or breakpoint, at the start and at the end of the step, with derivatives.
-    newton_correction = safe_ratio(margin, slope, lands)
+    newton_correction = safe_ratio(clearance, slope, lands)
     before = state.event_time - constant(state.event_time)
     after = jnp.where(
         lands,
@@ -152,7 +152,8 @@ def _classify(
     # A step is shortened to end on a maximum if the polynomial is not accurate enough to give the maximum.
     view = Step(scene, plan.ends_on_maxima, state, ground_at, trial, guard, before, after)
     maxima = tuple(
-        output.over_step(view, record) for output, record in zip(plan.outputs, state.records, strict=True)
+        output.over_step(view, accumulator)
+        for output, accumulator in zip(plan.outputs, state.accumulators, strict=True)
     )
     # If the demand turns just below the threshold, the step is shortened to end at that turning point.
     turns_in_contact = ~rocking & guard.turned & ~guard.breaks_before_turn
@@ -215,9 +216,9 @@ def _advance(
     theta_dot_after, _ = after_impact(scene, sigma, at_impact[1][0], guard.end_value)
     impact = Impact(scene.c, sigma, now, ground, *at_impact, (theta_dot_after, *v[1:]), mode)
     end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact, shaken)
-    rows = zip(plan.outputs, state.records, state.notes, outcome.largest, strict=True)
-    updated = [output.update(end, record, note, largest) for output, record, note, largest in rows]
-    records, notes = (tuple(pair[k] for pair in updated) for k in (0, 1))
+    rows = zip(plan.outputs, state.accumulators, state.notes, outcome.largest, strict=True)
+    updated = [output.update(end, accumulator, note, largest) for output, accumulator, note, largest in rows]
+    accumulators, notes = (tuple(pair[k] for pair in updated) for k in (0, 1))
     impacts = hit.astype(jnp.int32) + skipped.impacts + (0 if shaken is None else shaken.strikes)
     is_first_uplift = uplifts & ~state.uplifted
     least = jnp.minimum(state.min_impact_speed, skipped.min_impact_speed)
@@ -230,7 +231,7 @@ def _advance(
         piece=piece,
         h=next_length(scene, state, trial, stamp),
         trial_limit=jnp.full_like(h, jnp.inf),
-        records=records,
+        accumulators=accumulators,
         notes=notes,
         uplifted=state.uplifted | uplifts,
         uplift_time=jnp.where(is_first_uplift, now, state.uplift_time),
@@ -238,7 +239,7 @@ def _advance(
         impacts=state.impacts + impacts,
         min_impact_speed=jnp.where(accepted & hit, least, state.min_impact_speed),
         min_impact_speed_before_peak=jnp.where(
-            records[0] > state.peak, state.min_impact_speed, state.min_impact_speed_before_peak
+            accumulators[0] > state.peak, state.min_impact_speed, state.min_impact_speed_before_peak
         ),
         steps=state.steps + 1,
     )
@@ -288,8 +289,9 @@ def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) 
     shrunk = trial.h * jnp.where(trial.finite, trial.growth, SHRINK)
     return state._replace(
         h=jnp.where(trial.accurate, state.h, shrunk),
-        records=tuple(
-            output.after_rejection(record) for output, record in zip(plan.outputs, state.records, strict=True)
+        accumulators=tuple(
+            output.after_rejection(accumulator)
+            for output, accumulator in zip(plan.outputs, state.accumulators, strict=True)
         ),
         trial_limit=jnp.where(trial.accurate, trial.h * outcome.retry_fraction, jnp.inf),
         may_skip=None if state.may_skip is None else jnp.zeros_like(trial.finite),

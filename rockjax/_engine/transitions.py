@@ -1,4 +1,4 @@
-"""Effects of events on the mode and the state, and effects of event times on derivatives.
+"""Effects of events on contact mode and state, and effects of event times on derivatives.
 
 The time of an event or breakpoint depends on the parameters. The value of this time, held constant under
 differentiation, is called the stamp.
@@ -21,11 +21,11 @@ from .state import Scene
 
 
 class Transition(NamedTuple):
-    """State and mode after an event, or after a step without one."""
+    """State and contact mode after an event, or after a step without one."""
 
     x: Vector  # positions
     v: Vector  # velocities
-    sigma: Value  # mode
+    sigma: Value  # contact mode
 
 
 def transition(
@@ -43,7 +43,7 @@ def transition(
     """Apply the transition of the automaton at the end of a step.
 
     - `scene`: the prepared scene
-    - `sigma`: mode σ before the transition
+    - `sigma`: contact mode σ before the transition
     - `x`, `v`: positions and velocities before the transition
     - `ground`: ground acceleration after the transition, ü_g, or ü_g and v̈_g [m/s²]
     - `hit`: True for an impact
@@ -52,7 +52,7 @@ def transition(
     - `halted`: True for a false uplift, after which the columns are in full contact
     - `to_rest`: True for an impact that leads to rest
 
-    Without an event the mode stays, except that columns in full contact lift if a jump of the ground
+    Without an event the contact mode stays, except that columns in full contact lift if a jump of the ground
     acceleration has brought the demand above the threshold.
     """
     c, rocking = scene.c, sigma != 0
@@ -68,8 +68,8 @@ def transition(
 
 
 def contact_mode(c: Coefficients, q: Value) -> Value:
-    """Return the mode that follows full contact under the demand q [m/s²]: the columns lift if |q| exceeds
-    the threshold of Eq. (9), and stay in contact if |q| equals it."""
+    """Return the contact mode that follows full contact under the demand q [m/s²]: the columns lift if |q|
+    exceeds the threshold of Eq. (9), and stay in contact if |q| equals it."""
     return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
 
 
@@ -79,7 +79,7 @@ def after_impact(
     """Return (θ̇⁺, σ⁺) after an impact, Eq. (27).
 
     - `scene`: the prepared scene
-    - `sigma`, `theta_dot`: mode and θ̇ [rad/s] before the impact
+    - `sigma`, `theta_dot`: contact mode and θ̇ [rad/s] before the impact
     - `q`: demand in full contact after the impact [m/s²]
     - `to_rest`: True if the columns come to rest whatever their speed
 
@@ -95,12 +95,12 @@ class Jolt(NamedTuple):
     """A jump of the ground's velocity, and the state after it."""
 
     jump: Value | Shaking  # velocity jump of the ground [m/s]; zero without a jump
-    side: Value  # mode in which the velocities change: the present mode, or the mode after the uplift
+    side: Value  # contact mode in which the velocities change: the present one, or the one after the uplift
     change: Vector  # changes of the velocities due to the jump, before the impact that may follow
     lifts: Flag  # whether columns at rest lift
     strikes: Flag  # whether rocking columns at θ = 0 are driven into the ground, which is another impact
     v: Vector  # velocities after the jump
-    sigma: Value  # mode after the jump
+    sigma: Value  # contact mode after the jump
 
 
 def jolt(
@@ -109,7 +109,7 @@ def jolt(
     """Return the effect of a jump of the ground's velocity, (L13), (L14).
 
     - `scene`: the prepared scene
-    - `sigma`, `x`, `v`: mode, positions and velocities before the jump
+    - `sigma`, `x`, `v`: contact mode, positions and velocities before the jump
     - `ground`: ground acceleration after the jump, ü_g, or ü_g and v̈_g [m/s²]
     - `jump`: velocity jump of the ground, horizontal, or horizontal and vertical [m/s]
 
@@ -138,7 +138,7 @@ def past_breakpoint(
     - `scene`: the prepared scene
     - `stamp`: fixed time stamp of the breakpoint [s]
     - `delta`: time of the breakpoint minus its stamp, zero in value, with derivatives [s]
-    - `x`, `v`, `sigma`: positions, velocities and mode
+    - `x`, `v`, `sigma`: positions, velocities and contact mode
     - `pieces`: pieces before and after the breakpoint
 
     Breakpoints of the horizontal and of the vertical motion may coincide although their times have different
@@ -162,7 +162,7 @@ def restart(
     - `scene`: the prepared scene
     - `t`: fixed time stamp [s]
     - `delta`: time of the event minus the stamp, zero in value, with derivatives [s]
-    - `x`, `v`, `sigma`: positions, velocities and mode after the event
+    - `x`, `v`, `sigma`: positions, velocities and contact mode after the event
     - `piece`: piece of the excitation after the event
 
     The time of the event depends on the parameters; the stamp does not. The state is moved from the stamp to

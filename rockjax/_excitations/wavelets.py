@@ -45,8 +45,8 @@ class _BoundedLookahead(AbstractLookahead):
         resolution = 4 * jnp.finfo(t.dtype).eps
 
         def safe_step(a, slope, sign):
-            margin = jnp.maximum(threshold - sign * a, 0.0)
-            return (-sign * slope + jnp.sqrt(slope**2 + 2 * self.curvature * margin)) / self.curvature
+            distance = jnp.maximum(threshold - sign * a, 0.0)
+            return (-sign * slope + jnp.sqrt(slope**2 + 2 * self.curvature * distance)) / self.curvature
 
         def advance(carry):
             _, t, _ = carry

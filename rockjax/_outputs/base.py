@@ -1,4 +1,4 @@
-"""The base class of outputs: names, units, and the methods that update a record during a scene."""
+"""The base class of outputs: names, units, and the methods that update an accumulator during a scene."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def worst_place(name: str, values: np.ndarray) -> np.ndarray:
     return values.min(axis=-1) if name.startswith("least") else values.max(axis=-1)
 
 
-def larger(new: Values, record: Values) -> Values:
-    """Return the larger of two values. If they are equal, the result has the derivative of `record`, while
-    `jnp.maximum` would average both derivatives."""
-    return jnp.where(new > record, new, record)
+def larger(new: Values, accumulator: Values) -> Values:
+    """Return the larger of two values. If they are equal, the result has the derivative of `accumulator`,
+    while `jnp.maximum` would average both derivatives."""
+    return jnp.where(new > accumulator, new, accumulator)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,61 +125,63 @@ class AbstractOutput:
         raise NotImplementedError(f"the output {self.name!r} has no `quantity`")
 
     def start(self, start: Start) -> tuple[Any, Any]:
-        """Return the record (the value so far) and the note (further data, such as the time of a peak) at the
-        start of a scene; either may be None. Batches compute derivatives of records, not of notes."""
+        """Return the accumulator (the value so far) and the note (further data, such as the time of a peak)
+        at the start of a scene; either may be None. Batches compute derivatives of accumulators, not of
+        notes."""
         shape = jax.eval_shape(lambda: self.quantity(start.moment()))
         return jnp.zeros(shape.shape, shape.dtype), None
 
-    def over_step(self, step: Step, record: Any) -> Maximum | None:
+    def over_step(self, step: Step, accumulator: Any) -> Maximum | None:
         """Return the largest value in a step, and the fraction of the step to try next to end on this
-        maximum; None if the record depends only on the ends of steps."""
-        return step.largest(step.course(self.quantity), record)
+        maximum; None if the accumulator depends only on the ends of steps."""
+        return step.largest(step.course(self.quantity), accumulator)
 
     def at_impact(self, impact: Impact) -> Any:
         """Return the value of a quantity that exists only at impacts; None for other quantities."""
         del impact
         return None
 
-    def update(self, end: StepEnd, record: Any, note: Any, largest: Any) -> tuple[Any, Any]:
-        """Return the record and the note after an accepted step. `largest` is `over_step(…).value` or
+    def update(self, end: StepEnd, accumulator: Any, note: Any, largest: Any) -> tuple[Any, Any]:
+        """Return the accumulator and the note after an accepted step. `largest` is `over_step(…).value` or
         None."""
         if largest is not None:
-            record = jax.tree.map(larger, largest, record)
+            accumulator = jax.tree.map(larger, largest, accumulator)
         value = self.at_impact(end.impact)
         if value is not None:
             raised = lambda new, old: jnp.where(end.hit & (new > old), new, old)
-            record = jax.tree.map(raised, value, record)
-        return record, note
+            accumulator = jax.tree.map(raised, value, accumulator)
+        return accumulator, note
 
-    def after_rejection(self, record: Any) -> Any:
-        """Return the record after a rejected step."""
-        return record
+    def after_rejection(self, accumulator: Any) -> Any:
+        """Return the accumulator after a rejected step."""
+        return accumulator
 
-    def answer(self, ended: Ended, record: Any, note: Any) -> dict[str, Any]:
+    def answer(self, ended: Ended, accumulator: Any, note: Any) -> dict[str, Any]:
         """Return the answers by name."""
         del ended, note
-        return {self.name: record}
+        return {self.name: accumulator}
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         """Return the answers of a scene for which this output was not requested: NaN."""
         return {self.name: jnp.full_like(ended.t, jnp.nan)}
 
     # ---------------------------------------------------------------------------- skipping parts of a scene
-    def over_rest(self, rest: Rest, record: Any) -> Any:
-        """Return the record after full contact of a rigid podium."""
+    def over_rest(self, rest: Rest, accumulator: Any) -> Any:
+        """Return the accumulator after full contact of a rigid podium."""
         raise NotImplementedError
 
-    def over_sample(self, sample: Sample, record: Any) -> Flag | bool:
-        """Return whether the record stays the same in a sampling interval that is skipped without a trial."""
+    def over_sample(self, sample: Sample, accumulator: Any) -> Flag | bool:
+        """Return whether the accumulator stays the same in a sampling interval that is skipped without a
+        trial."""
         raise NotImplementedError
 
-    def over_bounces(self, bounces: Bounces, record: Any) -> Flag | bool:
-        """Return whether the record stays the same in bounces that are skipped."""
+    def over_bounces(self, bounces: Bounces, accumulator: Any) -> Flag | bool:
+        """Return whether the accumulator stays the same in bounces that are skipped."""
         raise NotImplementedError
 
-    def is_final(self, bounds: Bounds, record: Any) -> Flag | bool:
-        """Return whether no motion within the bounds can change the record."""
-        del bounds, record
+    def is_final(self, bounds: Bounds, accumulator: Any) -> Flag | bool:
+        """Return whether no motion within the bounds can change the accumulator."""
+        del bounds, accumulator
         return False
 
     def passes(self, method: str) -> bool:
@@ -188,20 +190,22 @@ class AbstractOutput:
 
 
 class AbstractEventOutput(AbstractOutput):
-    """An output whose record changes only at turning points of the rotation and at events. The record stays
-    the same in full contact of a rigid podium, and in a sampling interval with monotone rotation."""
+    """An output whose accumulator changes only at turning points of the rotation and at events. The
+    accumulator stays the same in full contact of a rigid podium, and in a sampling interval with monotone
+    rotation."""
 
-    def over_rest(self, rest: Rest, record: Any) -> Any:
+    def over_rest(self, rest: Rest, accumulator: Any) -> Any:
         del rest
-        return record
+        return accumulator
 
-    def over_sample(self, sample: Sample, record: Any) -> bool:
-        del sample, record
+    def over_sample(self, sample: Sample, accumulator: Any) -> bool:
+        del sample, accumulator
         return True
 
 
 class AbstractInternalOutput(AbstractEventOutput):
-    """An output for internal use, without public answers, whose record depends only on the ends of steps."""
+    """An output for internal use, without public answers, whose accumulator depends only on the ends of
+    steps."""
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -211,11 +215,11 @@ class AbstractInternalOutput(AbstractEventOutput):
         del start
         return None, None
 
-    def over_step(self, step: Step, record: Any) -> None:
-        del step, record
+    def over_step(self, step: Step, accumulator: Any) -> None:
+        del step, accumulator
 
-    def answer(self, ended: Ended, record: Any, note: Any) -> dict[str, Any]:
-        del ended, record, note
+    def answer(self, ended: Ended, accumulator: Any, note: Any) -> dict[str, Any]:
+        del ended, accumulator, note
         return {}
 
     def absent(self, ended: Ended) -> dict[str, Any]:

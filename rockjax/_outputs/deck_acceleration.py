@@ -37,20 +37,20 @@ class PeakDeckAcceleration(AbstractOutput):
     def start(self, start: Start) -> tuple[Value, None]:
         return jnp.zeros((), start.t.dtype), None
 
-    def over_step(self, step: Step, record: Value) -> Maximum:
-        return step.largest(step.course(deck_acceleration), record, END_ZONE_CUBIC)
+    def over_step(self, step: Step, accumulator: Value) -> Maximum:
+        return step.largest(step.course(deck_acceleration), accumulator, END_ZONE_CUBIC)
 
-    def over_rest(self, rest: Rest, record: Value) -> Value:
-        return larger(rest.largest_ground_acceleration, record)
+    def over_rest(self, rest: Rest, accumulator: Value) -> Value:
+        return larger(rest.largest_ground_acceleration, accumulator)
 
-    def over_sample(self, sample: Sample, record: Value) -> Flag:
-        return stays_below(sample, record / sample.c.g)
+    def over_sample(self, sample: Sample, accumulator: Value) -> Flag:
+        return stays_below(sample, accumulator / sample.c.g)
 
-    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        return beam_bound(bounces) < record
+    def over_bounces(self, bounces: Bounces, accumulator: Value) -> Flag:
+        return beam_bound(bounces) < accumulator
 
-    def is_final(self, bounds: Bounds, record: Value) -> Flag:
-        return bounds.beam < record
+    def is_final(self, bounds: Bounds, accumulator: Value) -> Flag:
+        return bounds.beam < accumulator
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         del ended

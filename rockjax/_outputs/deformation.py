@@ -44,15 +44,17 @@ class PeakDeformation(AbstractOutput):
         modes = start.scene.c.vibration
         return jnp.zeros(() if modes is None else modes.omega2.shape, start.t.dtype), None
 
-    def over_step(self, step: Step, record: Values) -> Maximum:
+    def over_step(self, step: Step, accumulator: Values) -> Maximum:
         # Steps end on maxima only if the method is more accurate than the polynomial over the step.
-        return step.largest(step.deformations, record, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima)
+        return step.largest(
+            step.deformations, accumulator, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima
+        )
 
-    def is_final(self, bounds: Bounds, record: Values) -> Flag:
-        return all_true(bounds.deformations() < record)
+    def is_final(self, bounds: Bounds, accumulator: Values) -> Flag:
+        return all_true(bounds.deformations() < accumulator)
 
-    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        return {self.name: jnp.atleast_1d(record) if self.has_mode_axis else record}
+    def answer(self, ended: Ended, accumulator: Values, note: Any) -> dict[str, Any]:
+        return {self.name: jnp.atleast_1d(accumulator) if self.has_mode_axis else accumulator}
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         if not self.elastic:

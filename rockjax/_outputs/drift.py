@@ -37,14 +37,14 @@ class PeakDrift(AbstractStoryOutput):
     def start(self, start: Start) -> tuple[Values, None]:
         return jnp.zeros(self.stories, start.t.dtype), None
 
-    def over_step(self, step: Step, record: Values) -> Maximum:
+    def over_step(self, step: Step, accumulator: Values) -> Maximum:
         drifts = jax.vmap(step.deformations.summed)(_weights(step.c))
-        return step.largest(drifts, record, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima)
+        return step.largest(drifts, accumulator, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima)
 
-    def is_final(self, bounds: Bounds, record: Values) -> Flag:
+    def is_final(self, bounds: Bounds, accumulator: Values) -> Flag:
         frequencies = jnp.sqrt(present(bounds.c.vibration).omega2)
         bound = jax.vmap(lambda weights: bounds.modal_sum(weights / frequencies))(_weights(bounds.c))
-        return all_true(bound < record)
+        return all_true(bound < accumulator)
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         return self.in_all_stories(jnp.full_like(ended.t, jnp.nan if self.elastic else 0.0))

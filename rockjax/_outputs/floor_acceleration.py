@@ -41,29 +41,31 @@ class PeakFloorAcceleration(AbstractStoryOutput):
     def start(self, start: Start) -> tuple[Values, None]:
         return jnp.zeros(self.stories if self.elastic else (), start.t.dtype), None
 
-    def over_step(self, step: Step, record: Values) -> Maximum:
+    def over_step(self, step: Step, accumulator: Values) -> Maximum:
         if not self.elastic:
-            return _BEAM.over_step(step, record)
+            return _BEAM.over_step(step, accumulator)
         carried = step.carrier()
         floors = jax.vmap(carried)(present(present(step.c.modal).floors))
-        return step.largest(floors, record, step.end_zone_of_forces)
+        return step.largest(floors, accumulator, step.end_zone_of_forces)
 
-    def over_rest(self, rest: Rest, record: Values) -> Values:
-        return _BEAM.over_rest(rest, record)
+    def over_rest(self, rest: Rest, accumulator: Values) -> Values:
+        return _BEAM.over_rest(rest, accumulator)
 
-    def over_sample(self, sample: Sample, record: Values) -> Flag:
-        return _BEAM.over_sample(sample, record)
+    def over_sample(self, sample: Sample, accumulator: Values) -> Flag:
+        return _BEAM.over_sample(sample, accumulator)
 
-    def over_bounces(self, bounces: Bounces, record: Values) -> Flag:
-        return _BEAM.over_bounces(bounces, record)
+    def over_bounces(self, bounces: Bounces, accumulator: Values) -> Flag:
+        return _BEAM.over_bounces(bounces, accumulator)
 
-    def is_final(self, bounds: Bounds, record: Values) -> Flag:
+    def is_final(self, bounds: Bounds, accumulator: Values) -> Flag:
         if not self.elastic:
-            return _BEAM.is_final(bounds, record)
-        return all_true(jax.vmap(bounds.carried)(present(present(bounds.c.modal).floors)) < record)
+            return _BEAM.is_final(bounds, accumulator)
+        return all_true(jax.vmap(bounds.carried)(present(present(bounds.c.modal).floors)) < accumulator)
 
-    def answer(self, ended: Ended, record: Values, note: Any) -> dict[str, Any]:
-        return {self.name: record} if self.elastic else self.in_all_stories(record * ended.scene.c.g)
+    def answer(self, ended: Ended, accumulator: Values, note: Any) -> dict[str, Any]:
+        return (
+            {self.name: accumulator} if self.elastic else self.in_all_stories(accumulator * ended.scene.c.g)
+        )
 
 
 _BEAM = PeakShear()  # for a rigid building, the acceleration of the beam divided by g

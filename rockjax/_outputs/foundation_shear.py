@@ -26,12 +26,12 @@ class PeakFoundationShear(AbstractForceOutput):
         c, sigma, _, ground, x, v, a = moment
         return mean_forces(c, sigma, ground, x, v, a).foundation[0] / total_weight(c)
 
-    def over_step(self, step: Step, record: Value) -> Maximum:
-        maximum = step.largest_forces(step.courses(self.quantity), (record,))
+    def over_step(self, step: Step, accumulator: Value) -> Maximum:
+        maximum = step.largest_forces(step.courses(self.quantity), (accumulator,))
         return maximum._replace(value=maximum.value[0])
 
-    def is_unchanged(self, bounds: JointBounds, record: Value) -> Flag:
-        return bounds.foundation_shear <= record * total_weight(bounds.c)
+    def is_unchanged(self, bounds: JointBounds, accumulator: Value) -> Flag:
+        return bounds.foundation_shear <= accumulator * total_weight(bounds.c)
 
-    def answer(self, ended: Ended, record: Value, note: Any) -> dict[str, Any]:
-        return {self.name: self.nan_if_weightless(ended, record)}
+    def answer(self, ended: Ended, accumulator: Value, note: Any) -> dict[str, Any]:
+        return {self.name: self.nan_if_weightless(ended, accumulator)}

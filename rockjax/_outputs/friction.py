@@ -18,7 +18,7 @@ from .base import AbstractOutput
 from .joints import AbstractJointOutput, JointBounds, all_of, end_forces, friction_of, halves, quarter_tangent
 from .views import Course, Ended, Start, Step
 
-Record = tuple[Value, ...]
+Accumulator = tuple[Value, ...]
 
 
 class AnglePath(NamedTuple):
@@ -68,7 +68,7 @@ def _angle(tangential: Course, axial: Course) -> Course:
 class PeakFriction(AbstractJointOutput):
     """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
 
-    The record is the angle φ of the force from the vertical, as tan(φ/4), which is smooth at N = 0.
+    The accumulator is the angle φ of the force from the vertical, as tan(φ/4), which is smooth at N = 0.
     """
 
     name = "peak_friction"
@@ -79,20 +79,20 @@ class PeakFriction(AbstractJointOutput):
     def for_limit(self, limit: float) -> tuple[AbstractOutput, float]:
         return FrictionUse(limit=limit), 1.0
 
-    def start(self, start: Start) -> tuple[Record, None]:
+    def start(self, start: Start) -> tuple[Accumulator, None]:
         return self.filled(start, 0.0), None
 
-    def over_step(self, step: Step, record: Record) -> Maximum:
+    def over_step(self, step: Step, accumulator: Accumulator) -> Maximum:
         angles = [_angle(*forces) for forces in zip(*halves(step.courses(end_forces)), strict=True)]
-        maximum = step.largest_forces(angles, record)
+        maximum = step.largest_forces(angles, accumulator)
         return maximum._replace(value=tuple(jnp.minimum(y, 1.0) for y in maximum.value))
 
-    def is_unchanged(self, bounds: JointBounds, record: Record) -> Flag:
-        demands = map(friction_of, jax.lax.stop_gradient(self.worst(record)))
+    def is_unchanged(self, bounds: JointBounds, accumulator: Accumulator) -> Flag:
+        demands = map(friction_of, jax.lax.stop_gradient(self.worst(accumulator)))
         return all_of(bound <= demand for bound, demand in zip(bounds.friction, demands, strict=True))
 
-    def answer(self, ended: Ended, record: Record, note: Any) -> dict[str, Any]:
-        return {self.name: self.nan_if_weightless(ended, friction_of(jnp.stack(self.worst(record))))}
+    def answer(self, ended: Ended, accumulator: Accumulator, note: Any) -> dict[str, Any]:
+        return {self.name: self.nan_if_weightless(ended, friction_of(jnp.stack(self.worst(accumulator))))}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +101,7 @@ class FrictionUse(AbstractJointOutput):
     column. If it exceeds 1, the joint would slide. The answer is 0 at a joint without dead load. Targets use
     this output because it is smooth where a joint would open, unlike |T|/N.
 
-    The record contains the largest T − μN of every column and joint, then the largest −T − μN [m/s²].
+    The accumulator contains the largest T − μN of every column and joint, then the largest −T − μN [m/s²].
 
     - `limit`: friction coefficient μ [–]
     """
@@ -112,32 +112,32 @@ class FrictionUse(AbstractJointOutput):
 
     limit: float = 1.0
 
-    def start(self, start: Start) -> tuple[Record, None]:
+    def start(self, start: Start) -> tuple[Accumulator, None]:
         return 2 * self.filled(start, -jnp.inf), None
 
-    def over_step(self, step: Step, record: Record) -> Maximum:
+    def over_step(self, step: Step, accumulator: Accumulator) -> Maximum:
         forces = list(zip(*halves(step.courses(end_forces)), strict=True))
         excesses = [
             jax.tree.map(lambda t, n, side=side: side * t - self.limit * n, *pair)
             for side in (1, -1)
             for pair in forces
         ]
-        return step.largest_forces(excesses, record, sizes="signed")
+        return step.largest_forces(excesses, accumulator, sizes="signed")
 
-    def is_unchanged(self, bounds: JointBounds, record: Record) -> Flag:
+    def is_unchanged(self, bounds: JointBounds, accumulator: Accumulator) -> Flag:
         def holds(friction: Value, least: Value, most: Value, worst: Value) -> Flag:
             beyond = friction - self.limit
             return beyond * jnp.where(beyond < 0, least, most) <= worst
 
-        worst = jax.lax.stop_gradient(self._worst_excess(record))
+        worst = jax.lax.stop_gradient(self._worst_excess(accumulator))
         pairs = bounds.friction, bounds.least_axial, bounds.most_axial, worst
         return all_of(itertools.starmap(holds, zip(*pairs, strict=True)))
 
-    def _worst_excess(self, record: Record) -> list[Value]:
-        one_side, other_side = map(self.worst, halves(record))
+    def _worst_excess(self, accumulator: Accumulator) -> list[Value]:
+        one_side, other_side = map(self.worst, halves(accumulator))
         return [jnp.maximum(*pair) for pair in zip(one_side, other_side, strict=True)]
 
-    def answer(self, ended: Ended, record: Record, note: Any) -> dict[str, Any]:
+    def answer(self, ended: Ended, accumulator: Accumulator, note: Any) -> dict[str, Any]:
         capacity = self.limit * ended.scene.c.g * present(ended.scene.c.joints).dead_load
-        use = 1 + jnp.stack(self._worst_excess(record)) / jnp.where(capacity > 0, capacity, 1.0)
+        use = 1 + jnp.stack(self._worst_excess(accumulator)) / jnp.where(capacity > 0, capacity, 1.0)
         return {self.name: self.nan_if_weightless(ended, jnp.where(capacity > 0, use, 0.0))}

@@ -24,8 +24,8 @@ class Impacts(AbstractInternalOutput):
     name = "impacts"
     follows_impacts = True
 
-    def is_final(self, bounds: Bounds, record: Any) -> Flag | bool:
-        del record
+    def is_final(self, bounds: Bounds, accumulator: Any) -> Flag | bool:
+        del accumulator
         return bounds.rests
 
 
@@ -48,7 +48,9 @@ class EnergeticImpacts(AbstractInternalOutput):
     def start(self, start: Start) -> tuple[None, Energetic]:
         return None, Energetic(jnp.zeros_like(start.t), jnp.zeros_like(start.t))
 
-    def update(self, end: StepEnd, record: None, note: Energetic, largest: Any) -> tuple[None, Energetic]:
+    def update(
+        self, end: StepEnd, accumulator: None, note: Energetic, largest: Any
+    ) -> tuple[None, Energetic]:
         del largest
         c = end.step.c
         ratio = jax.lax.stop_gradient(end.impact.speed / (c.p * c.alpha))
@@ -56,13 +58,13 @@ class EnergeticImpacts(AbstractInternalOutput):
         contribution = jnp.where(
             end.hit, jnp.minimum(ratio * ratio, 1.0) ** 4 + 8 * jnp.maximum(ratio - 1, 0.0), 0.0
         )
-        return record, Energetic(note.total + contribution, jnp.where(end.hit, contribution, note.last))
+        return accumulator, Energetic(note.total + contribution, jnp.where(end.hit, contribution, note.last))
 
-    def is_final(self, bounds: Bounds, record: None) -> bool:
-        del bounds, record
+    def is_final(self, bounds: Bounds, accumulator: None) -> bool:
+        del bounds, accumulator
         return True
 
-    def answer(self, ended: Ended, record: None, note: Energetic) -> dict[str, Any]:
+    def answer(self, ended: Ended, accumulator: None, note: Energetic) -> dict[str, Any]:
         # `fall` is θ̇² at the overturning angle, which is proportional to the excess energy there.
         overturned = ended.code == results.OVERTURNED
         return {

@@ -50,7 +50,7 @@ class MeanForces(NamedTuple):
 def device_forces(c: Coefficients, sigma: Value, x: Vector, v: Vector, a: Vector) -> DeviceForces:
     """Return the forces of the restrainers at the joints, (F2).
 
-    - `c`: constants of the podium; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `c`: constants of the podium; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `x`, `v`, `a`: positions, velocities and accelerations
     """
     if c.restraint is None:
@@ -87,7 +87,7 @@ def mean_forces(
 ) -> MeanForces:
     """Return the forces of the mean column, (F1) to (F5), (F9) to (F11).
 
-    - `c`: constants of the podium, including the joints; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `c`: constants of the podium, including the joints; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     """
@@ -122,7 +122,7 @@ def overturning_moment(
 ) -> Value:
     """Return the overturning moment on the columns divided by N m_c, clockwise, (F6) [m²/s²].
 
-    - `c`: constants of a podium with an elevation; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `c`: constants of a podium with an elevation; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     """
@@ -160,7 +160,7 @@ def column_forces(
     """Return T and N at the joints of columns, (F8) to (F11) [m/s²]: at the bottom joint for every element of
     `offsets`, then at the top joint.
 
-    - `c`: constants of the podium, including the joints; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `c`: constants of the podium, including the joints; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
@@ -181,7 +181,7 @@ def impulses_of_columns(
     """Return the impulses J_T and J_N of an impact at the joints of columns, divided by m_c, (F12) to (F14)
     [m/s]: at the bottom joint for every element of `offsets`, then at the top joint.
 
-    - `c`: constants of the podium, including the joints; `sigma`: mode before the impact
+    - `c`: constants of the podium, including the joints; `sigma`: contact mode before the impact
     - `speed`: |θ̇| before the impact [rad/s]
     - `sway`: result of `sway_of_modes` [m]
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
@@ -217,7 +217,7 @@ def of_all_columns(
 def sway_of_modes(c: Coefficients, sigma: Value, x: Vector) -> Value | float:
     """Return Σ η_id_i over the modes i with the deformations d_i [m], or 0.0 if there are no modes.
 
-    - `c`: constants of the podium; `sigma`: mode σ ∈ {−1, 0, 1}; `x`: positions
+    - `c`: constants of the podium; `sigma`: contact mode σ ∈ {−1, 0, 1}; `x`: positions
     """
     if c.vibration is None:
         return 0.0

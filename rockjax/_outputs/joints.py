@@ -104,15 +104,15 @@ class AbstractForceOutput(AbstractOutput):
     needs_flat = True
     of_joints = True
 
-    def is_unchanged(self, bounds: JointBounds, record: Any) -> Flag:
-        """Return whether no forces within the bounds change the record."""
+    def is_unchanged(self, bounds: JointBounds, accumulator: Any) -> Flag:
+        """Return whether no forces within the bounds change the accumulator."""
         raise NotImplementedError
 
-    def over_bounces(self, bounces: Bounces, record: Any) -> Flag | bool:
-        return self.is_unchanged(JointBounds.over(bounces), record)
+    def over_bounces(self, bounces: Bounces, accumulator: Any) -> Flag | bool:
+        return self.is_unchanged(JointBounds.over(bounces), accumulator)
 
-    def is_final(self, bounds: Bounds, record: Any) -> Flag | bool:
-        return self.is_unchanged(JointBounds.of(bounds), record)
+    def is_final(self, bounds: Bounds, accumulator: Any) -> Flag | bool:
+        return self.is_unchanged(JointBounds.of(bounds), accumulator)
 
     def nan_if_weightless(self, ended: Ended, values: Values | Sequence[Value]) -> Values:
         """Return the values as an array, or NaN if the scene ended because vertical motion would open all
@@ -126,24 +126,24 @@ class AbstractForceOutput(AbstractOutput):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractJointOutput(AbstractForceOutput):
-    """An output with an answer for each joint, (2,). The record is a tuple of scalars for the end columns at
-    the bottom joint, then for the end columns at the top joint."""
+    """An output with an answer for each joint, (2,). The accumulator is a tuple of scalars for the end
+    columns at the bottom joint, then for the end columns at the top joint."""
 
     axis = JOINTS
     joints: ClassVar[int] = 2
 
-    columns: int = 1  # columns in the record: the mean column (1) or, with an elevation, both ends (2)
+    columns: int = 1  # columns in the accumulator: the mean column (1) or, with an elevation, both ends (2)
 
     def of(self, podium: Podium) -> Self:
         return dataclasses.replace(self, columns=1 if podium.elevation is None else 2)
 
-    def worst(self, record: Sequence[Value]) -> Pair:
+    def worst(self, accumulator: Sequence[Value]) -> Pair:
         """Return the largest value of the columns at each joint."""
-        bottom, top = halves(record)
+        bottom, top = halves(accumulator)
         return functools.reduce(jnp.maximum, bottom), functools.reduce(jnp.maximum, top)
 
     def filled(self, start: Start, value: float) -> tuple[Value, ...]:
-        """Return a record in which all columns and joints have this value."""
+        """Return an accumulator in which all columns and joints have this value."""
         return (jnp.full((), value, start.t.dtype),) * (self.joints * self.columns)
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.energy import potential
-from rockjax._outputs.maxima import NEAR_RECORD, Maximum
+from rockjax._outputs.maxima import NEAR_MAXIMUM, Maximum
 from rockjax._types import Flag, Value
 
 from .base import AbstractEventOutput, AbstractInternalOutput
@@ -34,29 +34,31 @@ class Margin(AbstractEventOutput):
         scene = start.scene
         return margin_at_rest(scene.c, scene.overturn_angle, jnp.abs(start.initial.theta)), None
 
-    def over_step(self, step: Step, record: Value) -> Maximum:
+    def over_step(self, step: Step, accumulator: Value) -> Maximum:
         value = step.turn.margin
-        is_near_record = jax.lax.stop_gradient(value) < record + NEAR_RECORD * (1 - record)
-        return Maximum(value, step.cut_at_turn(step.ends_on_maxima & step.has_peak & is_near_record))
+        is_near_least = jax.lax.stop_gradient(value) < accumulator + NEAR_MAXIMUM * (1 - accumulator)
+        return Maximum(value, step.cut_at_turn(step.ends_on_maxima & step.has_peak & is_near_least))
 
-    def update(self, end: StepEnd, record: Value, note: None, largest: Value | None) -> tuple[Value, None]:
+    def update(
+        self, end: StepEnd, accumulator: Value, note: None, largest: Value | None
+    ) -> tuple[Value, None]:
         del largest
         step, (x, v) = end.step, (end.x, end.v)
         scene, turn = step.scene, step.turn
-        least = jnp.where(step.has_peak & (turn.margin < record), turn.margin, record)
+        least = jnp.where(step.has_peak & (turn.margin < accumulator), turn.margin, accumulator)
         # If |θ| still increases at the end of a scene, the rotation there counts as a turning point.
         rises = (end.stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
         at_end = margin_at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
         least = jnp.where(rises & (at_end < least), at_end, least)
         return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
-    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
+    def over_bounces(self, bounces: Bounces, accumulator: Value) -> Flag:
         # The right-hand side is a lower bound on the margins of the bounces, since gravity stops the columns.
-        return record <= margin_at_rest(bounces.c, bounces.overturn_angle, bounces.height)
+        return accumulator <= margin_at_rest(bounces.c, bounces.overturn_angle, bounces.height)
 
-    def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
-        depth = potential(bounds.c, jnp.ones_like(record), bounds.overturn_angle)
-        return bounds.rests | (bounds.energy < (1 - record) * depth)
+    def is_final(self, bounds: Bounds, accumulator: Value) -> Flag | bool:
+        depth = potential(bounds.c, jnp.ones_like(accumulator), bounds.overturn_angle)
+        return bounds.rests | (bounds.energy < (1 - accumulator) * depth)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,17 +72,17 @@ class TurningPoints(AbstractInternalOutput):
         inf = jnp.full_like(start.t, jnp.inf)
         return Turn(inf, inf), None
 
-    def update(self, end: StepEnd, record, note, largest):
-        del record, largest
+    def update(self, end: StepEnd, accumulator, note, largest):
+        del accumulator, largest
         return end.step.turn, note
 
-    def after_rejection(self, record):
-        return jax.tree.map(lambda y: jnp.full_like(y, jnp.inf), record)
+    def after_rejection(self, accumulator):
+        return jax.tree.map(lambda y: jnp.full_like(y, jnp.inf), accumulator)
 
-    def over_bounces(self, bounces: Bounces, record):
-        del bounces, record
+    def over_bounces(self, bounces: Bounces, accumulator):
+        del bounces, accumulator
         return True
 
-    def is_final(self, bounds: Bounds, record):
-        del bounds, record
+    def is_final(self, bounds: Bounds, accumulator):
+        del bounds, accumulator
         return True

@@ -14,9 +14,9 @@ from rockjax._engine.ratio import safe_ratio
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Flags, Value, Values
 
-# A step is shortened to end on an extremum that may raise the record and lies well inside the step. Near the
-# ends of a step the polynomial is as accurate as the step itself.
-NEAR_RECORD = 1e-2  # an extremum may raise the record if it is larger than (1 − NEAR_RECORD) times the record
+# A step is shortened to end on an extremum that may exceed the maximum so far and lies well inside the step.
+# Near the ends of a step the polynomial is as accurate as the step itself.
+NEAR_MAXIMUM = 1e-2  # an extremum above (1 − NEAR_MAXIMUM) times the maximum so far may exceed it
 END_ZONE = 0.02  # a turning point of θ in this fraction of the step at either end needs no shorter step
 # The same fraction for other quantities, given by quintics and by cubics. These fractions are smaller because
 # the derivatives of a vibrating superstructure's motion grow with every oscillation.
@@ -80,7 +80,7 @@ class Path(Protocol):
 class Maximum(NamedTuple):
     """The largest value of a quantity, or of a row of quantities, over a step."""
 
-    value: Any  # an array or a tuple, like the record
+    value: Any  # an array or a tuple, like the accumulator
     retry_fraction: Values  # position z of the maximum if the next trial must end there; else inf
 
 
@@ -97,7 +97,7 @@ def largest(
     path: Path,
     h: Value,
     long: Flag,
-    record: Any,
+    accumulator: Any,
     ends: tuple[End, End],
     end_zone: float = END_ZONE_QUINTIC,
     shortens_step: bool = True,
@@ -109,16 +109,16 @@ def largest(
     - `path`: f(z) on z ∈ [0, 1]
     - `h`: length of the step [s]
     - `long`: whether the step is long enough for accurate curvatures of the path (`hermite.is_long`)
-    - `record`: largest |f| so far
+    - `accumulator`: largest |f| so far
     - `ends`: f at both ends
     - `end_zone`: fraction of the step at both ends where an extremum needs no shorter step
     - `shortens_step`: whether steps are shortened at all
-    - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f; `record` has
-      the same form
+    - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f;
+      `accumulator` has the same form
     - `zone_of_force`: for forces in the joints, replaces `end_zone`; None for other quantities
 
-    If f turns twice in the step, and one of these extrema may raise the record, the step to try next ends
-    between them. For forces, an extremum must also exceed both ends: where a force grows by orders of
+    If f turns twice in the step, and one of these extrema may exceed the accumulator, the step to try next
+    ends between them. For forces, an extremum must also exceed both ends: where a force grows by orders of
     magnitude in a step, the cubic has a dip that the force does not have.
     """
     rates = [end.rate for end in ends]
@@ -134,7 +134,9 @@ def largest(
     # A maximum that equals the value at an end up to rounding, as in short steps, needs no shorter step.
     rounding = ROUNDING * jnp.finfo(h.dtype).eps
     values, fractions = [], []
-    for size_of, so_far in zip(_SIZES[sizes], record if sizes == "both" else (record,), strict=True):
+    for size_of, so_far in zip(
+        _SIZES[sizes], accumulator if sizes == "both" else (accumulator,), strict=True
+    ):
         size_at_z = size_of(extremum)
         value = jnp.where(turned, size_at_z, -jnp.inf)
         for at_end in at_ends:
@@ -144,14 +146,14 @@ def largest(
         largest_end = jnp.maximum(*[size_of(end.value) for end in ends])
         if sizes == "absolute":
             exceeds_ends = jax.lax.stop_gradient(value > largest_end * (1 + rounding))
-            threshold = so_far * (1 - NEAR_RECORD)
+            threshold = so_far * (1 - NEAR_MAXIMUM)
         else:
             exceeds_ends = jax.lax.stop_gradient(value > largest_end + rounding * jnp.abs(largest_end))
-            threshold = so_far - jnp.where(jnp.isfinite(so_far), NEAR_RECORD * jnp.abs(so_far), 0.0)
+            threshold = so_far - jnp.where(jnp.isfinite(so_far), NEAR_MAXIMUM * jnp.abs(so_far), 0.0)
         shortens = shortens_step & turned & exceeds_ends & (value > threshold)
         size_of_dip = size_at_z + change  # bound of |f| at both turning points
         if zone_of_force is not None:
-            threshold = jnp.maximum(threshold, largest_end - NEAR_RECORD * jnp.abs(largest_end))
+            threshold = jnp.maximum(threshold, largest_end - NEAR_MAXIMUM * jnp.abs(largest_end))
         else:
             size_of_dip = jnp.maximum(largest_end, size_of_dip)
         shortens |= long & dips & (size_of_dip > threshold)

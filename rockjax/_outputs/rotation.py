@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.energy import potential
-from rockjax._outputs.maxima import NEAR_RECORD, Maximum
+from rockjax._outputs.maxima import NEAR_MAXIMUM, Maximum
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value
 
@@ -48,32 +48,32 @@ class PeakRotation(AbstractEventOutput):
     def start(self, start: Start) -> tuple[Value, Value]:
         return jnp.minimum(jnp.abs(start.initial.theta), start.scene.overturn_angle), start.t
 
-    def over_step(self, step: Step, record: Value) -> Maximum:
+    def over_step(self, step: Step, accumulator: Value) -> Maximum:
         top = step.guard.turn_value
-        may_raise = step.ends_on_maxima & step.has_peak & (top > record * (1 - NEAR_RECORD))
+        may_raise = step.ends_on_maxima & step.has_peak & (top > accumulator * (1 - NEAR_MAXIMUM))
         return Maximum(top, step.cut_at_turn(may_raise))
 
-    def update(self, end: StepEnd, record: Value, note: Value, largest: Any) -> tuple[Value, Value]:
+    def update(self, end: StepEnd, accumulator: Value, note: Value, largest: Any) -> tuple[Value, Value]:
         del largest
         highest, time = barrier(_highest(end))
         if not self.requested:  # derivatives of the rotation are not used
             highest, time = jax.lax.stop_gradient((highest, time))
-        raises = barrier(end.accepted & (end.step.sigma != 0) & (highest > record))
-        return jnp.where(raises, highest, record), jnp.where(raises, time, note)
+        raises = barrier(end.accepted & (end.step.sigma != 0) & (highest > accumulator))
+        return jnp.where(raises, highest, accumulator), jnp.where(raises, time, note)
 
-    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        return bounces.height < record
+    def over_bounces(self, bounces: Bounces, accumulator: Value) -> Flag:
+        return bounces.height < accumulator
 
-    def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
+    def is_final(self, bounds: Bounds, accumulator: Value) -> Flag | bool:
         if not self.requested:
             return True
-        at_record = potential(bounds.c, jnp.ones_like(record), jnp.minimum(record, bounds.well))
-        return bounds.rests | (bounds.energy < at_record)
+        at_peak = potential(bounds.c, jnp.ones_like(accumulator), jnp.minimum(accumulator, bounds.well))
+        return bounds.rests | (bounds.energy < at_peak)
 
-    def answer(self, ended: Ended, record: Value, note: Value) -> dict[str, Any]:
+    def answer(self, ended: Ended, accumulator: Value, note: Value) -> dict[str, Any]:
         if not self.requested:
             return self.absent(ended)
-        return {self.name: record / ended.scene.c.alpha, "peak_rotation_time": note}
+        return {self.name: accumulator / ended.scene.c.alpha, "peak_rotation_time": note}
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         nan = jnp.full_like(ended.t, jnp.nan)

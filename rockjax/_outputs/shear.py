@@ -47,9 +47,9 @@ class PeakShear(AbstractOutput):
     def start(self, start: Start) -> tuple[Value, None]:
         return jnp.zeros((), start.t.dtype), None
 
-    def over_step(self, step: Step, record: Value) -> Maximum:
+    def over_step(self, step: Step, accumulator: Value) -> Maximum:
         if step.c.vibration is None:
-            return step.largest(step.course(self.quantity), record, END_ZONE_CUBIC)
+            return step.largest(step.course(self.quantity), accumulator, END_ZONE_CUBIC)
         # The polynomial of a force contains the derivative of a polynomial, which is less accurate. So steps
         # end on maxima of forces with methods of any order.
         modal: ModalConstants | None = step.c.modal
@@ -57,43 +57,44 @@ class PeakShear(AbstractOutput):
             course, end_zone = step.spring_forces, END_ZONE_QUINTIC
         else:
             course, end_zone = step.carrier()(modal.shares), step.end_zone_of_forces
-        force = step.largest(course, record * step.c.g, end_zone)
+        force = step.largest(course, accumulator * step.c.g, end_zone)
         return force._replace(value=force.value / step.c.g)
 
-    def over_rest(self, rest: Rest, record: Value) -> Value:
-        return larger(rest.largest_ground_acceleration / rest.scene.c.g, record)
+    def over_rest(self, rest: Rest, accumulator: Value) -> Value:
+        return larger(rest.largest_ground_acceleration / rest.scene.c.g, accumulator)
 
-    def over_sample(self, sample: Sample, record: Value) -> Flag:
-        return stays_below(sample, record)
+    def over_sample(self, sample: Sample, accumulator: Value) -> Flag:
+        return stays_below(sample, accumulator)
 
-    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        return beam_bound(bounces) < record * bounces.c.g
+    def over_bounces(self, bounces: Bounces, accumulator: Value) -> Flag:
+        return beam_bound(bounces) < accumulator * bounces.c.g
 
-    def is_final(self, bounds: Bounds, record: Value) -> Flag:
+    def is_final(self, bounds: Bounds, accumulator: Value) -> Flag:
         modal = bounds.c.modal
         if modal is not None:
-            return bounds.carried(modal.shares) < record * bounds.c.g
-        return bounds.force() < record * bounds.c.g
+            return bounds.carried(modal.shares) < accumulator * bounds.c.g
+        return bounds.force() < accumulator * bounds.c.g
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         absent = jnp.full_like(ended.t, jnp.nan) if self.superstructure else jnp.zeros_like(ended.t)
         return {self.name: absent}
 
 
-def stays_below(sample: Sample, record: Value) -> Flag:
-    """Return whether the shear |a_b|/g of a rigid superstructure stays below the record in a sampling
-    interval of length h. The absolute acceleration of the beam is a_b = ü_g + ü_b, Eq. (14).
+def stays_below(sample: Sample, accumulator: Value) -> Flag:
+    """Return whether the shear |a_b|/g of a rigid superstructure stays below the largest shear so far in a
+    sampling interval of length h. The absolute acceleration of the beam is a_b = ü_g + ü_b, Eq. (14).
 
     If |d²a_b/dt²| ≤ Cg, the shear at the fraction z ∈ [0, 1] of the interval exceeds the linear interpolation
     between both ends by at most C z(1 − z) h²/2.
     """
     c, sigma = sample.c, sample.sigma
     start, end = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in (sample.start, sample.end)])
-    record = jax.lax.stop_gradient(record)
+    accumulator = jax.lax.stop_gradient(accumulator)
     curvature = jax.lax.stop_gradient(_curvature_bound(sample)) / c.g
-    # Either the shear decreases from the start on, or its largest possible value is below the record.
-    decreases = (start <= record) & (end + 0.5 * curvature <= start)
-    return decreases | (jnp.maximum(start, end) + 0.125 * curvature <= record)
+    # Either the shear decreases from the start on, or its largest possible value is below the largest shear
+    # so far.
+    decreases = (start <= accumulator) & (end + 0.5 * curvature <= start)
+    return decreases | (jnp.maximum(start, end) + 0.125 * curvature <= accumulator)
 
 
 def _curvature_bound(sample: Sample) -> Value:

@@ -33,21 +33,21 @@ class PeakVelocityJump(AbstractEventOutput):
     def start(self, start: Start) -> tuple[Value, None]:
         return jnp.zeros((), start.t.dtype), None
 
-    def over_step(self, step: Step, record: Value) -> None:
-        del step, record
+    def over_step(self, step: Step, accumulator: Value) -> None:
+        del step, accumulator
 
     def at_impact(self, impact: Impact) -> Value:
         c = impact.c
         return c.two_R * c.cos_alpha * jnp.abs(impact.v_after[0] - impact.v[0])
 
-    def over_bounces(self, bounces: Bounces, record: Value) -> Flag:
-        return _jump_bound(bounces.c, bounces.speed, bounces.min_impact_speed) <= record
+    def over_bounces(self, bounces: Bounces, accumulator: Value) -> Flag:
+        return _jump_bound(bounces.c, bounces.speed, bounces.min_impact_speed) <= accumulator
 
-    def is_final(self, bounds: Bounds, record: Value) -> Flag:
+    def is_final(self, bounds: Bounds, accumulator: Value) -> Flag:
         c = bounds.c
         inertia = c.spin + c.eta * (c.two_R * c.sin_alpha) ** 2
         speed = jnp.sqrt(2 * bounds.energy / inertia)
-        return bounds.rests | (_jump_bound(c, speed, bounds.min_impact_speed) <= record)
+        return bounds.rests | (_jump_bound(c, speed, bounds.min_impact_speed) <= accumulator)
 
     def absent(self, ended: Ended) -> dict[str, Any]:
         del ended

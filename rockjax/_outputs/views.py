@@ -1,7 +1,7 @@
 """Views of a scene for the outputs: moments, steps, impacts, and parts that are skipped.
 
-An output reads these views instead of the loop state, and computes a new record from a view and the current
-record.
+An output reads these views instead of the loop state, and computes a new accumulator from a view and the
+current accumulator.
 
 A *stamp* is the value of a time, held constant under differentiation. The time of an event or a breakpoint
 depends on the parameters and has a derivative.
@@ -50,7 +50,7 @@ class Moment(NamedTuple):
     """An instant of a scene.
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `t`: time [s]
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions (θ [rad], u_t [m]), velocities and accelerations, each with one entry if there
@@ -127,7 +127,7 @@ Jet = tuple[Values, Values, Values]  # a quantity with its first two derivatives
 
 
 class Step:
-    """A trial step as outputs see it: both ends, the mode, and polynomials of quantities in between.
+    """A trial step as outputs see it: both ends, the contact mode, and polynomials of quantities in between.
 
     - `scene`: the prepared scene
     - `ends_on_maxima`: whether steps end on maxima, because the method has a higher order than the
@@ -161,7 +161,7 @@ class Step:
 
     @property
     def sigma(self) -> Value:
-        """Mode σ ∈ {−1, 0, 1} of the step."""
+        """Contact mode σ ∈ {−1, 0, 1} of the step."""
         return self.state.sigma
 
     @property
@@ -276,7 +276,7 @@ class Step:
     def largest(
         self,
         course: Course,
-        record: Any,
+        accumulator: Any,
         end_zone: float = END_ZONE_CUBIC,
         shortens_step: bool = True,
         sizes: Sizes = "absolute",
@@ -285,25 +285,25 @@ class Step:
         next to end on this maximum.
 
         - `course`: the quantity over the step
-        - `record`: largest absolute value so far
+        - `accumulator`: largest absolute value so far
         - `end_zone`: fraction of the step at both ends where a maximum needs no shorter step
         - `shortens_step`: whether the step is shortened at all
-        - `sizes`: "absolute" for |f|, "signed" for f, "both" for a pair of −f and f, in `record` too
+        - `sizes`: "absolute" for |f|, "signed" for f, "both" for a pair of −f and f, in `accumulator` too
         """
         span, ends = self.span, self._ends(course)
-        return largest(course.path, span.h, span.long, record, ends, end_zone, shortens_step, sizes)
+        return largest(course.path, span.h, span.long, accumulator, ends, end_zone, shortens_step, sizes)
 
     def _ends(self, course: Course) -> tuple[End, End]:
         return End(*course.start, self.span.before), End(*course.end, self.span.after)
 
     def largest_forces(
-        self, courses: Sequence[Course], records: Sequence[Any], sizes: Sizes = "absolute"
+        self, courses: Sequence[Course], accumulators: Sequence[Any], sizes: Sizes = "absolute"
     ) -> Maximum:
         """Return a tuple of the largest values of several forces in the step, and the least fraction of the
         step to try next.
 
         - `courses`: the forces over the step
-        - `records`: largest values so far, one for each force
+        - `accumulators`: largest values so far, one for each force
         - `sizes`: as for `largest`
         """
         span = self.span
@@ -311,9 +311,15 @@ class Step:
         zone = jnp.clip(zone, LEAST_END_ZONE, LARGEST_END_ZONE)
         each = [
             largest(
-                course.path, span.h, span.long, record, self._ends(course), sizes=sizes, zone_of_force=zone
+                course.path,
+                span.h,
+                span.long,
+                accumulator,
+                self._ends(course),
+                sizes=sizes,
+                zone_of_force=zone,
             )
-            for course, record in zip(courses, records, strict=True)
+            for course, accumulator in zip(courses, accumulators, strict=True)
         ]
         return Maximum(
             tuple(maximum.value for maximum in each),
@@ -360,12 +366,12 @@ class Impact(NamedTuple):
     """An impact.
 
     - `c`: constants of the podium
-    - `sigma`: mode before the impact
+    - `sigma`: contact mode before the impact
     - `t`: time of the impact, with its derivative [s]
     - `ground`: ü_g, or ü_g and v̈_g, after the impact [m/s²]
     - `x`, `v`: positions and velocities before the impact; θ = 0
     - `v_after`: velocities after the impact, also where the bounces that follow it are skipped
-    - `sigma_after`: mode after the impact
+    - `sigma_after`: contact mode after the impact
     """
 
     c: Coefficients
@@ -384,10 +390,10 @@ class Impact(NamedTuple):
 
 
 class StepEnd(NamedTuple):
-    """The end of a step, after the transition to the next mode.
+    """The end of a step, after the transition to the next contact mode.
 
     - `step`: the step
-    - `accepted`: whether the step is accepted; otherwise the loop discards the updated records
+    - `accepted`: whether the step is accepted; otherwise the loop discards the updated accumulators
     - `lands`, `hit`, `toppled`: whether the step ends on an event, on an impact, on overturning
     - `after`: time from the end of the step to the event [s]
     - `now`: time of the end, with its derivative [s]; `stamp`: the stamp of this time [s]
@@ -442,7 +448,7 @@ class Rest:
 class Sample(NamedTuple):
     """A sampling interval of a record that is skipped without a trial; θ is monotone in it.
 
-    - `c`: constants of the podium; `sigma`: the mode
+    - `c`: constants of the podium; `sigma`: the contact mode
     - `h`: length of the interval [s]
     - `start`, `end`: ground acceleration [m/s²] (linear in between), positions, velocities and accelerations
     """

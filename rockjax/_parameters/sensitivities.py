@@ -11,7 +11,7 @@ from rockjax import _checks
 from rockjax._structures import Podium
 
 from . import variants
-from .table import find_clash
+from .registry import find_clash
 
 
 def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Sequence[str] = ()) -> None:

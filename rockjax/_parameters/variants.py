@@ -15,7 +15,7 @@ from rockjax._checks import array_module, require
 from rockjax._structures import Podium, g_tan_alpha, slenderness_and_size
 from rockjax._structures.modes import split_row, split_unless_scalar, stack_row, with_fields
 
-from .table import (
+from .registry import (
     MOTION,
     OVERALL,
     ROWS,

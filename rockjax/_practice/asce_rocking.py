@@ -89,7 +89,7 @@ class AsceRocking(AbstractMethod):
     quantity = "rotation θ/α"
     unit = "1"
     conservative = "depends"
-    verdict_known = (
+    reliability = (
         "A best estimate, not a bound. Its capacity at small rotations is 2g tan α, twice the true threshold "
         "of uplift. In a survey of a million scenes of rigid blocks (November 2026) its rotation was too "
         "small in 24 %, and it missed 19 % of the overturnings."

@@ -61,7 +61,7 @@ class AsceSliding(AbstractMethod):
     quantity = "largest spectral acceleration, 10 % damping"
     unit = "m/s2"
     conservative = "depends"
-    verdict_known = (
+    reliability = (
         "No verdict, because the sliding distance is not computed. c_s is twice the acceleration at which a "
         "rigid body begins to slide, so a spectrum below c_s does not exclude sliding."
     )

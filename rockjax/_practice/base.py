@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -76,7 +77,7 @@ class MethodResult:
       methods that compute no rotation
     - `values`: intermediate numbers by name, each a `Quantity`
     - `conservative`: whether the method is on the safe side: `"yes"`, `"no"` or `"depends"`
-    - `verdict_known`: what is known about the reliability of the method
+    - `reliability`: what is known about the reliability of the method
     - `missing`: what was not computed, and why
     - `motions`: names of the motions
     """
@@ -96,9 +97,17 @@ class MethodResult:
     answers: tuple[tuple[float, ...], ...] | None
     values: Mapping[str, Quantity]
     conservative: Literal["yes", "no", "depends"]
-    verdict_known: str
+    reliability: str
     missing: tuple[str, ...]
     motions: tuple[str, ...]
+
+    @property
+    def verdict_known(self) -> str:
+        """Former name of `reliability`."""
+        warnings.warn(
+            "MethodResult.verdict_known is called reliability now", DeprecationWarning, stacklevel=2
+        )
+        return self.reliability
 
     @property
     def governing_demand(self) -> float | None:
@@ -159,7 +168,7 @@ class AbstractMethod(abc.ABC):
     unit: ClassVar[str]
     statistic: ClassVar[Literal["max", "mean"]] = "max"
     conservative: ClassVar[Literal["yes", "no", "depends"]]
-    verdict_known: ClassVar[str]
+    reliability: ClassVar[str]
     missing: ClassVar[tuple[str, ...]] = ()  # what the method never computes, and why
 
     @abc.abstractmethod
@@ -195,7 +204,7 @@ class AbstractMethod(abc.ABC):
 
     def _texts(self) -> dict[str, Any]:
         """Return the fields of `MethodResult` that are class variables of the method."""
-        names = "name title source equation formula quantity unit statistic conservative verdict_known"
+        names = "name title source equation formula quantity unit statistic conservative reliability"
         return {name: getattr(self, name) for name in names.split()}
 
 

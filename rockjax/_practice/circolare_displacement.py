@@ -21,7 +21,7 @@ class CircolareDisplacement(AbstractMethod):
     unit = "m"
     statistic = "mean"
     conservative = "depends"
-    verdict_known = (
+    reliability = (
         "Mostly safe: in a survey of a million scenes of rigid blocks (November 2026) 1.9 % of the scenes "
         "that passed exceeded 0.4 α and 0.08 % overturned. The acceleration a_0* exceeds the true threshold "
         "of uplift by up to 12.5 % (at Γ = ½). The Circolare is for masonry, not for frames."

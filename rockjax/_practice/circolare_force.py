@@ -19,7 +19,7 @@ class CircolareForce(AbstractMethod):
     quantity = "peak ground acceleration"
     unit = "m/s2"
     conservative = "no"
-    verdict_known = (
+    reliability = (
         "Unsafe for motions with long periods, which PGA does not reflect. In a survey of rigid blocks "
         "(November 2026) 31 % of the scenes at PGA = 1.93 g tan α exceeded 0.4 α, and 16 % overturned."
     )

@@ -21,7 +21,7 @@ class Fema(Priestley):
     source = "Makris & Konstantinidis 2003, EESD 32:265, Eqs. (12)–(14)"
     equation = "(P4)"
     formula = "φ = S_d(T, β)/(ĥ α), T = (4/p̂) cosh⁻¹[1/(1−φ)], β = 0.4(1−e)"
-    verdict_known = (
+    reliability = (
         "Not reliable: it has the flaws of Priestley et al. (1978), and design spectra S_d = S_a T²/4π² grow "
         "with T and never tend to the ground displacement. In a survey of a million scenes of rigid blocks "
         "(November 2026) its rotation was too small in 11 %, it missed 15 % of the overturnings, and it had "

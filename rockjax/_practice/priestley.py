@@ -76,7 +76,7 @@ class Priestley(AbstractMethod):
     quantity = "rotation θ/α"
     unit = "1"
     conservative = "no"
-    verdict_known = (
+    reliability = (
         'Not reliable either way: "fundamentally flawed and should be abandoned" (Makris & Konstantinidis '
         "2003). In a survey of a million scenes of rigid blocks (November 2026) its rotation was too small "
         "in 14 %, it missed 16 % of the overturnings, and it had several answers, of which the largest is "

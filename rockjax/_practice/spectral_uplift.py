@@ -49,7 +49,7 @@ class SpectralUplift(AbstractMethod):
     quantity = "effective acceleration a_eff"
     unit = "m/s2"
     conservative = "yes"
-    verdict_known = (
+    reliability = (
         "Safe against uplift by horizontal motion: a bound by the triangle inequality. With SRSS "
         "instead of the sum, a_eff is not a bound."
     )

@@ -28,7 +28,7 @@ class Static(AbstractMethod):
     quantity = "peak ground acceleration"
     unit = "m/s2"
     conservative = "no"
-    verdict_known = (
+    reliability = (
         "PGA ≤ g tan α is exact for rigid buildings and unsafe for elastic ones, which sway and lift "
         "earlier. The displacement 2B is not compared with a demand."
     )

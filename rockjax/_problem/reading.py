@@ -20,7 +20,7 @@ from rockjax._motions.motion import Motion, Motions
 from rockjax._motions.readers import read_motion, read_suite
 from rockjax._motions.synthetic import synthetic_motions
 from rockjax._options import Options
-from rockjax._parameters.table import STRUCTURE
+from rockjax._parameters.registry import STRUCTURE
 from rockjax._parameters.variants import pulse_acceleration, pulse_period
 from rockjax._restrainers import KINDS
 from rockjax._structures import (

@@ -19,7 +19,7 @@ from rockjax._motions.provenance import describe_record
 from rockjax._motions.record import Record
 from rockjax._options import Options
 from rockjax._parameters import variants
-from rockjax._parameters.table import attribute_name, motion_parameter
+from rockjax._parameters.registry import attribute_name, motion_parameter
 from rockjax._programs.program import ARRAYS, StoredProgram
 from rockjax._restrainers import KINDS
 from rockjax._restrainers.base import AbstractRestrainer

@@ -62,7 +62,7 @@ Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 
 class _Instant(NamedTuple):
-    """Mode, ground acceleration, positions and velocities at one time."""
+    """Contact mode, ground acceleration, positions and velocities at one time."""
 
     sigma: Value
     ground: Value
@@ -73,7 +73,7 @@ class _Instant(NamedTuple):
 def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vector) -> dict[str, Any]:
     """Return all quantities of a history at one time, by name.
 
-    - `c`: constants of the podium; `sigma`: mode σ ∈ {−1, 0, 1}
+    - `c`: constants of the podium; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities; NaN outside the scene
     """

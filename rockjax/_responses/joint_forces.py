@@ -33,7 +33,7 @@ COLUMNS = "column"  # axis of the columns, numbered from 1 in the order of their
 SERIES = {
     "joint_shear": ("1", "horizontal force of the joint on the body above it T/(m_c g)"),
     "joint_axial_force": ("1", "axial force of the joint N/(m_c g), compression positive"),
-    "joint_friction": ("1", "friction demand of the joint |T|/N, inf where it pulls"),
+    "joint_friction": ("1", "friction demand of the joint |T|/N, inf where it is in tension"),
     "joint_eccentricity": ("1", "position of the resultants divided by half the width of a column"),
     "foundation_shear": ("1", "horizontal force on the foundation divided by the total weight V/W_0"),
     "foundation_reaction": ("1", "vertical force on the foundation divided by the total weight W/W_0"),
@@ -54,7 +54,7 @@ class JointForces(Module):
 
     @property
     def friction(self) -> Float[Array, "*times columns joints"]:
-        """Friction demand |T|/N [–]; inf where a joint pulls, 0 where it carries no force."""
+        """Friction demand |T|/N [–]; inf where a joint is in tension, 0 where it carries no force."""
         return friction_of(jnp.abs(quarter_tangent(self.horizontal, self.axial)))
 
 

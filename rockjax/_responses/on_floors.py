@@ -44,7 +44,8 @@ class JoltFriction(AbstractOutput):
     """The largest friction demand of a block at velocity jumps of the floor, (L15). Jumps below the rest
     velocity do not count.
 
-    The record is tan(φ/4) for the angle φ of the impulse. The note is 1 if a jump started the block, else 0.
+    The accumulator is tan(φ/4) for the angle φ of the impulse. The note is 1 if a jump started the block,
+    else 0.
     """
 
     name = "jolt_friction"
@@ -53,10 +54,10 @@ class JoltFriction(AbstractOutput):
     def start(self, start: Start) -> tuple[Value, Value]:
         return jnp.zeros_like(start.t), jnp.zeros_like(start.t)
 
-    def over_step(self, step: Step, record: Value) -> None:
-        del step, record
+    def over_step(self, step: Step, accumulator: Value) -> None:
+        del step, accumulator
 
-    def update(self, end: StepEnd, record: Value, note: Any, largest: Any) -> tuple[Value, Value]:
+    def update(self, end: StepEnd, accumulator: Value, note: Any, largest: Any) -> tuple[Value, Value]:
         del largest
         jolt, state, c = present(end.jolt), end.step.state, end.step.c
         jump: Any = jolt.jump
@@ -65,12 +66,12 @@ class JoltFriction(AbstractOutput):
         demand = jnp.abs(quarter_tangent(jump.horizontal + turn * cos, jump.vertical + turn * s))
         # The direction of a jump below the rest velocity depends on how the structure comes to rest.
         size = jnp.abs(jump.horizontal) + jnp.abs(jump.vertical)
-        raises = end.accepted & (size > c.two_R * end.step.scene.rest_speed) & (demand > record)
+        raises = end.accepted & (size > c.two_R * end.step.scene.rest_speed) & (demand > accumulator)
         started = end.accepted & jolt.lifts & ~state.uplifted
-        return jnp.where(raises, demand, record), jnp.where(started, 1.0, note)
+        return jnp.where(raises, demand, accumulator), jnp.where(started, 1.0, note)
 
-    def answer(self, ended: Ended, record: Value, note: Any) -> dict[str, Any]:
-        return {self.name: friction_of(record), "started_by_impulse": note}
+    def answer(self, ended: Ended, accumulator: Value, note: Any) -> dict[str, Any]:
+        return {self.name: friction_of(accumulator), "started_by_impulse": note}
 
 
 def _rock(

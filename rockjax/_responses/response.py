@@ -44,7 +44,7 @@ _SERIES = {
     "ground_acceleration": ("m s-2", "ground acceleration ü_g"),
     "vertical_acceleration": ("m s-2", "vertical ground acceleration v̈_g, upwards"),
     "restoring_moment": ("1", "restoring moment divided by its value at uplift"),
-    "mode": ("1", "mode: full contact (0), or rocking to one side (1, −1)"),
+    "mode": ("1", "contact mode: full contact (0), or rocking to one side (1, −1)"),
     "mechanical_energy": ("m2 s-2", "mechanical energy relative to the ground per N m_c"),
     "input_energy": ("m2 s-2", "work of the ground since the start per N m_c"),
     "impact_energy": ("m2 s-2", "energy lost at the impacts since the start per N m_c"),
@@ -140,7 +140,8 @@ class Response(AbstractPeak):
         return self._values_at(t, "mechanical_energy")[0]
 
     def mode(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the mode σ at times t [s]: 0 in full contact, ±1 while rocking, with the sign of θ [–]."""
+        """Return the contact mode σ at times t [s]: 0 in full contact, ±1 while rocking, with the sign of θ
+        [–]."""
         return self._values_at(t, "mode")[0]
 
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
@@ -190,7 +191,7 @@ class Response(AbstractPeak):
         the time of an impact, these are the forces after the impact, or with `left=True` before it.
 
         If no elevation is given, there is one column, the mean column. Forces follow from the motion and do
-        not affect it. They no longer hold after the first time at which a joint pulls or would slide.
+        not affect it. They no longer hold after the first time at which a joint is in tension or would slide.
         """
         series = self._joint_series(t, left)
         return JointForces(series["joint_shear"], series["joint_axial_force"])
@@ -198,7 +199,8 @@ class Response(AbstractPeak):
     def friction(
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times columns joints"]:
-        """Return the friction demand |T|/N of all joints [–] at times t [s]; inf where a joint pulls."""
+        """Return the friction demand |T|/N of all joints [–] at times t [s]; inf where a joint is in
+        tension."""
         return self._joint_series(t, left)["joint_friction"]
 
     def eccentricity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
@@ -252,8 +254,8 @@ class Response(AbstractPeak):
             return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
-        """Return the history as a dataset: states, deformation, ground acceleration, mode, restoring moment
-        and energies at times t, by default at 4001 times from start to end of `span`.
+        """Return the history as a dataset: states, deformation, ground acceleration, contact mode, restoring
+        moment and energies at times t, by default at 4001 times from start to end of `span`.
 
         Answers of [`rockjax.Peak`][] have no dim `time`. The times of impacts and the rates of rotation
         before and after impacts have the dim `impact`. Joint forces are included if an output of the joints
@@ -387,7 +389,7 @@ def with_joints(data: xarray.Dataset, response: Response) -> xarray.Dataset:
             data[name] = dims, np.asarray(series[name]), _attributes(unit, description)
     horizontal, axial = np.moveaxis(np.asarray(response.impulses)[: data.sizes["impact"]], -1, 0)
     demand = np.asarray(JointForces(jnp.asarray(horizontal), jnp.asarray(axial)).friction)
-    attrs = _attributes("1", "friction demand |J_T|/J_N at the impact, inf where the joint pulls")
+    attrs = _attributes("1", "friction demand |J_T|/J_N at the impact, inf where the joint is in tension")
     data["impact_friction"] = ("impact", joint_forces.COLUMNS, JOINTS), demand, attrs
     return data.assign_coords(joint_forces.coordinates(demand.shape[1]))
 

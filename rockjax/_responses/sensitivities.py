@@ -19,8 +19,8 @@ from rockjax._excitations.ground import PARTS, GroundMotion
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.registry import variables_of
 from rockjax._outputs.values import by_name
+from rockjax._parameters.registry import STRUCTURE
 from rockjax._parameters.sensitivities import check_parameters, with_factors
-from rockjax._parameters.table import STRUCTURE
 from rockjax._structures import Podium
 from rockjax._tree import Module
 

@@ -16,7 +16,7 @@ from rockjax._excitations.pulses import AbstractPulse
 from rockjax._motions.convert import AnyMotions, as_records, combine_motions, single_motions
 from rockjax._motions.motion import Motion
 from rockjax._motions.records import RecordPairs, Records
-from rockjax._parameters.table import MOTION, find_clash
+from rockjax._parameters.registry import MOTION, find_clash
 from rockjax._parameters.variants import (
     check_values,
     parameters_of,

@@ -15,7 +15,7 @@ def damper_power(c: Coefficients, restraint: Restraint, sigma: Value, x: Vector,
     """Return the power dissipated by restrainers, (C/m_c)|ℓ̇|^(1+ν) for dampers, per N m_c [m²/s³].
 
     - `c`, `restraint`: constants of the podium and of its restrainers
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `x`, `v`: positions and velocities
     """
     rate = elongation(c, sigma, x[0]).lever * v[0] / c.p
@@ -30,7 +30,7 @@ def power(
     [m²/s³].
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities
 
@@ -56,7 +56,7 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     """Return the restoring moment about the edges divided by its value at uplift [–].
 
     - `c`: constants of the podium
-    - `sigma`: mode σ ∈ {−1, 0, 1}
+    - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities
 

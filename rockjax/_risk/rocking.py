@@ -30,9 +30,10 @@ class DesignPoint:
     - `u`: point in standard normal space, shape (dimension,)
     - `beta`: reliability index |u|
     - `record`: the motion that u determines, locally the most likely motion that causes failure
-    - `mode`: number of impacts (before overturning, if the scene overturns); −1 if the scene did not finish
-    - `smooth`: True if u is normal to the limit state; otherwise the point is at an edge, where the mode of
-      failure changes
+    - `mode`: failure mode, which is the number of impacts (before overturning, if the scene overturns); −1 if
+      the scene did not finish
+    - `smooth`: True if u is normal to the limit state; otherwise the point is at an edge, where the failure
+      mode changes
     - `sensitivities`: dβ/dy for every parameter y of structure and ground motion, with the location of y as
       key, such as `"alpha"`, `"restrainers[0].prestress"`, `"superstructure.masses[2]"`; one-sided
       derivatives if not `smooth`

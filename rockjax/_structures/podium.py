@@ -28,7 +28,7 @@ from rockjax._checks import (
     require_not_negative,
     require_positive,
 )
-from rockjax._parameters.table import STRUCTURE, WIDTH_AND_HEIGHT
+from rockjax._parameters.registry import STRUCTURE, WIDTH_AND_HEIGHT
 from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.combined import (
     apparent_mass,

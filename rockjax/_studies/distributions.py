@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rockjax._checks import as_float, format_value
-from rockjax._parameters.table import Range
+from rockjax._parameters.registry import Range
 from rockjax._problem import models
 
 

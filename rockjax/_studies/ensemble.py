@@ -19,7 +19,7 @@ from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import AnyMotions
 from rockjax._motions.provenance import describe_motions
 from rockjax._options import Options
-from rockjax._parameters.table import INITIAL, Parameter, motion_parameter
+from rockjax._parameters.registry import INITIAL, Parameter, motion_parameter
 from rockjax._parameters.variants import parameters_of
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_excitation, describe_options, describe_podium

@@ -23,8 +23,8 @@ from rockjax._machine.memory import FEWER_LINES, require_memory
 from rockjax._machine.threads import TABLES, import_in_background
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
+from rockjax._parameters.registry import variable_attributes
 from rockjax._parameters.sensitivities import check_parameters
-from rockjax._parameters.table import variable_attributes
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import derived_numbers, describe

@@ -20,7 +20,7 @@ from rockjax._machine.threads import TABLES, import_in_background, submit
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._outputs.base import JOINTS
-from rockjax._parameters.table import variable_attributes
+from rockjax._parameters.registry import variable_attributes
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_types
 from rockjax._responses.datasets import derived_numbers, describe

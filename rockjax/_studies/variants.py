@@ -10,7 +10,7 @@ import numpy as np
 
 from rockjax._checks import require
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._parameters.table import INITIAL
+from rockjax._parameters.registry import INITIAL
 from rockjax._responses.variants import pick_motions, with_parameters
 from rockjax._results import State
 from rockjax._structures import Podium

@@ -14,7 +14,7 @@ import numpy as np
 from rockjax._checks import as_strings, require_instance
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
-from rockjax._parameters.table import variable_attributes
+from rockjax._parameters.registry import variable_attributes
 from rockjax._responses.arguments import as_end, as_start, check_range, check_types
 from rockjax._responses.datasets import describe_versions
 from rockjax._responses.sensitivities import check_sensitivities

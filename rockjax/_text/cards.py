@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from rockjax._checks import concrete
-from rockjax._parameters import table
+from rockjax._parameters import registry
 
 from . import tables
 
@@ -72,9 +72,11 @@ def _meaning(module: eqx.Module, name: str) -> str:
     parts = "superstructure", f"restrainers.{type(module).__name__}", "elevation"
     paths = (name, *(f"{part}.{name}" for part in parts))
     entries = (
-        table.MOTION if hasattr(module, "support") else table.STRUCTURE | table.DIMENSIONS | table.BUILDING
+        registry.MOTION
+        if hasattr(module, "support")
+        else registry.STRUCTURE | registry.DIMENSIONS | registry.BUILDING
     )
-    for entry in (*entries.values(), *table.ROWS.values(), *table.OVERALL.values()):
+    for entry in (*entries.values(), *registry.ROWS.values(), *registry.OVERALL.values()):
         if entry.attribute_path in paths or (not entry.attribute_path and entry.name == name):
             return entry.heading
     return ""

@@ -139,8 +139,8 @@ def _limits(values: np.ndarray, output: str, members: Mapping[str, Ensemble]) ->
         return 0.0, max(float(y.data.attrs["overturn_ratio"]) for y in members.values())
     values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-    margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
-    return low - margin, high + margin
+    padding = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
+    return low - padding, high + padding
 
 
 def _legend_entry(label: str, member: Ensemble) -> str:

@@ -14,7 +14,7 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, StrMethodFormatter
 
-from rockjax._parameters.table import find_entry
+from rockjax._parameters.registry import find_entry
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -165,7 +165,7 @@ class _no_compiles:
 
 @pytest.mark.slow
 def test_lanes_are_busy_and_no_scene_is_lost():
-    """Refilled lanes: at least nine of ten trials move a scene on, whatever the mixture."""
+    """With refilled lanes, at least nine of ten trials advance a scene, for every mixture of scenes."""
     from rockjax._batch.batch import run_batch
     from rockjax._batch.scenes import broadcast
 
@@ -182,8 +182,8 @@ def test_lanes_are_busy_and_no_scene_is_lost():
 @pytest.mark.parametrize("hosts", [1, 2, 3, 8])
 @pytest.mark.parametrize("total", [1, 7, 63, 64, 65, 100, 129, 484, 2047, 2048, 2049, 5000])
 def test_every_scene_is_dealt_to_a_thread_once(total, hosts, name):
-    """In chunks that fit, and to all threads as much, but for what fills no lanes, or is too little to wake a
-    thread for."""
+    """Chunks fit the lanes, and all threads get equal work, except for remainders that fill no lanes or are
+    too small for a thread."""
     from rockjax._batch.batch import QUICK, _chunks, layout
     from rockjax._batch.executors import ThreadExecutor
     from rockjax._batch.scenes import broadcast
@@ -205,7 +205,7 @@ def test_every_scene_is_dealt_to_a_thread_once(total, hosts, name):
 
 @pytest.mark.parametrize("name", ["rigid", "elastic"])
 def test_a_thread_that_is_alone_solves_the_chunks_of_the_others(name, monkeypatch):
-    """Also where its lanes have become fewer at what looked like the end of its work."""
+    """This includes a thread that has already reduced its lanes because its own work was ending."""
     from concurrent.futures import Future
 
     from rockjax._batch import executors
@@ -254,7 +254,8 @@ def test_rows_are_stored_once_however_many_scenes_share_them():
 
 
 def test_scenes_begin_in_the_order_of_their_motions_strength():
-    """Whatever the order of the batch; strong motions end soon, so that they are the last."""
+    """The order of the batch has no effect. Scenes under strong motions end soon, so they are started
+    last."""
     from rockjax._batch.scenes import SORTED, SceneIndices, broadcast
 
     a_p = np.random.default_rng(0).permutation(amplitudes(200)) * np.where(np.arange(200) % 2, 1, -1)
@@ -268,7 +269,7 @@ def test_scenes_begin_in_the_order_of_their_motions_strength():
     grid = suite.pick(np.arange(2)[:, None]).scaled(np.array([1.0, 2.0, 4.0]))
     np.testing.assert_array_equal(of(grid).in_grid(np.arange(6)), [0, 1, 3, 2, 4, 5])
     assert of(rj.GroundMotion(grid, grid)).order is not None
-    # As they are: where all motions are one, and where there are many.
+    # The order stays unchanged if all scenes have one motion, and in large batches.
     assert of(rj.Ricker(np.ones(SORTED + 1), 1.0)).order is None
     assert of(rj.Rest()).order is None
 

@@ -1,4 +1,4 @@
-"""Several devices share a batch: in a process of its own, as their number is set before JAX starts."""
+"""Batches on several devices, in a separate process because their number must be set before JAX starts."""
 
 import json
 import os
@@ -30,17 +30,17 @@ def amplitudes(n):
 
 
 def suite(n):
-    """Two records in one table, at n scales."""
+    """Return two records in one table, at n scales."""
     table = rj.Records.of([shaking(k, seed=k) for k in (100, 120)])
     return table.pick(np.arange(2)[:, None]).scaled(np.linspace(0.5, 2, n))
 
 
 def distinct_records(n):
-    """Records of their own: such scenes are not moved between lanes."""
+    """Return scenes with separate records, which are not moved between lanes."""
     return rj.Record(np.stack([shaking(90, seed=k).acceleration for k in range(n)]), 0.02)
 
 
-# Few and small programs, for each takes seconds to compile.
+# The programs are few and small, because each takes seconds to compile.
 COARSE_OPTIONS = options(1e-5, "bosh3", outputs=("peak_rotation", "impacts"))
 ERRORS = COARSE_OPTIONS.replace(outputs=("peak_rotation", "errors"), max_steps=400)
 
@@ -49,7 +49,7 @@ class Case(NamedTuple):
     podium: rj.Podium
     motion: rj.AbstractExcitation
     options: rj.Options
-    devices: list[int]  # numbers of them
+    devices: list[int]  # number of devices
 
 
 CASES = {
@@ -63,14 +63,15 @@ STOPPED = "rigid, several chunks"
 
 
 class StopsAtOnce(threading.Event):
-    """Progress that stops the batch once the first scenes have ended."""
+    """Progress bar that stops the batch after the first scenes have ended."""
 
     def update(self, count):
         self.set()
 
 
 def largest_difference(a: rj.Peak, b: rj.Peak, where=...) -> float:
-    """The largest difference, relative to the largest number of its kind; inf where anything else differs."""
+    """Return the largest difference, relative to the largest value of each answer; inf if integers or flags
+    differ."""
     worst = 0.0
     for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
         x, y = x[where], y[where]
@@ -142,7 +143,7 @@ def device_results():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_devices_answer_as_threads_do(device_results, name):
-    """To the last digit at present; a compiler may arrange the two programs differently."""
+    """Answers are identical at present; another compiler may round the two programs differently."""
     assert device_results["devices"] == DEVICES
     for k in CASES[name].devices:
         assert device_results[name][str(k)] < 1e-9
@@ -212,7 +213,7 @@ def test_a_default_device_is_where_batches_run(monkeypatch):
         with jax.default_device(chosen):
             threads = executor_for("")
             assert isinstance(threads, ThreadExecutor)
-    # Threads keep to the CPU although accelerators are the default.
+    # Threads use the CPU even if accelerators are the default.
     with threads._on_cpu():
         assert jax.config.jax_default_device == device
 
@@ -230,15 +231,14 @@ def test_accelerators_have_more_lanes(monkeypatch):
     assert lanes(10_000, 4) == (4096, 4096)
     assert lanes(500_000, 2) == (32768, 4 * 32768)
     assert lanes(500_000, 2, "cpu") == lanes(1, 2, "cpu") == (32, 1024)
-    # Of a record of 100 samples, and its padding.
+    # A record of 100 samples, and its padding.
     monkeypatch.setattr(rj._batch.batch, "ACCELERATOR_VALUES", 2**20)
     assert lanes(2000, 1, samples=100) == (512, 512)
 
 
 @pytest.mark.parametrize("name", ["elastic, errors, out of steps", "rigid, a suite in one table"])
 def test_a_program_for_accelerators_is_made_of_what_they_have(name):
-    """In float64 throughout, and with nothing that a compiler for GPUs would have to know by name or ask the
-    host for."""
+    """The program uses float64 throughout, no custom calls and no callbacks to the CPU."""
     podium, motion, how, _ = CASES[name]
     who = DeviceExecutor(jax.local_devices()[:1])
     who.platform = "cuda"

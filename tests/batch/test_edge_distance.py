@@ -1,4 +1,4 @@
-"""How far the scale of a motion may change before a scene may overturn, against differences of the margin."""
+"""Edge distances (changes of scale before a scene may overturn), compared with differences of the margin."""
 
 import numpy as np
 import pytest
@@ -8,9 +8,9 @@ from rockjax._batch.batch import bare_responses
 from rockjax._batch.edge_distance import MAX_MARGIN
 
 COUNT = 150
-STEP = 1e-7  # of the scale, for differences
+STEP = 1e-7  # change of the scale for differences
 RECORD = np.convolve(np.random.default_rng(3).normal(size=500), np.hanning(12) / 3, "same")
-# Podiums, and scales of the record between rest and overturning.
+# Podiums, and scales of the record between no uplift and overturning.
 PODIUMS = {
     "rigid": (rj.Podium(0.15, 1.5, 10.0, rj.Rigid(50.0)), (1.1, 1.2)),
     "elastic": (rj.Podium(0.15, 1.5, 10.0, rj.Elastic(eta=50.0, T_s=0.4)), (0.3, 0.7)),
@@ -38,9 +38,9 @@ def test_the_edge_distance_is_that_of_the_margin_or_of_another_turning_point(mot
     )
     floats, integers = at
     assert np.all(np.isinf(floats["edge_distance"][~integers["uplifted"]]))
-    # Where the edge distance is short derivatives change within a step.
+    # If the edge distance is short, derivatives change within a step.
     counts = integers["uplifted"] & (floats["margin"] < MAX_MARGIN) & (floats["edge_distance"] > 1000 * STEP)
-    for _, same in (above, below):  # no impact comes or goes
+    for _, same in (above, below):  # the number of impacts stays the same
         counts &= ~same["overturned"] & (same["impacts"] == integers["impacts"])
     assert counts.sum() >= 15
     slope = ((above[0]["margin"] - below[0]["margin"]) / (2 * STEP))[counts]

@@ -1,4 +1,4 @@
-"""Derivatives of whole batches against those of single scenes."""
+"""Derivatives of batches, compared with those of single scenes."""
 
 import dataclasses
 import re
@@ -27,7 +27,7 @@ SOME = (1, 40, 70, 80, 95, 140)
 
 
 def of_single_scene(podium, motion, names, how):
-    """y ∂/∂y of the peaks of one scene, by `jax.jacfwd`."""
+    """Return y ∂/∂y of the peaks of one scene, by `jax.jacfwd`."""
 
     def peaks(factors):
         found = rj.peak_response(*with_unit_factors(podium, motion, names, factors), options=how)
@@ -37,14 +37,14 @@ def of_single_scene(podium, motion, names, how):
 
 
 def compare(podium, rtol, landed):
-    """A batch, whose lanes are refilled, with single scenes; `landed` for peaks on which a step ends."""
+    """Compare a batch with refilled lanes with single scenes; `landed`: peaks on which a step ends."""
     batch = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=TIGHT_OPTIONS, sensitivities=NAMES)
     assert batch.sensitivities.parameters == NAMES
     assert batch.overturned.any()
     for k in SOME:
         single = of_single_scene(podium, rj.Ricker(A_P[k], 1.0), NAMES, TIGHT_OPTIONS)
         for peak in SENSITIVE:
-            if single[peak] is None:  # of several stories only
+            if single[peak] is None:  # only for several stories
                 assert getattr(batch.sensitivities, peak) is None
                 continue
             found, known = getattr(batch.sensitivities, peak)[k], np.asarray(single[peak])
@@ -66,7 +66,7 @@ def test_derivatives_of_a_batch_are_those_of_its_scenes():
     data = batch.dataset()
     assert data["peak_shear_sensitivity"].dims == ("scene_0", "parameter")
     assert list(data["parameter"].values) == list(NAMES)
-    # And both are differences of values.
+    # Both also agree with differences of values.
     step, how = 1e-6, TIGHT_OPTIONS.replace(rtol=1e-12, atol=1e-14)
     slopes = rj.peak_responses(podium, rj.Ricker(A_P, 1.0), options=how, sensitivities=NAMES).sensitivities
     up, down = (
@@ -81,8 +81,8 @@ def test_derivatives_of_a_batch_are_those_of_its_scenes():
 @pytest.mark.slow
 @pytest.mark.parametrize("T_s", [0.5, 0.1])
 def test_derivatives_of_a_batch_of_elastic_scenes(T_s):
-    # As far apart as those of one scene are when the last digit of its amplitude changes: dozens of impacts
-    # amplify rounding, and a vibration's maximum is landed on within the tolerance only.
+    # The difference is as large as the effect of a change in the last digit of the amplitude: dozens of
+    # impacts amplify rounding, and steps end on a maximum of the vibration only within the tolerance.
     compare(elastic(T_s), rtol=1e-7, landed=1e-5)
 
 
@@ -103,7 +103,7 @@ def test_records_and_their_scale():
 
 
 def test_a_scene_moves_with_its_parameters():
-    """As variants of it differ, and its value stays as it is to the last bit."""
+    """The derivative of a scene matches differences of variants, and the value stays bitwise identical."""
     podium, motion = PODIUMS["elastic"], rj.Gabor(0.4, 1.2, 3.0, 0.3)
     names = ("width", "T_s", "lam", "excitation.gamma", "scale")
 
@@ -124,7 +124,7 @@ def test_a_scene_moves_with_its_parameters():
 
 @pytest.mark.slow
 def test_what_is_said_to_be_constant_is():
-    """Slopes are carried for the fields in `DIFFERENTIATED`: no other field may change a peak."""
+    """Derivatives are propagated for the fields in `DIFFERENTIATED`, so no other field may change a peak."""
     podium, motion = PODIUMS["elastic"], rj.Ricker(3.0, 1.0)
     plan = plan_for(podium, TIGHT_OPTIONS, history=False)
 

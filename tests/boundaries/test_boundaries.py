@@ -1,5 +1,4 @@
-"""Searches for the first boundary, on margins that are made up: what is there is known exactly. And on
-records."""
+"""Searches for the first boundary, for artificial margins with known windows and for records."""
 
 import math
 from typing import Any, NamedTuple, cast
@@ -19,14 +18,14 @@ OPTIONS = rj.Options(rtol=1e-9, atol=1e-11)
 
 
 class Motion(NamedTuple):
-    """Margins over scales up to 1: no uplift up to `lifts`, windows of overturning, stretches without an
-    answer, a dip."""
+    """Artificial margins for scales up to 1: no uplift up to `lifts`, windows of overturning, intervals
+    without an answer, a dip."""
 
     windows: Any = ()
-    wrong: Any = ()  # windows that only scenes of the looser accuracy see
+    wrong: Any = ()  # windows that only scenes of lower accuracy see
     unanswered: Any = ()
     lifts: Any = 0.1
-    dip: Any = 1.0  # how deep the margin falls at 0.4321
+    dip: Any = 1.0  # margin at the dip at 0.4321
 
     def margin(self, y, sharp, xp=np):
         value = xp.where(y <= self.lifts, 1.0, 0.6 + 0.3 * xp.cos(9 * y) * xp.sin(400 * y))
@@ -39,11 +38,12 @@ class Motion(NamedTuple):
         return value
 
     def reach(self, y):
-        """Nothing is known of what comes next."""
+        """Return zero: nothing is known about larger scales."""
         return np.zeros_like(y)
 
     def padded(self) -> "Motion":
-        """With three stretches of every kind: one compiled program serves all of them."""
+        """Return the motion with three intervals of every kind, so that one compiled program serves all
+        cases."""
         fill = lambda part: jnp.array([*part, *[(2.0, 2.0)] * (3 - len(part))])
         stretches = fill(self.windows), fill(self.wrong), fill(self.unanswered)
         return Motion(*stretches, jnp.asarray(self.lifts), jnp.asarray(self.dip))
@@ -53,7 +53,7 @@ class Motion(NamedTuple):
 
 
 def scanned(motions, monkeypatch, refine: Any = "first") -> crossings.Scan:
-    """By the batch, a line for each motion."""
+    """Scan in a batch, with a line for each motion."""
     lines = np.arange(len(motions))
 
     def margins(plane, x, y, options, progress, reaches):
@@ -82,7 +82,7 @@ def _search(motion: Motion) -> FirstBoundary:
 
 
 def drawn(count: int, seed: int) -> list[Motion]:
-    """Windows not narrower than the width, most of them hardly wider, anywhere above the uplift."""
+    """Return random windows above the uplift, at least as wide as the width and mostly little wider."""
     rng = np.random.default_rng(seed)
     motions = []
     for _ in range(count):
@@ -110,8 +110,8 @@ def test_no_window_wider_than_the_width_is_missed_in_a_program():
 
 
 def test_places_are_as_close_as_the_width_and_no_closer(monkeypatch):
-    """Where nothing is known of what comes next."""
-    monkeypatch.setattr(crossings, "DIP_DIVISIONS", 1)  # dips are not followed
+    """Without edge distances, the spacing equals the width."""
+    monkeypatch.setattr(crossings, "DIP_DIVISIONS", 1)  # dips are not refined
     looked = []
     margin = Motion.margin
 
@@ -129,7 +129,7 @@ def test_places_are_as_close_as_the_width_and_no_closer(monkeypatch):
 
 
 class Smooth(Motion):
-    """Margins that their derivatives tell of: two waves, of which the shorter one is some widths long."""
+    """Margins with informative derivatives: two waves, of which the shorter is some widths long."""
 
     def margin(self, y, sharp, xp=np):
         return xp.where(y <= self.lifts, 1.0, self.least(y)[0])
@@ -139,7 +139,7 @@ class Smooth(Motion):
         return np.maximum(value, 0.0) / np.maximum(np.abs(slope), 1e-9)
 
     def least(self, y):
-        """Below `dip` at 0.4321 and about 0.7, with its slope."""
+        """Return a margin that is below `dip` at 0.4321 and about 0.7 elsewhere, with its slope."""
         long, short = 0.5 + 0.3 * np.cos(9 * y), 12 * WIDTH
         z = (y - 0.4321) / short
         bump = (0.65 - self.dip) * np.exp(-(z**2))
@@ -147,7 +147,7 @@ class Smooth(Motion):
 
 
 def test_windows_that_derivatives_tell_of_are_found_from_few_scales(monkeypatch):
-    """Some six widths wide, at depths that let them open: they are found with a quarter of the places."""
+    """Windows about six widths wide are found with a quarter of the scales."""
     motions = [Smooth(dip=dip) for dip in np.linspace(0.2, 0.9, 12)]
     found = scanned(motions, monkeypatch)
     first, _ = found.crossings.table(len(motions))
@@ -180,7 +180,8 @@ def test_stretches_without_an_answer_are_not_certain(search, monkeypatch):
 
 
 def test_what_the_looser_scenes_see_is_confirmed(monkeypatch):
-    """Windows that only they show are dropped; one that they see too late is found where it is."""
+    """Windows that exist only at the lower accuracy are rejected; a window that the lower accuracy shifts is
+    found at its true position."""
     motion = Motion([(0.6 - 1e-6, 0.61)], wrong=[(0.2, 0.203), (0.4, 0.4005)])
     assert scanned([motion], monkeypatch).crossings.y == pytest.approx([0.6 - 1e-6], rel=1e-9)
     assert float(in_program(motion).scale) == pytest.approx(0.6 - 1e-6, rel=1e-9)
@@ -190,8 +191,7 @@ def test_what_the_looser_scenes_see_is_confirmed(monkeypatch):
 
 
 def test_dips_are_followed_down(monkeypatch):
-    """A dip between the places that are looked at is seen at its lowest, a window narrower than the width
-    opened."""
+    """A dip between the evaluated scales is minimised, and a window narrower than the width is found."""
     dip, window = Motion([(0.7, 0.8)], dip=0.01), Motion([(0.7, 0.8)], dip=-0.001)
     assert scanned([dip], monkeypatch).dip == pytest.approx([0.01], abs=1e-3)
     assert float(in_program(dip).dip) == pytest.approx(0.01, abs=1e-3)
@@ -203,13 +203,13 @@ def test_dips_are_followed_down(monkeypatch):
 RIGID = PODIUMS["rigid"].replace(superstructure=rj.Rigid(50.0))
 TOP = 10 * G * 0.15
 SHAKEN = rj.synthetic_motions(5, seed=5, duration=10.0, dt=0.02, pga=1.0).records()[4]
-# Of this range the record overturns the podium there; the next wider window is at 0.4077.
+# The record overturns the podium at this fraction of the range; the next wider window is at 0.4077.
 WINDOW = 0.288251, 0.288373
 
 
 def test_a_narrow_window_under_a_record_is_found():
-    """1.2e-4 of the range wide, and no sign of it beside it: second differences of 128 scales found
-    0.4077."""
+    """The window is 1.2e-4 of the range wide, and neighbouring scales show no sign of it. Second differences
+    of 128 scales would find 0.4077."""
     width = 1e-4
     found = rj.overturning_boundary(RIGID, SHAKEN, max_scale=TOP, width=width)
     assert WINDOW[0] - 5e-4 < float(found.scale) / TOP < WINDOW[0] + 1e-6
@@ -218,7 +218,7 @@ def test_a_narrow_window_under_a_record_is_found():
     options = rj.Options(rtol=1e-11, atol=1e-13, outputs=("margin",))
     edge = SHAKEN.scaled(float(found.scale) * np.array([1 - 1e-8, 1 + 1e-8]))
     assert list(rj.peak_responses(RIGID, edge, options=options).overturned) == [False, True]
-    # Every scale below it, at a quarter of the width.
+    # All scales below the window, at a quarter of the width.
     scales = np.arange(0.1 * TOP, float(found.scale) * (1 - 1e-9), 0.25 * width * TOP)
     over = np.flatnonzero(rj.peak_responses(RIGID, SHAKEN.scaled(scales), options=options).overturned)
     runs = np.split(over, np.flatnonzero(np.diff(over) > 1) + 1)
@@ -247,7 +247,7 @@ def test_searches_that_make_no_sense(change, words):
 
 @pytest.mark.slow
 def test_a_window_that_neighbours_twice_as_far_apart_miss():
-    """2.4 widths wide; the next boundary is 2.8257, where the column overturns as well."""
+    """The window is 2.4 widths wide. The next boundary is 2.8257, where the column overturns as well."""
     podium = rj.Podium(math.atan(0.15), 1.5, 10.0, rj.Elastic(50.0, 0.2, 0.05))
     pulse = rj.MavroeidisPapageorgiou(0.15, 1.0, 3.0, 1.0)
     shaken = rj.synthetic_motions(24, seed=12, duration=10.0, dt=0.02, pga=1.0, pulse=pulse)

@@ -19,7 +19,7 @@ MARGIN = rj.Options(rtol=1e-11, atol=1e-13, outputs=("peak_rotation", "margin"))
 FRAME = rj.Podium(alpha=ALPHA, R=1.5, gamma=110.0)  # of Section 4
 
 
-SMALL_SLENDERNESS = 1e-4  # slenderness that stands for the linearised equations
+SMALL_SLENDERNESS = 1e-4  # slenderness at which the equations are practically linear
 
 
 def block(alpha, p, e=None):
@@ -30,7 +30,7 @@ THIRD = math.atan(1 / 3)
 
 
 def block_p(b: float, h: float) -> float:
-    """p of a block of half width b and half height h."""
+    """Return p of a block of half width b and half height h."""
     return math.sqrt(0.75 * 9.81 / math.hypot(b, h))
 
 
@@ -63,7 +63,7 @@ def test_windows_of_survival():
     """The block at ω_p = 15.7 with velocity factor .9: overturns from 2.22322 g, survives again
     2.61697–3.43694 g.
 
-    The second number needs columns that may pass α and come back.
+    The second value requires a criterion by which columns may pass α and return.
     """
     podium = block(0.25, 2.14, 0.9)
     pulse = lambda a_p, T_p: rj.OneSine(a_p, T_p)
@@ -92,7 +92,7 @@ def test_thin_bands_are_found():
     coarse, fine = at(128), at(2048)
     assert len(coarse.crossings.y) == 15
     assert coarse.crossings.y == pytest.approx(fine.crossings.y, rel=1e-10)
-    assert coarse.scenes < 0.7 * fine.scenes  # below the first change both are as close as the width asks
+    assert coarse.scenes < 0.7 * fine.scenes  # below the first change both have the spacing of `width`
     assert list(coarse.crossings.overturns) == [k % 2 == 0 for k in range(15)]
     published = scan(
         lambda x, y: (FRAME, rj.Ricker(y * UNIT, x)), [1.4187], (0.0, 12.0), 128, BOUNDARY
@@ -126,13 +126,14 @@ def test_margin_vanishes_on_the_boundary_and_has_one_slope_there(name):
     assert np.all(np.diff(peaks.margin) < 0)
     assert np.all((np.asarray(peaks.margin) > 0) == ~np.asarray(peaks.overturned))
     slopes = np.asarray(peaks.margin) / (near - boundary)
-    # Exactly one where only gravity is left; the block still feels the pulse, an elastic top still sways.
+    # The slopes are equal if only gravity acts. Here the pulse still acts on the block, and an elastic top
+    # still sways.
     assert slopes[2] == pytest.approx(slopes[3], rel=1e-4 if name in ("frame", "rigid") else 0.05)
     assert np.abs(peaks.margin[2]) < 1e-5
 
 
 def test_margin_far_from_the_boundary():
-    """1 without uplift; it keeps falling far beyond the boundary, with derivatives that say so."""
+    """The margin is 1 without uplift and decreases far beyond the boundary, with matching derivatives."""
     podium = PODIUMS["rigid"]
     ratios = np.linspace(0.5, 9.0, 60)
     peaks = rj.peak_responses(podium, rj.Ricker(ratios * UNIT, 1.0), options=MARGIN)
@@ -165,7 +166,7 @@ def test_margin_changes_nothing_else(name):
 
 
 def test_margin_of_released_columns():
-    """Free rocking from rest has the energy it was given: M = 1 − V(θ₀)/V(α)."""
+    """Free rocking from rest has its initial energy: M = 1 − V(θ₀)/V(α)."""
     podium, theta = PODIUMS["block"], 0.2
     alpha = float(podium.alpha)
     peak = rj.peak_response(podium, rj.Rest(), initial=rj.State(theta), options=MARGIN)
@@ -179,7 +180,7 @@ def test_margin_of_released_columns():
 
 
 def random_structures(count, kind, rng):
-    """(podium, T_p) of one kind, drawn from ranges that engineers meet."""
+    """Return random (podium, T_p) of one kind, from ranges of practice."""
     for _ in range(count):
         top = {
             "none": None,
@@ -197,9 +198,8 @@ def random_structures(count, kind, rng):
 )
 @pytest.mark.slow(but=["none-Ricker-20"])
 def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
-    """Every number of random structures of each kind, to 1e-5 where the boundary is not at a fold.
-
-    Against central differences of boundaries that the batch path has found.
+    """Derivatives with respect to every parameter of random structures agree to 1e-5 with central differences
+    of boundaries from batches, unless the boundary is at a fold.
     """
     drawn = [
         jax.tree.flatten(pair)
@@ -208,10 +208,10 @@ def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
     structure = drawn[0][1]
     here = np.array([[float(y) for y in leaves] for leaves, _ in drawn])
     count, numbers = here.shape
-    # In logarithms: every number of every structure by ±h and ±2h.
+    # Change the logarithm of every parameter of every structure by ±h and ±2h.
     h = 1e-5
     steps = h * np.array([1, -1, 2, -2])
-    # Structure, step, number moved, number.
+    # Axes: structure, step, changed parameter, parameter.
     moved = here[:, None, None] * (1 + steps[:, None, None] * np.eye(numbers))
     table = moved.reshape(-1, numbers)
 
@@ -238,9 +238,9 @@ def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
             continue
         up, down, far_up, far_down = least[k]
         near, far = (up - down) / (2 * h), (far_up - far_down) / (4 * h)
-        size = np.abs(slopes).max()  # of derivatives in logarithms
+        size = np.abs(slopes).max()  # of derivatives with respect to logarithms
         own_error, error = np.abs(far - near) / size, np.abs(slopes - near) / size
-        smooth = own_error < 1e-5  # else close to a fold, or the minimum jumps in between
+        smooth = own_error < 1e-5  # otherwise close to a fold, or the minimum jumps between the differences
         checked, folds = checked + smooth.size, folds + int((~smooth).sum())
         worst = max(worst, error[smooth].max(initial=0.0))
         assert np.all(error[smooth] < 1e-5 + own_error[smooth]), k
@@ -268,7 +268,7 @@ def test_modes_jit_and_vmap_agree():
 
 
 def test_nothing_overturns():
-    """+inf with zero derivative, and flagged; never NaN."""
+    """The result is +inf with zero derivative and a flag, never NaN."""
     podium = PODIUMS["frame"]
     least = lambda alpha: rj.overturning_acceleration(
         podium.replace(alpha=alpha), rj.Ricker, 0.2, max_acceleration_ratio=2.0
@@ -322,7 +322,7 @@ def test_spectra_agree_with_single_boundaries_and_with_similarity():
     x = np.linspace(1.0, 6.0, 76)
     scanned = rj.overturning_spectrum(FRAME, rj.Ricker, x, sensitivities=("alpha", "gamma", "R", "T_p"))
     both = np.isfinite(scanned["minimum"].values)
-    # By similarity: R scales times, a_ov is a function of T_p p.
+    # By similarity, a_ov is a function of T_p p.
     slopes = (
         scanned["sensitivity"].sel(parameter="R").values,
         scanned["sensitivity"].sel(parameter="T_p").values,
@@ -349,7 +349,7 @@ def test_bad_spectra_are_refused(change, words):
 
 
 def test_spectra_without_any_boundary():
-    """Nothing overturns at high frequencies: NaN, and no error."""
+    """If nothing overturns at high frequencies, the result is NaN without an error."""
     found = rj.overturning_spectrum(FRAME, rj.Ricker, [7.0, 7.5, 8.0])
     assert np.all(np.isnan(found["minimum"]))
     assert np.all(found["impacts"] == -1)
@@ -377,7 +377,7 @@ def test_bad_boundaries_are_refused():
             rj.Ricker(3.0, 1.0),
             options=rj.Options(outputs=("margin",), overturn_ratio=1.5),
         )
-    assert options(1e-8).outputs  # the default is untouched
+    assert options(1e-8).outputs  # the default is unchanged
 
 
 @pytest.mark.slow
@@ -390,8 +390,7 @@ def test_bad_boundaries_are_refused():
     ],
 )
 def test_the_frame_of_zhou_du_and_han(pulse, T_p, printed):
-    """Zhou, Du & Han (2019), an independent group: the least overturning acceleration in g, to the last
-    printed digit."""
+    """Least overturning acceleration in g of Zhou, Du & Han (2019), to the last printed digit."""
     frame = rj.Podium(alpha=np.arctan(1.5 / 7), R=3.58, gamma=13.23)
     sine = np.sin(frame.alpha) ** 2
     theirs = (1 - 1.5 * sine + 3 * 13.23 * np.cos(2 * frame.alpha)) / (1 + 3 * 13.23)

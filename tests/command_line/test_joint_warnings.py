@@ -71,7 +71,7 @@ def test_restitution_below_that_of_compatible_impacts_warns():
     assert not list(joint_warnings(FRAME, None, None))
     compatible = float(FRAME.restitution_factor)
     (line,) = joint_warnings(FRAME.replace(restitution=0.9 * compatible), None, None)
-    assert re.search(r"warning: e = .* old edges would have to pull \(impact_eccentricity = .* > 1\)", line)
+    assert re.search(r"warning: e = .* old edges would need tension \(impact_eccentricity = .* > 1\)", line)
 
 
 def test_without_an_elevation_the_unchecked_assumptions_are_named():

@@ -120,8 +120,8 @@ class Bounds:
         left = abs(1 - weights.sum()) * self.base() if self.residual else 0.0
         return self.springs(weights) + left
 
-    def records(self) -> dict[str, Any]:
-        """What the records must be for everything to be certain."""
+    def accumulators(self) -> dict[str, Any]:
+        """What the accumulators must be for everything to be certain."""
         found: dict[str, Any] = {"peak": self.rotation()}
         if not len(self.eta):
             return found | {"shear": self.base() / G}
@@ -150,15 +150,17 @@ class Bounds:
             low, high = (middle, high) if V(middle) < self.max_energy else (low, middle)
         return high
 
-    def certain(self, output: str, **records: Any) -> bool:
-        """Whether an output alone is certain where these are the records."""
+    def certain(self, output: str, **accumulators: Any) -> bool:
+        """Whether an output alone is certain where these are the accumulators."""
         names = {"peak": "peak_rotation", "margin": "margin", "drifts": "peak_drift"}
         names["floors"] = "peak_floor_acceleration"
         name_of = lambda short: names.get(short, f"peak_{short}")
         options = rj.Options(outputs=(name_of(output),))
         plan = plan_for(self.podium.split_rows(), options, history=False)
-        known = {"peak_rotation": self.state.peak} | {name_of(k): jnp.asarray(y) for k, y in records.items()}
-        state = self.state._replace(records=tuple(known[each.name] for each in plan.outputs))
+        known = {"peak_rotation": self.state.peak} | {
+            name_of(k): jnp.asarray(y) for k, y in accumulators.items()
+        }
+        state = self.state._replace(accumulators=tuple(known[each.name] for each in plan.outputs))
         ground = self.motion.piece(state.piece)(state.t)
         return bool(certificate(self.scene, plan, state, state.piece, ground))
 
@@ -179,9 +181,9 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_records_from_which_on_outputs_are_certain(name):
     bounds = Bounds(*SCENES[name])
-    records = bounds.records()
-    assert bounds.rests or 0.03 < records["peak"] < bounds.well
-    for output, level in records.items():
+    accumulators = bounds.accumulators()
+    assert bounds.rests or 0.03 < accumulators["peak"] < bounds.well
+    for output, level in accumulators.items():
         if output == "peak" and bounds.rests:
             continue
         least = np.asarray(level)

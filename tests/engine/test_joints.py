@@ -105,7 +105,7 @@ def _forces(podium: rj.Podium, sigma, states: States, moves_up: bool) -> Found:
 
 
 def found_at(podium: rj.Podium, sigma: int, states: States) -> Found:
-    """Forces in states under one mode σ."""
+    """Forces in states under one contact mode σ."""
     states = States(*(jnp.asarray(np.asarray(y, float)) for y in states))
     moves_up = bool(np.any(np.asarray(states.vertical)))
     return Found(*map(np.asarray, _forces(podium.split_rows(), jnp.asarray(float(sigma)), states, moves_up)))

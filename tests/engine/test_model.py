@@ -373,9 +373,9 @@ def test_guard_breaks_where_the_mode_ends():
         (no, no, 0.6 * up, 0.5, 0.4 * up),
         (no, no, -0.6 * up, -0.5, 0.4 * up),
     ):
-        margin = guard._margin(scene, rocking, path(value, slope), jnp.asarray(value), falling)
-        assert float(margin.value(zero)) == pytest.approx(left)
-        assert float(margin.slope(zero)) == pytest.approx(-abs(slope))
+        clearance = guard._clearance(scene, rocking, path(value, slope), jnp.asarray(value), falling)
+        assert float(clearance.value(zero)) == pytest.approx(left)
+        assert float(clearance.slope(zero)) == pytest.approx(-abs(slope))
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1.0, -1.0])

@@ -123,11 +123,11 @@ def start(motion, options=USUAL):
 
 
 def with_shear(plan, state, shear):
-    """Records with another shear."""
+    """Accumulators with another shear."""
     names = [output.name for output in plan.outputs]
     return tuple(
-        jnp.asarray(shear) if name == "peak_shear" else record
-        for name, record in zip(names, state.records, strict=True)
+        jnp.asarray(shear) if name == "peak_shear" else accumulator
+        for name, accumulator in zip(names, state.accumulators, strict=True)
     )
 
 
@@ -143,7 +143,7 @@ def rocking(motion, options=USUAL):
         v=(jnp.asarray(0.2),),
         sigma=jnp.asarray(1.0),
         piece=jnp.asarray(i + 1, state.piece.dtype),
-        records=with_shear(plan, state, 9.0),
+        accumulators=with_shear(plan, state, 9.0),
         may_skip=jnp.asarray(True),
     )
     return plan, scene, state
@@ -192,7 +192,7 @@ def test_samples_at_which_something_happens_are_not_passed(change):
     }
     state = state._replace(**values)
     if "shear" in change:
-        state = state._replace(records=with_shear(plan, state, change["shear"]))
+        state = state._replace(accumulators=with_shear(plan, state, change["shear"]))
     if "v" in change and change["v"] == 1e-4:  # from rising to falling, whichever way the ground moves
         a = trial(scene, plan, state)[0].v[0] - 1e-4
         state = state._replace(v=(-jnp.sign(a) * 1e-4,))

@@ -1,4 +1,4 @@
-"""The table of parameters is what structures, motions, commands and designs go by."""
+"""Structures, motions, commands and designs agree with the registry of parameters."""
 
 import dataclasses
 import inspect
@@ -9,7 +9,7 @@ import pytest
 
 import rockjax as rj
 from optimise._variables import Dimensions, make_variables
-from rockjax._parameters import table, variants
+from rockjax._parameters import registry, variants
 from rockjax._problem.models import ByDimensions, ByRatios, Elevation, Superstructure
 
 DEVICES = rj.Tendon(5.0, 100.0), rj.Damper(4.0, 0.5), rj.Inerter(8.0)
@@ -27,12 +27,12 @@ DEPENDENT = {
 }
 
 
-@pytest.mark.parametrize("name", table.STRUCTURE)
+@pytest.mark.parametrize("name", registry.STRUCTURE)
 def test_a_parameter_is_read_where_it_is_set(name):
     value = float(variants.read(RESTRAINED, name)) * 1.01
     changed = variants.with_values(RESTRAINED, {name: value})
     assert float(variants.read(changed, name)) == pytest.approx(value, rel=1e-14)
-    others = set(table.STRUCTURE) - {name} - DEPENDENT.get(name, set())
+    others = set(registry.STRUCTURE) - {name} - DEPENDENT.get(name, set())
     for other in others:
         assert float(variants.read(changed, other)) == pytest.approx(
             float(variants.read(RESTRAINED, other)), rel=1e-14
@@ -40,11 +40,11 @@ def test_a_parameter_is_read_where_it_is_set(name):
 
 
 def test_which_parameters_a_podium_has():
-    assert set(variants.parameters_of(RESTRAINED)) == {*table.STRUCTURE, "position_1", "position_2"}
+    assert set(variants.parameters_of(RESTRAINED)) == {*registry.STRUCTURE, "position_1", "position_2"}
     left_out = {"eta", "T_s", "zeta", "restitution"}
     left_out |= {"prestress", "stiffness", "coefficient", "exponent", "inertance_ratio"}
     left_out |= {"beam_depth", "top_height", "residual_height"}
-    assert set(variants.parameters_of(UNRESTRAINED)) == set(table.STRUCTURE) - left_out
+    assert set(variants.parameters_of(UNRESTRAINED)) == set(registry.STRUCTURE) - left_out
     assert "eta" in variants.parameters_of(rj.Podium(0.2, 1.5, 1.0, rj.Rigid(5.0)))
     with pytest.raises(
         ValueError, match=r"one of the parameters of this podium, alpha, tan_alpha, .*; got 'T_s'"
@@ -72,33 +72,33 @@ def test_width_and_height_are_slenderness_and_size():
         variants.with_values(UNRESTRAINED, {"width": 0.6, "R": 2.0})
 
 
-@pytest.mark.parametrize("name", table.STRUCTURE)
+@pytest.mark.parametrize("name", registry.STRUCTURE)
 def test_the_range_is_that_of_the_structure(name):
     """Numbers just outside are refused, those just inside are taken."""
-    low, high = table.STRUCTURE[name].range.low, table.STRUCTURE[name].range.high
+    low, high = registry.STRUCTURE[name].range.low, registry.STRUCTURE[name].range.high
     for end, inwards in ((low, 1e-9), (high, -1e-9)):
         if math.isinf(end):
             continue
-        assert table.STRUCTURE[name].range.holds(end + inwards)
-        assert not table.STRUCTURE[name].range.holds(end - inwards)
+        assert registry.STRUCTURE[name].range.holds(end + inwards)
+        assert not registry.STRUCTURE[name].range.holds(end - inwards)
         variants.with_values(RESTRAINED, {name: end + inwards})
         with pytest.raises(ValueError, match=r"must be"):
             variants.check_values("here", {name: end - inwards})
-        if name not in (*table.WIDTH_AND_HEIGHT, "tan_alpha"):
+        if name not in (*registry.WIDTH_AND_HEIGHT, "tan_alpha"):
             with pytest.raises(ValueError, match=r"must be"):
                 variants.with_values(RESTRAINED, {name: end - inwards})
 
 
 def test_dimensions_are_the_arguments_of_the_constructor():
     arguments = set(inspect.signature(rj.Podium.from_dimensions).parameters)
-    assert set(table.DIMENSIONS) < arguments
+    assert set(registry.DIMENSIONS) < arguments
     assert arguments == {field.name for field in dataclasses.fields(Dimensions)}
 
 
 def test_problem_files_know_all_parameters():
     of_ratios = {*ByRatios.model_fields, *Superstructure.model_fields, *Elevation.model_fields}
     tables = {"superstructure", "elevation", "columns"}
-    assert {*of_ratios, *table.WIDTH_AND_HEIGHT} == {*table.STRUCTURE, *table.BUILDING, *tables}
+    assert {*of_ratios, *registry.WIDTH_AND_HEIGHT} == {*registry.STRUCTURE, *registry.BUILDING, *tables}
     assert set(ByDimensions.model_fields) == set(inspect.signature(rj.Podium.from_dimensions).parameters)
 
 
@@ -110,9 +110,9 @@ def test_parameters_of_motions_are_fields_of_theirs():
         rj.Record(np.ones(3), 0.1),
     )
     fields = {field.name for motion in kinds for field in dataclasses.fields(motion)}
-    ratios = {name for name, entry in table.MOTION.items() if entry.instead_of}
+    ratios = {name for name, entry in registry.MOTION.items() if entry.instead_of}
     of_pairs = {"vertical_ratio"}  # what makes two motions of one
-    assert set(table.MOTION) - ratios - of_pairs == fields - {"acceleration"}
+    assert set(registry.MOTION) - ratios - of_pairs == fields - {"acceleration"}
 
 
 def test_designs_take_names_and_places_of_parameters():
@@ -129,6 +129,6 @@ def test_designs_take_names_and_places_of_parameters():
 
 
 def test_names_of_files():
-    names = [table.attribute_name(table.STRUCTURE[name]) for name in ("alpha", "R", "lam", "T_s", "g")]
+    names = [registry.attribute_name(registry.STRUCTURE[name]) for name in ("alpha", "R", "lam", "T_s", "g")]
     assert names == ["alpha_rad", "R_m", "lambda", "T_s_s", "g_m_s2"]
-    assert table.variable_attributes("excitation.gamma")["long_name"].startswith("number of oscillations")
+    assert registry.variable_attributes("excitation.gamma")["long_name"].startswith("number of oscillations")

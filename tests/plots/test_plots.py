@@ -20,7 +20,7 @@ from rockjax._cli import app
 from rockjax._engine import model
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.energy import energy, potential
-from rockjax._parameters.table import MOTION, STRUCTURE
+from rockjax._parameters.registry import MOTION, STRUCTURE
 from rockjax._responses.datasets import describe_podium, podium_of
 from rockjax.plots import _from_file
 from rockjax.plots._panels import panels_title

@@ -68,4 +68,4 @@ def test_sentences_of_the_results(name, row, columns):
     for column in columns:
         value = ROWS[row][column]
         words = f"{100 * value:.0f} %" if value > 0.1 else share(value)
-        assert words in METHODS[name].verdict_known
+        assert words in METHODS[name].reliability

@@ -176,7 +176,7 @@ def motions(text: str = "synthetic, seed 475") -> Table:
 def assumptions() -> Table:
     rows = [
         ["A1", "Columns do not slide", Word("no", "violated"), "mean column |T|/N = 0.249 ≤ 0.45"],
-        ["A7", "The beam rests on all columns", Word("violated", "violated"), "an outer line pulls"],
+        ["A7", "The beam rests on all columns", Word("violated", "violated"), "an outer line is in tension"],
     ]
     columns = {"No.": None, "Assumption": None, "Conservative?": None, "Tested": None}
     return Table.of("assumptions", "Assumptions", columns, rows, ids=("A1", "A7"))

@@ -1,9 +1,9 @@
 """Fast-forwards: parts of a scene that are skipped without trial steps.
 
 Each module contains one fast-forward, which calls the method `over_rest`, `over_sample` or `over_bounces` of
-every output in the plan. The method returns the record of the output (its value so far) after the skipped
-part, or whether the record stays the same. A fast-forward may be used only if every output implements the
-method for it.
+every output in the plan. The method returns the accumulator of the output (its value so far) after the
+skipped part, or whether the accumulator stays the same. A fast-forward may be used only if every output
+implements the method for it.
 
 | name | module | skipped part |
 |---|---|---|

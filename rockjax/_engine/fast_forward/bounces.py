@@ -2,7 +2,7 @@
 
 A rigid column that hits the ground slowly bounces on in ever shorter hops. Each impact multiplies the speed
 by e, which bounds the time until rest. If the ground motion cannot lift the column before that time, and no
-hop exceeds the recorded peak, the bounces are skipped: the column is put to rest at the first impact.
+hop exceeds the peak so far, the bounces are skipped: the column is put to rest at the first impact.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def skipped_bounces(
     Bounces are not skipped if the superstructure is elastic, restrainers act, an output needs every
     impact, or the excitation has no bound over a time interval.
     """
-    if replayed is not None:  # the recorded mode includes the decision to skip
+    if replayed is not None:  # the recorded contact mode includes the decision to skip
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
     to_rest = None
     if "bounces" in plan.fast_forwards and scene.c.restraint is None:
@@ -71,7 +71,7 @@ def _bounces_to_rest(
     now: tuple[Value, Index, Value | Shaking],
     speed: Value,
 ) -> Flag | None:
-    """Return whether the columns certainly come to rest, with all hops below the recorded peak. Return None
+    """Return whether the columns certainly come to rest, with all hops below the peak so far. Return None
     if the excitation has no bound over a time interval.
 
     - `scene`, `plan`, `state`, `now`: as in `skipped_bounces`
@@ -105,8 +105,8 @@ def _bounces_to_rest(
     moment_at_top = moment - height * (c.gravity + c.ground * max_ground * c.sin_alpha)
     rests = (moment > 0) & (moment_at_top > 0.5 * moment) & (momentum < span * moment_at_top * loss)
     bounces = Bounces(c, scene.overturn_angle, max_ground, height, speed, scene.min_impact_speed)
-    for output, record in zip(plan.outputs, state.records, strict=True):
-        rests &= output.over_bounces(bounces, record)
+    for output, accumulator in zip(plan.outputs, state.accumulators, strict=True):
+        rests &= output.over_bounces(bounces, accumulator)
     return rests
 
 

@@ -57,8 +57,9 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     # If the ground acceleration jumps, the outputs during rest must not include the value after the jump.
     rounding = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
     rest = Rest(scene, state.event_time, until, jnp.where(lifts & jumps, rounding, 0.0))
-    records = tuple(
-        output.over_rest(rest, record) for output, record in zip(plan.outputs, state.records, strict=True)
+    accumulators = tuple(
+        output.over_rest(rest, accumulator)
+        for output, accumulator in zip(plan.outputs, state.accumulators, strict=True)
     )
     lifted = state._replace(
         t=stamp,
@@ -67,7 +68,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         v=v,
         sigma=mode,
         piece=piece.astype(jnp.int32),
-        records=records,
+        accumulators=accumulators,
         code=code.astype(jnp.int32),
         uplifted=state.uplifted | lifts,
         uplift_time=jnp.where(lifts & ~state.uplifted, now, state.uplift_time),

@@ -34,7 +34,8 @@ def can_skip_samples(scene: Scene, plan: Plan) -> bool:
 
 
 def may_skip_after(scene: Scene, mode: Value, t: Value) -> Flag:
-    """Return whether samples may be skipped after an accepted step that ends in a mode at the time t [s]."""
+    """Return whether samples may be skipped after an accepted step that ends in a contact mode at the time t
+    [s]."""
     return (mode != 0) & (t >= jax.lax.stop_gradient(scene.start)) & (t < scene.excitation_end)
 
 
@@ -76,8 +77,8 @@ def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     skips &= constant(scaled_error(scene, state.x, state.v, end)) <= scene.skip_below
     skips &= _rocks_on(scene, state, a, end, h)
     sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (ground_after, end.x, end.v, end.a))
-    for output, record_so_far in zip(plan.outputs, state.records, strict=True):
-        skips &= output.over_sample(sample, record_so_far)
+    for output, accumulator in zip(plan.outputs, state.accumulators, strict=True):
+        skips &= output.over_sample(sample, accumulator)
     skips = barrier(skips)
     # The field is continuous at a sample, so the derivative of the sample's time does not affect the state.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)

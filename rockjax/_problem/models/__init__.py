@@ -1,6 +1,6 @@
 """Models of problem files: type, range and description of each key.
 
-Keys for parameters are generated from `_parameters/table.py`. Error messages, the JSON schema, the page on
+Keys for parameters are generated from `_parameters/registry.py`. Error messages, the JSON schema, the page on
 problem files and the options of the command line are generated from these models. This module does not import
 JAX.
 """

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, create_model, model_validator
 
-from rockjax._parameters import table
+from rockjax._parameters import registry
 
 from .fields import (
     STRUCTURE,
@@ -29,7 +29,7 @@ from .fields import (
 )
 
 
-def type_of(entry: table.Parameter) -> Any:
+def type_of(entry: registry.Parameter) -> Any:
     """Return the type of the key of a parameter, with its range."""
     if entry.is_integer:
         return Count
@@ -52,7 +52,7 @@ _NOTES = {
 }
 
 
-def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
+def make_field(name: str, entry: registry.Parameter, needed: bool = False) -> Any:
     """Return the type and the field of a parameter; `needed`: whether the key is required."""
     # `damping` has no option, because --zeta sets both damping ratios.
     panel = "" if name == "damping" or entry.attribute_path.count(".") > 1 else STRUCTURE
@@ -61,20 +61,22 @@ def make_field(name: str, entry: table.Parameter, needed: bool = False) -> Any:
     return (key_type, key(..., meaning, panel)) if needed else (key_type | None, key(None, meaning, panel))
 
 
-def make_model(entries: Mapping[str, table.Parameter], *needed: str) -> Any:
+def make_model(entries: Mapping[str, registry.Parameter], *needed: str) -> Any:
     """Return a model with a key for each parameter; the keys in `needed` are required."""
     fields: Any = {name: make_field(name, entry, name in needed) for name, entry in entries.items()}
     return create_model("Parameters", __base__=Keys, **fields)
 
 
-def _stored_in(*parts: str) -> dict[str, table.Parameter]:
+def _stored_in(*parts: str) -> dict[str, registry.Parameter]:
     """Return the structural parameters, except width and height, that one of the `parts` of a podium
     holds."""
-    entries = {name: entry for name, entry in table.STRUCTURE.items() if name not in table.WIDTH_AND_HEIGHT}
+    entries = {
+        name: entry for name, entry in registry.STRUCTURE.items() if name not in registry.WIDTH_AND_HEIGHT
+    }
     return {name: entry for name, entry in entries.items() if entry.attribute_path.partition(".")[0] in parts}
 
 
-class Superstructure(make_model(_stored_in("superstructure") | table.BUILDING, "eta")):
+class Superstructure(make_model(_stored_in("superstructure") | registry.BUILDING, "eta")):
     """A superstructure: rigid without T_s; with `stories`, a building of equal stories."""
 
     @model_validator(mode="after")
@@ -146,7 +148,7 @@ class ByRatios(
         return self
 
 
-class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "height", "column_mass")):
+class ByDimensions(make_model(registry.DIMENSIONS | registry.BUILDING, "width", "height", "column_mass")):
     """A structure by dimensions, as `rockjax.Podium.from_dimensions`."""
 
     story_masses: Positives | None = key(None, "Masses of the floors of a building from the bottom [kg].")
@@ -162,7 +164,7 @@ class ByDimensions(make_model(table.DIMENSIONS | table.BUILDING, "width", "heigh
 def _structure_tag(given: Any) -> str:
     """Return the tag of the model of a structure."""
     has_dimensions = isinstance(given, dict) and any(
-        name in given for name in (*table.WIDTH_AND_HEIGHT, "column_mass")
+        name in given for name in (*registry.WIDTH_AND_HEIGHT, "column_mass")
     )
     return "dimensions" if has_dimensions and "R" not in given else "ratios"
 

@@ -93,7 +93,7 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
                 if is_made
                 else Word("not made", "not made"),
                 verdict[result.passes],
-                Word(result.verdict_known, note=missing),
+                Word(result.reliability, note=missing),
             )
         )
     tables = [Table(f"methods-{slug(name)}", f"Simplified methods, set {name}", columns, tuple(rows))]

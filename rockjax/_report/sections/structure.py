@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._parameters.table import STRUCTURE
+from rockjax._parameters.registry import STRUCTURE
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
 from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
 from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Word
