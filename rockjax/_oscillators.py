@@ -26,10 +26,7 @@ from rockjax._programs.program import StoredProgram
 PIECES_PER_PERIOD = 8
 SERIES_TERMS = 16  # terms of power series in s = λh; enough for pieces of an eighth of a period
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
-# A group of oscillators has pieces for its shortest period. If these are more than `MORE_PIECES` times the
-# pieces of the load, periods in the group differ by at most a factor of two.
-MORE_PIECES = 1.2
-LANES = 256  # largest number of oscillators in a group, and a power of 4 times `FEW_LANES`
+LANES = 256  # largest number of oscillators in a group; all have the pieces of the shortest period
 FEW_LANES = 16  # groups are padded to this number times a power of 4
 ROWS = 8  # number of pieces in a block; only states at the starts of blocks are stored
 BLOCKS = 32  # number of blocks that the compiled program solves in one call
@@ -62,13 +59,9 @@ class Load(NamedTuple):
         """End of the last piece [s]."""
         return float(self.start[-1] + self.length[-1])
 
-    def counts(self, longest: float) -> np.ndarray:
-        """Return into how many parts of at most `longest` [s] each piece must be divided, shape (n,)."""
-        return np.maximum(np.ceil(self.length / longest * (1 - 1e-12)), 1).astype(int)
-
     def divided(self, longest: float) -> Self:
         """Return the same acceleration in pieces of at most `longest` [s]."""
-        counts = self.counts(longest)
+        counts = np.maximum(np.ceil(self.length / longest * (1 - 1e-12)), 1).astype(int)
         if counts.max() == 1:
             return self
         parent = np.repeat(np.arange(counts.size), counts)  # index of the old piece that contains a new piece
@@ -122,16 +115,10 @@ def largest(
     """
     order = np.argsort(period)
     groups: list[Peaks] = []
-    start = 0
-    while start < order.size:
-        shortest = float(period[order[start]])
-        count = int(load.counts(shortest / PIECES_PER_PERIOD).sum())
-        group = order[start : start + LANES]
-        if count > MORE_PIECES * load.length.size:
-            group = group[period[group] <= 2 * shortest]
-        loads = [y.divided(shortest / PIECES_PER_PERIOD) for y in (load, *slopes)]
+    for first in range(0, order.size, LANES):
+        group = order[first : first + LANES]
+        loads = [y.divided(float(period[group[0]]) / PIECES_PER_PERIOD) for y in (load, *slopes)]
         groups.append(_largest(loads[0], loads[1:], period[group], damping[group], rests))
-        start += group.size
     original_order = np.argsort(order)
     return Peaks(*(np.concatenate(y, axis=-1)[..., original_order] for y in zip(*groups, strict=True)))
 
@@ -365,22 +352,26 @@ def _search(
     is_searched = sizes >= np.where(best > 0, min_size, np.inf)
     is_searched[0] = True  # the first block always, and only this block if all states are zero
     block, lane = np.nonzero(is_searched)
-    found = []
+    peaks = []
     for first in range(0, block.size, PAIRS):
-        block_part, lane_part = block[first : first + PAIRS], lane[first : first + PAIRS]
-        z, pole = states.starts[block_part, lane_part], oscillators.pole[lane_part]
-        for index, piece, series in _series_of_block(load, z, pole, block_part):
-            lanes = lane_part[index]
+        blocks, block_lanes = block[first : first + PAIRS], lane[first : first + PAIRS]
+        z, found = states.starts[blocks, block_lanes], []
+        for index, pieces, series in _series_of_block(load, z, oscillators.pole[block_lanes], blocks):
+            lanes = block_lanes[index]
             q = _response(factor[lanes], series)
-            at_ends = np.stack([q[0], q.sum(axis=0)])
-            near = np.flatnonzero((np.abs(at_ends).max(axis=0) >= min_size[lanes]) | (piece == 0))
-            q, at_ends, lanes, piece = q[:, near], at_ends[:, near], lanes[near], piece[near]
-            turn, fraction = _turning_points(q)
-            inner = polynomial.polyval(fraction, q[:, turn], tensor=False)
-            found.append((inner, lanes[turn], piece[turn], fraction))
-            found += [(at_ends[end], lanes, piece, np.full(lanes.size, float(end))) for end in (0, 1)]
-    value, lane, piece, fraction = map(np.concatenate, zip(*found, strict=True))
-    return _first_peak(value, lane, piece, fraction, omega.size)
+            at_ends = np.maximum(np.abs(q[0]), np.abs(q.sum(axis=0)))
+            near = np.flatnonzero((at_ends >= min_size[lanes]) | (pieces == 0))
+            found.append((q[:, near], lanes[near], pieces[near]))
+        q, lanes, pieces = (np.concatenate(y, axis=-1) for y in zip(*found, strict=True))
+        turn, fraction = _turning_points(q)
+        inner = polynomial.polyval(fraction, q[:, turn], tensor=False)
+        peaks += [
+            (q[0], lanes, pieces, np.zeros(lanes.size)),
+            (inner, lanes[turn], pieces[turn], fraction),
+            (q.sum(axis=0), lanes, pieces, np.ones(lanes.size)),
+        ]
+    value, lanes, pieces, fraction = map(np.concatenate, zip(*peaks, strict=True))
+    return _first_peak(value, lanes, pieces, fraction, omega.size)
 
 
 def _first_peak(

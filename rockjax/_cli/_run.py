@@ -57,7 +57,7 @@ class Report:
         """Return a progress bar on stderr."""
         from rockjax._progress import bar
 
-        return bar(total, unit, not self.quiet, unit_scale=True)
+        return bar(total, unit, not self.quiet, unit_scale=total is None or total >= 1000)
 
     def write(
         self, path: str | Path, data: xarray.Dataset, groups: dict[str, xarray.Dataset] | None = None

@@ -147,28 +147,29 @@ def floor_spectrum(
     request = _Request(weights_by_level, stories, T, zeta, direction, tuple(sensitivities))
     labels = None if not is_suite else list(range(1, len(members) + 1)) if names is None else names
 
-    def solve(podium: Podium, options: Options, request: _Request) -> xarray.Dataset:
-        spectra = []
+    scenes = [(podium, options, request)]
+    if fixed_base:
+        fixed_podium = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
+        # Under the fixed podium, spectra of the deck are those of the ground.
+        weights_with_deck = {DECK: 0 * next(iter(weights_by_level.values()))} | weights_by_level
+        fixed_request = request._replace(weights=weights_with_deck, stories={}, names=())
+        scenes.append((fixed_podium, options.replace(overturn_ratio=1.0), fixed_request))
+    spectra: list[list[_Spectrum]] = [[] for _ in scenes]
+    with bar(len(members), "motions", progress) as counter:
         for member in members:
-            scene_end = end
-            if scene_end is None:
-                scene_end = float(_default_end(podium.split_rows(), member.common_form(), T.max()))
-            response = simulate(podium, member, initial=initial, t_end=scene_end, options=options)
-            spectra.append(_spectrum(response, start, scene_end, request))
+            for found, (structure, settings, requested) in zip(spectra, scenes, strict=True):
+                scene_end = end
+                if scene_end is None:
+                    scene_end = float(_default_end(structure.split_rows(), member.common_form(), T.max()))
+                response = simulate(structure, member, initial=initial, t_end=scene_end, options=settings)
+                found.append(_spectrum(response, start, scene_end, requested))
             counter.update(1)
-        return _dataset(request, labels, spectra)
-
-    with bar(len(members) * (1 + fixed_base), "motions", progress) as counter:
-        data = solve(podium, options, request)
-        if fixed_base:
-            fixed_podium = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
-            # Under the fixed podium, spectra of the deck are those of the ground.
-            weights_with_deck = {DECK: 0 * next(iter(weights_by_level.values()))} | weights_by_level
-            fixed_request = request._replace(weights=weights_with_deck, stories={}, names=())
-            fixed = solve(fixed_podium, options.replace(overturn_ratio=1.0), fixed_request)
-            for name in SPECTRA:
-                data[f"ground_{name}"] = fixed[name].sel(level=DECK, drop=True)
-                data[f"fixed_base_{name}"] = fixed[name].sel(level=list(weights_by_level))
+    data = _dataset(request, labels, spectra[0])
+    if fixed_base:
+        fixed = _dataset(scenes[1][2], labels, spectra[1])
+        for name in SPECTRA:
+            data[f"ground_{name}"] = fixed[name].sel(level=DECK, drop=True)
+            data[f"fixed_base_{name}"] = fixed[name].sel(level=list(weights_by_level))
     origin = {} if is_suite else describe_excitation(members[0]) | dict(describe_origin(excitation))
     data.attrs = {
         "title": "Floor response spectra",

@@ -387,8 +387,10 @@ def test_progress_counts_motions():
 
     counter = Counter()
     motions = [rj.Ricker(1.0, 1.0), rj.Ricker(1.1, 1.0)]
-    spectrum(FRAME, motions, [0.5], t_end=4.0, progress=counter)
-    assert counter.total == 2
+    for fixed_base in (False, True):
+        counter.total = 0
+        spectrum(FRAME, motions, [0.5], t_end=4.0, progress=counter, fixed_base=fixed_base)
+        assert counter.total == 2
 
 
 @pytest.mark.parametrize(
