@@ -17,7 +17,13 @@ from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options, as_compiled
 from rockjax._outputs.views import Ended
-from rockjax._programs.derivatives import differentiable, is_concrete, with_derivatives, with_slopes
+from rockjax._programs.derivatives import (
+    differentiable,
+    is_concrete,
+    scalar_positions,
+    with_derivatives,
+    with_slopes,
+)
 from rockjax._programs.program import StoredProgram
 from rockjax._results import State
 from rockjax._structures import Podium
@@ -57,6 +63,23 @@ def solve(
         leaves, structure = jax.tree.flatten(arguments)
         return differentiable(PROGRAM, SLOPES, structure, history)(*leaves)
     return PROGRAM(*arguments, history=history)
+
+
+def solve_with_slopes(
+    podium: Podium, excitation: AbstractExcitation, initial: State, t_end: Array | None, options: Options
+) -> tuple[dict[str, Array], dict[str, Array], tuple[int, ...]]:
+    """Solve one scene of concrete values, with derivatives of its outputs.
+
+    - arguments: as for `solve`
+
+    Returns the floats, their derivatives with respect to scalar leaves of (podium.split(), excitation) along
+    a first axis, and the indices of these leaves.
+    """
+    podium = podium.split() if options.of_joints else podium.split().without_elevation()
+    arguments = podium, excitation.common_form(), initial, t_end, as_compiled(podium, options)
+    indices = scalar_positions(jax.tree.leaves(arguments[:2]))
+    ((floats, _), _), (slopes, _) = SLOPES(*arguments, leaf_indices=indices, history=None)
+    return floats, slopes, indices
 
 
 def _answers(

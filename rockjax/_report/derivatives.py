@@ -1,7 +1,7 @@
 """Derivatives of the values of checks with respect to the logarithms of the inputs.
 
-A `LogFunction` returns the value of a check for the logarithms of n + 1 factors: one on each input, and the
-last on the motion. The function is differentiated at zero, where it is exact to first order.
+The logarithms are those of n + 1 factors: one on each input, and the last on the motion. Derivatives are
+taken at zero, where all factors are 1.
 """
 
 from __future__ import annotations
@@ -13,7 +13,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._responses.simulate import peak_response
+from rockjax._engine.solve import solve_with_slopes
+from rockjax._excitations.base import AbstractExcitation
+from rockjax._outputs.registry import variables_of
+from rockjax._responses.arguments import as_start
+from rockjax._results import REST
 from rockjax._structures import Podium
 from rockjax._types import Value
 
@@ -25,14 +29,15 @@ from .store import fingerprint
 if TYPE_CHECKING:
     import xarray
 
-LogFunction = Callable[[Any], Value]
+# Returns a value, and its derivatives with respect to the logarithms, (n + 1,).
+SlopesFunction = Callable[[], tuple[Any, Any]]
 
 
-def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, LogFunction]) -> xarray.Dataset:
+def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunction]) -> xarray.Dataset:
     """Return d ln(value)/d ln y of a check for every input y and the factor on the motion, along `motion` and
     `parameter`.
 
-    - `entry`: the check; `functions`: index of a motion or pulse → value of the check
+    - `entry`: the check; `functions`: index of a motion or pulse → its value and derivatives
     """
     import xarray
 
@@ -44,8 +49,7 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, LogFunction
 
     def solve() -> xarray.Dataset:
         scenes.say(f"derivatives of {entry.id}")
-        origin = jnp.zeros(len(problem.variables) + 1)
-        pairs = [jax.value_and_grad(function)(origin) for function in functions.values()]
+        pairs = [function() for function in functions.values()]
         values = np.array([float(value) for value, _ in pairs])
         slopes = np.array([np.asarray(slope)[: len(names)] for _, slope in pairs]) / values[:, None]
         return xarray.Dataset(
@@ -56,9 +60,17 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, LogFunction
     return scenes.store.get(f"slopes.{entry.id}", inputs_hash, solve)
 
 
-def of_logs(problem: Problem, function: Callable[[Podium, Value], Value]) -> LogFunction:
-    """Turn a function of the podium and the factor on the motion into a `LogFunction`."""
-    return lambda logs: function(varied(problem, logs), jnp.exp(logs[-1]))
+def slopes_of(
+    problem: Problem, function: Callable[[Podium, Value], Value], *, jit: bool = False
+) -> SlopesFunction:
+    """Return a function that computes the value and the derivatives of a function of the podium and of the
+    logarithms.
+
+    - `jit`: True for a function that solves no scenes. It is compiled as one program, because outside jit
+      every operation compiles separately
+    """
+    derivative = jax.value_and_grad(lambda logs: function(varied(problem, logs), logs))
+    return lambda: (jax.jit(derivative) if jit else derivative)(jnp.zeros(len(problem.variables) + 1))
 
 
 def varied(problem: Problem, logs: Any) -> Podium:
@@ -71,8 +83,9 @@ def varied(problem: Problem, logs: Any) -> Podium:
     return jax.tree.unflatten(structure, changed)
 
 
-def scene_answers(scenes: Scenes, name: str, motion: int) -> Callable[[Any], dict[str, Any]]:
-    """Return the outputs of a scene as a function of the logarithms, exact to first order.
+def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return name of output → value, and its derivatives with respect to the logarithms along a last axis,
+    for a scene.
 
     One forward pass differentiates all outputs of the scene, and one program serves all motions of a set.
 
@@ -81,30 +94,38 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> Callable[[Any], dic
     import xarray
 
     problem, motions = scenes.problem, scenes.motion_set(name)
-    excitation = motions.excitations[motion].common_form()
+    excitation = motions.excitations[motion]
     options = problem.options.replace(outputs=tuple(scenes.needed[name].outputs), throw=False)
     inputs_hash = fingerprint(problem.podium, motions.hashes[motion], options, problem.variables)
 
-    def values(logs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        scaled = excitation.scaled(jnp.exp(logs[-1]))
-        peak = peak_response(varied(problem, logs), scaled, options=options)
-        answers = {key: y for key, y in peak.values.items() if y is not None}
-        return answers, answers
-
     def solve() -> xarray.Dataset:
         scenes.say(f"derivatives of {motions.names[motion]}")
-        slopes, answers = jax.jacfwd(values, has_aux=True)(jnp.zeros(len(problem.variables) + 1))
+        initial = as_start("report", REST, problem.podium)
+        answers, slopes, indices = solve_with_slopes(problem.podium, excitation, initial, None, options)
+        directions = _directions(problem, excitation, options.of_joints)
+        directions = np.array([directions[i] for i in indices])
         data = {}
-        for key, y in answers.items():
-            dims = tuple(f"{key}_axis{k}" for k in range(y.ndim))
-            data[key] = dims, np.asarray(y)
-            data[f"{key}_slope"] = (*dims, "parameter"), np.asarray(slopes[key])
+        for key in variables_of(options.outputs):
+            if key in slopes:
+                y = np.asarray(answers[key])
+                dims = tuple(f"{key}_axis{k}" for k in range(y.ndim))
+                data[key] = dims, y
+                slope = np.tensordot(np.asarray(slopes[key]), directions, axes=(0, 0))
+                data[f"{key}_slope"] = (*dims, "parameter"), slope
         return xarray.Dataset(data)
 
     data = scenes.store.get(f"derivatives.{name}.{motion}", inputs_hash, solve)
 
-    def first_order(logs: Any) -> dict[str, Any]:
-        names = [str(key) for key in data if not str(key).endswith("_slope")]
-        return {key: data[key].values + data[f"{key}_slope"].values @ logs for key in names}
+    names = [str(key) for key in data if not str(key).endswith("_slope")]
+    return {key: (data[key].values, data[f"{key}_slope"].values) for key in names}
 
-    return first_order
+
+def _directions(problem: Problem, excitation: AbstractExcitation, with_elevation: bool) -> list[np.ndarray]:
+    """Return the derivatives of the scalar leaves of (podium.split(), excitation) with respect to the
+    logarithms, each of shape (n + 1,)."""
+    count, podium = len(problem.variables), problem.split_derivatives
+    of_podium = jax.tree.leaves(podium if with_elevation else podium.without_elevation())
+    # A motion is proportional to its factor, so this difference is the derivative.
+    once, twice = (jax.tree.leaves(excitation.scaled(factor).common_form()) for factor in (1.0, 2.0))
+    of_motion = [np.mean(z) - np.mean(y) for y, z in zip(once, twice, strict=True)]
+    return [np.append(y, 0.0) for y in of_podium] + [np.append(np.zeros(count), y) for y in of_motion]

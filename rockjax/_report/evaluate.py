@@ -203,7 +203,7 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
     assert check.values is not None
     is_mean = check.statistic == "mean"
     motions = tuple(range(len(check.values.values))) if is_mean else (check.governing,)
-    functions = {k: check.kind.value_function(check.entry, scenes, k) for k in motions}
+    functions = {k: check.kind.slopes_function(check.entry, scenes, k) for k in motions}
     differentiable = {k: function for k, function in functions.items() if function is not None}
     if not differentiable:
         return {}

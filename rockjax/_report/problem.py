@@ -136,14 +136,25 @@ class Problem:
         """Keys of the inputs that can vary."""
         return tuple(entry.key for entry in self.inputs if entry.varies)
 
-    @functools.cached_property
+    @property
     def leaf_derivatives(self) -> list[Any]:
         """Derivatives of the leaves of `podium` with respect to ln y of each of `variables`, along the last
         axis."""
+        return self._derivatives[0]
 
-        def leaves(logs: Any) -> list[Any]:
-            factors = dict(zip(self.variables, jnp.exp(logs), strict=True))
-            return [jnp.asarray(y, float) for y in jax.tree.leaves(self.varied(factors))]
+    @property
+    def split_derivatives(self) -> Podium:
+        """`podium.split()` with the derivatives of each leaf in its place."""
+        return self._derivatives[1]
+
+    @functools.cached_property
+    def _derivatives(self) -> tuple[list[Any], Podium]:
+        """`leaf_derivatives` and `split_derivatives`."""
+
+        def leaves(logs: Any) -> tuple[list[Any], Podium]:
+            podium = self.varied(dict(zip(self.variables, jnp.exp(logs), strict=True)))
+            leaves, split = jax.tree.leaves(podium), podium.split()
+            return jax.tree.map(lambda y: jnp.asarray(y, float), (leaves, split))
 
         return jax.jit(jax.jacfwd(leaves))(jnp.zeros(len(self.variables)))
 

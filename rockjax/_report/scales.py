@@ -20,7 +20,7 @@ from rockjax._roots import Brackets, narrow_brackets
 from rockjax._structures import Podium
 from rockjax._types import Value
 
-from .derivatives import LogFunction, of_logs
+from .derivatives import SlopesFunction, slopes_of
 from .problem import MotionSet, Problem
 from .scenes import Scenes
 from .store import fingerprint
@@ -151,19 +151,23 @@ def _overturning_scale(problem: Problem, podium: Podium, excitation: Any) -> Val
     return overturning_scale(podium, excitation, max_scale=MAX_SCALE, **boundary_options(problem))
 
 
-def least_factor_function(scenes: Scenes, event: str, name: str, motion: int) -> LogFunction:
-    """Return the least factor on a motion as a function, for derivatives."""
+def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> SlopesFunction:
+    """Return a function that computes the least factor on a motion, and its derivatives."""
     problem, excitation = scenes.problem, scenes.motion_set(name).excitations[motion]
     if event == "overturning":
-        return of_logs(problem, lambda podium, y: _overturning_scale(problem, podium, excitation.scaled(y)))
+
+        def least_scale(podium: Podium, logs: Any) -> Value:
+            return _overturning_scale(problem, podium, excitation.scaled(jnp.exp(logs[-1])))
+
+        return slopes_of(problem, least_scale)
     scale = 0.9 * float(least_factors(scenes, name, event)["factor"][motion])
     options = _uplift_options(problem).replace(outputs=(UpliftRatio(),))
 
-    def least_factor(podium: Podium, factor: Value) -> Value:
-        peak = peak_response(podium, excitation.scaled(scale * factor), options=options)
+    def least_factor(podium: Podium, logs: Any) -> Value:
+        peak = peak_response(podium, excitation.scaled(scale * jnp.exp(logs[-1])), options=options)
         return scale / peak.uplift_ratio
 
-    return of_logs(problem, least_factor)
+    return slopes_of(problem, least_factor)
 
 
 def _largest_acceleration(excitation: Any) -> float:

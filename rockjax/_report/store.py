@@ -35,7 +35,7 @@ def fingerprint(*values: Any) -> str:
     return hashlib.sha256("\n".join(entries).encode()).hexdigest()
 
 
-WRITE_EVERY = 5.0  # least time between two writings of an unfinished store [s]
+WRITE_EVERY = 30.0  # least time between two writings of an unfinished store [s]
 
 
 class Store:
@@ -57,10 +57,11 @@ class Store:
         import xarray
 
         try:
-            groups = xarray.open_groups(path, engine="netcdf4")
+            # Report datasets have no times and no packed numbers; looking for them takes time.
+            groups = xarray.open_groups(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
             for name, data in groups.items():
                 if "fingerprint" in data.attrs:
-                    self.data[name.strip("/").replace("/", ".")] = data.load()
+                    self.data[name.strip("/")] = data.load()
             for data in groups.values():  # closed after the last is read, because they share the open file
                 data.close()
         except (OSError, ValueError, KeyError):
@@ -118,10 +119,11 @@ class Store:
     def _write(self, path: Path) -> None:
         import xarray
 
-        from rockjax._files import write_dataset
+        from rockjax._files import CONVENTIONS, write_atomically
 
-        root = xarray.Dataset(attrs={"title": "Scenes of a report", "kind": "report"})
-        write_dataset(path, root, {name.replace(".", "/"): data for name, data in self.data.items()})
+        attrs = {"title": "Scenes of a report", "kind": "report", "Conventions": CONVENTIONS}
+        tree = xarray.DataTree.from_dict({"/": xarray.Dataset(attrs=attrs), **self.data})
+        write_atomically(path, lambda name: tree.to_netcdf(name, engine="netcdf4"))
 
 
 def _partial(path: Path) -> Path:

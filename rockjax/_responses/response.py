@@ -388,7 +388,8 @@ def with_joints(data: xarray.Dataset, response: Response) -> xarray.Dataset:
             dims = joint_forces.series_dims(series[name].ndim)
             data[name] = dims, np.asarray(series[name]), _attributes(unit, description)
     horizontal, axial = np.moveaxis(np.asarray(response.impulses)[: data.sizes["impact"]], -1, 0)
-    demand = np.asarray(JointForces(jnp.asarray(horizontal), jnp.asarray(axial)).friction)
+    # Outside jit every operation compiles separately.
+    demand = np.asarray(jax.jit(lambda *forces: JointForces(*forces).friction)(horizontal, axial))
     attrs = _attributes("1", "friction demand |J_T|/J_N at the impact, inf where the joint is in tension")
     data["impact_friction"] = ("impact", joint_forces.COLUMNS, JOINTS), demand, attrs
     return data.assign_coords(joint_forces.coordinates(demand.shape[1]))

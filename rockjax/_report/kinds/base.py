@@ -11,7 +11,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._problem import models
-from rockjax._report.derivatives import LogFunction
+from rockjax._report.derivatives import SlopesFunction
 from rockjax._report.entry import BOUNDS, CheckKeys, Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scenes import Scenes
@@ -169,8 +169,8 @@ class Kind(abc.ABC):
         - `variation`: one of `Scenes.variations`, such as "width+"; "" for none
         """
 
-    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
-        """Return the value of a case as a differentiable function; None if the value has no derivative."""
+    def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
+        """Return a function that computes the value of a case and its derivatives; None if it has none."""
         del entry, scenes, case
         return None
 

@@ -13,7 +13,7 @@ from rockjax import _results as results
 from rockjax._problem import models
 from rockjax._problem.reading import Reader
 from rockjax._report.cells import peak_cell, slug
-from rockjax._report.derivatives import LogFunction, of_logs
+from rockjax._report.derivatives import SlopesFunction, slopes_of
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scenes import Scenes
@@ -97,16 +97,17 @@ class FloorKind(Kind):
             return data["contents_overturned"].values
         return np.zeros(data[self.variable].shape, bool)
 
-    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction:
+    def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction:
         on_floors = tuple(self.on_floors(entry).values())
         options = scenes.problem.options.replace(outputs=("peak_rotation",), throw=False)
         excitation = scenes.motion_set(str(entry.motions)).excitations[case]
 
-        def value(podium: Podium, factor: Value) -> Value:
-            response = peak_response(podium, excitation.scaled(factor), options=options, on_floors=on_floors)
+        def value(podium: Podium, logs: Any) -> Value:
+            scaled = excitation.scaled(jnp.exp(logs[-1]))
+            response = peak_response(podium, scaled, options=options, on_floors=on_floors)
             return jnp.max(jnp.stack([getattr(y, self.peak) for y in response.on_floors]))
 
-        return of_logs(scenes.problem, value)
+        return slopes_of(scenes.problem, value)
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         del values

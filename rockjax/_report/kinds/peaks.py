@@ -12,7 +12,7 @@ import numpy as np
 
 from rockjax._outputs.base import JOINT_NAMES, JOINTS, STORIES
 from rockjax._outputs.registry import REGISTRY, VARIABLES
-from rockjax._report.derivatives import LogFunction, scene_answers, varied
+from rockjax._report.derivatives import SlopesFunction, scene_answers, slopes_of
 from rockjax._report.entry import Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scenes import Scenes
@@ -28,14 +28,14 @@ class PeakKind(Kind):
     """A check of a peak, multiplied by a factor that depends on the structure.
 
     - `variable`: name of the peak among the outputs
-    - `factor`: returns the factor, or one for each joint, storey or mode
+    - `factor`: returns the factor, or one for each joint, storey or mode; None for 1
     - `needs`: returns which input is missing, or ""
     - `powers`: (input, exponent) for inputs that `factor` takes from the problem, without their variation
     - `convert`: converts the multiplied peak to the value, or None
     """
 
     variable: str = ""
-    factor: Callable[[Problem, Podium], Any] = lambda problem, podium: 1.0
+    factor: Callable[[Problem, Podium], Any] | None = None
     needs: Callable[[Problem], str] = lambda problem: ""
     powers: tuple[tuple[str, float], ...] = ()
     convert: Callable[[Podium, Any], Any] | None = None
@@ -57,7 +57,7 @@ class PeakKind(Kind):
 
     def to_values(self, peaks: Any, problem: Problem, podium: Podium) -> Any:
         """Convert peaks to values of the check. The last axis may be joints, storeys or modes."""
-        scaled = peaks * self.factor(problem, podium)
+        scaled = peaks if self.factor is None else peaks * self.factor(problem, podium)
         return scaled if self.convert is None else self.convert(podium, scaled)
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
@@ -85,16 +85,21 @@ class PeakKind(Kind):
             places = [f"{float(t):.3f} s" for t in data["peak_rotation_time"].values]
         return with_words(scenes, entry, data, all_values, error, places, self.is_minimum)
 
-    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
+    def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         answers, problem = scene_answers(scenes, str(entry.motions), case), scenes.problem
         exponents = np.array([dict(self.powers).get(key, 0.0) for key in (*problem.variables, "motion")])
+        peaks, slopes = answers[self.variable]
+        if self.factor is None and self.convert is None:
+            worst = np.argmin(peaks) if self.is_minimum else np.argmax(peaks)
+            value = np.ravel(peaks)[worst]
+            return lambda: (value, slopes.reshape(-1, exponents.size)[worst] + value * exponents)
 
-        def value(logs: Any) -> Value:
-            all_values = self.to_values(answers(logs)[self.variable], problem, varied(problem, logs))
+        def value(podium: Podium, logs: Any) -> Value:
+            all_values = self.to_values(peaks + slopes @ logs, problem, podium)
             all_values = all_values * jnp.exp(exponents @ logs)
             return jnp.min(all_values) if self.is_minimum else jnp.max(all_values)
 
-        return value
+        return slopes_of(problem, value, jit=True)
 
 
 @dataclasses.dataclass(frozen=True)

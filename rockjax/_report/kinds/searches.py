@@ -14,14 +14,14 @@ from rockjax._problem import models
 from rockjax._problem.models import require_one
 from rockjax._problem.reading import Reader, pulse_periods
 from rockjax._report.cells import number, slug
-from rockjax._report.derivatives import LogFunction, of_logs
+from rockjax._report.derivatives import SlopesFunction, slopes_of
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scales import (
     BOUNDARY_ERROR,
     boundary_options,
     just_below,
-    least_factor_function,
+    least_factor_slopes,
     least_factors,
 )
 from rockjax._report.scenes import Scenes
@@ -52,8 +52,8 @@ class ScaleKind(Kind):
         names = scenes.motion_set(str(entry.motions)).names
         return Values(values, np.asarray(data["error"], float), words, blank, (), names)
 
-    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction | None:
-        return least_factor_function(scenes, self.event, str(entry.motions), case)
+    def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
+        return least_factor_slopes(scenes, self.event, str(entry.motions), case)
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         name = str(entry.motions)
@@ -110,8 +110,8 @@ class PulseKind(Kind):
         errors = np.where(np.isfinite(amplitudes), amplitudes * BOUNDARY_ERROR, np.nan)
         return Values(amplitudes, errors, words, ("",) * len(amplitudes), (), names)
 
-    def value_function(self, entry: Entry, scenes: Scenes, case: int) -> LogFunction:
-        return of_logs(scenes.problem, lambda podium, factor: self._amplitude(entry, scenes, case, podium))
+    def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction:
+        return slopes_of(scenes.problem, lambda podium, logs: self._amplitude(entry, scenes, case, podium))
 
     def _amplitude(self, entry: Entry, scenes: Scenes, case: int, podium: Podium) -> Value:
         """Return the least overturning amplitude of pulse number `case`, in the unit of the limit."""

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
 
 from rockjax._parameters.registry import STRUCTURE
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
 from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
+from rockjax._report.store import fingerprint
 from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Word
 from rockjax._report.units import Units, kind_of_unit
+from rockjax._structures import Podium
 
 from .common import drawn, governing_scene
 
 if TYPE_CHECKING:
+    import xarray
+
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Input
 
@@ -129,14 +134,15 @@ def _joint_rows(evaluation: Evaluation):
 def _derived(evaluation: Evaluation) -> Equations:
     """Return the derived quantities as equations, with numbers inserted."""
     problem, podium = evaluation.problem, evaluation.problem.podium
-    width, height = float(podium.width), float(podium.height)
+    numbers = {name: y.values for name, y in _numbers(evaluation).items()}
+    width, height = float(numbers["width"]), float(numbers["height"])
     alpha, g, R = float(podium.alpha), float(podium.g), float(podium.R)
     gamma, eta = float(podium.gamma), float(podium.eta)
 
     def plain(value: float, digits: int = 7) -> str:
         return f"{value:.{digits}g}"
 
-    in_use = float(podium.restitution_factor)
+    in_use = float(numbers["restitution"])
     rows = [
         Equation(
             Formula("slenderness"),
@@ -150,7 +156,7 @@ def _derived(evaluation: Evaluation) -> Equations:
         Equation(
             Formula("frequency_parameter"),
             f"√(3 · {plain(g)} / (4 · {plain(R)}))",
-            Quantity(float(podium.p), "angular frequency"),
+            Quantity(float(numbers["p"]), "angular frequency"),
             "25",
         ),
         Equation(Formula("beam_mass_ratio"), "", Quantity(gamma, "number"), "2"),
@@ -159,26 +165,24 @@ def _derived(evaluation: Evaluation) -> Equations:
         rows.append(Equation(Formula("superstructure_mass_ratio"), "", Quantity(eta, "number"), "2"))
     laws: dict[str, Any] = {"paper": "27", "compatible": "26"}
     for name, label in laws.items():
-        factor = podium.replace(restitution=name).restitution_factor
-        used = " (in use)" if float(factor) == in_use else " (not in use)"
+        factor = float(numbers[f"restitution_{name}"])
+        used = " (in use)" if factor == in_use else " (not in use)"
         rows.append(
-            Equation(
-                Formula(f"restitution_{name}"), f"law {name}{used}", Quantity(float(factor), "number"), label
-            )
+            Equation(Formula(f"restitution_{name}"), f"law {name}{used}", Quantity(factor, "number"), label)
         )
     rows.append(
         Equation(
             Formula("uplift_acceleration"),
             f"{plain(g)} · {plain(np.tan(alpha))}",
-            Quantity(float(podium.uplift_ground_acceleration), "acceleration"),
+            Quantity(float(numbers["uplift_acceleration"]), "acceleration"),
             "5",
         )
     )
     if podium.vibrates:
-        demand = Quantity(float(podium.uplift_demand), "acceleration")
+        demand = Quantity(float(numbers["uplift_demand"]), "acceleration")
         rows.append(Equation(Formula("uplift_demand"), "", demand, "9"))
     if problem.column_mass is not None:
-        bottom, top = (float(y) for y in np.asarray(podium.dead_load))
+        bottom, top = (float(y) for y in numbers["dead_load"])
         weight = problem.column_mass * g
         rows += [
             Equation(Formula("dead_load"), "", Quantity(top * weight, "force"), "F3"),
@@ -186,9 +190,40 @@ def _derived(evaluation: Evaluation) -> Equations:
         ]
     if podium.elevation is not None:
         rows.append(
-            Equation(Formula("core_distance"), "", Quantity(float(podium.core_distance), "length"), "F18")
+            Equation(Formula("core_distance"), "", Quantity(float(numbers["core_distance"]), "length"), "F18")
         )
     return Equations(tuple(rows))
+
+
+def _numbers(evaluation: Evaluation) -> xarray.Dataset:
+    """Return the numbers of the section that follow from the structure, from the store if they are there."""
+    podium = evaluation.problem.podium
+
+    def numbers(podium: Podium) -> dict[str, Any]:
+        laws = {name: podium.replace(restitution=name).restitution_factor for name in ("paper", "compatible")}
+        values = {
+            "width": podium.width,
+            "height": podium.height,
+            "p": podium.p,
+            "restitution": podium.restitution_factor,
+            "uplift_acceleration": podium.uplift_ground_acceleration,
+            "dead_load": podium.dead_load,
+        } | {f"restitution_{name}": factor for name, factor in laws.items()}
+        if podium.vibrates:
+            values["uplift_demand"] = podium.uplift_demand
+            values["uplifted_frequencies"] = podium.uplifted_frequencies
+        if podium.elevation is not None:
+            values["core_distance"] = podium.core_distance
+        return values
+
+    def compute() -> xarray.Dataset:
+        import xarray
+
+        values = jax.jit(numbers)(podium)  # outside jit every operation compiles separately
+        dims = lambda name, y: tuple(f"{name}_axis{k}" for k in range(np.ndim(y)))
+        return xarray.Dataset({name: (dims(name, y), np.asarray(y)) for name, y in values.items()})
+
+    return evaluation.scenes.store.get("structure", fingerprint(podium), compute)
 
 
 def _modes(evaluation: Evaluation) -> list[Any]:
@@ -200,7 +235,8 @@ def _modes(evaluation: Evaluation) -> list[Any]:
     periods, etas, zetas = np.broadcast_arrays(
         np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.eta), np.atleast_1d(oscillators.zeta)
     )
-    lifted = np.asarray(podium.uplifted_frequencies, float)[1:] / (2 * np.pi)  # without the rocking mode
+    # The first frequency is that of the rocking mode.
+    lifted = _numbers(evaluation)["uplifted_frequencies"].values[1:] / (2 * np.pi)
     columns = {
         "Mode": "count",
         "Period with a fixed base T_i": "time",
