@@ -14,6 +14,7 @@ from .foundation_shear import PeakFoundationShear
 from .friction import PeakFriction
 from .impact_friction import ImpactFriction
 from .impacts import EnergeticImpacts, Impacts
+from .impacts_before_peak import ImpactsBeforePeak
 from .margin import Margin
 from .rotation import PeakRotation
 from .shear import PeakShear
@@ -38,6 +39,7 @@ REGISTRY: dict[str, AbstractOutput] = {
         ImpactFriction(),
         PeakDeckAcceleration(),
         PeakVelocityJump(),
+        ImpactsBeforePeak(),
         EnergeticImpacts(),
     )
 }
@@ -63,7 +65,7 @@ def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
 def suitable_outputs(podium: Podium) -> tuple[str, ...]:
     """Return the outputs of interest to a designer that a podium has: rotation, shear and motion of the
     building, and forces of the joints if there is an elevation."""
-    names = ["peak_rotation", "impacts", "errors"]
+    names = ["peak_rotation", "impacts", "impacts_before_peak", "errors"]
     if podium.superstructure is not None:
         names += [name for name in BUILDING_OUTPUTS if REGISTRY[name].applies(podium)]
     return (*names, *(JOINT_OUTPUTS if podium.elevation is not None else ()))

@@ -55,7 +55,7 @@ class PeakRotation(AbstractEventOutput):
 
     def update(self, end: StepEnd, accumulator: Value, note: Value, largest: Any) -> tuple[Value, Value]:
         del largest
-        highest, time = barrier(_highest(end))
+        highest, time = barrier(highest_angle(end))
         if not self.requested:  # derivatives of the rotation are not used
             highest, time = jax.lax.stop_gradient((highest, time))
         raises = barrier(end.accepted & (end.step.sigma != 0) & (highest > accumulator))
@@ -80,7 +80,7 @@ class PeakRotation(AbstractEventOutput):
         return {self.name: nan, "peak_rotation_time": nan}
 
 
-def _highest(end: StepEnd) -> tuple[Value, Value]:
+def highest_angle(end: StepEnd) -> tuple[Value, Value]:
     """Return the largest |θ| in a step [rad] and the time of this maximum [s], with derivatives."""
     step, guard = end.step, end.step.guard
     at_stop = guard.at_end.value(end.after)

@@ -90,6 +90,8 @@ class AbstractPeak(Module):
       bottom and the top joint along the last axis
     - `margin`: overturning margin [–], NaN unless requested: 1 if the columns never lift, 0 on the
       overturning boundary, and the more negative the faster the columns fall
+    - `impacts_before_peak`: number of impacts before the peak rotation, on which its derivatives depend; None
+      unless requested
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s]; inf if there are
       none. Derivatives of the motion after an impact grow like 1/|θ̇⁻|
     - `values`: answers of all outputs by name. Each answer is also an attribute: `peak.peak_shear` is

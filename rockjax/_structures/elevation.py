@@ -15,7 +15,6 @@ from rockjax._types import Array, Number
 from .modes import (
     Row,
     as_row,
-    is_plain_zero,
     repeat_scalar,
     split_row,
     split_unless_scalar,
@@ -109,7 +108,8 @@ class Elevation(Module):
             return
         class_name, height = type(superstructure).__name__, self.top_height
         if superstructure.own_heights is not None:
-            if not is_plain_zero(height):
+            given = concrete(height)  # None inside jit, where it was checked before
+            if given is not None and np.any(given):
                 raise ValueError(
                     f"Podium: the {class_name} has its own heights; give either these or elevation.top_height"
                 )

@@ -1158,6 +1158,12 @@ def test_elevations_that_do_not_fit(podium, columns, height, message):
         podium.replace(elevation=rj.Elevation(columns, 0.6, height))
 
 
+def test_a_building_with_its_own_heights_changes_inside_jit():
+    podium = FRAME.replace(superstructure=BUILDING, elevation=rj.Elevation([0.0, 6.0], 0.6))
+    changed = jax.jit(lambda podium, alpha: podium.replace(alpha=alpha).dead_load)(podium, 0.3)
+    np.testing.assert_allclose(changed, podium.replace(alpha=0.3).dead_load, rtol=1e-14)
+
+
 def test_elevations_that_do_fit():
     width = float(S_R.width)
     for columns in ([0.0, width], [6.0, 0.0, 0.0, 6.0], [3.0, -1.0, 10.0]):

@@ -70,9 +70,11 @@ def to_the_end(plan):
 
 
 def outputs_of(podium: rj.Podium, joints: bool = False) -> tuple[str, ...]:
-    # "impacts" and "errors" follow every bounce; alone, others allow to pass over them. Forces in the joints
-    # allow none, except friction at impacts.
-    left_out = {"impacts", "errors"} | {name for name, y in REGISTRY.items() if y.of_joints != joints}
+    # Numbers of impacts and "errors" need every bounce; the others allow to pass over them. Forces in the
+    # joints allow none, except friction at impacts.
+    left_out = {"errors"} | {
+        name for name, y in REGISTRY.items() if y.follows_impacts or y.of_joints != joints
+    }
     return tuple(name for name, y in REGISTRY.items() if y.applies(podium) and name not in left_out)
 
 

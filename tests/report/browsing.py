@@ -28,6 +28,19 @@ def assert_shown(browser, path, width, theme):
     context.close()
 
 
+def assert_accessible(browser, path, width, theme):
+    """axe-core finds nothing that people with impairments could not read or reach."""
+    reason = "axe-playwright-python is not installed"
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason=reason)
+    context = browser.new_context(viewport={"width": width, "height": 800}, color_scheme=theme)
+    page = context.new_page()
+    page.goto(path.as_uri())
+    results = axe.Axe().run(page)
+    assert results.response["passes"]
+    assert not results.response["violations"], results.generate_report()
+    context.close()
+
+
 def printed(browser, path):
     """The texts of the A4 pages that the browser prints, without spaces, in NFKC."""
     pypdf = pytest.importorskip("pypdf", reason="pypdf, which reads the printed page, is not installed")

@@ -20,7 +20,7 @@ from rockjax._report.tables import Quantity, Table, shown
 from rockjax._report.units import KINDS, Units, si_unit
 
 from . import sample
-from .browsing import MODES, assert_shown, printed
+from .browsing import MODES, assert_accessible, assert_shown, printed
 
 UNITS = Units.parse("kN,m,deg,g,mm")
 OTHERS = Units.parse("N,cm,rad,m/s²,Pa,kg,–,N/m,Nm")
@@ -312,3 +312,4 @@ def test_a_browser_shows_the_page(browser, tmp_path, width, theme, text):
     path = tmp_path / "report.html"
     path.write_bytes(files_of(sample.page(text=text))["report.html"])
     assert_shown(browser, path, width, theme)
+    assert_accessible(browser, path, width, theme)

@@ -14,7 +14,7 @@ from rockjax._report.store import Store
 from rockjax._report.tables import plain_cell
 from rockjax._report.uplift import UpliftRatio
 
-from .browsing import MODES, assert_shown, printed
+from .browsing import MODES, assert_accessible, assert_shown, printed
 
 FILE = """
 [structure]
@@ -226,6 +226,11 @@ def test_another_text_solves_nothing_again(folder, report):
 @pytest.mark.parametrize(("width", "theme"), MODES)
 def test_a_browser_shows_the_report(browser, folder, report, width, theme):
     assert_shown(browser, folder / "page.html", width, theme)
+
+
+@pytest.mark.parametrize(("width", "theme"), MODES)
+def test_the_report_is_accessible(browser, folder, report, width, theme):
+    assert_accessible(browser, folder / "page.html", width, theme)
 
 
 def test_the_printed_report_has_every_row(browser, folder, report):

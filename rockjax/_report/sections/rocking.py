@@ -52,6 +52,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
         Column("Time of the peak", "time"),
         Column("u_b at max|θ|", "displacement"),
         Column("Impacts", "count"),
+        Column("Impacts before the peak", "count"),
     ]
     is_requested = any(
         check.kind is KINDS["overturning-scale"] and check.motions == name for check in evaluation.checks
@@ -72,6 +73,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
             Quantity(float(data["peak_rotation_time"][k]), "time") if uplifted else Word("no uplift", "none"),
             peak_cell(data, k, u_b, "displacement"),
             _impacts(float(data["impacts"][k])),
+            _impacts(float(data["impacts_before_peak"][k])),
         ]
         if windows is not None:
             factor = float(windows["factor"][k])

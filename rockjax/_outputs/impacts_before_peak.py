@@ -1,0 +1,57 @@
+"""The number of impacts before the largest rotation."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds
+from rockjax._types import Flag, Value
+
+from .base import AbstractEventOutput
+from .rotation import PeakRotation, highest_angle
+from .views import Ended, Start, StepEnd
+
+
+class _Counts(NamedTuple):
+    """Numbers of impacts so far: all of them, and those before the largest rotation."""
+
+    all: Value
+    before_peak: Value
+
+
+@dataclasses.dataclass(frozen=True)
+class ImpactsBeforePeak(AbstractEventOutput):
+    """The number of impacts before the time of the peak rotation: how many impacts the peak depends on."""
+
+    name = "impacts_before_peak"
+    description = "number of impacts before the peak rotation"
+    sensitive = False
+    estimated = False
+    until_overturning = False
+    needs_flat = True
+    follows_impacts = True
+
+    def start(self, start: Start) -> tuple[Value, _Counts]:
+        zero = jnp.zeros_like(start.t)
+        return PeakRotation().start(start)[0], _Counts(zero, zero)
+
+    def over_step(self, step: Any, record: Value) -> None:
+        del step, record
+
+    def update(self, end: StepEnd, record: Value, note: _Counts, largest: Any) -> tuple[Value, _Counts]:
+        del largest
+        highest = jax.lax.stop_gradient(highest_angle(end)[0])
+        raises = (end.step.sigma != 0) & (highest > record)
+        counts = _Counts(note.all + end.hit, jnp.where(raises, note.all, note.before_peak))
+        return jnp.where(raises, highest, record), counts
+
+    def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
+        return PeakRotation().is_final(bounds, record)
+
+    def answer(self, ended: Ended, record: Value, note: _Counts) -> dict[str, Any]:
+        del ended, record
+        return {self.name: note.before_peak}
