@@ -72,10 +72,11 @@ def solve_with_slopes(
 
     - arguments: as for `solve`
 
-    Returns the floats, their derivatives with respect to scalar leaves of (podium.split(), excitation) along
-    a first axis, and the indices of these leaves.
+    Returns the floats, their derivatives with respect to scalar leaves of (podium.split_rows(), excitation)
+    along a first axis, and the indices of these leaves.
     """
-    podium = podium.split() if options.of_joints else podium.split().without_elevation()
+    podium = podium.split_rows()
+    podium = podium if options.of_joints else podium.without_elevation()
     arguments = podium, excitation.common_form(), initial, t_end, as_compiled(podium, options)
     indices = scalar_positions(jax.tree.leaves(arguments[:2]))
     ((floats, _), _), (slopes, _) = SLOPES(*arguments, leaf_indices=indices, history=None)

@@ -39,19 +39,19 @@ class ImpactsBeforePeak(AbstractEventOutput):
         zero = jnp.zeros_like(start.t)
         return PeakRotation().start(start)[0], _Counts(zero, zero)
 
-    def over_step(self, step: Any, record: Value) -> None:
-        del step, record
+    def over_step(self, step: Any, accumulator: Value) -> None:
+        del step, accumulator
 
-    def update(self, end: StepEnd, record: Value, note: _Counts, largest: Any) -> tuple[Value, _Counts]:
+    def update(self, end: StepEnd, accumulator: Value, note: _Counts, largest: Any) -> tuple[Value, _Counts]:
         del largest
         highest = jax.lax.stop_gradient(highest_angle(end)[0])
-        raises = (end.step.sigma != 0) & (highest > record)
+        raises = (end.step.sigma != 0) & (highest > accumulator)
         counts = _Counts(note.all + end.hit, jnp.where(raises, note.all, note.before_peak))
-        return jnp.where(raises, highest, record), counts
+        return jnp.where(raises, highest, accumulator), counts
 
-    def is_final(self, bounds: Bounds, record: Value) -> Flag | bool:
-        return PeakRotation().is_final(bounds, record)
+    def is_final(self, bounds: Bounds, accumulator: Value) -> Flag | bool:
+        return PeakRotation().is_final(bounds, accumulator)
 
-    def answer(self, ended: Ended, record: Value, note: _Counts) -> dict[str, Any]:
-        del ended, record
+    def answer(self, ended: Ended, accumulator: Value, note: _Counts) -> dict[str, Any]:
+        del ended, accumulator
         return {self.name: note.before_peak}

@@ -121,7 +121,7 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
 
 
 def _directions(problem: Problem, excitation: AbstractExcitation, with_elevation: bool) -> list[np.ndarray]:
-    """Return the derivatives of the scalar leaves of (podium.split(), excitation) with respect to the
+    """Return the derivatives of the scalar leaves of (podium.split_rows(), excitation) with respect to the
     logarithms, each of shape (n + 1,)."""
     count, podium = len(problem.variables), problem.split_derivatives
     of_podium = jax.tree.leaves(podium if with_elevation else podium.without_elevation())

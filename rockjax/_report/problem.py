@@ -144,7 +144,7 @@ class Problem:
 
     @property
     def split_derivatives(self) -> Podium:
-        """`podium.split()` with the derivatives of each leaf in its place."""
+        """`podium.split_rows()` with the derivatives of each leaf in its place."""
         return self._derivatives[1]
 
     @functools.cached_property
@@ -153,7 +153,7 @@ class Problem:
 
         def leaves(logs: Any) -> tuple[list[Any], Podium]:
             podium = self.varied(dict(zip(self.variables, jnp.exp(logs), strict=True)))
-            leaves, split = jax.tree.leaves(podium), podium.split()
+            leaves, split = jax.tree.leaves(podium), podium.split_rows()
             return jax.tree.map(lambda y: jnp.asarray(y, float), (leaves, split))
 
         return jax.jit(jax.jacfwd(leaves))(jnp.zeros(len(self.variables)))
