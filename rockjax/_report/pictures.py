@@ -147,7 +147,8 @@ def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float |
     width, height = float(podium.width), float(podium.height)
     lines, count, has_positions = _lines(podium, width, height, columns)
     depth = float(podium.elevation.beam_depth) if podium.elevation is not None else 0.0  # pyright: ignore
-    drawn_depth = depth or 0.12 * height
+    has_beam = podium.superstructure is not None or float(podium.gamma) > 0  # a solitary block has none
+    drawn_depth = (depth or 0.12 * height) if has_beam else 0.0
     left, right = lines[0] - 0.9 * width, lines[-1] + 0.9 * width
     levels, masses, has_heights = _floors(podium, height, count * (column_mass or 0.0))
     levels = height + drawn_depth + levels
@@ -159,7 +160,8 @@ def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float |
         ax.plot([x, x - 0.4 * gap], [0, -0.5 * gap], color="#000000", ls="-", lw=0.5)
     for x in lines:
         _rectangle(ax, x - width / 2, 0, width, height, COLUMN)
-    _rectangle(ax, left, height, right - left, drawn_depth, BEAM)
+    if has_beam:
+        _rectangle(ax, left, height, right - left, drawn_depth, BEAM)
     slab = 0.006 * top
     for below, level in itertools.pairwise([height + drawn_depth, *levels]):
         for x in lines:

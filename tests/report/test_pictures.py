@@ -4,6 +4,7 @@ import re
 import xml.etree.ElementTree as ET
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
 import rockjax as rj
@@ -116,6 +117,13 @@ def test_the_drawing_is_to_scale():
     sides = [((a - b) ** 2).sum() ** 0.5 for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
     assert sides == pytest.approx([0.7, 3.0, 0.7, 3.0])
     assert min(corner[1] for corner in corners) == pytest.approx(0.0)
+    plt.close("all")
+
+
+def test_a_solitary_block_has_no_beam():
+    (block,) = elevation_drawing(rj.Podium(0.15, 1.5), UNITS, columns=1).axes[0].patches
+    assert block.get_bbox().height == pytest.approx(3.0 * np.cos(0.15))
+    assert len(elevation_drawing(rj.Podium(0.15, 1.5, 1.0), UNITS, columns=1).axes[0].patches) == 2
     plt.close("all")
 
 
