@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import polynomial
 
+from rockjax._checks import array_module
 from rockjax._excitations.sampled import common_size
 from rockjax._machine.threads import precision
 from rockjax._programs.program import StoredProgram
@@ -138,26 +139,26 @@ def ground_load(acceleration: np.ndarray, dt: float) -> Load:
 class _Oscillators(NamedTuple):
     """Constants of N oscillators, shape (N,)."""
 
-    omega: np.ndarray  # ω
-    zeta: np.ndarray  # ζ
-    pole: np.ndarray  # λ
+    omega: Any  # ω
+    zeta: Any  # ζ
+    pole: Any  # λ
 
     @property
-    def damped_frequency(self) -> np.ndarray:
+    def damped_frequency(self) -> Any:
         """ω_d [rad/s]."""
-        return np.imag(self.pole)
+        return array_module(self.pole).imag(self.pole)
 
     @property
-    def factors(self) -> tuple[np.ndarray, np.ndarray]:
+    def factors(self) -> tuple[Any, Any]:
         """The factors c of x and of 2ζωẋ + ω²x."""
         omega, zeta = self.omega, self.zeta
         displacement = -1j / self.damped_frequency
         return displacement, 2 * zeta * omega + omega**2 * (1 - 2 * zeta**2) * displacement
 
 
-def _oscillators(period: np.ndarray, damping: np.ndarray) -> _Oscillators:
-    omega = 2 * math.pi / period
-    return _Oscillators(omega, damping, omega * (-damping + 1j * np.sqrt(1 - damping**2)))
+def _oscillators(period: Any, damping: Any) -> _Oscillators:
+    omega, s = 2 * math.pi / period, array_module(damping).sqrt(1 - damping**2)
+    return _Oscillators(omega, damping, omega * (-damping + 1j * s))
 
 
 def _series(length: np.ndarray, terms: np.ndarray) -> np.ndarray:
@@ -390,12 +391,37 @@ def _first_peak(
     return _Peak(value[first], piece[first], fraction[first])
 
 
+def _delay(oscillators: _Oscillators, factor: Any, z: Any) -> Any:
+    """Return the time from the state z to the first turning point of q in free vibration [s]."""
+    xp = array_module(oscillators, factor, z)
+    angle = xp.mod(0.5 * math.pi - xp.angle(factor * oscillators.pole * z), math.pi)
+    return angle / oscillators.damped_frequency
+
+
 def _next_turn(oscillators: _Oscillators, factor: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return q at the first turning point in free vibration from the state z, where |q| is largest, and the
     time until this point [s]."""
-    angle = np.mod(0.5 * math.pi - np.angle(factor * oscillators.pole * z), math.pi)
-    delay = angle / oscillators.damped_frequency
+    delay = _delay(oscillators, factor, z)
     return np.real(factor * z * np.exp(oscillators.pole * delay)), delay
+
+
+def next_turns(period: Any, damping: Any, x: Any, rate: Any) -> tuple[Any, Any]:
+    """Return the largest |x| [m] and |2ζωẋ + ω²x| [m/s²] at turning points in free vibration, for use in
+    compiled functions.
+
+    - `period`, `damping`: T_e [s] and ζ [–]
+    - `x`, `rate`: displacement relative to the floor [m] and its rate ẋ [m/s] at the start
+    """
+    oscillators = _oscillators(period, damping)
+    z = rate - jnp.conj(oscillators.pole) * x
+
+    def largest_response(factor: Any) -> Any:
+        # The rate of q is zero at the turning point, so the delay does not affect derivatives.
+        delay = jax.lax.stop_gradient(_delay(oscillators, factor, z))
+        return jnp.abs(jnp.real(factor * z * jnp.exp(oscillators.pole * delay)))
+
+    displacement, acceleration = map(largest_response, oscillators.factors)
+    return displacement, acceleration
 
 
 def _largest(load: Load, slopes: list[Load], period: np.ndarray, damping: np.ndarray, rests: bool) -> Peaks:

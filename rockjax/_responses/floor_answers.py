@@ -46,11 +46,14 @@ class ContentsAnswer(Module):
 
 
 class OscillatorAnswer(Module):
-    """The answers of an [`rockjax.Oscillator`][], (L6).
+    """The answers of an [`rockjax.Oscillator`][], (L6), for the time up to the end of the scene. If the floor
+    rests for good, free vibration after the end counts as well.
 
     - `relative_displacement`: S_d = max|x|, with the displacement x relative to the floor [m]
     - `pseudo_acceleration`: PSA = ω²S_d [m/s²]
     - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²], including just before and just after impulses
+    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by S_d [–]. S_d is final if
+      this ratio is at most 1; inf if there is no bound
     - `until_overturning`: the structure overturned; the answers cover the time until then
     - `result`: a [`rockjax.RESULTS`][]
     """
@@ -58,6 +61,7 @@ class OscillatorAnswer(Module):
     relative_displacement: Float[Array, "*batch"]
     pseudo_acceleration: Float[Array, "*batch"]
     absolute_acceleration: Float[Array, "*batch"]
+    remaining_ratio: Float[Array, "*batch"]
     until_overturning: Bool[Array, "*batch"]
     result: RESULTS
 
@@ -86,6 +90,10 @@ VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
             "relative_displacement": ("m", "largest displacement of the oscillator relative to its floor"),
             "pseudo_acceleration": ("m s-2", "pseudo-acceleration of the oscillator"),
             "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),
+            "remaining_ratio": (
+                "1",
+                "bound of later displacements divided by the largest; final if at most 1",
+            ),
         },
     ),
 }
@@ -123,9 +131,9 @@ def floor_rows(answers: Sequence[Any]) -> Iterator[tuple[str, str]]:
         elif is_block:
             value = _block_in_words(answer)
         else:
-            value = (
-                f"{float(answer.pseudo_acceleration):.6g} m/s², {float(answer.relative_displacement):.6g} m"
-            )
+            later = ", may still grow after the end" if answer.remaining_ratio > 1 else ""
+            sizes = float(answer.pseudo_acceleration), float(answer.relative_displacement)
+            value = f"{sizes[0]:.6g} m/s², {sizes[1]:.6g} m{later}"
         yield f"{'block' if is_block else 'oscillator'} {k}", value
 
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from rockjax import _results as results
 from rockjax._engine.flat import solve_scene
 from rockjax._engine.scene import default_end, plan_for, prepare
 from rockjax._engine.state import Plan
@@ -21,6 +22,7 @@ from rockjax._types import Values
 
 from . import history
 from .floor import bodies
+from .floor_end import Ending, ending
 
 NEVER_LIFTS = 1.57  # slenderness α of columns that no ground motion lifts [rad]
 # By default, a scene continues after the ground motion for at least this many of the longest oscillator
@@ -46,20 +48,25 @@ class FloorCourse(NamedTuple):
     - `accelerations`: absolute accelerations at the `NODES` of each step [m/s²]
     - `jumps`: velocity jumps at the nodes of the history [m/s]
     - `end`: time of the last node [s]
+    - `ending`: bounds of the motion after the end; no bounds if the podium overturns
     """
 
     times: Float[Array, " n"]
     accelerations: Float[Array, " n nodes bodies"]
     jumps: Float[Array, " n bodies"]
     end: Float[Array, ""]
+    ending: Ending
 
     def motion(self, weights: Values) -> PiecewiseMotion:
         """Return the motion of a floor, the sum of the bodies with these weights, (L2), (L3)."""
         return PiecewiseMotion.through(self.times, self.accelerations @ weights, self.jumps @ weights)
 
 
-def course_of(scene: history.Solved) -> FloorCourse:
-    """Return the motion of modes and beam along a history whose steps end at breakpoints."""
+def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
+    """Return the motion of modes and beam along a history whose steps end at breakpoints.
+
+    - `scene`: solved scene; `has_fallen`: whether the podium overturned
+    """
     nodes = scene[2]
     rows = jnp.arange(nodes.t.shape[0])
     is_used = rows < nodes.used
@@ -90,7 +97,9 @@ def course_of(scene: history.Solved) -> FloorCourse:
     jumps = jnp.concatenate([of_modes, of_beam], axis=-1)
     jumps = jnp.where(is_impact[:, None], jumps, 0.0)
     finite_times = jnp.where(is_used, times, jnp.inf)
-    return FloorCourse(finite_times, accelerations, jumps, times[-1])
+    ended = jax.lax.stop_gradient(ending(scene, last))
+    ended = ended._replace(rests=ended.rests & ~has_fallen, speed=jnp.where(has_fallen, jnp.inf, ended.speed))
+    return FloorCourse(finite_times, accelerations, jumps, times[-1], ended)
 
 
 def without_fast_forwards(plan: Plan) -> Plan:
@@ -118,4 +127,5 @@ def floor_course(
     nodes: Any
     _, final, nodes = solve_scene(scene, plan, state, options.max_steps, capacity, reversible)
     rtol = options.rtol if podium.restrainers else None
-    return course_of((podium, excitation, nodes, jnp.asarray(jnp.inf), options.method, rtol)), final.code
+    solved = podium, excitation, nodes, jnp.asarray(jnp.inf), options.method, rtol
+    return course_of(solved, final.code == results.OVERTURNED), final.code

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from rockjax._checks import array_module
 from rockjax._engine.coefficients import weighted
 from rockjax._engine.energy import potential
 from rockjax._engine.model import beam
@@ -64,26 +65,36 @@ def ending(scene: history.Solved, t) -> Ending:
     return Ending(is_over & (sigma == 0), no_modes, jnp.where(has_bound, speed, inf), impact_speed, e)
 
 
-def bound_after_end(
-    ending: Ending, weights: np.ndarray, damping: np.ndarray, is_vertical: bool
-) -> np.ndarray | float:
-    """Bound ∫|a| dt + Σ|Δv| of a floor after the end of a scene, V of (L16), (L17) [m/s].
+def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: bool) -> Any:
+    """Bound ∫|a| dt + Σ|Δv| of a floor after the end of a scene, V of (L16), (L17) [m/s]. The arguments may
+    be traced.
 
     - `ending`: the end of the scene
     - `weights`: weights W_i of the modes in the motion of the floor, shape (modes,)
-    - `damping`: damping ratios ζ of the n oscillators, shape (n,)
+    - `damping`: damping ratios ζ of the oscillators
     - `is_vertical`: whether the oscillators move vertically
 
-    The bound is a scalar if the columns rest or the oscillators are vertical, and has shape (n,) otherwise.
+    The result has the shape of `damping`.
     """
-    if ending.rests:
-        moves = weights != 0
-        return 0.0 if is_vertical else float(np.abs(weights[moves]) @ np.asarray(ending.modes)[moves])
+    xp = array_module(ending, weights, damping)
     if is_vertical:
-        return np.inf
-    speed, impact_speed, e = (float(y) for y in (ending.speed, ending.impact_speed, ending.restitution))
-    from_impacts = speed + 2 * impact_speed / (1 - e) if e < 1 else np.inf
-    s = np.sqrt(1 - damping**2)
-    overshoot, decay = np.exp(-damping / s * np.arccos(damping)), np.exp(-np.pi * damping / s)
-    from_damping = 2 * overshoot * (speed + impact_speed) / np.where(damping > 0, 1 - decay, np.nan)
-    return np.fmin(from_impacts, np.where(damping > 0, from_damping, np.inf))
+        return xp.where(ending.rests, 0.0, xp.inf) + 0.0 * damping
+    sizes = xp.abs(weights)
+    # A mode without damping has an infinite integral, but does not move a floor in which its weight is 0.
+    at_rest = xp.sum(sizes * xp.where(sizes > 0, ending.modes, 0.0))
+    e, s = ending.restitution, xp.sqrt(1 - damping**2)
+    loss = xp.where(e < 1, 1 - e, 1.0)
+    from_impacts = xp.where(e < 1, ending.speed + 2 * ending.impact_speed / loss, xp.inf)
+    overshoot, decay = xp.exp(-damping / s * xp.arccos(damping)), xp.exp(-np.pi * damping / s)
+    gain = xp.where(damping > 0, 1 - decay, 1.0)
+    from_damping = 2 * overshoot * (ending.speed + ending.impact_speed) / gain
+    while_rocking = xp.minimum(from_impacts, xp.where(damping > 0, from_damping, xp.inf))
+    return xp.where(ending.rests, at_rest, while_rocking)
+
+
+def ratio_after_end(later: Any, largest: Any) -> Any:
+    """Return `later`, a bound of later displacements, divided by the `largest` so far; inf if only the
+    latter is zero, and 0 if both are. The arguments may be traced."""
+    xp = array_module(later, largest)
+    ratio = later / xp.where(largest > 0, largest, 1.0)
+    return xp.where(largest > 0, ratio, xp.where(later > 0, xp.inf, 0.0))

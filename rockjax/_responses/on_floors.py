@@ -20,6 +20,7 @@ from rockjax._engine.solve import answers
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
+from rockjax._oscillators import next_turns
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.joints import friction_of, quarter_tangent
 from rockjax._outputs.views import Ended, Start, Step, StepEnd
@@ -33,6 +34,7 @@ from rockjax._types import Value, Values
 from .floor import DECK, DIRECTIONS, floor_weights, in_direction, with_beam
 from .floor_answers import ContentsAnswer, OscillatorAnswer
 from .floor_course import NEVER_LIFTS, FloorCourse, end_with_oscillators, floor_course, without_fast_forwards
+from .floor_end import bound_after_end, ratio_after_end
 
 BOTTOM = 0  # index of the bottom joint, between a block and the floor
 UNREACHABLE = 1e300  # a rest velocity that columns never exceed after a velocity jump of the floor
@@ -88,7 +90,7 @@ def _rock(
     options = options.replace(outputs=outputs, overturn_ratio=block.overturn_ratio)
     motion = GroundMotion(*map(course.motion, weights))
     solitary = block.block(g)
-    floats, integers = _solve(solitary, motion, course.end, options, reversible)
+    floats, integers, _ = _solve(solitary, motion, course.end, options, reversible)
     joints, impacts = floats["peak_friction"][BOTTOM], integers["impacts"]
     at_impacts = jnp.where(impacts > 0, solitary.impact_friction[BOTTOM], 0.0)
     demand = jnp.maximum(jnp.maximum(joints, floats["jolt_friction"]), at_impacts)
@@ -116,22 +118,35 @@ def _vibrate(
         atol=jnp.maximum(OSCILLATOR_ATOL * options.atol, 1e-17),
     )
     motion = course.motion(weights[DIRECTIONS.index(oscillator.direction)])
-    floats, integers = _solve(flat, motion, course.end, finer, reversible)
-    displacement = floats["peak_deformation"]
+    floats, integers, (x, rate) = _solve(flat, motion, course.end, finer, reversible)
+    omega, zeta = 2 * jnp.pi / oscillator.period, oscillator.damping
+    modes, is_vertical = weights[0, :-2], oscillator.direction == "vertical"
+    remaining_impulse = bound_after_end(course.ending, modes, zeta, is_vertical)
+    # On a floor that rests for good, the next turning point counts as well.
+    rests = course.ending.rests & (remaining_impulse == 0)
+    turns = next_turns(oscillator.period, zeta, x[1], rate[1])
+    so_far = floats["peak_deformation"], g * floats["peak_shear"]
+    displacement, acceleration = (
+        jnp.where(rests, jnp.maximum(a, b), a) for a, b in zip(so_far, turns, strict=True)
+    )
+    envelope = jnp.hypot(rate[1] / omega, x[1])
+    later = jnp.where(rests, jnp.minimum(turns[0], displacement), envelope + remaining_impulse / omega)
     return {
         "relative_displacement": displacement,
-        "pseudo_acceleration": (2 * jnp.pi / oscillator.period) ** 2 * displacement,
-        "absolute_acceleration": g * floats["peak_shear"],
+        "pseudo_acceleration": omega**2 * displacement,
+        "absolute_acceleration": acceleration,
+        "remaining_ratio": ratio_after_end(*jax.lax.stop_gradient((later, displacement))),
     }, integers
 
 
 def _solve(structure: Podium, motion: AbstractExcitation, end: Value, options: Options, reversible: bool):
-    """Solve a structure on a floor up to the time `end` [s], and return the answers."""
+    """Solve a structure on a floor up to the time `end` [s]. Return the answers, as floats and as integers
+    and flags, and the positions and velocities at the end."""
     structure = structure.split_rows()
     plan = without_fast_forwards(plan_for(structure, options, history=True))
     scene, state = prepare(structure, motion, REST, end, options, plan)
     state, final, _ = solve_scene(scene, plan, state, options.max_steps, None, reversible)
-    return answers(scene, plan, state, final)
+    return *answers(scene, plan, state, final), (state.x, state.v)
 
 
 # For each class of secondary systems on floors: the function that computes the answers, and the class of the

@@ -33,7 +33,7 @@ from rockjax._responses.floor import (
     with_beam,
 )
 from rockjax._responses.floor_course import NEVER_LIFTS, end_with_oscillators
-from rockjax._responses.floor_end import Ending, bound_after_end, ending
+from rockjax._responses.floor_end import Ending, bound_after_end, ending, ratio_after_end
 from rockjax._responses.floor_slopes import capacity_for, motions_with_slopes, slope_of_load, solved
 from rockjax._responses.response import Response
 from rockjax._responses.sensitivities import check_sensitivities, slope_name
@@ -264,11 +264,11 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
             )
             for slope in slopes
         ]
-        rests = bool(ended.rests) and not bool(np.any(remaining_impulse)) and not has_fallen
+        rests = bool(ended.rests) and not np.any(remaining_impulse) and not has_fallen
         peaks = largest(load, period, damping, rests, tuple(load_slopes))
         size = peaks.displacement
         later = np.minimum(peaks.later, size) if rests else peaks.envelope + remaining_impulse / omega
-        ratio = np.where(size > 0, later / np.where(size > 0, size, 1.0), np.where(later > 0, np.inf, 0.0))
+        ratio = ratio_after_end(later, size)
         load_values = omega**2 * size, peaks.acceleration, size, peaks.time, ratio
         slopes_of_load = omega**2 * peaks.slopes[0], peaks.slopes[1], peaks.slopes[0]
         for name, value in zip(values, load_values, strict=True):

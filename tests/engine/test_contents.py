@@ -41,7 +41,7 @@ def answers_to_a_jump(jump, alpha):
 def started_by(jump: float, alpha=0.2):
     """Peak [rad] of a block whose floor moves by one jump, whether it overturns, and its friction demands at
     the jump and at its own impacts."""
-    floats, integers = answers_to_a_jump(jump, alpha)
+    floats, integers, _ = answers_to_a_jump(jump, alpha)
     friction = float(floats["jolt_friction"]), float(rj.Podium(alpha, 0.5).impact_friction[0])
     return float(floats["peak_rotation"]) * alpha, bool(integers["overturned"]), friction
 
@@ -130,6 +130,43 @@ def test_oscillators_agree_with_their_closed_form():
         values = [float(getattr(each, name)) for each in found.on_floors]
         expected = np.concatenate([np.ravel(each[name]) for each in exact])
         np.testing.assert_allclose(values, expected, rtol=1e-6)
+
+
+def test_free_vibration_on_a_floor_at_rest_counts_after_the_end():
+    """Fact 6, whose peaks follow the pulse, in a scene that ends with the pulse. Answers are proportional to
+    a_p; if all times grow with s, displacements grow with s²."""
+
+    def values(y):
+        a_p, T_p, T_e = y
+        motion = rj.OneSine(a_p, T_p)
+        oscillator = rj.Oscillator(T_e, 0.02)
+        end = motion.support[1]
+        (found,) = rj.peak_response(FRAME, motion, t_end=end, options=FINE, on_floors=oscillator).on_floors
+        sizes = jnp.stack([found.relative_displacement, found.absolute_acceleration])
+        return sizes, (sizes, found.remaining_ratio)
+
+    y = jnp.array([1.0, 0.8, 1.5])
+    slopes, (sizes, ratio) = jax.jacfwd(values, has_aux=True)(y)
+    np.testing.assert_allclose(sizes, [0.07941081624380533, 1.394454688752405], rtol=1e-9)
+    np.testing.assert_allclose(ratio, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(slopes[:, 0], sizes, rtol=1e-9)
+    np.testing.assert_allclose(slopes[:, 1:] @ y[1:], sizes * np.array([2.0, 0.0]), atol=1e-9)
+
+
+def test_later_displacements_stay_below_the_remaining_ratio():
+    """(L17) on a frame that still rocks at the end, and no bound vertically."""
+    systems = [
+        rj.Oscillator(T, direction=way) for way in ("horizontal", "vertical") for T in (0.05, 0.5, 2.0)
+    ]
+    scene: Any = {"options": FINE, "on_floors": systems}
+    early, late = (rj.peak_response(FRAME, rj.Ricker(3.2, 1.0), t_end=t, **scene) for t in (2.6, 8.0))
+    for k, (now, later) in enumerate(zip(early.on_floors, late.on_floors, strict=True)):
+        bound = now.remaining_ratio * now.relative_displacement
+        assert later.relative_displacement <= jnp.maximum(now.relative_displacement, bound)
+        assert np.isinf(now.remaining_ratio) == (k >= 3)
+    spectrum = rj.floor_spectrum(FRAME, rj.Ricker(3.2, 1.0), [0.05, 0.5, 2.0], t_end=2.6, options=FINE)
+    ratios = [float(each.remaining_ratio) for each in early.on_floors[:3]]
+    np.testing.assert_allclose(ratios, spectrum["remaining_ratio"].values.ravel(), rtol=1e-6)
 
 
 def test_on_a_podium_that_never_lifts_a_block_stands_on_the_ground():
