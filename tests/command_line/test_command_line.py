@@ -1,4 +1,4 @@
-"""The commands, as a user runs them."""
+"""Commands, called as by a user."""
 
 import contextlib
 import json
@@ -30,7 +30,8 @@ RUN = CliRunner()
 
 @pytest.fixture
 def run(monkeypatch, capsys, tmp_path):
-    """`rockjax …` in a folder of its own: exit status, stdout and stderr."""
+    """Return a function that runs `rockjax …` in an empty folder and returns exit status, stdout and
+    stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "400")
 
@@ -89,7 +90,7 @@ def test_a_response_by_options_is_that_of_the_file(run, tmp_path):
     exact = rj.peak_response(podium, rj.Ricker(3.0, 0.7), t_end=2.0)
     assert said["peak_rotation"] == pytest.approx(float(exact.peak_rotation), abs=1e-5)
     assert said["overturn_time"] is None
-    # Options go before the file, here the other set and its second motion, an acceleration and the columns.
+    # Options override the file: here another set and its second motion, an acceleration and the columns.
     code, out, _ = run(
         "response", "frame.toml", "--motion", "pulses", "--number", 2, "--alpha", 0.2, "-o", "c"
     )
@@ -108,7 +109,7 @@ def test_a_response_by_options_is_that_of_the_file(run, tmp_path):
 def test_a_response_to_a_record(run, tmp_path):
     (tmp_path / "record.txt").write_text("\n".join(f"{a:.4f}" for a in 0.3 * np.sin(np.arange(50) * 0.2)))
     same = words("--gamma 0 --eta 0 --t-end 1 --units g --dt 0.02")
-    # The last velocity is more than a fifth of PGV, which is said in a line.
+    # The final velocity exceeds a fifth of PGV, and one line states this.
     code, out, err = run("response", *same, "--record", "record.txt", "--scale", 1.5, "-o", "a")
     assert code == 0
     assert "rockjax: warning: " in err
@@ -149,7 +150,7 @@ def test_a_spectrum_of_a_file(run, tmp_path):
 
 
 def panels(*arguments, table=None):
-    """The podiums of a spectrum, without solving it."""
+    """Return the podiums of a spectrum without solving it."""
     from rockjax._cli import _options, _request
 
     group = typer.main.get_command(app)
@@ -177,7 +178,7 @@ BUILDING = {"width": 0.6, "height": 3.0, "column_mass": 2.7e3, "beam_mass": 30e3
 
 
 def test_panels_of_a_building_in_a_file():
-    """A panel has the longest period of a building, and no option takes the building away unseen."""
+    """A panel has the longest period of a building, and no option silently removes the building."""
     alike = {"structure": BUILDING | {"stories": 3, "top_mass": 60e3, "period": 0.4}}
     (podium,), _, periods, zeta = panels(table=alike)
     assert (podium.superstructure.stories, periods, zeta) == (3, [pytest.approx(0.4)], 0.05)
@@ -217,7 +218,7 @@ def test_panels_are_what_options_and_file_say():
     assert [float(podium.eta) for podium in many.podiums] == [4, 8]
 
 
-WRONG = [  # each message once
+WRONG = [  # one case for each message
     ("response none.toml", "none.toml: the file cannot be read: No such file"),
     ("response bad.toml", "bad.toml: structure.foo: unknown key; valid keys are alpha, tan_alpha, R, gamma"),
     ("spectrum worse.toml", "worse.toml: spektrum: unknown key; did you mean spectrum?"),
@@ -365,7 +366,7 @@ def test_a_folder_holds_the_files_and_a_suffix_is_their_format(run, tmp_path):
 
 
 def test_a_pipe_that_is_closed_early_is_no_error(tmp_path):
-    """As `| head -1` does; what is left to say goes nowhere, what is left to write is written."""
+    """`| head -1` closes the pipe early. Further text is discarded, and the files are written."""
     (tmp_path / "record.txt").write_text("0\n1\n-1\n0\n")
     command = [sys.executable, "-m", "rockjax", *words("motions record.txt --units g --dt 0.1 -o a")]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
@@ -423,7 +424,7 @@ def test_ctrl_c_while_files_are_written_loses_nothing(run, monkeypatch, command)
 
 @pytest.mark.slow
 def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
-    """The example with fewer records and levels, and then the same records from files."""
+    """Run the example with fewer records and levels, and then with the same records from files."""
     text = (
         (PROBLEMS / "fragility.toml")
         .read_text()
@@ -452,7 +453,8 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     assert [(tmp_path / name).read_bytes()[:8] for name in said["files"][1:]] == [
         picture[:8] for picture in drawn
     ]
-    # With slopes of each capacity, here put in by hand, that of the median is said and written.
+    # With sensitivities of the capacities, here inserted by hand, the sensitivity of the median is printed
+    # and written.
     analysis["sensitivity"] = ("parameter", "record"), np.array([[1.0] * 5, [-0.5] * 5])
     analysis = analysis.assign_coords(parameter=["alpha", "gamma"])
     asked = []
@@ -469,7 +471,7 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     for name, value in zip(("alpha", "gamma"), expected, strict=True):
         assert f"d ln(median)/d ln {name}: {value:.4g}\n" in out
         assert said["median_sensitivity"][name] == pytest.approx(value)
-    # No curve where nothing overturns: the analysis stays, and says so.
+    # If nothing overturns there is no curve; the analysis is written and a message states the reason.
     for k, motion in enumerate(noise):
         motion.save(tmp_path / "suite" / f"{k}.AT2")
     frame = words("--tan-alpha 0.2 --eta 50 --T-s 0 --measure PGV --levels 3 --intensity 0.01 0.02")
@@ -727,7 +729,8 @@ COMMANDS = (
 @pytest.mark.smoke
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_teaches(run, name):
-    """Units are shown, not taken for markup; options are in panels; the examples are accepted."""
+    """The help shows units, which are not interpreted as markup, and groups options in panels; its examples
+    are valid."""
     command = typer.main.get_command(app).commands[name]
     code, out, _ = run(name, "--help")
     assert code == 0
@@ -740,7 +743,7 @@ def test_help_teaches(run, name):
         assert parameter.name in ("help", "ctx") or text
     for panel in {getattr(parameter, "rich_help_panel", None) for parameter in command.params} - {None}:
         assert f" {panel} " in out
-    written = re.sub(r"\\\s*\n", " ", out.split("Examples:")[1])  # lines that go on
+    written = re.sub(r"\\\s*\n", " ", out.split("Examples:")[1])  # continued lines
     examples = re.findall(rf"^ +rockjax {name}\b(.*)$", written, re.M)
     assert len(examples) >= 2
     for example in examples:
@@ -812,7 +815,7 @@ def test_help_and_version_load_nothing_heavy(arguments):
     loaded = modules_of([sys.executable, "-m", "rockjax", *arguments])
     heavy = {
         "jax",
-        "jaxlib._jax",  # of jaxlib no more than its version
+        "jaxlib._jax",  # only the version of jaxlib is needed
         "jaxlib.xla_client",
         "numpy",
         "equinox",
@@ -838,7 +841,7 @@ def test_the_package_loads_what_it_needs_first():
 
 
 def modules_of(command):
-    """The modules that a Python process imports."""
+    """Return the modules that a Python process imports."""
     environment = os.environ | {"PYTHONPROFILEIMPORTTIME": "1"}
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
     assert done.returncode == 0, done.stderr
@@ -864,7 +867,7 @@ def test_every_public_name_is_there():
 
 
 def test_the_command_line_computes_in_float64(tmp_path):
-    script = tmp_path / "rockjax"  # as the installed command is called
+    script = tmp_path / "rockjax"  # the name of the installed command
     script.write_text("import rockjax; import jax; print(jax.numpy.ones(1).dtype, rockjax.Podium.__name__)")
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
     assert done.stdout.split() == ["float64", "Podium"], done.stderr
@@ -872,7 +875,7 @@ def test_the_command_line_computes_in_float64(tmp_path):
 
 @pytest.mark.slow
 def test_a_response_of_the_example(run):
-    """The second motion is that of the README."""
+    """The second motion is the pulse of the README."""
     code, out, err = run("response", PROBLEMS / "response.toml", "--number", 2, "--json")
     assert code == 0, err
     said = json.loads(out)
@@ -937,7 +940,7 @@ def test_chart_of_the_slimmest_safe_column():
     )
     assert not np.any(safe)
     assert np.all(fallen)
-    # By similarity: where α is least safe for a_p, a_p is the least that overturns α.
+    # If α is the smallest safe slenderness for a_p, then a_p is the least amplitude that overturns α.
     again = rj.overturning_acceleration(block.replace(alpha=least[3]), rj.Ricker, T_p[3])
     assert float(again) == pytest.approx(3.0, rel=1e-9)
 
@@ -972,7 +975,8 @@ def test_charts_say_what_they_cannot_draw():
     ],
 )
 def test_responses_know_the_mass_that_is_in_no_mode(top, share):
-    """Its impulses at impacts are in no shear and no floor acceleration, which the summary says."""
+    """Shears and floor accelerations exclude the impulses on the residual mass, and the summary states
+    this."""
     assert residual_share(rj.Podium(0.15, 1.5, 10.0, top)) == pytest.approx(share, rel=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""What commands say of the joints: a line for each assumption that does not hold or is not checked."""
+"""Warnings of commands about joints: a line for each assumption that is violated or not checked."""
 
 import re
 import sys
@@ -22,7 +22,7 @@ def found(
     at_impact: Any = (0.1, 0.1),
     overturned: Any = False,
 ):
-    """Peaks of one scene, or rows of them, bottom joint first."""
+    """Return peaks of one scene or of several, bottom joint first."""
     return SimpleNamespace(
         least_axial_force=np.array(axial),
         least_impulse_share=np.array(share),
@@ -67,7 +67,7 @@ def test_one_line_for_each_assumption_that_fails(peaks, mu, expected):
 
 
 def test_restitution_below_that_of_compatible_impacts_warns():
-    """ξ_J = 1 at the factor of (C13), for which nothing is said."""
+    """ξ_J = 1 at the restitution factor of (C13), which causes no warning."""
     assert not list(joint_warnings(FRAME, None, None))
     compatible = float(FRAME.restitution_factor)
     (line,) = joint_warnings(FRAME.replace(restitution=0.9 * compatible), None, None)

@@ -1,4 +1,4 @@
-"""Streams that fail: no traceback, and no file is lost."""
+"""Failing output streams cause no traceback and no loss of files."""
 
 import json
 import os
@@ -12,7 +12,7 @@ RECORD = "0.0\n0.1\n-0.1\n0.0\n" * 20
 
 @pytest.fixture
 def motions(tmp_path):
-    """`rockjax motions`, which prints α and writes a file, in a shell with redirections."""
+    """Run `rockjax motions`, which prints α and writes a file, in a shell with redirections."""
     (tmp_path / "Köln.txt").write_text(RECORD)
 
     def call(redirections="", options="", **environment):

@@ -1,4 +1,4 @@
-"""Check the project's English: openings of docstrings, stumbling phrases, lengths of pages.
+"""Check the project's English: first words of docstrings, unclear phrases, lengths of pages.
 
     python tests/documentation/prose.py
 
@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-# Relative clauses in the place of a noun.
+# Relative clauses instead of nouns.
 OPENINGS = re.compile(
     r"(What|Whether|Who|Which|Where|How|Of|The same|Those|As above|Likewise|All that|Numbers that|That)\b"
 )
@@ -74,7 +74,7 @@ def openings(path: Path) -> Iterator[str]:
 
 
 def phrases(path: Path) -> Iterator[str]:
-    """Yield lines with phrases that make a reader stumble, except in the table of the style guide."""
+    """Yield lines with unclear phrases, except in the table of the style guide."""
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         if path.name == "CONTRIBUTING.md" and line.startswith("|"):
             continue

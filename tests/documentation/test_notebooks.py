@@ -16,7 +16,7 @@ by_name = pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.s
 
 
 def cells(notebook: Path) -> list[tuple[str, str]]:
-    """(kind, text) of every cell: "code" or "markdown"."""
+    """Return (kind, text) of every cell; the kind is "code" or "markdown"."""
     header, *rest = re.split(r"^(# %%.*)\n", notebook.read_text(encoding="utf-8"), flags=re.M)
     assert re.fullmatch(r"# ---\n(#.*\n)+# ---\n\n", header)
     assert "format_name: percent" in header
@@ -46,7 +46,7 @@ def test_notebooks_run(notebook, tmp_path, monkeypatch):
 
 @by_name
 def test_cells(notebook):
-    """Every cell has its mark, text is a comment, and the parts are there that all notebooks have."""
+    """Every cell has a marker, text cells are comments, and each notebook has the common parts."""
     found = cells(notebook)
     assert found[0][0] == "markdown"
     assert re.match(r"# # \w", found[0][1])
@@ -66,7 +66,7 @@ def test_cells(notebook):
 
 @by_name
 def test_names_and_links_exist(notebook):
-    """Notebooks are named as `05_…`, pages as links."""
+    """Notebooks are referred to by names such as `05_…`, pages by links."""
     text = notebook.read_text()
     for name in re.findall(r"`(\d\d_\w+)`", text):
         assert (ROOT / "notebooks" / f"{name}.py").exists(), name
@@ -87,7 +87,8 @@ def test_they_become_notebooks(notebook):
 
 @by_name
 def test_links_stay_below_the_folder_that_jupyter_is_started_in(notebook):
-    """A server opens nothing above its root: the page says `jupyter lab` in the folder of the project."""
+    """A server opens nothing above its root folder, and the page starts `jupyter lab` in the folder of the
+    project."""
     commands = re.findall(r"^ {4}(jupyter lab.*)$", (ROOT / "docs" / "notebooks.md").read_text(), re.M)
     assert commands == ["jupyter lab"]
     text = notebook.read_text()
@@ -104,7 +105,8 @@ def test_the_page_lists_them_all():
 
 @pytest.mark.parametrize("decorator", ["styled", "on_axes"])
 def test_our_style_leaves_a_notebook_interactive(decorator, tmp_path):
-    """The first figure of a session loads the backend, which in a notebook switches interactive mode on."""
+    """The first figure of a session loads the backend, which switches on the interactive mode of
+    notebooks."""
     (tmp_path / "lively.py").write_text(
         "from matplotlib.backends.backend_agg import *\nimport matplotlib\nmatplotlib.interactive(True)\n"
     )

@@ -1,4 +1,4 @@
-"""The English of docstrings, messages and pages; see the style guide in CONTRIBUTING.md."""
+"""Check of the English of docstrings, messages and pages; the style guide is in CONTRIBUTING.md."""
 
 from . import prose
 

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 PAGES = sorted(ROOT.glob("docs/*.md"))
 TEXTS = [README, ROOT / "CHANGELOG.md", *PAGES, *sorted(ROOT.glob("docs/*/*.md"))]
-LANGUAGES = {"python", "toml", "bibtex", "text"}  # of blocks; shell commands are indented
+LANGUAGES = {"python", "toml", "bibtex", "text"}  # languages of code blocks; shell commands are indented
 
 
 def name(path: Path) -> str:
@@ -23,7 +23,7 @@ def name(path: Path) -> str:
 
 
 def blocks(page: Path) -> list[str]:
-    """The Python of a page, each block with its line numbers."""
+    """Return the Python blocks of a page, each with its line numbers."""
     text = page.read_text()
     found = re.finditer(r"^```python\n(.*?)^```", text, re.S | re.M)
     return ["\n" * text.count("\n", 0, block.start(1)) + block[1] for block in found]
@@ -41,9 +41,9 @@ def test_code_of_the_readme_runs(capsys):
 @pytest.mark.slow(but=["getting-started", "extending"])
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
 def test_code_of_the_pages_runs(page, tmp_path, monkeypatch):
-    """The blocks of a page follow one another."""
+    """The blocks of a page run in order."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(formats, "FORMATS", formats.FORMATS)  # one page adds to them
+    monkeypatch.setattr(formats, "FORMATS", formats.FORMATS)  # one page adds a format
     names: dict = {}
     for block in blocks(page):
         exec(compile(block, page, "exec"), names)
@@ -52,14 +52,14 @@ def test_code_of_the_pages_runs(page, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("page", TEXTS, ids=name)
 def test_every_block_is_of_a_known_kind(page):
-    """No Python hides from the test above behind another name."""
+    """All blocks have a known language, so the test above runs all Python code."""
     fences = re.findall(r"^ *```(.*)$", page.read_text(), re.M)
     assert all(not closing for closing in fences[1::2])
     assert {opening.strip() for opening in fences[::2]} <= LANGUAGES
 
 
 def commands(page: Path) -> list[str]:
-    """What a reader is asked to type: indented lines, and lines within backticks."""
+    """Return the commands of a page: indented lines and lines within backticks."""
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.S | re.M)
     lines = re.findall(r"^ {4,}(\S.*)$|(?<!`)`([^`\n]+)`(?!`)", text, re.M)
     parts = [part.strip() for line in lines for part in "".join(line).split("&&")]
@@ -68,7 +68,7 @@ def commands(page: Path) -> list[str]:
 
 @pytest.mark.parametrize("page", [page for page in TEXTS if commands(page)], ids=name)
 def test_commands_exist(page, monkeypatch):
-    """`rockjax` accepts its arguments, extras and scripts are there."""
+    """`rockjax` accepts the arguments, and extras and scripts exist."""
     from rockjax._cli import app
 
     monkeypatch.chdir(ROOT)
@@ -83,7 +83,7 @@ def test_commands_exist(page, monkeypatch):
             command = group.commands[words[1]]
             arguments = [word for word in words[2:] if word != "--help"]
             if arguments:
-                command.make_context(words[1], arguments)  # raises for what it does not know
+                command.make_context(words[1], arguments)  # raises for unknown options
         elif "install" in words:
             assert set(re.findall(r"\.\[(\w+)\]", line)) <= set(extras), line
         elif words[1] == "-m" and words[2].startswith("benchmarks."):
@@ -103,7 +103,7 @@ def test_links_exist(page):
     "page", [*TEXTS, ROOT / "CONTRIBUTING.md", ROOT / "rockjax/_engine/README.md"], ids=name
 )
 def test_files_that_are_named_exist(page):
-    """Of a path that is given in part, a file whose path ends like it."""
+    """For part of a path, a file exists whose path ends with it."""
     words = re.findall(
         r"`((?:[\w.-]+/)*[\w.-]+\.(?:py|md)|(?:rockjax|optimise|tests|benchmarks|docs)/[\w./-]*)`",
         page.read_text(),

@@ -1,4 +1,4 @@
-"""The pages of the site and of a package index: they need nothing from elsewhere."""
+"""Pages of the site and of a package index, which need no external resources."""
 
 import importlib.util
 import re
@@ -24,7 +24,8 @@ def hook(name: str) -> ModuleType:
 
 
 def formulas(page: Path) -> list[tuple[str, str]]:
-    """("span", …) within a line, ("div", …) on lines of their own; as the Markdown extension marks them."""
+    """Return the formulas that the Markdown extension marks: ("span", …) within a line, ("div", …) on
+    separate lines."""
     text = re.sub(r"^```.*?^```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.S | re.M)
     found = re.finditer(r"\$\$(.+?)\$\$|(?<![\\$])\$([^$\s](?:[^$\n]|\n(?!\n))*?)\$", text, re.S)
     return [("div", one[1]) if one[1] else ("span", one[2]) for one in found]

@@ -1,5 +1,5 @@
-"""Against an independent implementation, against itself at other tolerances, and against the segments
-engine."""
+"""Accuracy of the engine, compared with an independent implementation, with other tolerances and with the
+segments engine."""
 
 import itertools
 
@@ -76,7 +76,7 @@ def test_against_an_independent_implementation(references, name, rtol, method, w
     n = min(8, len(reference.impacts))
     np.testing.assert_allclose(response.impact_times[:n], reference.impacts[:n], atol=within)
     if isinstance(podium.superstructure, rj.Elastic):
-        # the reference finds these on samples of its interpolant
+        # the reference takes these from samples of its interpolant
         assert float(response.peak_deformation) == pytest.approx(reference.deformation, rel=max(within, 3e-7))
         assert float(response.peak_shear) == pytest.approx(reference.shear, rel=max(within, 3e-7))
 
@@ -97,8 +97,8 @@ def test_error_falls_with_the_tolerance(name, method):
     errors = np.array(errors)
     assert np.all(errors < 300 * tolerances + 3e-14)
     assert errors[-1] < 1e-11
-    if name != "rigid, record":  # whose samples, not the tolerance, set the step
-        # error per step against steps: the method's order, as a slope over the whole range
+    if name != "rigid, record":  # there the samples, not the tolerance, determine the steps
+        # the order of the method: slope of the error against the number of steps, over the whole range
         good = errors > 1e-13
         slope = np.polyfit(np.log(np.array(steps)[good]), np.log(errors[good]), 1)[0]
         assert slope < (-4.0 if method == "tsit5" else -5.5)
@@ -107,7 +107,7 @@ def test_error_falls_with_the_tolerance(name, method):
 @pytest.mark.slow(but=["rigid, record"])
 @pytest.mark.parametrize("name", ["block, cosine with jumps", "rigid, record", "light top, record"])
 def test_breakpoints_cost_no_order(name):
-    """Steps end on jumps, kinks and samples: errors stay at the tolerance."""
+    """Steps end on jumps, kinks and samples, so errors match the tolerance."""
     podium, motion = SCENES[name]
     best = rj.peak_response(podium, motion, options=options(1e-13, "dopri8"))
     fine = rj.peak_response(podium, motion, options=options(1e-11, "tsit5"))
@@ -159,7 +159,7 @@ def test_peak_response_is_simulate_without_history(name):
         assert float(getattr(peak, quantity)) == pytest.approx(
             float(getattr(response, quantity)), rel=1e-8, abs=1e-9
         )
-    # Counted to the end, or not at all.
+    # Impacts are counted to the end or not at all.
     assert (
         np.isnan(peak.impacts)
         if peak.result == rj.RESULTS.settled
@@ -178,8 +178,8 @@ def test_peak_response_is_simulate_without_history(name):
     "name", ["T_s = 0.1 s", "T_s = 0.5 s", "T_s = 1 s", "rigid, Ricker", "light top, record"]
 )
 def test_certificate_changes_nothing(name, outputs):
-    """A scene that ends settled gives what it gives when run to the end, within the tolerance: landings
-    differ."""
+    """A scene that ends settled has the same answers as a scene that runs to its end, within the tolerance,
+    because steps end at different times."""
     podium, motion = SCENES[name]
     whole = rj.simulate(podium, motion, options=options(1e-9))
     early = rj.peak_response(podium, motion, options=options(1e-9, outputs=outputs))
@@ -221,8 +221,7 @@ def test_history_on_both_sides_of_an_impact(name):
 
 @pytest.mark.parametrize("name", ["rigid, Ricker", "T_s = 0.5 s"])
 def test_energy_balance(name):
-    """After the pulse: constant but for the damper between impacts, and at each impact what Eq. (27)
-    takes."""
+    """After the pulse, the energy decreases only by the damper between impacts and by Eq. (27) at impacts."""
     podium, motion = SCENES[name]
     if isinstance(podium.superstructure, rj.Elastic):
         podium = podium.replace(superstructure=rj.Elastic(100.0, 0.5, 0.0))
@@ -240,7 +239,7 @@ def test_energy_balance(name):
         drop = float(response.energy(t)) - float(response.energy(t - 1e-10))
         before = float(response(t, left=True).theta_dot)
         after = float(impact(c, jnp.asarray(before)))
-        # η v̇_b² counts as well: the top mass moves up with the beam
+        # η v̇_b² contributes because the top mass moves up with the beam
         spin = float(c.spin) + float(c.eta) * float(c.two_R * c.sin_alpha) ** 2
         assert drop == pytest.approx(0.5 * spin * (after**2 - before**2), rel=1e-6)
         assert drop < 0

@@ -1,4 +1,4 @@
-"""Random scenes of every kind: no answer and no derivative is off without a name for it."""
+"""Random scenes of every kind: every difference of an answer or a derivative has an accepted cause."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Bounces that end at rest whatever happens on the way, and are not followed."""
+"""Skipped bounces that certainly end at rest."""
 
 import jax
 import numpy as np
@@ -13,7 +13,7 @@ LIFTS = float(PODIUM.uplift_ground_acceleration)
 
 
 def followed(options: rj.Options) -> rj.Options:
-    """Who counts impacts follows all of them."""
+    """Return options with which no bounce is skipped, because impacts are counted."""
     return options.replace(outputs=(*options.outputs, "impacts"))
 
 
@@ -32,7 +32,7 @@ def test_pulses_have_the_same_peaks(pulse):
 
 
 def test_a_row_of_bounces_before_the_main_lobe_takes_few_trials():
-    """Columns that come to rest between two lobes of a Ricker pulse."""
+    """Columns come to rest between two lobes of a Ricker pulse."""
     options = rj.Options(outputs=("peak_rotation",))
     pulses = rj.Ricker(np.linspace(3.31, 3.36, 6), 1.0)
     podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
@@ -43,7 +43,7 @@ def test_a_row_of_bounces_before_the_main_lobe_takes_few_trials():
 
 
 def test_derivatives_of_pulses_are_the_same():
-    """Where columns rest before the main lobe, after bounces; forward and in reverse."""
+    """Columns come to rest after bounces, before the main lobe; derivatives in forward and reverse mode."""
     options = rj.Options(rtol=1e-11, atol=1e-13, outputs=("peak_rotation",))
 
     def slopes(transform, options):
@@ -59,7 +59,7 @@ def test_derivatives_of_pulses_are_the_same():
 
 
 def test_what_a_motion_jumps_from_is_past_for_columns_at_rest():
-    """Shear after a motion that ends with a jump above the acceleration that lifts: there is none."""
+    """The motion ends with a jump from a large acceleration, which causes no shear afterwards."""
     ratio, options = 2.0, rj.Options(outputs=("peak_rotation", "peak_shear"))
     pulse = rj.OneCosine(ratio * LIFTS, 0.4)
     history = rj.simulate(PODIUM, pulse, options=options)
@@ -74,7 +74,8 @@ def test_what_a_motion_jumps_from_is_past_for_columns_at_rest():
 
 
 def test_columns_lift_before_a_jump_is_felt():
-    """The ground moves vertically first; when it jumps horizontally the columns are in full contact."""
+    """The ground moves vertically first, so the columns are in full contact when the horizontal motion starts
+    with a jump."""
     vertical = rj.Record(0.1 * np.sin(np.arange(150) / 8), 0.01, t_start=-1.0)
     motion = rj.GroundMotion(rj.OneCosine(2.0 * LIFTS, 0.4), vertical)
     options = rj.Options(outputs=("peak_rotation", "peak_shear"))
@@ -86,8 +87,8 @@ def test_columns_lift_before_a_jump_is_felt():
 @pytest.mark.parametrize("spacing", [0.1, 1.0])
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 0.9, 0.99])
 def test_hops_that_are_higher_than_all_before_them_are_followed(ratio, spacing):
-    """From a small rotation against the ground acceleration columns fall fast, and go far to the other
-    side, where little brings them back; and where they turn there the margin is less."""
+    """Columns that are released against the ground acceleration strike the ground fast and rock far to the
+    other side, where their turning point has a smaller margin."""
     record = rj.Record(np.append(np.full(4, ratio * LIFTS), 0.0), spacing)
     podium = PODIUM.replace(restitution=0.7 if ratio < 0.5 else "paper")
     options = rj.Options(outputs=("peak_rotation", "margin"))
@@ -104,7 +105,7 @@ def test_hops_that_are_higher_than_all_before_them_are_followed(ratio, spacing):
 
 
 def test_columns_thrown_up_by_a_jump_turn_within_their_first_step():
-    """They begin at rest, where the slope of every path is zero: that is no turning point."""
+    """Columns start at rest, where the slope of every path is zero without a turning point."""
     record = rj.Record(LIFTS * np.array([1.06, 0.71, 0.28, -0.02, 0.0]), 0.02)
     options = rj.Options(outputs=("peak_rotation", "margin"))
     known = rj.peak_response(PODIUM, record, options=rj.Options(method="tsit5", rtol=1e-13, atol=1e-15))

@@ -1,5 +1,5 @@
-"""The bounds of (C19) and (C20) by hand: each output of a scene that could still end either way is certain
-exactly from the number on that they say."""
+"""Bounds of (C19) and (C20), computed separately: each output becomes final exactly at the value that the
+bound gives, in scenes that have not ended."""
 
 import math
 from typing import Any
@@ -16,7 +16,7 @@ from rockjax._engine.scene import plan_for, prepare
 ALPHA, R, G = 0.15, 1.5, 9.80665
 P2 = 0.75 * G / R
 DEVICES = rj.Tendon(5.0, 60.0), rj.Damper(3.0, 0.5), rj.Inerter(8.0)
-RIGID = rj.Podium(ALPHA, R, 2.0, rj.Rigid(8.0))  # moves as γ = 10 does
+RIGID = rj.Podium(ALPHA, R, 2.0, rj.Rigid(8.0))  # moves like a frame of γ = 10
 FRAME = rj.Podium(ALPHA, R, 10.0)
 ELASTIC = FRAME.replace(superstructure=rj.Elastic(30.0, 0.5, 0.05))
 MODES = FRAME.replace(superstructure=rj.Modes((24.0, 6.0), (0.5, 0.15), (0.05, 0.03), 1.5))
@@ -24,7 +24,7 @@ BUILDING = FRAME.replace(superstructure=rj.ShearBuilding((3.0, 3.0, 2.0), (900.0
 
 
 class Bounds:
-    """What a podium can do from a state on, from its numbers."""
+    """Bounds on the later motion of a podium from a state."""
 
     def __init__(self, podium: rj.Podium, horizontal: float, vertical: float, theta: float, swing: float):
         self.podium, self.a, self.a_v = podium, horizontal, vertical
@@ -46,7 +46,7 @@ class Bounds:
         if isinstance(top, rj.ShearBuilding):
             wanted += ["peak_drift", "peak_floor_acceleration"]
         self.wanted = wanted
-        # Half a period of each: all of it is still to come at its beginning.
+        # Half a period of each motion; at its start the full impulse remains.
         self.motion: Any = rj.HalfSine(horizontal, 2.0)
         if vertical:
             self.motion = rj.GroundMotion(self.motion, rj.HalfSine(vertical, 2.0))
@@ -64,12 +64,12 @@ class Bounds:
 
     @property
     def impulse(self) -> float:
-        """∫|ü_g| dt to come."""
+        """Return the remaining ∫|ü_g| dt."""
         return self.a * 2 / math.pi
 
     @property
     def max_energy(self) -> float:
-        """Of the energy, (C19)."""
+        """Return the bound on the energy, (C19)."""
         C = math.sqrt((1 + 2 * self.gamma) ** 2 / (2 * self.spin) + self.mass / 2)
         C_v = 2 * self.w * self.steepest / math.sqrt(2 * (self.spin + 4 * self.mass * self.steepest**2))
         if self.rests:
@@ -78,15 +78,15 @@ class Bounds:
 
     @property
     def turning(self) -> float:
-        """The most of |θ̇|."""
+        """Return the bound on |θ̇|."""
         return math.sqrt(2 * self.max_energy / (self.spin * R**2))
 
     def swings(self) -> np.ndarray:
-        """The most of √(u̇² + ω²u²) of several modes at rest."""
+        """Return the bound on √(u̇² + ω²u²) of several modes at rest."""
         return np.sqrt(self.speed**2 + (self.omega * self.u) ** 2) + self.impulse
 
     def sum_of(self, weights: np.ndarray, beam: float = 0.0) -> float:
-        """The most of Σ w_i y_i, y_i² the double of a mode's energy over η_i."""
+        """Return the bound on Σ w_i y_i, where y_i² is twice the energy of mode i divided by η_i."""
         if self.rests and len(weights) > 1:
             return float(np.abs(weights) @ self.swings())
         return math.sqrt(
@@ -94,12 +94,12 @@ class Bounds:
         )
 
     def springs(self, weights: np.ndarray) -> float:
-        """The most of Σ w_i F_i."""
+        """Return the bound on Σ w_i F_i."""
         beam = (4 * float(weights @ (self.zeta * self.omega))) ** 2 / self.spin
         return self.sum_of(weights * self.omega * np.sqrt(1 + 4 * self.zeta**2), beam)
 
     def angular(self) -> float:
-        """θ̈_max + ϑ² max|sin ψ|: (C20), but that ϑ² acts by the sine of ψ only, Eq. (14)."""
+        """Return θ̈_max + ϑ² max|sin ψ|, (C20), where ϑ² has the factor sin ψ by Eq. (14)."""
         s, rate = math.sin(ALPHA), self.turning
         moment = P2 * (2 * self.w * (1 + self.a_v / G) * self.steepest + (2 * self.gamma + 1) * self.a / G)
         if self.podium.restrainers:
@@ -112,16 +112,16 @@ class Bounds:
         return moment / (3 * self.gamma + 1.0) + self.steepest * rate**2
 
     def base(self) -> float:
-        """The most of the beam's absolute acceleration."""
+        """Return the bound on the absolute acceleration of the beam."""
         return self.a + (0.0 if self.rests else 2 * R * self.angular())
 
     def absolute(self, weights: np.ndarray) -> float:
-        """The most of Σ w_i F_i with what moves with the beam."""
+        """Return the bound on Σ w_i F_i including the mass that moves with the beam."""
         left = abs(1 - weights.sum()) * self.base() if self.residual else 0.0
         return self.springs(weights) + left
 
     def accumulators(self) -> dict[str, Any]:
-        """What the accumulators must be for everything to be certain."""
+        """Return the least accumulators for which all outputs are final."""
         found: dict[str, Any] = {"peak": self.rotation()}
         if not len(self.eta):
             return found | {"shear": self.base() / G}
@@ -140,7 +140,7 @@ class Bounds:
         return found
 
     def rotation(self) -> float:
-        """|θ| where V is the most of the energy."""
+        """Return |θ| at which V equals the bound on the energy."""
         if self.rests:
             return 0.0
         V = lambda A: float(potential(self.c, jnp.ones(()), jnp.asarray(A)))
@@ -151,7 +151,7 @@ class Bounds:
         return high
 
     def certain(self, output: str, **accumulators: Any) -> bool:
-        """Whether an output alone is certain where these are the accumulators."""
+        """Return whether a single output is final with these accumulators."""
         names = {"peak": "peak_rotation", "margin": "margin", "drifts": "peak_drift"}
         names["floors"] = "peak_floor_acceleration"
         name_of = lambda short: names.get(short, f"peak_{short}")
@@ -188,7 +188,7 @@ def test_records_from_which_on_outputs_are_certain(name):
             continue
         least = np.asarray(level)
         assert bounds.certain(output, **{output: least * (1 + 1e-9)})
-        for k in np.ndindex(least.shape):  # every one of them counts
+        for k in np.ndindex(least.shape):  # every element must be final
             low = np.array(least * (1 + 1e-9))
             low[k] *= 1 - 2e-9
             assert not bounds.certain(output, **{output: low}), (output, k)
@@ -196,7 +196,7 @@ def test_records_from_which_on_outputs_are_certain(name):
 
 @pytest.mark.parametrize("name", ["rigid", "rigid, devices, vertical"])
 def test_margins_that_are_certain(name):
-    """Until the energy could come closer to what overturns than the least margin says."""
+    """A margin is final unless the energy could come closer to the overturning energy than this margin."""
     bounds = Bounds(*SCENES[name])
     top = float(potential(bounds.c, jnp.ones(()), jnp.asarray(ALPHA)))
     least = 1 - bounds.max_energy / top
@@ -207,7 +207,8 @@ def test_margins_that_are_certain(name):
 
 @pytest.mark.parametrize("name", ["elastic at rest", "modes at rest"])
 def test_columns_that_rest_for_good(name):
-    """From full contact: until the demand that the swing and the ground can make together lifts them."""
+    """Columns in full contact rest for good unless the largest demand of vibration and ground motion together
+    lifts them."""
     podium, _, vertical, _, swing = SCENES[name]
 
     bounds = Bounds(podium, 1.0, vertical, 0.0, swing)
@@ -234,7 +235,8 @@ def test_columns_that_rest_for_good(name):
 
 @pytest.mark.parametrize("devices", [(), DEVICES, (rj.Tendon(5.0),)])
 def test_nothing_is_certain_above_the_well(devices):
-    """Whatever the record: where the energy could reach the top of the well, or the column is past it."""
+    """Nothing is final if the energy could reach the top of the potential well, or if the column is beyond
+    it."""
     podium = RIGID.replace(restrainers=devices)
     bounds = Bounds(podium, 1.0, 0.0, 0.03, 0.0)
     top = math.sqrt(float(potential(bounds.c, jnp.ones(()), jnp.asarray(bounds.well))))

@@ -1,4 +1,4 @@
-"""Facts that are known without integrating, or published."""
+"""Results compared with closed forms and published values."""
 
 import json
 import math
@@ -21,7 +21,7 @@ def block(b: float, h: float, **more) -> rj.Podium:
 
 
 def overturning(podium, kind, T_p: float, lo: float, hi: float) -> float:
-    """The amplitude in g at which the answer changes between lo and hi (it changes once)."""
+    """Return the amplitude in g at which the outcome changes between lo and hi (it changes once)."""
     for _ in range(9):
         a = np.linspace(lo, hi, 33)
         over = rj.peak_responses(podium, kind(a * 9.81, T_p), options=OPTIONS).overturned
@@ -41,7 +41,7 @@ def test_free_rocking_impacts_published():
 
 @pytest.mark.parametrize("name", ["block", "frame", "rigid"])
 def test_free_rocking_impacts_by_quadrature(name):
-    """Times of every impact from the quarter period; amplitudes by the factor c = e² in energy."""
+    """Times of all impacts follow from quarter periods, and amplitudes from the energy factor c = e²."""
     podium = PODIUMS[name]
     alpha, e = float(podium.alpha), float(podium.restitution_factor)
     p = float(podium.equivalent_block().p)
@@ -49,7 +49,7 @@ def test_free_rocking_impacts_by_quadrature(name):
     well = lambda th: math.cos(alpha - th) - math.cos(alpha)
 
     def quarter(top):
-        # θ = top sin²: the square roots at both ends go
+        # the substitution θ = top sin² removes the square roots at both ends
         def f(s):
             th = top * math.sin(s) ** 2
             return 2 * top * math.sin(s) * math.cos(s) / (p * math.sqrt(2 * (well(top) - well(th))))
@@ -60,7 +60,7 @@ def test_free_rocking_impacts_by_quadrature(name):
     for n in range(8):
         top = alpha - math.acos(min(1.0, math.cos(alpha) + height))
         t += quarter(top) * (1 if n == 0 else 2)
-        # an excursion begins and ends at θ = 0: between impacts, two quarters of the amplitude in between
+        # two quarter periods pass between impacts
         times.append(t)
         height *= e * e
     response = rj.simulate(podium, rj.Rest(), initial=rj.State(theta0), options=OPTIONS, t_end=100.0)
@@ -103,8 +103,8 @@ def test_safe_windows_between_overturning():
 
 
 def test_section_4_of_the_paper():
-    """Its own equations give 2.89 and 0.458 where it prints 3.5 and 0.29; T_p = 0.80 s gives 3.47 and
-    0.290."""
+    """The equations of the paper give 2.89 and 0.458 instead of the printed 3.5 and 0.29; T_p = 0.80 s gives
+    3.47 and 0.290."""
     podium = PODIUMS["rigid"]
     ratio = np.linspace(2.5, 4.0, 1501)
     for T_p, least, rotation in ((1.0, 2.89, 0.458), (0.80, 3.47, 0.290)):
@@ -134,7 +134,7 @@ def test_rigid_and_beam_mass_are_the_same():
 
 @pytest.mark.smoke
 def test_elastic_contact_is_a_linear_oscillator():
-    """Below uplift Eq. (4) has a closed form: free vibration from an initial displacement."""
+    """Without uplift, Eq. (4) has a closed form: free vibration from an initial displacement."""
     T, z, u0 = 0.5, 0.05, 0.004
     podium = PODIUMS["elastic"]
     response = rj.simulate(
@@ -153,10 +153,12 @@ def test_elastic_contact_is_a_linear_oscillator():
 
 @pytest.mark.slow
 def test_derivatives_of_linearised_rocking():
-    """Forty impacts of slender blocks, α = 1e-6, from bouncing (θ₀ ≪ α) to wide swings, under a constant push
-    κ g tan α: between impacts φ'' = φ − (1 + σκ) in φ = |θ|/α and time 1/p, so a half swing of speed v lasts
-    2 arcosh(w/√(w² − v²)), w = 1 + σκ, and v goes on as e v. Times of impacts and their derivatives by R, φ₀,
-    e and κ, to 1e-9."""
+    """Times of forty impacts of slender blocks, α = 1e-6, and their derivatives with respect to R, φ₀, e and
+    κ agree to 1e-9.
+
+    The blocks rock from bouncing (θ₀ ≪ α) to wide swings under a constant acceleration κ g tan α. Between
+    impacts φ'' = φ − (1 + σκ) with φ = |θ|/α and time in units of 1/p, so a half swing with the initial speed
+    v lasts 2 arcosh(w/√(w² − v²)), w = 1 + σκ, and the next one starts with e v."""
     alpha, impacts = 1e-6, 40
 
     def exact(y):
@@ -193,8 +195,8 @@ def test_derivatives_of_linearised_rocking():
 
 
 def test_peak_gradients_at_thirty_digits():
-    """Against a Taylor integrator with saltation matrices, which writes the table (tests/saltation.py), to
-    1e-8."""
+    """Peaks and derivatives agree to 1e-8 with a Taylor integrator with saltation matrices
+    (tests/saltation.py)."""
     table = json.loads(saltation.TABLE.read_text())
     assert table.keys() == saltation.SCENES.keys()
     for name, scene in table.items():

@@ -1,8 +1,9 @@
-"""Events, breakpoints and ends that coincide but for rounding: answers and derivatives are continuous there.
+"""Events, breakpoints and ends of scenes that coincide up to rounding: answers and derivatives are
+continuous.
 
-Each scene is one vmapped batch over the distance between the two, in units in the last place and beyond.
-Where the ground motion jumps on an impact the derivative differs from one side to the other; there it must be
-that of one of them.
+Each scene is a vmapped batch over the distance between two times, from units in the last place to larger
+distances. If the ground motion jumps at an impact, the one-sided derivatives differ, and the derivative must
+equal one of them.
 """
 
 import jax
@@ -15,16 +16,17 @@ from tests.scenes import G, options, shaking
 
 TIGHT_OPTIONS = options(1e-12, "dopri8", history=256, throw=False)
 ULPS = (-64, -5, -2, -1, 0, 1, 2, 5, 64)
-FAR_OFFSET = 1e-9  # what the others are compared with
+FAR_OFFSET = 1e-9  # reference distance for the comparisons
 
 
 def around(x: float) -> np.ndarray:
-    """Times next to x, by units in the last place, with one before and one after at a distance."""
+    """Return times around x at distances of units in the last place, and one time before and one after at
+    FAR_OFFSET."""
     return np.array([x - FAR_OFFSET, *(x + k * np.spacing(x) for k in ULPS), x + FAR_OFFSET])
 
 
 def side_by_side(function, y, times) -> tuple[np.ndarray, np.ndarray]:
-    """`function(y, time)` and its Jacobian by y at all times, solved once for both."""
+    """Return `function(y, time)` and its Jacobian with respect to y at all times, from one solution."""
 
     def at(time):
         def twice(y):
@@ -39,7 +41,8 @@ def side_by_side(function, y, times) -> tuple[np.ndarray, np.ndarray]:
 
 
 def continuous(function, y, times, rtol: float = 1e-6) -> np.ndarray:
-    """Check `function(y, time)`, an array of answers, and its Jacobian by y. Returns the Jacobians."""
+    """Check that `function(y, time)`, an array of answers, and its Jacobian with respect to y are continuous.
+    Return the Jacobians."""
     values, slopes = side_by_side(function, y, times)
     assert np.all(np.isfinite(values))
     assert np.all(np.isfinite(slopes))
@@ -52,7 +55,7 @@ def continuous(function, y, times, rtol: float = 1e-6) -> np.ndarray:
 
 
 def coincide(event_time, x: float) -> float:
-    """The x that event_time(x) is, to rounding."""
+    """Return the fixed point x = event_time(x), to rounding."""
     for _ in range(60):
         x, before = float(event_time(x)), x
         if x == before:
@@ -61,10 +64,11 @@ def coincide(event_time, x: float) -> float:
 
 
 def own_motion(kind: str):
-    """(motion of its numbers and of the time of a breakpoint, time of a breakpoint to begin with)"""
+    """Return a function (parameters, time of a breakpoint) ↦ motion."""
     count = 16
     if kind in ("kink", "jump"):
-        # A sample on the impact: in the middle of the record, or its last, after which the ground is at rest.
+        # The impact is at a sample in the middle of the record, or at the last one, after which the ground is
+        # at rest.
         samples = {
             "kink": np.r_[np.full(count, 0.5), 0.5 + 1.5 * np.sin(np.linspace(0, 6, count))],
             "jump": np.full(17, 0.3),
@@ -86,8 +90,7 @@ def own_motion(kind: str):
 )
 @pytest.mark.slow(but=["jump"])
 def test_an_impact_on_a_breakpoint(kind):
-    """The state long after is continuous in all numbers; where the ground jumps, it was wrong by up to 40
-    %."""
+    """The state long after the impact depends continuously on all parameters."""
     motion = own_motion(kind)
     y = jnp.array([0.3, 2.0, 0.93, 1.0, 0.05, 1.0])
 
@@ -108,7 +111,8 @@ def test_an_impact_on_a_breakpoint(kind):
 
 @pytest.mark.slow
 def test_the_end_on_a_sample_or_the_end_of_the_motion():
-    """Peaks that still grow there move with the end; with both at once they moved with half of each."""
+    """Peaks that still grow at the end have the derivative of the end time, also if the end is at a
+    sample."""
     y = jnp.array([0.2, 2.0, 0.93, 2.648, 1.0, 10.0, 0.4, 1.0])
     o = options(1e-12, "dopri8", throw=False)
     samples = shaking(120, 0.05, peak=1.0).acceleration
@@ -119,13 +123,13 @@ def test_the_end_on_a_sample_or_the_end_of_the_motion():
         return jnp.stack([peak.peak_rotation, peak.peak_deformation, peak.peak_shear])
 
     slopes = continuous(peaks, y, around(0.05 * 40))
-    assert np.abs(slopes[..., 7]).min() > 1e-3  # by the end
+    assert np.abs(slopes[..., 7]).min() > 1e-3  # with respect to the end time
 
 
 @pytest.mark.slow
 def test_the_end_on_an_uplift():
-    """Deformation and shear still grow at the uplift: what they have reached at the end moves with the
-    end."""
+    """Deformation and shear still grow at the uplift, so their values at the end have the derivative of the
+    end time."""
     y = jnp.array([0.2, 2.0, 0.93, 3.0, 10.0, 0.4, 1.0])
     o = options(1e-12, "dopri8", throw=False)
 
@@ -144,7 +148,8 @@ def test_the_end_on_an_uplift():
 
 @pytest.mark.parametrize("after", [0.6, 1.4])
 def test_an_uplift_on_a_sample(after):
-    """The time of the uplift moves with the piece in which the ground exceeds the threshold."""
+    """The uplift time has the derivative of the piece in which the ground acceleration exceeds the
+    threshold."""
     block = rj.Podium(0.2, 2.0)
     samples = np.r_[np.linspace(0, 1, 5), after, 2.0, -1.5, 0.3]
     threshold = float(block.uplift_acceleration) * (1 + 64 * np.finfo(float).eps)
@@ -160,7 +165,7 @@ def test_an_uplift_on_a_sample(after):
     values, slopes = side_by_side(answers, y, scales)
     np.testing.assert_allclose(values[:, 1], 0.4, rtol=1e-8)
     np.testing.assert_allclose(slopes, np.broadcast_to(slopes[-1], slopes.shape), rtol=1e-6, atol=1e-9)
-    # the last rise of the record: a(t) = scale · t/(4 dt)
+    # the last increase of the record: a(t) = scale · t/(4 dt)
     np.testing.assert_allclose(slopes[-1, 1], [-0.4, 4.0, 1.0], rtol=1e-8)
 
 

@@ -10,7 +10,7 @@ from tests.scenes import PODIUMS, elastic, options, pulse, shaking
 
 ROTATION = ("peak_rotation",)
 UPLIFT = float(PODIUMS["elastic"].uplift_acceleration)
-WEAK = 0.35  # of the uplift acceleration: lifts late, or never
+WEAK = 0.35  # factor on the uplift acceleration, with which columns lift late or never
 
 
 def test_scenes_that_never_lift_settle():
@@ -34,7 +34,8 @@ def test_peaks_of_the_superstructure_are_those_of_the_history():
 @pytest.mark.slow(but=["record"])
 @pytest.mark.parametrize("motion", [pulse(ratio=1.8), shaking(200, peak=4.0)], ids=["pulse", "record"])
 def test_derivatives_through_full_contact(motion):
-    """Forward = reverse = finite differences, also with respect to what moves the breakpoints."""
+    """Forward and reverse derivatives agree with finite differences, also for parameters that change
+    breakpoints."""
 
     def peak(y, o):
         podium = elastic(0.25).replace(
@@ -60,7 +61,7 @@ def test_derivatives_through_full_contact(motion):
 
 @pytest.mark.parametrize("shear", [False, True])
 def test_scenes_side_by_side_share_the_samples_of_records(shear):
-    """Of rigid podiums the whole table was copied into every lane in every step."""
+    """The program must not copy the table of samples into every lane."""
     table = rj.Records.of([shaking(61, seed=k) for k in range(3)])
 
     def peak(scale):

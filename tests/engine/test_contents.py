@@ -28,7 +28,7 @@ PULSE = rj.Ricker(3.0, 1.0)
 
 @jax.jit
 def answers_to_a_jump(jump, alpha):
-    """The floats and integers of a block at rest whose floor moves by one jump and then rests."""
+    """Return the floats and integers of a block at rest under a single velocity jump of its floor."""
     times = jnp.array([0.0, 0.5, 6.0])
     across, up = (
         PiecewiseMotion(times, jnp.zeros((3, DEGREE + 1)), jnp.array([0.0, 1.0, 0.0]) * y)
@@ -39,15 +39,15 @@ def answers_to_a_jump(jump, alpha):
 
 
 def started_by(jump: float, alpha=0.2):
-    """Peak [rad] of a block whose floor moves by one jump, whether it overturns, and its friction demands at
-    the jump and at its own impacts."""
+    """Return the peak [rad] of a block under a single velocity jump, whether it overturns, and its friction
+    demands at the jump and at its own impacts."""
     floats, integers, _ = answers_to_a_jump(jump, alpha)
     friction = float(floats["jolt_friction"]), float(rj.Podium(alpha, 0.5).impact_friction[0])
     return float(floats["peak_rotation"]) * alpha, bool(integers["overturned"]), friction
 
 
 def test_a_jump_starts_a_block():
-    """Facts 14 and 19: the peak after one jump, the jump that overturns, friction demands."""
+    """Facts 14 and 19: peak after one jump, overturning jump, friction demands."""
     peak, _, friction = started_by(0.3)
     np.testing.assert_allclose(peak, 0.03658828377247352, rtol=1e-9)
     np.testing.assert_allclose(friction, [1.914665005873861, 0.1504866019045806], rtol=1e-12)
@@ -58,7 +58,7 @@ def test_a_jump_starts_a_block():
 
 
 def test_a_jump_moves_a_rocking_block():
-    """Facts 14 to 16, and that a jump upwards alone never lifts a block at rest."""
+    """Facts 14 to 16; an upward jump alone never lifts a block at rest."""
     still = rj.GroundMotion(rj.Rest(), rj.Rest())
 
     def after(theta, side, across, up, block=rj.Podium(0.2, 0.5)):
@@ -80,7 +80,8 @@ def test_a_jump_moves_a_rocking_block():
 
 
 def test_one_impact_starts_a_block():
-    """Facts 16 and 19: a frame that comes to rest at its first impact, with and without its vertical part."""
+    """Facts 16 and 19: a frame that comes to rest at its first impact, with and without vertical motion of
+    the block."""
     podium = FRAME.replace(restitution=0.0)
     systems = rj.Contents(0.3, 0.4), rj.Contents(0.3, 0.4, vertical=False)
     response = rj.simulate(
@@ -98,7 +99,7 @@ def test_one_impact_starts_a_block():
 
 
 def test_an_impact_of_a_building_starts_a_block():
-    """Fact 18."""
+    """Fact 18: an impact under a building starts a block on the deck."""
     (found,) = rj.peak_response(
         HEAVY, rj.Ricker(2.4, 1.0), t_end=8.0, options=FINE, on_floors=rj.Contents(0.4, 0.5)
     ).on_floors
@@ -108,7 +109,7 @@ def test_an_impact_of_a_building_starts_a_block():
 
 
 def test_oscillators_agree_with_their_closed_form():
-    """Fact 9, and every level of a building against floor spectra, which are another method."""
+    """Fact 9; every level of a building agrees with floor spectra, which use another method."""
     periods = np.array([0.05, 0.5, 2.0])
     systems = [rj.Oscillator(T) for T in periods] + [rj.Oscillator(T, direction="vertical") for T in periods]
     found = rj.peak_response(FRAME, rj.Ricker(3.2, 1.0), t_end=8.0, options=FINE, on_floors=systems).on_floors
@@ -170,7 +171,7 @@ def test_later_displacements_stay_below_the_remaining_ratio():
 
 
 def test_on_a_podium_that_never_lifts_a_block_stands_on_the_ground():
-    """Fact 21, with and without vertical motion."""
+    """Fact 21: the block rocks as on the ground, with and without vertical motion."""
     stocky = rj.Podium(0.6, 2.0, gamma=5.0)
     pulse = rj.OneSine(2.6, 0.8)
     pair = rj.GroundMotion(pulse, rj.OneSine(1.5, 0.5))
@@ -184,7 +185,7 @@ def test_on_a_podium_that_never_lifts_a_block_stands_on_the_ground():
         assert not found.started_by_impulse
 
 
-# Structure, pulse, ratio of the vertical motion, and blocks with the weights of the modes of their floors.
+# Structure, pulse, ratio of the vertical motion, and blocks with the mode weights of their floors.
 SCENES = {
     "rigid deck": (FRAME, ("ricker", 3.2, 1.0), 0.0, [(rj.Contents(0.12, 0.4), ())]),
     "building": (
@@ -225,8 +226,8 @@ def test_blocks_agree_with_an_independent_integrator(name):
 
 
 def test_derivatives_agree_with_differences():
-    """With respect to the podium, the motion and the secondary systems, forward and reverse. Fact 22: the
-    size of everything."""
+    """Forward and reverse derivatives with respect to the podium, the motion and the secondary systems. Fact
+    22: scaling of all lengths."""
 
     def values(y):
         podium = HEAVY.replace(alpha=y[0], R=y[1], superstructure=rj.Elastic(30.0, y[8], 0.05))
@@ -254,7 +255,7 @@ def test_derivatives_agree_with_differences():
 
 @pytest.mark.slow
 def test_derivatives_with_respect_to_samples_agree_with_differences():
-    """Of a block and an oscillator on the deck and on the top, forward and reverse."""
+    """Forward and reverse derivatives for a block and an oscillator, on the deck and on the top."""
     dt, (noise, direction) = 0.1, np.random.default_rng(2).normal(size=(2, 24))
     t = dt * np.arange(24)
     samples = 2.6 * np.sin(2 * np.pi * t / 0.9) * np.exp(-t) + 0.3 * noise
@@ -279,7 +280,8 @@ def test_derivatives_with_respect_to_samples_agree_with_differences():
 
 
 def test_nothing_acts_back_and_batches_agree_with_single_scenes():
-    """Fact 23: the podium's answers are the same bits; mirrored motions and another order change nothing."""
+    """Fact 23: the podium's answers are bitwise identical; mirrored motions and another order change
+    nothing."""
     systems = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5, vertical=False)
     amplitudes = np.array([[2.0, 3.2], [-3.2, 9.0]])
     batch = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0, on_floors=systems)
@@ -330,13 +332,13 @@ def test_histories_and_records_have_things_on_floors():
     peak = rj.peak_response(FRAME, record, on_floors=BLOCK).on_floors[0]
     response = rj.simulate(FRAME, record, on_floors=(BLOCK,))
     np.testing.assert_allclose(response.on_floors[0].peak_rotation, peak.peak_rotation, rtol=1e-9)
-    capacity = rj.Options(history=256)  # outside jit a history grows
+    capacity = rj.Options(history=256)  # outside jit the history grows
     grown = rj.peak_response(FRAME, record, options=capacity, on_floors=BLOCK).on_floors[0]
     np.testing.assert_allclose(grown.peak_rotation, peak.peak_rotation, rtol=1e-12)
 
 
 def test_a_floor_that_falls_faster_than_gravity_is_named():
-    """g + v̈_g stays positive on the ground; on the rocking deck it does not."""
+    """g + v̈_g stays positive on the ground, but g + a_w becomes negative on the rocking deck."""
     pair = rj.GroundMotion(rj.OneSine(6.0, 0.8), rj.OneSine(9.7, 0.8))
     (found,) = rj.peak_response(FRAME, pair, on_floors=BLOCK).on_floors
     assert found.result == rj.RESULTS.weightless

@@ -27,7 +27,7 @@ def answers(peak) -> list[float]:
 
 
 def test_free_rocking_has_its_closed_form():
-    """The supremum of |a_b| is that of infinitely many impacts; the first impact has the largest jump."""
+    """The supremum of |a_b| is that of the infinitely many impacts; the first impact has the largest jump."""
     peak = rj.peak_response(FRAME, rj.Rest(), initial=rj.State(theta=0.1), t_end=200.0, options=FINE)
     np.testing.assert_allclose(answers(peak), [1.472403095026547, 0.03383684907358092], rtol=1e-11)
 
@@ -53,7 +53,7 @@ def test_jumps_include_that_of_coming_to_rest(rest_velocity):
 
 
 def test_nothing_moves_but_the_ground():
-    """A rest without uplift skips the whole motion."""
+    """Without uplift, the fast-forward skips the complete motion."""
     peak = rj.peak_response(FRAME, rj.Ricker(1.0, 1.0), options=FINE)
     np.testing.assert_allclose(answers(peak), [1.0, 0.0], rtol=1e-12)
 
@@ -61,7 +61,8 @@ def test_nothing_moves_but_the_ground():
 @pytest.mark.slow(but=["truncated"])
 @pytest.mark.parametrize("kind", PODIUMS)
 def test_peaks_agree_with_the_motion_of_the_deck(kind):
-    """A scene that ends early, its history, and the polynomials of the deck's motion."""
+    """Peaks of a scene that ends early agree with its history and with the polynomials of the deck's
+    motion."""
     podium, motion = PODIUMS[kind], PULSE
     if kind == "vertical":
         motion = rj.GroundMotion(PULSE, rj.Ricker(1.6, 0.4))
@@ -72,7 +73,7 @@ def test_peaks_agree_with_the_motion_of_the_deck(kind):
     known = deck.peak_acceleration, deck.peak_velocity_jump
     np.testing.assert_allclose(answers(response), known, rtol=1e-7)
     np.testing.assert_allclose(answers(peak), answers(response), rtol=1e-9)
-    if kind == "truncated":  # a floor has the share of the jump that its modes leave to the deck
+    if kind == "truncated":  # a floor has a fraction 1 − ΣW_i of the jump of the deck
         shares = [0.5137908, 0.0185937, 0.3075188]
         jumps = [response.floor(story).peak_velocity_jump for story in (1, 2, 3)]
         np.testing.assert_allclose(jumps, float(peak.peak_velocity_jump) * np.array(shares), rtol=1e-5)
@@ -81,7 +82,7 @@ def test_peaks_agree_with_the_motion_of_the_deck(kind):
 @pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("kind", ["rigid", "elastic", "truncated", "restrained"])
 def test_derivatives_agree_with_differences(kind):
-    """Forward, in reverse, and as sensitivities of a batch."""
+    """Derivatives in forward and reverse mode, and sensitivities of a batch."""
     podium = PODIUMS[kind]
 
     def peaks(values):

@@ -1,4 +1,4 @@
-"""The conventions at the edges, one by one."""
+"""Conventions for special cases."""
 
 import math
 
@@ -28,8 +28,8 @@ def test_touching_the_threshold_is_not_uplift(podium):
 
 
 def test_a_slow_ground_acceleration_lifts_at_g_tan_alpha():
-    """The spring carries the top mass, whose inertia Eq. (9) counts: the demand is ten times that of the
-    ground."""
+    """The spring transmits the inertia of the top mass to the beam, so the demand is ten times the ground
+    acceleration."""
     podium = elastic(0.5)
     ground = float(podium.uplift_ground_acceleration)
     assert ground == pytest.approx(G * 0.15, rel=1e-12)
@@ -40,8 +40,10 @@ def test_a_slow_ground_acceleration_lifts_at_g_tan_alpha():
         for factor in (0.999, 1.003)
     ]
     assert [bool(peak.uplifted) for peak in peaks] == [False, True]
-    assert float(peaks[0].impacts) == 0  # never lifted, which is certain
-    swaying = rj.peak_response(podium, rj.OneCosine(0.6 * ground, 10.0), options=outputs)  # jumps to it
+    assert float(peaks[0].impacts) == 0  # it never lifts, so the count is known
+    swaying = rj.peak_response(
+        podium, rj.OneCosine(0.6 * ground, 10.0), options=outputs
+    )  # starts with a jump
     assert swaying.uplifted
 
 
@@ -59,7 +61,7 @@ def test_a_jump_above_the_threshold_lifts_at_once(podium):
 @pytest.mark.slow(but=["dopri8"])
 @pytest.mark.parametrize("method", ["tsit5", "dopri8"])
 def test_a_short_excursion_above_the_threshold_is_found(method):
-    """Above q_up for a few milliseconds only, at a tolerance that steps far."""
+    """The demand exceeds q_up for a few milliseconds, with a tolerance that allows long steps."""
     for podium in (BLOCK, elastic(0.5, eta=0.0)):
         up = float(podium.uplift_acceleration)
         motion = rj.Ricker(up * (1 + 1e-5), 1.0)
@@ -70,7 +72,7 @@ def test_a_short_excursion_above_the_threshold_is_found(method):
 
 
 def test_a_lift_and_landing_inside_one_step_is_found():
-    """Many tiny hops: loose and tight tolerances count the same first ones."""
+    """Many tiny hops: the first ones are counted with large and small tolerances alike."""
     podium = elastic(0.5)
     loose = rj.simulate(
         podium, pulse(), t_end=0.5, options=rj.Options(rtol=1e-4, atol=1e-6, rest_velocity=1e-8)
@@ -102,8 +104,8 @@ def test_initial_rotation_at_the_limit_is_overturned(ratio):
 
 
 def test_past_alpha_and_back():
-    """During shaking a column can pass α and come back: overturned by the paper's criterion, not by a larger
-    ratio."""
+    """During shaking a column can pass α and return. It is overturned by the paper's criterion, not with a
+    larger ratio."""
     motion = rj.OneSine(np.linspace(1, 8, 701) * UPLIFT, 1.0)
     strict = rj.peak_responses(BLOCK, motion)
     lenient = rj.peak_responses(BLOCK, motion, options=rj.Options(overturn_ratio=3.0))
@@ -129,7 +131,8 @@ def test_no_restitution_ends_rocking():
 
 
 def test_free_rocking_ends_and_does_not_hang():
-    """Infinitely many impacts in finite time: the series of the small-amplitude limit is geometric."""
+    """There are infinitely many impacts in finite time; for small amplitudes their times form a geometric
+    series."""
     ends = []
     for rest in (1e-4, 1e-6, 1e-8):
         o = rj.Options(rtol=1e-10, atol=1e-12, rest_velocity=rest)
@@ -138,7 +141,7 @@ def test_free_rocking_ends_and_does_not_hang():
         ends.append(float(response.stats.end_time))
     e = float(BLOCK.restitution_factor)
     flights = np.diff(np.asarray(response.impact_times))
-    # at small amplitude each flight is e times the one before; their sum is known
+    # at small amplitudes each flight lasts e times as long as the previous one
     np.testing.assert_allclose(flights[-20:] / flights[-21:-1], e, rtol=1e-3)
     limit = ends[2] + flights[-1] * e / (1 - e)
     errors = [abs(limit - t) for t in ends]
@@ -179,7 +182,7 @@ def test_an_impact_on_a_breakpoint_counts_once():
     )
     first = float(response.impact_times[0])
     for shift in (0.0, 1e-15, -1e-15, 1e-12, -1e-12):
-        # a silent record with a sample on the impact
+        # a record of zeros with a sample at the impact
         record = rj.Record(np.zeros(41), (first + shift) / 10)
         again = rj.simulate(BLOCK, record, initial=rj.State(0.1), t_end=3.0, options=options(1e-12, "dopri8"))
         assert int(again.impacts) == int(response.impacts)
@@ -231,8 +234,8 @@ def test_smallest_impact_speed_is_before_the_peak():
 
 @pytest.mark.slow
 def test_rigid_limit_of_the_compatible_restitution():
-    """As T_s → 0 the compatible law tends to the rigid superstructure after ring-down, the paper's does
-    not."""
+    """As T_s → 0, the compatible law tends to the rigid superstructure after vibrations have decayed; the
+    paper's law does not."""
 
     def ratio(podium):
         initial = rj.State(0.5 * ALPHA, 0.0, 2 * 1.5 * (math.sin(ALPHA) - math.sin(0.5 * ALPHA)), 0.0)
@@ -265,8 +268,8 @@ def test_float32_on_purpose():
 
 
 def test_numbers_of_another_precision_are_refused_before_tracing(tmp_path):
-    """Made with float64 and used without it, or the other way round: all entrances say which and what to
-    do."""
+    """Objects made with float64 and used without it, or the reverse, raise an error that names the object and
+    the remedy, in all functions."""
     switched = jax.enable_x64 if hasattr(jax, "enable_x64") else jax.experimental.enable_x64
     make = lambda: (
         rj.Podium(alpha=ALPHA, R=1.5),
@@ -281,7 +284,7 @@ def test_numbers_of_another_precision_are_refused_before_tracing(tmp_path):
         yield lambda: rj.peak_responses(podium, motion, options=loose)
         yield lambda: rj.overturning_boundary(podium, motion, max_scale=4.0, options=loose)
         yield lambda: rj.sweep(podium, motion, store=tmp_path / "a.zarr", options=loose, progress=False)
-        # Else JAX makes float32 of single numbers, which is right; arrays keep what they were made with.
+        # Without float64, JAX converts single numbers to float32, which is correct; arrays keep their type.
         if jax.config.jax_enable_x64 or motion is record:
             yield lambda: jax.jit(rj.peak_response)(podium, motion, options=loose)
 
@@ -310,7 +313,7 @@ def test_numbers_of_another_precision_are_refused_before_tracing(tmp_path):
 
 
 def test_the_independent_implementation_is_itself_right():
-    """The independent implementation against the closed form of a free rocking block."""
+    """The independent implementation agrees with the closed form of a free rocking block."""
     podium = rj.Podium(alpha=math.atan(1 / 3), R=math.hypot(0.5, 1.5), g=9.81, restitution=0.85)
     answer = restrained.simulate(restrained.frame_of(podium), 2.5, state=(math.atan(1 / 3) / 2, 0.0))
     np.testing.assert_allclose(answer.impacts[:3], [0.612367284, 1.491124089, 2.177387280], atol=2e-9)

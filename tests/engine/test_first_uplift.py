@@ -1,9 +1,9 @@
-"""The time of the first uplift of every pulse, against its own formula.
+"""Time of the first uplift under every pulse, compared with a root of a separate formula.
 
-In full contact from rest, before a pulse has begun, all states are 0 and so are its derivatives, to rounding:
-an error estimate would let a step of high order jump into it, and the columns lift late. Here pulses are
-written once more; where nothing is elastic the uplift is a root that SciPy finds, with an elastic
-superstructure one of the demand by Duhamel's integral.
+Long before a pulse, all states and derivatives are below rounding. A step whose length follows from the error
+estimate could then jump into the pulse, and the columns would lift late. The pulses are written separately
+here. Without an elastic superstructure, SciPy finds the uplift as a root of the pulse; with one, as a root of
+the demand from Duhamel's integral.
 """
 
 import math
@@ -22,14 +22,14 @@ from rockjax._engine.scene import plan_for, prepare
 
 ALPHA, R, GAMMA, ETA = 0.15, 1.5, 10.0, 20.0
 UPLIFT = 9.80665 * math.tan(ALPHA)
-CYCLES, PHASE = 4.0, 0.7  # of the wavelets
+CYCLES, PHASE = 4.0, 0.7  # of the wavelets, Gabor and Mavroeidis–Papageorgiou
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 TIMES = (0.05, 0.8, 20.0)  # T_p [s]
 RATIOS = (1.02, -1.6, 4.0, -30.0)  # a_p/(g tan α)
 
 
 class Formula(NamedTuple):
-    """ü_g/a_p over t/T_p from `start` to `end`, and zero beside where it is compact."""
+    """ü_g/a_p as a function of t/T_p from `start` to `end`; zero outside if it is compact."""
 
     of: Callable
     start: float
@@ -73,7 +73,7 @@ PULSES = {
 
 
 def first_root(over: Callable, start: float, end: float, samples: int) -> float:
-    """Where `over` first rises through zero, `start` where it begins above, NaN where it never does."""
+    """Return the first upward zero of `over`; `start` if it begins above zero, NaN if it has none."""
     times = np.linspace(start, end, samples)
     above = np.flatnonzero(over(times) > 0)
     if not above.size:
@@ -84,7 +84,8 @@ def first_root(over: Callable, start: float, end: float, samples: int) -> float:
 
 
 def uplifts() -> Callable:
-    """motion ↦ the first uplift of a rigid podium, as the engine's first step has it."""
+    """Return a function motion ↦ time of the first uplift of a rigid podium, from the first step of the
+    engine."""
     podium, options = rj.Podium(ALPHA, R, GAMMA), rj.Options()
     plan = plan_for(podium, options, history=False)
 
@@ -112,7 +113,8 @@ def test_rigid_podiums_lift_at_the_root_of_the_pulse(name):
 
 @pytest.mark.parametrize("name", PULSES)
 def test_pairs_lift_at_the_root_of_the_combined_signal(name):
-    """|ü_g| − v̈_g tan α, where the vertical motion begins before the horizontal one or after it."""
+    """The combined signal is |ü_g| − v̈_g tan α; the vertical motion begins before or after the horizontal
+    one."""
     pulse, ricker = PULSES[name], PULSES["Ricker"]
     pair = lambda ratio, T_p, T_v: rj.GroundMotion(pulse.make(ratio * UPLIFT, T_p), rj.Ricker(-6.0, T_v))
     uplift = uplifts()
@@ -134,8 +136,8 @@ class Oscillator(NamedTuple):
     zeta: float
 
     def over(self, pulse: Formula, ratio: float, tau: float, upwards: float = 0.0) -> float:
-        """|q| over what lifts the columns, less 1 and v̈_g/g: q by Duhamel's integral, Gauss's rule on short
-        panels."""
+        """Return |q| divided by its threshold, minus 1 and v̈_g/g, with q from Duhamel's integral by Gauss's
+        rule on short panels."""
         length = min(1 / 6, math.pi / self.turn)
         edges = np.linspace(pulse.start, tau, 2 + math.ceil((tau - pulse.start) / length))
         half = 0.5 * np.diff(edges)[:, None]
@@ -158,8 +160,9 @@ class Oscillator(NamedTuple):
 def elastic_scenes(
     pulse: Formula, vertical: float = 0.0, n: int = 24
 ) -> tuple[rj.Podium, Any, np.ndarray, list[float]]:
-    """Superstructures from stiff to soft, half of them damped as much as panels do not know; when they
-    lift, over T_p. `vertical` is the amplitude of a Ricker pulse of 0.7 T_p over g."""
+    """Return podiums with stiff to soft superstructures, half of them critically damped, their pulses and
+    their uplift times divided by T_p. `vertical` is the amplitude of a vertical Ricker pulse of 0.7 T_p
+    divided by g."""
     rng = np.random.default_rng(3)
     T_p, period = rng.uniform(0.1, 3.0, n), np.exp(rng.uniform(math.log(0.05), math.log(10.0), n))
     zeta = np.where(np.arange(n) % 2, 1.0, 0.05)
@@ -190,7 +193,7 @@ def test_elastic_podiums_lift_when_the_demand_says(name, method):
     for rtol in (1e-6, 1e-8) if method == "bosh3" else (1e-6, 1e-8, 1e-10, 1e-12):
         options = rj.Options(rtol=rtol, atol=0.01 * rtol, method=method, outputs=("peak_rotation",))
         found = np.asarray(rj.peak_responses(podium, motion, options=options).uplift_time)
-        # A stiff superstructure hardly moves: `atol` counts for more than `rtol`.
+        # A stiff superstructure moves little, so `atol` matters more than `rtol`.
         within = {"dopri8": 20, "bosh3": 2000}.get(method, 100) * rtol + 2e-13
         np.testing.assert_allclose(found / T_p, exact, rtol=0, atol=within)
 

@@ -22,7 +22,7 @@ THETA = 0.1
 
 @pytest.fixture(scope="module")
 def free():
-    """Free rocking of the rigid frame, to rest."""
+    """Return the history of free rocking of the rigid frame until rest."""
     return rj.simulate(FRAME, rj.Rest(), initial=rj.State(theta=THETA), t_end=200.0, options=FINE)
 
 
@@ -32,14 +32,14 @@ def frame():
 
 
 def released(**changes):
-    """The elastic structure, released without deformation."""
+    """Return the history of the elastic structure, released without deformation."""
     u_b = 2 * 1.5 * (math.sin(0.15) - math.sin(0.15 - THETA))
     initial = rj.State(theta=THETA, u_t=u_b)
     return rj.simulate(TOP.replace(**changes), rj.Rest(), initial=initial, t_end=1.0, options=FINE)
 
 
 def jump_ratio(podium):
-    """(1−e)/((1+e) tan α), the ratio |Δv_b|/Δw."""
+    """Return (1−e)/((1+e) tan α), the ratio |Δv_b|/Δw."""
     e = float(podium.restitution_factor)
     return (1 - e) / ((1 + e) * math.tan(float(podium.alpha)))
 
@@ -59,7 +59,7 @@ def test_free_rocking_has_the_jumps_of_its_closed_form(free):
 
 
 def test_jumps_of_frames_have_their_ratio():
-    """Fact 17; `free` and `released` compare the first numbers with jumps."""
+    """Fact 17: the ratio of the jumps of frames."""
     block = rj.Podium(alpha=0.15, R=1.5)
     for podium, exact in (
         (FRAME, 0.1498887748680476),
@@ -118,7 +118,7 @@ def test_peaks_of_a_pulse_agree_with_the_reference(frame):
 
 @pytest.mark.parametrize(("top", "largest"), [(0.05, 0.01), (1.05, 0.009975)])
 def test_a_largest_acceleration_is_inside_its_piece(top, largest):
-    """A maximum soon after the start of a piece counts, and one soon after its end does not."""
+    """A maximum just after the start of a piece counts, and one just after its end does not."""
     terms = 0.01 * np.array([[1 - top**2, 2 * top, -1.0]])
     start, zero = np.zeros(1), np.zeros(1)
     one = Load(start, np.ones(1), terms, zero, zero, zero)
@@ -231,7 +231,7 @@ def test_floors_work_under_jit():
         return deck.velocity_jumps[0], deck.acceleration(0.3)
 
     value, slope = jax.jvp(jax.jit(jumps), (THETA,), (1.0,))
-    # |θ̇⁻|² = 2J(cos(α−θ_0) − cos α), and the deck's acceleration at a fixed time by differences.
+    # |θ̇⁻|² = 2J(cos(α−θ_0) − cos α); derivatives of the deck's acceleration at a fixed time by differences.
     change = (np.array(jax.jit(jumps)(THETA + 1e-6)) - np.array(jax.jit(jumps)(THETA - 1e-6))) / 2e-6
     np.testing.assert_allclose(value[0], 0.03383684907358092, rtol=1e-9)
     np.testing.assert_allclose(slope[1], change[1], rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Derivatives in both modes against finite differences of high-accuracy solutions, and against closed
+"""Forward and reverse derivatives, compared with finite differences of accurate solutions and with closed
 forms."""
 
 import math
@@ -29,7 +29,7 @@ def rigid_scene(y, kind):
 
 
 def differences(f, y, relative=1e-4):
-    """Central differences of fourth order, with an estimate of their own error from two steps."""
+    """Return central differences of fourth order, and an estimate of their error from two steps."""
     y = np.asarray(y, float)
     rows, errors = [], []
     for i in range(y.size):
@@ -67,8 +67,8 @@ CASES = {
 )
 @pytest.mark.slow(but=["elastic, Ricker-dopri8"])
 def test_every_number_of_structure_and_pulse(case, method):
-    """Through several impacts and re-contact: forward and reverse, within 1e-6 of finite differences; and
-    batched."""
+    """Forward, reverse and batched derivatives through several impacts and re-contact agree with finite
+    differences to 1e-6."""
     scene, y, kind, t_end = CASES[case]
 
     def peaks(y, options=options(1e-10, method)):
@@ -82,11 +82,11 @@ def test_every_number_of_structure_and_pulse(case, method):
     reverse = np.asarray(jax.jacrev(peaks)(y))
     assert np.all(np.isfinite(forward))
     np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-11)
-    if scene is rigid_scene:  # a program of its own
+    if scene is rigid_scene:  # a separate program
         batched = np.asarray(jax.vmap(jax.jacrev(peaks))(jnp.stack([y, y * 1.0001]))[0])
         np.testing.assert_allclose(batched, forward, rtol=3e-7, atol=1e-9)
     numeric, own_error = differences(lambda y: peaks(y, TIGHT_OPTIONS), y)
-    size = np.abs(np.asarray(y)) * np.abs(numeric)  # of d(quantity)/d(ln y), to tell zero from small
+    size = np.abs(np.asarray(y)) * np.abs(numeric)  # d(quantity)/d(ln y), to distinguish zero from small
     scale = size.max(axis=1, keepdims=True) / np.abs(np.asarray(y))
     excess = np.abs(forward - numeric) - 3 * own_error - 1e-8 * scale
     bad = excess > 1e-6 * np.abs(numeric)
@@ -97,7 +97,7 @@ def test_every_number_of_structure_and_pulse(case, method):
 
 @pytest.mark.slow
 def test_against_an_independent_solution():
-    """Finite differences of the SciPy implementation, which knows nothing of this package's events."""
+    """Comparison with finite differences of the SciPy implementation, which finds events separately."""
     T_p, t_end = 1.0, 2.6
 
     def reference(alpha, a_p):
@@ -123,8 +123,8 @@ def test_against_an_independent_solution():
 
 @pytest.mark.smoke
 def test_free_rocking_closed_form():
-    """The peak after n impacts is θ_n = α − arccos(cos α + e²ⁿ[cos(α−θ₀) − cos α]); its derivatives are
-    known."""
+    """The peak after n impacts is θ_n = α − arccos(cos α + e²ⁿ[cos(α−θ₀) − cos α]), with closed-form
+    derivatives."""
     alpha, theta0, R, e = 0.3, 0.2, 2.0, 0.9
 
     def closed(alpha, theta0, e):
@@ -135,7 +135,7 @@ def test_free_rocking_closed_form():
         response = rj.simulate(
             podium, rj.Rest(), initial=rj.State(theta0), t_end=5.0, options=options(1e-11, "dopri8")
         )
-        # between the second and the third impact; the top is where θ̇ = 0, so its time need not be exact
+        # between the second and the third impact; θ̇ = 0 at the maximum, so its time need not be exact
         middle = jax.lax.stop_gradient(0.5 * (response.impact_times[1] + response.impact_times[2]))
         return jnp.abs(response(middle).theta)
 
@@ -149,7 +149,7 @@ def test_free_rocking_closed_form():
 
 @pytest.mark.slow
 def test_impact_times_of_free_rocking():
-    """A quarter period is exact in R and g: it goes like √(R/g)."""
+    """A quarter period is proportional to √(R/g)."""
 
     def times(R, g):
         podium = rj.Podium(0.3, R, g=g)
@@ -184,7 +184,7 @@ def test_uplift_and_overturn_times():
 
 @pytest.mark.slow
 def test_initial_state_through_559_impacts():
-    """The columns come to rest by ever smaller hops before the pulse, and lift again."""
+    """The columns come to rest in ever smaller hops before the pulse, and then lift again."""
     podium = PODIUMS["elastic"]
 
     def peak(y, options=options(1e-10, "dopri8")):
@@ -223,7 +223,7 @@ def test_a_peak_at_the_end_moves_with_it():
 @pytest.mark.slow(but=["rigid-tsit5"])
 @pytest.mark.parametrize(("name", "method"), [("rigid", "tsit5"), ("elastic", "dopri8")])
 def test_all_samples_of_a_record(name, method):
-    """Reverse mode with respect to every sample: right, and no matter how the compiler rounds."""
+    """Reverse mode with respect to all samples is correct, independently of the compiler's rounding."""
     podium, record = PODIUMS[name], shaking(160, 0.03, seed=5)
     o = options(1e-10, method, max_steps=4096, outputs=("peak_rotation",))
 
@@ -247,7 +247,7 @@ def test_all_samples_of_a_record(name, method):
 
 @pytest.mark.slow
 def test_records_side_by_side_have_the_gradients_of_each_alone():
-    """And what they keep of every step is written row by row: no step chooses between whole buffers."""
+    """The stored values of each step are written by row; no step selects between complete buffers."""
     many = 3001
     o = options(1e-6, "bosh3", max_steps=many, outputs=("peak_rotation",))
 
@@ -288,7 +288,7 @@ def test_history_can_be_differentiated():
 
 @pytest.mark.slow
 def test_grazing_and_hopeless_scenes_give_finite_derivatives():
-    """Near grazing impacts derivatives grow; they are never NaN. Nor are they for scenes that never lift, or
+    """Derivatives grow near grazing impacts but are never NaN, also for scenes that never lift or that
     overturn."""
     for name in ("rigid", "elastic"):
         podium = PODIUMS[name]
@@ -329,7 +329,7 @@ def test_second_derivatives_are_refused():
 
 @pytest.mark.slow
 def test_a_short_scene_beside_a_long_one_has_its_gradient_by_samples():
-    """Lanes that have ended go on beside the others: what they do must not reach the gradient."""
+    """Lanes whose scene has ended continue with the others; their values must not affect the gradient."""
     o = options(1e-4, "bosh3", max_steps=800, outputs=("peak_shear",))
 
     def shear(samples):

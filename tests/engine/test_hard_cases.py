@@ -21,8 +21,8 @@ ENDED = (rj.RESULTS.settled, rj.RESULTS.end_of_time, rj.RESULTS.overturned)
 )
 @pytest.mark.parametrize("kind", [rj.Ricker, rj.OneSine, rj.OneCosine])
 def test_amplitude_at_uplift(podium, kind):
-    """Amplitude at uplift times 1 ± 1e-12: at and below it never lifts, above it the rotation is under 1e-9
-    α."""
+    """Amplitudes of 1 ± 1e-12 times the uplift amplitude: at or below it the columns never lift, above it the
+    rotation is below 1e-9 α."""
     up = float(podium.uplift_acceleration)
     for factor in (1 - 1e-12, 1.0, 1 + 1e-12):
         peak = rj.peak_response(podium, kind(up * factor, 0.9))
@@ -35,10 +35,11 @@ def test_amplitude_at_uplift(podium, kind):
             assert bool(peak.uplifted)
 
 
-@pytest.mark.filterwarnings("ignore::rockjax.PlausibilityWarning")  # so weak a pulse lifts by resonance
+@pytest.mark.filterwarnings(
+    "ignore::rockjax.PlausibilityWarning"
+)  # the weak pulse lifts columns by resonance
 def test_tangent_uplift():
-    """Tangent uplift: where the demand of Eq. (9) only just reaches the threshold, the rotation starts from
-    zero."""
+    """If the demand of Eq. (9) only touches the threshold, the rotation grows continuously from zero."""
     podium = elastic(0.6, eta=20.0)
     lifts = lambda a: np.asarray(rj.peak_responses(podium, rj.Ricker(a, 0.8)).uplifted)
     lo, hi = 0.1, 40.0
@@ -57,9 +58,9 @@ def test_tangent_uplift():
 
 
 def test_grazing_impact():
-    """Grazing impact: the columns come down with no speed left; the answer is continuous through it, to the
-    square root of the distance, and none is NaN."""
-    motion = rj.HalfSine(-2.5 * UPLIFT, 2.0)  # pushes back up while it lasts
+    """Grazing impact: the columns land with zero speed. The answer is continuous like the square root of the
+    distance, and never NaN."""
+    motion = rj.HalfSine(-2.5 * UPLIFT, 2.0)  # acts against the fall during the pulse
     state = lambda speed: rj.State(0.05, -speed)
     solve = lambda speed: rj.simulate(
         BLOCK, motion, initial=state(speed), t_end=0.6, options=options(1e-11, "dopri8")
@@ -81,8 +82,8 @@ def test_grazing_impact():
 
 
 def test_impact_and_uplift_at_once():
-    """Simultaneous impact and uplift: with e = 0 under a demand above the threshold, the columns come to rest
-    and lift at the same instant, to the side that Eq. (9) says."""
+    """Impact and uplift at once: with e = 0 and a demand above the threshold, the columns come to rest and
+    lift at the same instant, to the side of Eq. (9)."""
     podium = BLOCK.replace(restitution=0.0)
     motion = rj.Record(np.full(400, 3.0 * UPLIFT), 0.01)
     response = rj.simulate(podium, motion, initial=rj.State(0.05, -0.5), t_end=0.5)
@@ -96,11 +97,11 @@ def test_impact_and_uplift_at_once():
 
 
 def test_free_rocking_to_rest():
-    """Free rocking to rest: infinitely many impacts end at the sum of their flight times, known by
-    quadrature."""
+    """Free rocking to rest: infinitely many impacts end at the sum of their flight times, from
+    quadratures."""
     alpha, e, p, theta0 = float(BLOCK.alpha), float(BLOCK.restitution_factor), float(BLOCK.p), 0.2
-    p *= math.sqrt(1 / 0.75 / (4 / 3))  # the solitary block: p² itself
-    # This is cos(α−θ) − cos α, without cancellation.
+    p *= math.sqrt(1 / 0.75 / (4 / 3))  # p of the solitary block
+    # cos(α−θ) − cos α without cancellation.
     well = lambda th: 2 * math.sin(0.5 * th) * math.sin(alpha - 0.5 * th)
     top_of = lambda height: (
         alpha - math.acos(math.cos(alpha) + height) if height > 1e-7 else height / math.sin(alpha)
@@ -131,7 +132,8 @@ def test_free_rocking_to_rest():
 @pytest.mark.slow(but=["*chattering"])
 @pytest.mark.parametrize(("T_s", "e", "cause"), [(1.0, 1.0, "chattering"), (0.004, 0.9, "too_stiff")])
 def test_what_runs_out_of_steps_says_why(T_s, e, cause):
-    """Vibration without end and impacts without end are named, and raised unless `throw` is off."""
+    """Endless vibration and endless impacts have named results, which raise an error unless `throw` is
+    False."""
     podium = elastic(T_s).replace(restitution=e)
     limited = rj.Options(outputs=("impacts",), max_steps=60_000)
     with pytest.raises(RuntimeError, match=cause):
@@ -142,7 +144,7 @@ def test_what_runs_out_of_steps_says_why(T_s, e, cause):
 
 
 def test_massless_beam_and_superstructure():
-    """γ = η = 0: the solitary block, whatever stands on it weighing nothing."""
+    """With γ = η = 0 the podium rocks like a solitary block, for every massless superstructure."""
     motion = rj.Ricker(1.6 * UPLIFT, 0.9)
     alone = rj.peak_response(BLOCK, motion)
     for top in (rj.Rigid(0.0), rj.Elastic(0.0, 0.4)):
@@ -152,8 +154,8 @@ def test_massless_beam_and_superstructure():
 
 
 def test_balanced_on_the_edge():
-    """θ_0 = α with overturn_ratio > 1, exactly and an ulp beside it: stays, falls or comes back, always by
-    name."""
+    """θ_0 = α with overturn_ratio > 1, exactly or one unit in the last place beside it: the columns stay,
+    fall or return, and the result names it."""
     lenient = rj.Options(overturn_ratio=1.5, throw=False)
     alpha = float(BLOCK.alpha)
     for theta in (alpha, np.nextafter(alpha, 0), np.nextafter(alpha, 1)):
@@ -175,7 +177,8 @@ def test_balanced_on_the_edge():
 
 @pytest.mark.parametrize("zeta", [0.0, 0.05, 1.0])
 def test_superstructure_a_hundred_times_faster_than_the_pulse(zeta):
-    """T_s a hundredth of the pulse: thousands of small steps, the error where the tolerance puts it."""
+    """T_s of a hundredth of the pulse period takes thousands of small steps, and the error matches the
+    tolerance."""
     podium = elastic(0.01, eta=20.0, zeta=zeta)
     motion = pulse(ratio=3.0)
     wanted = ("peak_rotation", "errors")
@@ -188,7 +191,7 @@ def test_superstructure_a_hundred_times_faster_than_the_pulse(zeta):
 
 
 def finely(record, times):
-    """The same motion with `times` as many samples."""
+    """Return the same motion with `times` as many samples."""
     n = record.acceleration.shape[0]
     fine = np.interp(np.arange((n - 1) * times + 1) / times, np.arange(n), record.acceleration)
     return rj.Record(fine, record.dt / times)
@@ -197,8 +200,8 @@ def finely(record, times):
 @pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("podium", [PODIUMS["rigid"], elastic(0.4, eta=10.0)], ids=["rigid", "elastic"])
 def test_a_record_of_200000_samples(podium):
-    """A record with 200 000 samples: the same answer as the same motion with 2000, in steps of its
-    samples."""
+    """A record of 200 000 samples has the same answer as the same motion with 2000, with a step for each
+    sample."""
     t = 0.0137 * np.arange(2001)
     coarse = rj.Record(2.6 * np.exp(-(((t - 12) / 2) ** 2)) * np.sin(5.2 * t), 0.0137)
     long = finely(coarse, 100)
@@ -210,8 +213,8 @@ def test_a_record_of_200000_samples(podium):
 
 
 def test_a_record_with_a_constant_offset():
-    """A constant offset: harmless below the threshold, the ground's jumps at both ends included; above it, it
-    overturns."""
+    """A constant offset below the threshold is harmless, including its jumps at both ends; above it, the
+    columns overturn."""
     t = 0.01 * np.arange(3000)
     swing = 0.4 * UPLIFT * np.sin(3 * t) * np.exp(-(((t - 10) / 4) ** 2))
     quiet = rj.peak_response(BLOCK, rj.Record(swing + 0.5 * UPLIFT, 0.01))
@@ -227,8 +230,7 @@ def test_a_record_with_a_constant_offset():
 @pytest.mark.slow(but=["0.0137", "0.5"])
 @pytest.mark.parametrize("dt", [0.0137, 0.5, 1e-4])
 def test_sampling_unequal_to_the_step(dt):
-    """dt unequal to the step: steps end on samples, however these lie; coarse and fine samples of one motion
-    agree."""
+    """Steps end on samples of any interval, so coarse and fine samples of one motion agree."""
     n = max(8, round(3.0 / dt))
     a = 1.8 * UPLIFT * np.sin(np.linspace(0, 9, n)) ** 3
     record = rj.Record(a, dt)
@@ -242,8 +244,7 @@ def test_sampling_unequal_to_the_step(dt):
 
 @pytest.mark.slow
 def test_single_precision_on_purpose():
-    """float32 on purpose: answers to single precision, in batches as well; tolerances below it are
-    refused."""
+    """In float32, answers have single precision, also in batches, and smaller tolerances raise an error."""
     with jax.enable_x64(False) if hasattr(jax, "enable_x64") else jax.experimental.enable_x64(False):
         podium = rj.Podium(0.3, 2.0)
         motions = rj.OneSine(np.linspace(1.2, 2.0, 40) * UPLIFT, 1.0)
@@ -261,7 +262,7 @@ def test_single_precision_on_purpose():
 
 @pytest.mark.slow
 def test_estimated_errors_are_an_output_like_others():
-    """Estimated errors: in every way of asking, without derivatives, and never without the rotation."""
+    """Estimated errors can be requested in every way, have no derivatives, and include the rotation."""
     o = rj.Options(outputs=("peak_rotation", "peak_shear", "errors"))
     podium, motion = PODIUMS["elastic"], pulse()
     single = rj.peak_response(podium, motion, options=o)
@@ -286,8 +287,8 @@ def test_estimated_errors_are_an_output_like_others():
 
 @pytest.mark.slow
 def test_scenes_on_the_boundary_are_undecided():
-    """Within the error of the overturning boundary the class is left open, on both of its sides; away from
-    it, never."""
+    """Scenes within the error of the overturning boundary are undecided on both sides; other scenes are
+    decided."""
     T_p = 0.8
     limit = float(rj.overturning_acceleration(PODIUMS["frame"], rj.Ricker, T_p))
     away = np.array([-1e-2, -1e-3, -1e-12, -1e-14, 1e-14, 1e-12, 1e-3, 1e-2])
@@ -298,7 +299,7 @@ def test_scenes_on_the_boundary_are_undecided():
 
 @pytest.mark.slow
 def test_estimates_on_records_see_errors_of_landing():
-    """Where samples set the steps, both solutions landed on impacts alike, and one estimate in twenty was far
+    """If samples determine the steps, the second solution must land on impacts differently, or estimates are
     too small."""
     rng = np.random.default_rng(6)
     n = 400
@@ -319,8 +320,8 @@ def test_estimates_on_records_see_errors_of_landing():
 
 @pytest.mark.slow
 def test_estimates_on_records_do_not_repeat_the_steps_of_the_first_solution():
-    """Where a short period sets the steps, both solutions halved every interval of the record: shears had
-    errors up to 1e-5 in common, and 49 of 68 estimates were below a tenth of the error."""
+    """If a short period determines the steps, the second solution must divide the intervals of the record
+    differently. Otherwise both solutions have common errors of the shear, and estimates are too small."""
     podium = elastic(0.12)
     motion = shaking(400).scaled(np.linspace(0.8, 2.6, 96))
     o = rj.Options(rtol=1e-4, atol=1e-6, outputs=("peak_rotation", "peak_shear", "errors"))
@@ -337,7 +338,7 @@ def test_estimates_on_records_do_not_repeat_the_steps_of_the_first_solution():
 
 
 def with_classes_at_tighter_tolerances(podium, motion, start, ratio, rtol):
-    """(peaks, those of them that overturn or not, and do otherwise at a ten-thousandth of the tolerance)."""
+    """Return peaks, and for which scenes the outcome changes at a ten-thousandth of the tolerance."""
     outputs = ("peak_rotation", "peak_deformation", "peak_shear", "errors")
     o = rj.Options(rtol=rtol, atol=rtol / 100, outputs=outputs, overturn_ratio=ratio)
     tight = o.replace(rtol=rtol / 1e4, atol=rtol / 1e6)
@@ -346,9 +347,10 @@ def with_classes_at_tighter_tolerances(podium, motion, start, ratio, rtol):
 
 
 NEIGHBOURS = 1 + 1e-7 * np.linspace(0, 1, 96)
-# (frame, superstructure, restitution, motion, initial state, overturn_ratio, rtol, least number that change)
+# (frame, superstructure, restitution, motion, initial state, overturn_ratio, rtol, least number of changed
+# outcomes)
 CHAOTIC = {
-    # Two solutions stood by chance, with equal peaks from before, where a third overturned; 20 unflagged.
+    # Two solutions survive by chance with equal earlier peaks, while a third overturns.
     "squat": (
         (1.055429171615247, 38.025852721841, 0.007033951931859461),
         (2.791043851687052, 0.01, 0.0011588894808684225),
@@ -359,7 +361,7 @@ CHAOTIC = {
         1e-6,
         10,
     ),
-    # Both stood.
+    # Both solutions survive.
     "slender": (
         (0.06733776828081249, 3.890294038149851, 0.015474651059458848),
         (0.745569903998054, 0.22716101037004283, 0.0032855725886379136),
@@ -376,8 +378,8 @@ CHAOTIC = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CHAOTIC)
 def test_chaotic_scenes_are_undecided(name):
-    """Chaotic rocking on a superstructure that hardly damps: wherever a tighter tolerance changes the class,
-    it is left open."""
+    """Chaotic rocking with a lightly damped superstructure: every scene whose outcome changes with a smaller
+    tolerance is undecided."""
     frame, top, restitution, motion, start, ratio, rtol, least = CHAOTIC[name]
     podium = rj.Podium(*frame, rj.Elastic(*top), restitution=restitution)
     peaks, changes = with_classes_at_tighter_tolerances(podium, motion, start, ratio, rtol)
@@ -387,8 +389,8 @@ def test_chaotic_scenes_are_undecided(name):
 
 @pytest.mark.slow
 def test_chaotic_solutions_hardly_agree_by_chance():
-    """Both overturn, where none does at a tighter tolerance: at times of their own, which now and then are
-    close; one in 66 went unflagged while a tenth of 1/p was allowed."""
+    """Both solutions overturn although none does with a smaller tolerance. Their times of overturning differ,
+    and are close only by chance."""
     podium = rj.Podium(
         0.01123144244003005,
         1.839910557815006,
@@ -405,7 +407,7 @@ def test_chaotic_solutions_hardly_agree_by_chance():
 
 @pytest.mark.slow
 def test_regular_scenes_are_decided():
-    """Regular rocking: no class is left open, and none changes."""
+    """Regular rocking: no scene is undecided, and no outcome changes."""
     motion = rj.Ricker(UPLIFT * np.linspace(1.1, 3.0, 96), 1.0)
     peaks, changes = with_classes_at_tighter_tolerances(PODIUMS["elastic"], motion, rj.State(), 1.0, 1e-6)
     assert peaks.uplifted.all()
@@ -414,7 +416,7 @@ def test_regular_scenes_are_decided():
 
 
 def test_an_estimate_beside_a_scene_out_of_steps():
-    """Out of steps: no estimate is an infinite one, and the class is open."""
+    """Without enough steps the estimate is infinite and the scene is undecided."""
     o = rj.Options(outputs=("peak_rotation", "errors"), max_steps=20, throw=False)
     peak = rj.peak_response(PODIUMS["elastic"], pulse(), options=o)
     assert peak.result == rj.RESULTS.out_of_steps
@@ -422,7 +424,7 @@ def test_an_estimate_beside_a_scene_out_of_steps():
     assert bool(peak.errors.undecided)
 
 
-# Found by the stress campaign.
+# Scenes from the stress campaign.
 @pytest.mark.parametrize(
     ("podium", "motion", "initial"),
     [
@@ -448,8 +450,8 @@ def test_an_estimate_beside_a_scene_out_of_steps():
     ],
 )
 def test_shear_of_the_last_hops(podium, motion, initial):
-    """The last hops before rest, at 1e-12: the shear hardly changes over them, and its maxima by rounding
-    were landed on for ever."""
+    """In the last hops before rest, at rtol = 1e-12, the shear has maxima due to rounding. Steps must not end
+    on them endlessly."""
     tight = options(1e-12, "dopri8", outputs=("peak_rotation", "peak_shear"), max_steps=20_000)
     peak = rj.peak_response(podium, motion, initial=initial, options=tight)
     loose = rj.peak_response(podium, motion, initial=initial, options=tight.replace(rtol=1e-9, atol=1e-11))
@@ -460,8 +462,8 @@ def test_shear_of_the_last_hops(podium, motion, initial):
 
 
 def test_what_the_rest_velocity_takes_away_is_estimated():
-    """Little restitution while the ground lifts the columns again: an impact leaves them a speed below the
-    rest velocity of both solutions that the error estimate compares. It was a ten-millionth of the error."""
+    """With little restitution, an impact may leave a speed below the rest velocity of both solutions while
+    the ground lifts the columns again. The error estimate must include this effect."""
     block = BLOCK.replace(restitution=1e-8)
     motion = rj.Record(np.r_[np.full(30, 1.4 * UPLIFT), np.full(30, -0.5 * UPLIFT)], 0.02)
     solve = lambda rtol: rj.peak_response(
@@ -478,8 +480,8 @@ def test_what_the_rest_velocity_takes_away_is_estimated():
 
 
 def test_hops_that_would_not_end_are_estimated():
-    """Columns that lose nothing hop below the rest velocity until the ground lifts them. Both solutions that
-    the error estimate compares had let them rest, and it was a hundred-thousandth of the error."""
+    """Columns without losses hop below the rest velocity until the ground lifts them, while both solutions
+    put them to rest. The error estimate must include this effect."""
     block = BLOCK.replace(restitution=1.0)
     motion = rj.Record(UPLIFT * np.r_[np.full(8, 0.8), np.full(20, 1.2), np.full(10, -0.9)], 0.02)
     initial = rj.State(0.0, 0.9e-4 * float(block.p * block.alpha))
@@ -493,8 +495,8 @@ def test_hops_that_would_not_end_are_estimated():
 
 @pytest.mark.parametrize("change", [0.0, 1e-7, 1e-9, -1e-7, -1e-12])
 def test_an_impact_just_after_a_sample(change):
-    """Rotation predicted over a sample passes zero at its very start and again near its end. The search for
-    the first time stopped so early that the trials became shorter for ever (window of 1e-6 of the scale)."""
+    """The predicted rotation over a sampling interval is zero just after its start and again near its end.
+    The search for the first zero must not end too early, or trials become ever shorter."""
     record = rj.synthetic_motions(66, seed=1, dt=0.02, duration=20.0, pga=0.3 * 9.80665)[65]
     podium = rj.Podium(np.radians(10.0), 3.5606506330096086)
     peak = rj.peak_response(podium, record.record(2.1890039397029293 * (1 + change)))

@@ -1,7 +1,6 @@
-"""What must hold for every structure and motion, looked for with random ones.
+"""Properties of all structures and motions, tested with random ones.
 
-Two solutions of the same scene may differ by their errors: the estimates of the scenes themselves say by how
-much.
+Two solutions of a scene may differ by the estimated errors.
 """
 
 import math
@@ -28,7 +27,7 @@ OPTIONS = rj.Options(
     max_steps=100_000,
 )
 KINDS = ("none", "rigid", "elastic")
-# What is drawn may be possible and not plausible, such as 455 g.
+# Random values may be valid but implausible, such as 455 g.
 pytestmark = pytest.mark.filterwarnings("ignore::rockjax.PlausibilityWarning")
 
 
@@ -43,7 +42,7 @@ def examples(count):
 
 
 def numbers(low, high):
-    """Between two positive numbers, as likely in each decade."""
+    """Return a strategy for numbers between two positive bounds, uniform in the logarithm."""
     return st.floats(0, 1).map(lambda u: low * (high / low) ** u)
 
 
@@ -73,7 +72,7 @@ def solve(podium, motion, options=OPTIONS, **more):
 
 
 def assert_same(a, b, length=1.0):
-    """Two solutions of one scene, to ten times their estimated errors."""
+    """Check that two solutions of a scene agree within ten times their estimated errors."""
     if bool(a.errors.undecided) or bool(b.errors.undecided):
         return
     assert bool(a.overturned) == bool(b.overturned)
@@ -159,7 +158,7 @@ def test_a_frame_is_its_equivalent_block(kind):
 
 @st.composite
 def pushed(draw, kind):
-    """Free rocking from a random state inside the well."""
+    """Return free rocking from a random state inside the potential well."""
     podium = draw(podiums(kind))
     alpha, p = float(podium.alpha), float(podium.p)
     theta = draw(st.floats(-0.8, 0.8)) * alpha
@@ -172,8 +171,8 @@ def pushed(draw, kind):
 @pytest.mark.slow(but=["none"])
 @pytest.mark.parametrize("kind", ["none", "elastic"])
 def test_without_shaking_energy_only_falls(kind):
-    """… between impacts by the damper, at each impact by exactly what Eq. (27) takes, and never through
-    chatter; and the columns never go through the ground: while σ = ±1, σθ ≥ 0."""
+    """Energy decreases between impacts by the damper and at each impact by Eq. (27). The columns never enter
+    the ground: while σ = ±1, σθ ≥ 0."""
 
     @examples(15)
     @given(pushed(kind))
@@ -188,7 +187,7 @@ def test_without_shaking_energy_only_falls(kind):
         E = np.asarray(jax.vmap(lambda s, x, v: energy(c, s, x, v))(nodes.sigma, nodes.x, nodes.v))
         scale = E.max()
         assert np.all(np.diff(E) <= 1e-8 * scale + 1e-15)
-        # Subnormal angles count as zero.
+        # Subnormal angles are replaced by zero.
         assert np.all(np.asarray(nodes.sigma) * np.asarray(nodes.x[0]) >= -1e-300)
         hits = np.asarray(response.impact_times)[:3]
         before, after = response(hits, left=True), response(hits)
@@ -200,8 +199,7 @@ def test_without_shaking_energy_only_falls(kind):
 
 
 def test_restitution_compatible_with_a_rigid_superstructure():
-    """Angular momentum of the compatible law after the superstructure has come to move with the beam: that of
-    Rigid."""
+    """With the compatible law, the angular momentum after vibrations have decayed equals that of Rigid."""
 
     @examples(100)
     @given(podiums("elastic", "compatible"))
@@ -219,8 +217,8 @@ def test_restitution_compatible_with_a_rigid_superstructure():
 
 
 def test_uplifted_frequency_of_the_linearised_engine():
-    """Eqs. (30), (31): on the edge at rest, from the derivative of the equations of motion that the engine
-    integrates."""
+    """Eqs. (30) and (31) follow from the derivative of the engine's equations of motion at rest on the
+    edge."""
 
     @jax.jit
     def stiffness(podium):
@@ -230,7 +228,7 @@ def test_uplifted_frequency_of_the_linearised_engine():
             still = (jnp.zeros(()), jnp.zeros(()))
             return jnp.stack(model.acceleration(c, jnp.ones(()), jnp.zeros(()), (x[0], x[1]), still))
 
-        def relative(x):  # θ and the deformation
+        def relative(x):  # in terms of θ and the deformation
             return jnp.stack([x[0], x[1] - model.beam(c, jnp.ones(()), x[0], jnp.zeros(()))[0]])
 
         to = jax.jacfwd(relative)(jnp.zeros(2))
@@ -264,14 +262,14 @@ def test_batch_single_and_reversed_order_agree(kind):
                 assert_same(rj.peak_response(podium, motion, options=OPTIONS), place)
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # scenes out of steps
+        warnings.simplefilter("ignore", RuntimeWarning)  # some scenes run out of steps
         check()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_tolerances_converge_and_estimates_hold(kind):
-    """The error at a loose tolerance is within ten times its estimate, nearly always; a class that flips was
-    flagged."""
+    """The error at a large tolerance is nearly always within ten times its estimate, and every changed
+    outcome is flagged."""
     outside, flips = [], []
 
     @examples(40)

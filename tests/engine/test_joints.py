@@ -1,7 +1,7 @@
 """Forces in the joints: exact statements, free bodies, an independent integrator, derivatives, bounds.
 
-Facts are those of the authority on the model; `tests.reference_joints` cuts columns, beam and floors free and
-solves for all joint forces at once, along its own trajectory.
+Facts are independent statements with numbers. `tests.reference_joints` cuts columns, beam and floors free and
+solves for all joint forces at once, along its own solution of the motion.
 """
 
 import dataclasses
@@ -48,19 +48,19 @@ SAME_OVER_ONE = (
 
 # -------------------------------------------------------------------------------- forces of given states
 class Found(NamedTuple):
-    """Forces over m_c g, rows of states; T and N have axes (joints, columns), those of the mean column
-    (joints)."""
+    """Forces divided by m_c g, one row for each state; T and N have the axes (joints, columns), and (joints)
+    for the mean column."""
 
     theta_ddot: Any
-    devices: Any  # at the bottom and the top joint
+    devices: Any  # forces at the bottom and the top joint
     mean_T: Any
     mean_N: Any
     T: Any
     N: Any
-    V: Any  # over the total weight
+    V: Any  # divided by the total weight
     W: Any
     eccentricity: Any
-    moment: Any  # over N m_c g [m]
+    moment: Any  # divided by N m_c g [m]
 
 
 class States(NamedTuple):
@@ -105,27 +105,27 @@ def _forces(podium: rj.Podium, sigma, states: States, moves_up: bool) -> Found:
 
 
 def found_at(podium: rj.Podium, sigma: int, states: States) -> Found:
-    """Forces in states under one contact mode σ."""
+    """Return the forces in states with one contact mode σ."""
     states = States(*(jnp.asarray(np.asarray(y, float)) for y in states))
     moves_up = bool(np.any(np.asarray(states.vertical)))
     return Found(*map(np.asarray, _forces(podium.split_rows(), jnp.asarray(float(sigma)), states, moves_up)))
 
 
 def at(podium, sigma, theta=0.0, theta_dot=0.0, ground=0.0, vertical=0.0, u=(), u_dot=()) -> Found:
-    """Forces in one state."""
+    """Return the forces in one state."""
     numbers = theta, theta_dot, u, u_dot, ground, vertical
     return Found(*(y[0] for y in found_at(podium, sigma, States(*(np.array([y]) for y in numbers)))))
 
 
 def of_free_bodies(podium: rj.Podium, sigma: int, states: States):
-    """The same from the independent implementation."""
+    """Return the same forces from the independent implementation."""
     columns = [np.asarray(y, float).reshape(len(np.asarray(states.theta)), -1) for y in states[:4]]
     y = np.concatenate([*columns, np.zeros((len(columns[0]), 1))], axis=1)
     return structure_of(podium).forces(sigma, y, np.asarray(states.ground), np.asarray(states.vertical))
 
 
 def near(found, expected, digits=1e-13, size=None):
-    """Agreement relative to the largest number."""
+    """Check agreement relative to the largest value."""
     found, expected = np.asarray(found), np.asarray(expected)
     size = np.max(np.abs(expected)) if size is None else size
     assert found.shape == expected.shape
@@ -134,7 +134,7 @@ def near(found, expected, digits=1e-13, size=None):
 
 # -------------------------------------------------------------------------------------------------- facts
 def test_block_of_zhang_and_makris():
-    """Fact 1, their (20) for λ = ⅓."""
+    """Fact 1: Eq. (20) of Zhang and Makris for λ = ⅓."""
     found = at(K, 1, 0.1, -0.4, 3.0)
     near(found.mean_T, [-0.02629186743966190, 0.0], 5e-15)
     near(found.mean_N, [0.9299909692350224, 0.0], 5e-15)
@@ -146,7 +146,7 @@ def test_block_of_zhang_and_makris():
 
 
 def test_block_that_a_jump_lifts():
-    """Fact 2, their (7) and (51)."""
+    """Fact 2: Eqs. (7) and (51) of Zhang and Makris."""
     for ground, expected, size in (
         (2.5 * G * math.tan(0.25), 0.3449263734170140, 1.0),
         (6 * 0.25 * G, 1.995790619921605, math.tan(0.25)),
@@ -157,7 +157,7 @@ def test_block_that_a_jump_lifts():
 
 @pytest.mark.slow
 def test_block_under_one_sine():
-    """Fact 3; they read 2.5 tan α."""
+    """Fact 3; their figure shows 2.5 tan α."""
     block = rj.Podium(0.25, 0.75 * 9.81 / 2.14**2, restitution=0.9, g=9.81)
     found = rj.peak_response(block, rj.OneSine(2.22 * 9.81, 2 * math.pi / 15.7), options=TIGHT)
     assert float(found.peak_friction[0]) == pytest.approx(0.6212181948105, abs=1e-9)
@@ -175,7 +175,7 @@ def test_slow_uplift_without_devices():
     share = 1 - (lever * tan + 1.5 * math.sin(0.15)) / float(S_R.core_distance)
     assert share == pytest.approx(0.5449239683164911, rel=1e-14)
     assert uplift.N[1, 0] / 60 == pytest.approx(share, rel=1e-13)
-    # The height of what the columns carry that lifts the beam off.
+    # The height of the carried mass at which the beam lifts off.
     height = 18.36661789986579
     top = (60 * height - 10 * 0.3) / 50 - 0.6
     assert (
@@ -190,9 +190,9 @@ def test_slow_uplift_without_devices():
 
 
 def test_slow_uplift_with_prestress():
-    """Fact 7."""
+    """Fact 7: slow uplift with prestress."""
     found = at(S_R.replace(restrainers=(rj.Tendon(5.0),)), 1, ground=-G * math.tan(0.15) * (1 + 5 / 60.5))
-    # At the top 60 (1 + 5/60.5) tan α/65, whose digits from the 13th on the fact does not have.
+    # At the top 60 (1 + 5/60.5) tan α/65; the fact has only 12 digits.
     near(np.abs(found.mean_T / found.mean_N), [0.1512298431635156, 0.15103913718222495], 1e-14)
     near(found.N[1], [35.43577517054906, 94.56422482945094], 1e-14)
 
@@ -203,7 +203,7 @@ STATE_8: dict[str, Any] = {
 
 
 def test_all_parts_at_once():
-    """Fact 8."""
+    """Fact 8: all parts of a podium together."""
     found = at(S_E.replace(restrainers=DEVICES), 1, **STATE_8)
     assert found.theta_ddot == pytest.approx(-3.732558097634604, rel=1e-13)
     near(found.devices, np.full(2, 5.021443454137038))
@@ -216,7 +216,7 @@ def test_all_parts_at_once():
 
 
 def test_devices_in_the_bottom_joint():
-    """Fact 9: the same equivalents, twice the force below and none above."""
+    """Fact 9: the motion is the same, with twice the force in the bottom joint and none in the top joint."""
     both, one = (at(S_E.replace(restrainers=y), 1, **STATE_8) for y in (DEVICES, SAME_OVER_ONE))
     for name in ("theta_ddot", "V", "W", "moment"):
         assert getattr(one, name) == pytest.approx(getattr(both, name), rel=1e-13)
@@ -225,7 +225,7 @@ def test_devices_in_the_bottom_joint():
 
 
 def test_full_contact():
-    """Fact 10."""
+    """Fact 10: forces in full contact."""
     found = at(S_E, 0, ground=0.8, u=[0.01], u_dot=[0.05])
     assert found.eccentricity == pytest.approx(0.8218952989423373, rel=1e-14)
     assert found.moment == pytest.approx(75.60065626495714, rel=1e-14)
@@ -234,14 +234,14 @@ def test_full_contact():
 
 
 def test_columns_without_mass():
-    """Fact 11: two-force members."""
+    """Fact 11: columns without mass are two-force members."""
     heavy = S.replace(gamma=1e9)
     found = at(heavy, 1, 0.05, -0.3, 1.0)
     near(found.T / found.N, np.full((2, 2), -0.1003346720854505), 2e-9)
 
 
 def test_impulses():
-    """Facts 12 to 15."""
+    """Facts 12 to 15: impulses of impacts."""
     exact = 3 * math.sin(0.25) * math.cos(0.25) / (4 - 3 * math.sin(0.25) ** 2)
     near(K.impact_friction, [0.1884349745390735, 0.0], 1e-14)
     assert float(K.impact_friction[0]) == pytest.approx(exact, rel=1e-14)
@@ -267,16 +267,16 @@ def test_impulses():
     inert = compatible.replace(restrainers=(rj.Inerter(8.0),))
     near(inert.impact_friction, [0.1529842168984364, 0.1467705722344943], 1e-14)
     assert float(inert.impact_eccentricity) == pytest.approx(1.0, rel=1e-14)
-    # A number below (C13) would have the old edges pull.
+    # A factor below (C13) requires tension at the old edges.
     assert float(compatible.replace(restitution=0.7).impact_eccentricity) > 1
-    # An impact that ends in rest: the ratios are those of e = 0.
+    # After an impact that ends rocking, the ratios are those of e = 0.
     stocky = S_R.replace(alpha=1.2, elevation=None)
     assert float(stocky.restitution_factor) < 0
     near(stocky.impact_friction, stocky.replace(restitution=0.0).impact_friction, 1e-15)
 
 
 def test_lever_arms_of_buildings():
-    """Fact 16."""
+    """Fact 16: lever arms of the modes of buildings."""
     building = rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0], heights=[3.0] * 3)
     frame = rj.Podium(0.15, 1.5, 10.0, building, elevation=rj.Elevation([-3.0, 3.0]))
     arms: Any = frame.resolved().elevation
@@ -289,7 +289,7 @@ def test_lever_arms_of_buildings():
     one = rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0], modes=1, heights=[3.0] * 3)
     arms = frame.replace(superstructure=one).resolved().elevation
     assert float(arms.beam / one.modes.residual) == pytest.approx(-0.5870338458125549, rel=1e-12)
-    # Heights of the floors may be the elevation's instead.
+    # The elevation may give the heights of the floors instead.
     bare = rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0], modes=1)
     given = frame.replace(superstructure=bare, elevation=rj.Elevation([-3.0, 3.0], 0.0, [3.0, 6.0, 9.0]))
     of_given: Any = given.resolved().elevation
@@ -298,7 +298,7 @@ def test_lever_arms_of_buildings():
 
 
 def test_release_from_rest():
-    """Fact 17."""
+    """Fact 17: forces at release from rest."""
     found = at(S, 1, 0.12)
     near([found.mean_T[0], found.mean_N[0]], [-0.3198886313399403, 10.99040046102530], 1e-14)
     assert found.N[1, 0] == pytest.approx(9.213884448565149, rel=1e-14)
@@ -307,7 +307,7 @@ def test_release_from_rest():
 def test_dead_load_and_core():
     near(S_R.dead_load, [61.0, 60.0], 1e-15)
     near(S_R.replace(restrainers=(rj.Tendon(5.0), rj.Damper(4.0))).dead_load, [66.0, 65.0], 1e-15)
-    # 10 over one joint is 5 over both; it sits in the bottom joint.
+    # A stiffness of 10 across the bottom joint is equivalent to 5 across both joints.
     near(S_R.replace(restrainers=(rj.Tendon(10.0, joints=1),)).dead_load, [71.0, 60.0], 1e-15)
     near(K.dead_load, [1.0, 0.0], 1e-15)
     for count in (2, 3, 5, 16):
@@ -366,7 +366,7 @@ def random_states(podium: rj.Podium, sigma: int, seed: int, vertical: bool = Tru
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_free_bodies(kind):
-    """All forces of all columns, while rocking to both sides and in full contact."""
+    """Forces of all columns agree with free bodies, while rocking to both sides and in full contact."""
     podium = KINDS[kind]
     structure = structure_of(podium)
     for sigma in (1, -1, 0):
@@ -385,7 +385,8 @@ def test_free_bodies(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_balance_of_columns(kind):
-    """Fact 20: (F4) is (C8); the ground carries what the foundation feels; joint forces have no power."""
+    """Fact 20: (F4) is equivalent to (C8), ground reactions equal foundation forces, and joint forces have no
+    power."""
     podium = KINDS[kind]
     alpha, R, lam = (float(getattr(podium, name)) for name in ("alpha", "R", "lam"))
     H = R * math.cos(alpha)
@@ -408,14 +409,15 @@ def test_balance_of_columns(kind):
             assert np.max(np.abs(found.T.sum(axis=2) - count * found.mean_T) / size[:, None]) <= 1e-13 * count
             size = np.max(np.abs(found.N), axis=(1, 2))
             assert np.max(np.abs(found.N.sum(axis=2) - count * found.mean_N) / size[:, None]) <= 1e-13 * count
-        # Power on one column, devices included: the change of its energy, and nothing at the ground.
+        # The power on one column, including devices, is the rate of its energy; forces at the ground have no
+        # power.
         weight = 1 + states.vertical / G
         for T, N in zip(np.moveaxis(found.T, 2, 0), np.moveaxis(found.N, 2, 0), strict=True):
             w = states.theta_dot
             u_b, v_b = 2 * R * np.cos(psi) * w, 2 * R * np.sin(psi) * w
             u_b2 = 2 * R * (np.cos(psi) * found.theta_ddot + np.sin(psi) * w**2)
             v_b2 = 2 * R * (np.sin(psi) * found.theta_ddot - np.cos(psi) * w**2)
-            opening = sigma * R * math.sin(alpha) * np.cos(half) * w  # rate of one joint
+            opening = sigma * R * math.sin(alpha) * np.cos(half) * w  # rate of opening of one joint
             work = [
                 -T[:, 1] * u_b, -N[:, 1] * v_b,
                 f_t * (u_b * np.sin(half) + v_b * np.cos(half)), -(f_b + f_t) * opening,
@@ -429,7 +431,7 @@ def test_balance_of_columns(kind):
 
 
 def impulses_at(podium: rj.Podium, sigma: int, theta_dot: float, u=()) -> tuple[np.ndarray, np.ndarray]:
-    """(J_T, J_N) of all columns over m_c."""
+    """Return (J_T, J_N) of all columns divided by m_c."""
     c = coefficients(podium.split_rows(), joints=True)
     arms = present(c.joints).arms
     several = c.vibration is not None and jnp.ndim(c.vibration.omega2)
@@ -444,7 +446,7 @@ def impulses_at(podium: rj.Podium, sigma: int, theta_dot: float, u=()) -> tuple[
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_impulses_of_free_bodies(kind):
-    """(F12) to (F15), for the factor in use and given ones."""
+    """(F12) to (F15), for the podium's own restitution factor and for given ones."""
     rng = np.random.default_rng(5)
     for e in (None, 0.6, 0.0):
         podium = KINDS[kind] if e is None else KINDS[kind].replace(restitution=e)
@@ -462,7 +464,7 @@ def test_impulses_of_free_bodies(kind):
             assert float(podium.impact_eccentricity) == pytest.approx(xi, rel=1e-11)
             means = np.mean(T, axis=1), np.mean(N, axis=1)
             near(np.abs(means[0]), np.asarray(podium.impact_friction) * means[1], 1e-13, size)
-            # (F15): the work of the impulses is the energy that the impact takes.
+            # (F15): the work of the impulses is the energy that the impact dissipates.
             gamma, eta = map(float, podium.mass_ratios)
             mu = sum(map(float, podium.inertances)) / 2
             taken = -0.5 * (1 + lam + 4 * gamma + 4 * (eta + mu) * math.sin(alpha) ** 2) * R**2
@@ -475,7 +477,7 @@ def test_impulses_of_free_bodies(kind):
 
 @pytest.mark.parametrize("kind", ["frame", "rigid", "elastic", "modes", "truncated"])
 def test_continuous_at_uplift(kind):
-    """At the threshold the forces of full contact are those of rocking, at every joint."""
+    """At the uplift threshold, the forces of full contact equal those of rocking in every joint."""
     podium = KINDS[kind]
     states = random_states(podium, 0, 8)
     gamma, eta = map(float, podium.mass_ratios)
@@ -500,7 +502,8 @@ def test_continuous_at_uplift(kind):
 
 
 def test_columns_at_equal_distances():
-    """Fact 18: the middle one of three is the mean column; twice the distance, half the difference."""
+    """Fact 18: the middle column of three is the mean column; at twice the distance the differences are half
+    as large."""
     podium = KINDS["truncated"].replace(elevation=rj.Elevation([-4.0, 0.0, 4.0], 0.5))
     wide = podium.replace(elevation=rj.Elevation([-8.0, 0.0, 8.0], 0.5))
     for sigma in (1, -1, 0):
@@ -509,7 +512,7 @@ def test_columns_at_equal_distances():
         near(found.T[..., 1], found.mean_T, 1e-14)
         near(found.N[..., 1], found.mean_N, 1e-14)
         near(2 * (far.N - far.N[..., 1:2]), found.N - found.N[..., 1:2], 1e-13, np.max(np.abs(found.N)))
-        # Order and origin of the positions do not matter, equal ones are columns of one line.
+        # Order and origin of the positions have no effect; equal positions are columns of one line.
         moved = found_at(podium.replace(elevation=rj.Elevation([14.0, 6.0, 10.0], 0.5)), sigma, states)
         near(moved.N, found.N[..., [2, 0, 1]], 1e-13)
 
@@ -537,7 +540,7 @@ def elevation_heights(elevation: rj.Elevation) -> tuple:
 
 
 def test_size():
-    """Fact 19: everything longer, times √s longer, forces over weights the same."""
+    """Fact 19: if lengths are multiplied by s and times by √s, forces divided by weights stay the same."""
     podium, s = KINDS["modes"], 2.7
     elevation: Any = podium.elevation
     large = podium.replace(
@@ -558,7 +561,7 @@ def test_size():
 
 
 def test_vertical_acceleration_that_is_constant():
-    """Fact 19: v̈_g ≡ a is another g, with other groups."""
+    """Fact 19: a constant v̈_g is equivalent to another g, with other dimensionless parameters."""
     a, podium = 2.3, S_E.replace(restrainers=DEVICES)
     ratio = G / (G + a)
     other = podium.replace(
@@ -580,7 +583,7 @@ def test_vertical_acceleration_that_is_constant():
 # ------------------------------------------------------------------------------------ peaks of scenes
 @dataclasses.dataclass
 class Scene:
-    """A scene for both implementations; `vertical` is a part of the horizontal motion."""
+    """A scene for both implementations; `vertical` is the vertical motion divided by the horizontal one."""
 
     podium: rj.Podium
     pulse: Any  # (name, a_p, T_p), or a record
@@ -590,7 +593,7 @@ class Scene:
 
     @property
     def horizontal(self):
-        """ü_g as a function of time, and its breakpoints."""
+        """Return ü_g as a function of time, and its breakpoints."""
         if isinstance(self.pulse, rj.Record):
             values = np.asarray(self.pulse.acceleration, float)
             times = float(self.pulse.dt) * np.arange(len(values))
@@ -612,7 +615,7 @@ class Scene:
         return rj.peak_response(podium, self.motion, initial=initial, t_end=self.end, options=options)
 
     def expected(self, change=lambda podium: podium, a_p: float | None = None):
-        """Peaks of the independent implementation."""
+        """Return the peaks from the independent implementation."""
         structure = structure_of(change(self.podium))
         horizontal, breaks = (
             self.horizontal
@@ -628,7 +631,7 @@ class Scene:
 
 
 def rough(seed: int = 3, peak: float = 2.6, n: int = 200) -> rj.Record:
-    """Noise of a few samples."""
+    """Return noise of a few samples."""
     noise = np.convolve(np.random.default_rng(seed).normal(size=n + 8), np.hanning(9), "valid")
     return rj.Record(peak * noise / np.abs(noise).max(), 0.02)
 
@@ -668,7 +671,7 @@ SCENES = {
 
 
 def check_peaks(found, expected, podium, tolerance: float) -> None:
-    """Axial forces relative to the dead load, the others as they are."""
+    """Compare peaks, with axial forces relative to the dead load."""
     dead = np.where(np.asarray(podium.dead_load) > 0, np.asarray(podium.dead_load), 1.0)
     pairs = {
         "peak_friction": (found.peak_friction, expected.friction),
@@ -692,7 +695,8 @@ def test_peaks_of_an_independent_integrator(name):
 
 
 # ---------------------------------------------------------------------------------------- derivatives
-# Where a peak lies: least N, friction at the bottom, least N. Others of the same scenes lie inside steps.
+# Location of a peak at an event: least N, friction at the bottom, least N. Other peaks of these scenes are
+# inside steps.
 PLACES = {
     "just before an impact": Scene(S_R, RICKER, 3.0),
     "at uplift": Scene(S_E, ("one_sine", 4.0, 0.6), 0.45),
@@ -720,7 +724,7 @@ def in_a_row(found) -> Any:
 
 
 def reference_slopes(scene: Scene, y: np.ndarray) -> np.ndarray:
-    """Central differences of fourth order of the independent peaks, one column for each number."""
+    """Return central differences of fourth order of the independent peaks, one column for each parameter."""
 
     def at(k: int, step: float) -> np.ndarray:
         z = y.copy()
@@ -741,7 +745,8 @@ def reference_slopes(scene: Scene, y: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("place", PLACES)
 def test_derivatives(place):
-    """Forward, in reverse and as sensitivities of a batch, against differences of the independent peaks.
+    """Forward and reverse derivatives and sensitivities of a batch agree with differences of the independent
+    peaks.
 
     The largest friction of the last scene ends a hop of microseconds. The derivative of its time has an error
     of 2e-5 at rtol = 1e-10, which falls with the tolerance.
@@ -775,7 +780,7 @@ def test_derivatives(place):
 
 # ------------------------------------------------------------------------------------ scenes without forces
 def test_scenes_without_forces_pay_nothing():
-    """An elevation changes no operation and no bit where no force is requested."""
+    """Without requested forces, an elevation changes no operation and no bit."""
     plain = S_E.replace(elevation=None)
 
     def operations(podium: rj.Podium, outputs: tuple[str, ...]) -> str:
@@ -794,7 +799,7 @@ def test_scenes_without_forces_pay_nothing():
 
 # ------------------------------------------------------------------------------------------ histories
 def states_at(scene: Scene, response, t: np.ndarray, left: bool = False) -> States:
-    """States of a history; ground accelerations from formulas."""
+    """Return states of a history; ground accelerations come from formulas."""
     found, n = response(t, left=left), modes_of(scene.podium)
     of_modes = [np.asarray(y).reshape(len(t), -1)[:, :n] for y in (found.u_t, found.u_t_dot)]
     ground = np.array([scene.horizontal[0](time) for time in t])
@@ -804,7 +809,7 @@ def states_at(scene: Scene, response, t: np.ndarray, left: bool = False) -> Stat
 
 
 def between_nodes(response, points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss points of all steps of a history, and their weights, one row for each step."""
+    """Return the Gauss points of all steps of a history and their weights, one row for each step."""
     nodes = np.asarray(response.times)
     ends = np.append(nodes[np.isfinite(nodes)], float(response.stats.end_time))
     ends = np.unique(ends)
@@ -825,7 +830,8 @@ HISTORIES = {
 @pytest.mark.slow(but=["devices in the bottom joint"])
 @pytest.mark.parametrize("name", HISTORIES)
 def test_histories(name):
-    """Forces of all columns are those of free bodies; momentum, (F18); both sides of impacts."""
+    """Forces of all columns agree with free bodies; momentum (F18) holds; both sides of impacts are
+    returned."""
     scene = HISTORIES[name]
     podium, structure = scene.podium, structure_of(scene.podium)
     response = rj.simulate(
@@ -869,7 +875,7 @@ def test_histories(name):
     found = np.array([np.sum(y.reshape(t.shape) * w) for y in (horizontal, vertical)])
     times = np.asarray(response.impact_times)
     assert len(times)
-    # As many times as before: the same programs.
+    # The number of times is the same, so the programs are reused.
     more = np.resize(times, t.size)
     before, after = (
         States(*(y[: len(times)] for y in states_at(scene, response, more, left))) for left in (True, False)
@@ -881,7 +887,7 @@ def test_histories(name):
     change = momentum(ends, np.sign(ends.theta))
     scale = weight * G * scene.end
     assert np.max(np.abs(change[:, 1] - change[:, 0] - found - jumps.sum(axis=1))) <= 1e-9 * scale
-    # Impulses, of the ground too.
+    # Impulses, also at the ground.
     impulses = np.asarray(response.impulses)
     for k in range(min(len(times), 5)):
         y = np.concatenate([[0.0, before.theta_dot[k]], before.u[k], before.u_dot[k], [0.0]])
@@ -889,7 +895,7 @@ def test_histories(name):
         near(impulses[k, ..., 0].T, T, 1e-9, np.max(np.abs(N)))
         near(impulses[k, ..., 1].T, N, 1e-9, np.max(np.abs(N)))
         assert impulses[k, :, 0, 0].mean() == pytest.approx(jumps[0, k], rel=1e-9)
-    # Before and after an impact, and both are in the peaks.
+    # The values before and after an impact, which the peaks include.
     for left, states_there, sign in ((True, before, side), (False, after, np.sign(after.theta_dot))):
         there = response.joint_forces(more, left=left)
         for k in range(min(len(times), 3)):
@@ -903,7 +909,8 @@ def test_histories(name):
 
 
 def test_moment_and_shape_of_histories():
-    """Axes are times, columns, joints; without an elevation there is the mean column and no moment."""
+    """Axes are times, columns and joints. Without an elevation, forces are those of the mean column and there
+    is no moment."""
     response = rj.simulate(S_R, rj.Ricker(3.0, 1.0), t_end=1.0, options=TIGHT)
     t = np.linspace(-1.0, 1.0, 12).reshape(3, 4)
     forces = response.joint_forces(t)
@@ -950,7 +957,7 @@ BOUNDED = {
 
 
 def bounds_along(scene: Scene, response, podium: rj.Podium) -> dict[str, np.ndarray]:
-    """Bounds of (F17) from each node of a history on: whether they hold, and whether the columns rest."""
+    """Return the bounds of (F17) from each node of a history, and whether the columns rest for good."""
     podium = podium.split_rows().without_idle_restrainers()
     motion = response.excitation.common_form()
     plan = plan_for(podium, TIGHT, history=False)
@@ -981,7 +988,8 @@ def bounds_along(scene: Scene, response, podium: rj.Podium) -> dict[str, np.ndar
 @pytest.mark.slow(but=["devices in the bottom joint"])
 @pytest.mark.parametrize("name", BOUNDED)
 def test_no_later_force_is_beyond_its_bound(name):
-    """(F17), from every node of a history on at which the energy keeps the columns inside the well."""
+    """(F17) holds after every node of a history at which the energy keeps the columns inside the potential
+    well."""
     scene = BOUNDED[name]
     structure = structure_of(scene.podium)
     response = rj.simulate(scene.podium, scene.motion, t_end=scene.end, options=TIGHT)
@@ -1005,7 +1013,7 @@ def test_no_later_force_is_beyond_its_bound(name):
     later = lambda values: np.maximum.accumulate(values[order][::-1], axis=0)[::-1]
     least, most = -later(-N.min(axis=1)), later(N.max(axis=1))
     shear, friction = later(V), later(demand.max(axis=1))
-    # What comes after a node; its own value before an impact does not count.
+    # Values after a node; the value just before an impact at the node does not count.
     first = np.searchsorted(times[order], starts, side="right")
     inside = bounds["holds"] & (first < len(times))
     first, size = first[inside], structure.weight
@@ -1017,7 +1025,8 @@ def test_no_later_force_is_beyond_its_bound(name):
 
 # ----------------------------------------------------------------------------------- edge conventions
 def test_nothing_on_a_block():
-    """No top joint: no force, friction 0, share 1, never open; with a device in the bottom joint too."""
+    """A block has no top joint: force 0, friction 0, impulse share 1, never open, also with a device in the
+    bottom joint."""
     for podium in (K, K.replace(restrainers=(rj.Tendon(0.5, 2.0, joints=1),))):
         found: Any = rj.peak_response(podium, rj.Ricker(6.5105, 0.7931), t_end=2.0, options=TIGHT)
         for name in ("peak_friction", "least_axial_force", "peak_axial_force", "peak_impact_friction"):
@@ -1030,7 +1039,7 @@ def test_nothing_on_a_block():
 
 
 def test_facts_of_pulses_on_a_block():
-    """Fact 23."""
+    """Fact 23: peaks of a block under pulses."""
     found: Any = rj.peak_response(K, rj.Ricker(6.5105, 0.7931), t_end=8.0, options=TIGHT)
     assert float(found.peak_friction[0]) == pytest.approx(0.3379389035215, abs=1e-11)
     assert float(found.least_axial_force[0]) == pytest.approx(0.9127220237832, abs=1e-11)
@@ -1042,7 +1051,7 @@ SLENDER = math.atan(0.15)
 
 @pytest.mark.slow
 def test_facts_of_pulses_on_frames():
-    """Facts 24 and 25."""
+    """Facts 24 and 25: peaks of frames under pulses."""
     rigid = S_R.replace(alpha=SLENDER)
     found: Any = rj.peak_response(rigid, rj.Ricker(3.2362, 1.0134), options=TIGHT)
     near(found.peak_friction, [0.1508196540676, 0.1509532734530], 1e-11)
@@ -1059,7 +1068,8 @@ def test_facts_of_pulses_on_frames():
 
 @pytest.mark.slow
 def test_open_joints_do_not_stop_a_scene():
-    """Friction is inf, its derivative 0; least N and its derivative stay finite. Without impact: 0 and 1."""
+    """Friction is inf with derivative 0; least N and its derivative stay finite. Without impacts, impact
+    friction is 0 and the impulse share 1."""
     scene = SCENES["lift-off"]
 
     def values(height):
@@ -1082,7 +1092,7 @@ def test_open_joints_do_not_stop_a_scene():
     assert np.all(np.asarray(rests.peak_impact_friction) == 0)
     assert np.all(np.asarray(rests.least_impulse_share) == 1)
     assert bool(rests.joints_closed)
-    # An initial state counts.
+    # The initial state is included.
     swings = rj.State(0.0, 0.0, 0.4, 0.0)
     at_start: Any = rj.peak_response(
         scene.podium, scene.motion, initial=swings, t_end=float(scene.motion.support[0]) + 1e-3, options=TIGHT
@@ -1102,7 +1112,7 @@ def test_weightless_scenes_have_no_forces():
 
 @pytest.mark.slow
 def test_mirror_of_a_scene():
-    """−ü_g and −x_i: the same peaks; −ü_g alone too for symmetric positions."""
+    """−ü_g with −x_i has the same peaks, and so has −ü_g alone for symmetric positions."""
     podium, other = (
         S_E.replace(elevation=rj.Elevation(y, 0.6, 8.4)) for y in ([0.0, 3.5, 8.0], [0.0, -3.5, -8.0])
     )
@@ -1168,7 +1178,7 @@ def test_elevations_that_do_fit():
     width = float(S_R.width)
     for columns in ([0.0, width], [6.0, 0.0, 0.0, 6.0], [3.0, -1.0, 10.0]):
         assert S_R.replace(elevation=rj.Elevation(columns, 0.6, 9.0)).elevation is not None
-    # Negative arms are right for higher modes; numbers may be traced.
+    # Negative lever arms are valid for higher modes; values may be traced.
     FRAME.replace(superstructure=TWO_MODES, elevation=rj.Elevation([0.0, 6.0], 0.6, [9.0, -2.0]))
     jax.jit(lambda x: rj.Elevation([x, x], x, x))(-1.0)
     K.replace(restrainers=(rj.Tendon(1.0),), elevation=rj.Elevation([0.0, 6.0]))

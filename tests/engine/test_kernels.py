@@ -1,4 +1,4 @@
-"""What the compiler makes of a trial step."""
+"""The compiled program of a trial step."""
 
 import re
 
@@ -29,8 +29,8 @@ TENDON = (rj.Tendon(0.1, 0.2),)
     ids=["rigid", "elastic", "all peaks", "restrained"],
 )
 def test_kernels_of_a_trial_share_what_they_need(podium, outputs):
-    """As many operations as are written, and a few more: kernels work out in each what is not held for all of
-    them. It was 1.4 to 1.8 times as many."""
+    """The compiled step has few more operations than the traced one. Without barriers, kernels would
+    recompute shared values."""
     motion, options = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options(outputs=outputs)
     podium = podium.split_rows()
     plan = plan_for(podium, options, history=False)
@@ -42,8 +42,7 @@ def test_kernels_of_a_trial_share_what_they_need(podium, outputs):
 
 
 def test_stages_of_rigid_steps_divide_by_nothing():
-    """Not by the inertia: 14 stages each did, and a division takes a vector unit as long as ten products or
-    more."""
+    """The stages do not divide by the inertia, because a division takes as long as ten products or more."""
     podium, options = PODIUMS["rigid"].split_rows(), rj.Options(outputs=("peak_rotation",))
     plan = plan_for(podium, options, history=False)
     motion = rj.Record(np.sin(np.arange(100)), 0.02)
@@ -51,5 +50,5 @@ def test_stages_of_rigid_steps_divide_by_nothing():
     program = jax.jit(lambda state: trial(scene, plan, state)[0]).lower(state).as_text()
     (field,) = re.findall(r"func\.func private @field\(.*?\n  }", program, re.DOTALL)
     assert "stablehlo.multiply" in field
-    for divisor in re.findall(r"stablehlo.divide %\w+, (%\w+) :", field):  # by 1, which XLA leaves out
+    for divisor in re.findall(r"stablehlo.divide %\w+, (%\w+) :", field):  # division by 1, which XLA removes
         assert f"{divisor} = stablehlo.constant dense<1.000000e+00>" in field

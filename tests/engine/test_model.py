@@ -1,4 +1,4 @@
-"""The equations against the Lagrangian they come from, differentiated by machine."""
+"""Equations of motion, compared with automatic derivatives of the Lagrangian."""
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ STATES = np.random.default_rng(0).normal(size=(20, 5)) * [0.1, 0.5, 0.2, 0.6, 3.
 
 
 def lagrangian_parts(podium, sigma):
-    """T and V of Eqs. (16)–(19) per N m_c, and the damping force of Eq. (20)."""
+    """Return T and V of Eqs. (16)–(19) divided by N m_c, and the damping force of Eq. (20)."""
     c, top = podium, podium.superstructure
     w = 2 * jnp.pi / top.T_s
 
@@ -44,7 +44,7 @@ def lagrangian_parts(podium, sigma):
         return gravity + spring + ground * (top.eta * q[1] + (c.gamma + 0.5) * u_b)
 
     def damping(q, rate):
-        """Generalised forces −2ζω_s η (u̇_t − u̇_b)·∂(u_t − u_b)/∂q."""
+        """Return the generalised forces −2ζω_s η (u̇_t − u̇_b)·∂(u_t − u_b)/∂q."""
         stretch = lambda q: q[1] - displacements(q)[0]
         speed = jax.jvp(stretch, (q,), (rate,))[1]
         return -2 * top.zeta * w * top.eta * speed * jax.grad(stretch)(q)
@@ -87,7 +87,7 @@ def test_energy_is_that_of_the_lagrangian():
 
 @pytest.mark.parametrize("name", ["block", "frame", "rigid", "elastic"])
 def test_energy_rate_and_its_bound(name):
-    """dE/dt is the ground's power minus the damper's; the ground's share grows √E at most at the rate
+    """dE/dt is the power of the ground minus that of the damper; the ground increases √E at most at the rate
     C|ü_g|."""
     podium = PODIUMS[name]
     c = coefficients(podium)
@@ -113,8 +113,8 @@ def test_energy_rate_and_its_bound(name):
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_uplift_is_where_rocking_would_start(side):
-    """Eq. (9) is Eq. (24) with θ = θ̇ = θ̈ = 0; Eq. (6) as printed counts the columns twice and does not give
-    it."""
+    """Eq. (9) is Eq. (24) with θ = θ̇ = θ̈ = 0. Eq. (6) as printed counts the columns twice and leads to
+    another threshold."""
     c = coefficients(ELASTIC)
     u, u_dot = jnp.asarray(0.03), jnp.asarray(-0.2)
     zero = jnp.zeros(())
@@ -127,7 +127,7 @@ def test_uplift_is_where_rocking_would_start(side):
     start = model.acceleration(c, jnp.asarray(side), ground, (zero, u), (zero, u_dot))
     assert abs(float(start[0])) < 1e-12
     gamma, eta, t = 3.0, 8.0, np.tan(0.25)
-    # virtual work of Eq. (6), columns m_c = 1/2 each so that N m_c = 1, at u_t = 0
+    # virtual work of Eq. (6) at u_t = 0, with columns of m_c = 1/2, so that N m_c = 1
     corrected = G * t * (0.5 + gamma + eta) / (0.5 + gamma)
     printed = G * t * (0.5 + gamma + 0.5) / (0.5 + gamma)
     assert float(c.uplift) == pytest.approx(corrected, rel=1e-12)
@@ -160,8 +160,8 @@ def test_impact_and_uplift_maps():
 
 
 def test_impact_keeps_angular_momentum():
-    """The compatible law: angular momentum about the new pivots, the top mass keeping its horizontal
-    velocity."""
+    """The compatible law conserves angular momentum about the new pivots, with a constant horizontal velocity
+    of the top mass."""
     podium = ELASTIC.replace(restitution="compatible")
     a, eta, gamma, lam = 0.25, 8.0, 3.0, 0.29
     before = -0.7
@@ -175,8 +175,8 @@ def test_impact_keeps_angular_momentum():
 
 @pytest.mark.parametrize("name", PODIUMS)
 def test_coefficients_by_hand(name):
-    """What the equations need of a podium, from masses and heights: columns of mass 1 together, beam γ, top
-    η."""
+    """Coefficients of the equations from masses and heights: columns have the total mass 1, the beam γ, the
+    top η."""
     podium = PODIUMS[name]
     c = coefficients(podium)
     R, g, alpha, lam = (float(getattr(podium, k)) for k in ("R", "g", "alpha", "lam"))
@@ -185,9 +185,9 @@ def test_coefficients_by_hand(name):
     moving = eta if isinstance(top, rj.Elastic) else 0.0
     beam = gamma + eta - moving  # a rigid superstructure is part of the beam
     spin = (1 + lam) * R**2 + beam * (2 * R) ** 2
-    weight = g * (R * 1 + 2 * R * (beam + moving))  # columns rise half as far as the beam
-    pushed = R * 1 + 2 * R * beam  # by the ground's acceleration; the top mass hangs on its spring
-    per = 0.75 / R**2  # Eq. (24) counts in these units
+    weight = g * (R * 1 + 2 * R * (beam + moving))  # columns rise by half as much as the beam
+    pushed = R * 1 + 2 * R * beam  # by the ground acceleration; the top mass acts only through its spring
+    per = 0.75 / R**2  # unit of Eq. (24)
     expected = {
         "spin": spin,
         "weight": weight,
@@ -219,7 +219,7 @@ def test_coefficients_by_hand(name):
 
 @pytest.mark.parametrize("sigma", [1.0, -1.0])
 def test_beam_and_shear_from_the_geometry(sigma):
-    """Eqs. (12)–(14) by differentiating the geometry in time, and the shear as spring and damper, or as
+    """Eqs. (12)–(14) by time derivatives of the geometry; the shear from spring and damper, and from
     inertia."""
     R, alpha = 1.7, 0.25
     theta = lambda t: sigma * (0.1 + 0.3 * t - 0.7 * t**2)
@@ -248,13 +248,13 @@ def test_beam_and_shear_from_the_geometry(sigma):
 @pytest.mark.parametrize("name", ["frame", "rigid", "elastic"])
 @pytest.mark.parametrize("sigma", [1.0, -1.0])
 def test_power_and_moment_by_hand(name, sigma):
-    """What the ground gives and the damper takes is the change of energy; the moment is that of the vertical
+    """The power of ground and damper is the rate of the energy; the restoring moment is that of the vertical
     forces."""
     podium = PODIUMS[name]
     c = coefficients(podium)
     n, s = (2 if c.vibration else 1), jnp.asarray(sigma)
     R, alpha, g = (float(y) for y in (podium.R, podium.alpha, podium.g))
-    heavy = float(podium.gamma + podium.eta)  # beam and top mass, which rise alike
+    heavy = float(podium.gamma + podium.eta)  # beam and top mass, which rise equally
 
     @jax.jit
     def evaluated(x, v, ground):
@@ -280,7 +280,7 @@ def test_power_and_moment_by_hand(name, sigma):
             assert taken == 0
         assert rate == pytest.approx(given - taken, rel=1e-9, abs=1e-10)
         rises = 2 * R * (acceleration * np.sin(psi) - omega**2 * np.cos(psi))
-        # Of the beam twice that of the columns.
+        # The beam rises twice as much as the columns.
         arm, at_uplift = np.sin(psi), np.sin(alpha) * g * (2 * heavy + 1)
         assert moment == pytest.approx(
             arm * (2 * heavy * (g + rises) + g + 0.5 * rises) / at_uplift, rel=1e-11
@@ -317,8 +317,8 @@ def test_potential_is_the_work_against_gravity(name):
 
 @pytest.mark.parametrize("name", ["rigid", "elastic"])
 def test_arrows_of_the_automaton(name):
-    """After an impact: over to the other side; below the rest velocity at rest, or lifted anew by the
-    demand."""
+    """After an impact the columns rock to the other side; below the rest velocity they come to rest, or lift
+    again under the demand."""
     podium = PODIUMS[name]
     scene, _ = prepared(podium)
     e, rest, up = float(podium.restitution_factor), float(scene.rest_speed), float(scene.c.uplift)
@@ -360,7 +360,7 @@ def prepared(podium):
 
 
 def test_guard_breaks_where_the_mode_ends():
-    """What is left of the guard vanishes on the ground, at the overturning angle, and at the demand of Eq.
+    """The clearance of the guard is zero on the ground, at the overturning angle, and at the threshold of Eq.
     (9)."""
     scene, _ = prepared(PODIUMS["elastic"])
     overturn_angle, up = float(scene.overturn_angle), float(scene.c.uplift)
@@ -380,15 +380,15 @@ def test_guard_breaks_where_the_mode_ends():
 
 @pytest.mark.parametrize("sigma", [0.0, 1.0, -1.0])
 def test_guard_follows_the_motion(sigma):
-    """σθ while rocking, the demand in full contact: value, slope and curvature at both ends, by
-    differentiating Eq. (9) along Eq. (4)."""
+    """The guard is σθ while rocking and the demand in full contact. Value, slope and curvature at both ends
+    follow from derivatives of Eq. (9) along Eq. (4)."""
     scene, lane = prepared(PODIUMS["elastic"])
     plan = plan_for(PODIUMS["elastic"], rj.Options(), False)
     c, s = scene.c, jnp.asarray(sigma)
     ground = lambda t: 2.0 * jnp.sin(3.0 * t)
     h = jnp.asarray(0.05)
 
-    def state(t):  # of both ends, on the same smooth motion u_t = 0.02 sin 5t, driven as Eq. (4) says
+    def state(t):  # both ends lie on the smooth motion u_t = 0.02 sin 5t, under the ground motion of Eq. (4)
         angle = sigma * (0.03 + 0.2 * t) * jnp.ones(())
         return (angle, 0.02 * jnp.sin(5 * t)), (sigma * 0.2 * jnp.ones(()), 0.1 * jnp.cos(5 * t))
 

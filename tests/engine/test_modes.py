@@ -32,7 +32,7 @@ def podium(top, *restrainers, **changes: Any) -> rj.Podium:
 
 
 def frame_of(modes: rj.Modes, shapes=(), **changes) -> Frame:
-    """The same for the independent integrator."""
+    """Return the frame for the independent integrator."""
     zeta = np.broadcast_to(modes.zeta, modes.eta.shape)
     rows = tuple(tuple(map(float, mode)) for mode in zip(modes.eta, modes.T, zeta, strict=True))
     shapes = tuple(tuple(map(float, floor)) for floor in shapes)
@@ -94,7 +94,7 @@ def test_frequencies_on_lifted_columns():
     "top", [TWO_MODES, rj.Modes([24.0, 0.0], [0.5, 0.15]), rj.Modes([20.0, 10.0], [0.5, 0.5]), BUILDING]
 )
 def test_the_largest_frequency_on_lifted_columns_alone(top):
-    """It is the largest eigenvalue where modes are alike or without mass, too."""
+    """It is the largest eigenvalue, also for equal modes and modes without mass."""
     for devices in ((), (rj.Tendon(1.0, 50.0), rj.Inerter(3.0))):
         structure = podium(top, *devices)
         found, expected = structure.fastest_frequency(), structure.uplifted_frequency
@@ -138,7 +138,7 @@ def test_one_mode_is_an_elastic_superstructure_to_the_last_bit():
 
 
 def check_same(found: rj.Peak, whole: rj.Peak) -> None:
-    """The same rotation and shear."""
+    """Check that rotation and shear are equal."""
     assert float(found.peak_rotation) == pytest.approx(float(whole.peak_rotation), abs=1e-9)
     assert float(found.peak_shear) == pytest.approx(float(whole.peak_shear), abs=1e-9)
 
@@ -158,7 +158,7 @@ def test_a_mode_without_mass_changes_nothing():
     more = rj.peak_response(structure, pulse, options=TIGHT_OPTIONS)
     check_same(more, whole)
     assert float(more.peak_deformation[1]) == pytest.approx(float(whole.peak_deformation), abs=1e-10)
-    # At rest each mode swings for itself, and its largest deformation is certain without any mass.
+    # At rest each mode vibrates independently, and the bound of its deformation does not depend on its mass.
     survives = rj.peak_response(structure, rj.OneSine(2.0, T_P), options=TIGHT_OPTIONS)
     assert survives.result == rj.RESULTS.settled
     none = rj.peak_response(podium(rj.Modes((0.0, 0.0), (0.2, 0.5))), pulse, options=TIGHT_OPTIONS)
@@ -167,8 +167,8 @@ def test_a_mode_without_mass_changes_nothing():
 
 
 def test_frequencies_where_modes_are_alike():
-    """Twenty modes, three of them of one period and one of them without mass: the frequencies of the linear
-    equations with masses and stiffnesses written out, and derivatives that are finite."""
+    """Twenty modes, of which three have one period and one has no mass: frequencies agree with the
+    eigenvalues of the linear equations, and derivatives are finite."""
     T = np.linspace(1.2, 0.1, 20)
     eta = np.linspace(6.0, 0.3, 20)
     T[5:8], eta[11] = 0.7, 0.0
@@ -180,13 +180,13 @@ def test_frequencies_where_modes_are_alike():
     mass = np.zeros((21, 21))
     mass[0, 0] = spin + eta.sum()
     mass[0, 1:] = mass[1:, 0] = eta
-    mass[1:, 1:] = np.diag(np.where(eta > 0, eta, 1.0))  # without mass: a mode of its own
+    mass[1:, 1:] = np.diag(np.where(eta > 0, eta, 1.0))  # without mass: a separate mode
     stiff = np.diag(np.r_[4 * p2 / 3 * 60.0 * sin**2 / cos**2, np.diag(mass)[1:] * (2 * math.pi / T) ** 2])
     expected = np.sqrt(scipy.linalg.eigh(stiff, mass, eigvals_only=True))
     np.testing.assert_allclose(found.uplifted_frequencies, expected, rtol=1e-11)
     assert float(found.fastest_frequency()) == pytest.approx(expected[-1], rel=1e-12)
-    # Alike or not, and up from no mass: slopes of differences along some directions.
-    for rotating in (0, 1, -1):  # roots that are simple
+    # For equal and different modes, and from zero mass: compare with differences along some directions.
+    for rotating in (0, 1, -1):  # simple roots
         frequency = lambda eta, T, k=rotating: podium(rj.Modes(eta, T), *devices).uplifted_frequencies[k]
         slopes = jax.grad(frequency, (0, 1))(jnp.asarray(eta), jnp.asarray(T))
         for k in (0, 6, 11):
@@ -199,7 +199,8 @@ def test_frequencies_where_modes_are_alike():
 
 @pytest.mark.slow
 def test_derivatives_where_modes_are_alike():
-    """Of two modes of one period only the sum of masses counts; one without mass has no say by its period."""
+    """For two modes of one period only the sum of the masses matters; the period of a mode without mass has
+    no effect."""
     pulse = rj.OneSine(PULSE, T_P)
 
     def peak(y):
@@ -249,7 +250,7 @@ def test_peaks_of_a_building(modes):
 
 
 def derivative(frame_at, h, **motion) -> float:
-    """Of the independent peak rotation: central differences of two widths."""
+    """Return the derivative of the independent peak rotation, from central differences of two widths."""
     slope = lambda h: (
         (independent(frame_at(h), **motion).peak - independent(frame_at(-h), **motion).peak) / (2 * h)
     )
@@ -258,7 +259,7 @@ def derivative(frame_at, h, **motion) -> float:
 
 @pytest.mark.slow
 def test_derivatives_with_respect_to_every_number_of_modes():
-    """Forward and reverse, against differences of the independent integrator."""
+    """Forward and reverse derivatives agree with differences of the independent integrator."""
     pulse = rj.OneSine(2.8, T_P)
     y = jnp.array([24.0, 6.0, 0.5, 0.15, 0.05, 0.03, 1.5])
 
@@ -309,7 +310,7 @@ def test_derivatives_with_respect_to_masses_and_stiffnesses():
 
 @pytest.mark.slow
 def test_size_and_time_scale():
-    """Fact 22, all parts: 2R ∂_R + Σ T_i ∂_{T_i} + T_p ∂_{T_p} + T_v ∂_{T_v} of the peak is 0."""
+    """Fact 22, for all parts: 2R ∂_R + Σ T_i ∂_{T_i} + T_p ∂_{T_p} + T_v ∂_{T_v} of the peak is 0."""
 
     def peak(R, T, T_p, T_v):
         structure = podium(rj.Modes((24.0, 6.0), T), rj.Tendon(5.0, 60.0), rj.Damper(3.0), R=R)
@@ -326,7 +327,7 @@ def test_size_and_time_scale():
     assert sum(terms) == pytest.approx(0, abs=1e-7 * max(map(abs, terms)))
 
 
-# Every way through
+# All functions
 
 
 @pytest.mark.slow
@@ -365,7 +366,7 @@ def test_batches_histories_and_segments_agree():
 
 @pytest.mark.slow
 def test_twenty_stories():
-    """All modes, and the lowest two of them, in the rows of a batch too."""
+    """All modes, and the lowest two, also in batches."""
     for modes in (None, 2):
         building = rj.ShearBuilding.uniform(20, eta=30.0, T=1.2, modes=modes)
         found = rj.peak_response(podium(building), rj.OneSine(2.5, T_P), t_end=1.6, options=TIGHT_OPTIONS)
@@ -373,7 +374,7 @@ def test_twenty_stories():
 
 
 def test_what_a_mode_costs():
-    """Modes are rows: how many there are changes nothing in the program but their length."""
+    """Modes are rows of arrays, so their number changes only the lengths in the program."""
     of_trial = lambda top: operations_of_trial(podium(top), rj.OneSine(3.0, 1.0), rj.Options())
     one = of_trial(rj.Elastic(30.0, 0.5))
     assert of_trial(rj.Modes([30.0], [0.5])) == one
@@ -409,7 +410,7 @@ def test_problem_files(table, expected):
     jax.tree.map(np.testing.assert_array_equal, Reader().structure(read).superstructure, expected)
 
 
-# Bad input
+# Invalid inputs
 
 
 @pytest.mark.parametrize(

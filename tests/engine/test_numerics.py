@@ -33,7 +33,7 @@ def test_sincos_to_rounding():
 
 @pytest.mark.parametrize("most", [3.0, 1e3, 1e6, 1e9])
 def test_sine_and_cosine_of_any_phase(most):
-    """To a rounding of the phase; sines of small phases to one of the sine."""
+    """Errors are at most the rounding of the phase, and for small phases the rounding of the sine."""
     x = np.concatenate([np.random.default_rng(0).uniform(-most, most, 20001), np.pi * np.arange(-9, 9) / 2])
     rounding = 4e-16 + 3e-16 * np.abs(x) * (np.abs(x) > 3e6)
     for ours, known, slope in ((sin, np.sin, np.cos), (cos, np.cos, lambda x: -np.sin(x))):
@@ -65,7 +65,7 @@ def test_kept_tableaus_are_those_of_diffrax(method):
 
 
 def test_only_the_solvers_of_users_are_read_from_diffrax():
-    """It takes as long to import as a good part of the first answer takes."""
+    """Importing Diffrax takes a large part of the time of the first answer."""
     script = (
         "import sys, jax, rockjax as rj\n"
         "podium = lambda alpha: rj.Podium(alpha=alpha, R=1.5, gamma=10.0)\n"
@@ -92,8 +92,8 @@ def test_rigid_columns_that_nothing_brakes_take_the_nystrom_method():
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-11])
 def test_nystrom_method_is_as_accurate_as_the_runge_kutta_method(rtol):
-    """Rigid columns under pulses that they survive, bounces and all: errors of both, and neither takes many
-    more trials."""
+    """Rigid columns under pulses that they survive, including bounces: both methods have equal errors and
+    similar numbers of trials."""
     podium = PODIUMS["rigid"]
     pulses = rj.Ricker(np.linspace(2.0, 6.0, 200), np.linspace(0.4, 0.9, 200))
     outputs = ("peak_rotation", "impacts")
@@ -159,7 +159,8 @@ def test_quintic_joins_both_ends():
 
 
 def test_roots_are_found_and_stay_found():
-    """Near enough to try there next, also near the ends of the bracket; and once found not left again."""
+    """The root is accurate enough for the next trial, also near the ends of the bracket, and further
+    iterations do not leave it."""
     rng = np.random.default_rng(1)
 
     @jax.jit
@@ -169,7 +170,7 @@ def test_roots_are_found_and_stay_found():
         return hermite.crossing(p, jnp.zeros(()), jnp.ones(()))
 
     roots = 10.0 ** rng.uniform(-4, -0.001, 2000)
-    # (r − z)(1 + b z²): one root, bent
+    # (r − z)(1 + b z²): one root and curvature
     b = rng.uniform(-0.5, 2.0, 2000)
     zero = np.zeros_like(b)
     c = np.stack([roots, zero - 1, b * roots, -b, zero, zero], axis=1)
@@ -181,12 +182,12 @@ def turning_point(polynomial, rising):
 
 
 def test_the_first_of_two_crossings_is_found():
-    """A column that leaves the ground just before the end of a step would cross zero twice and a little more:
-    the parabola (z_1 − z)(z_2 − z) with a cubic part, for all sizes of z_1 and of 1 − z_2."""
+    """The path crosses zero twice, the second time just before the end of the step: the parabola (z_1 −
+    z)(z_2 − z) with a cubic part, for all sizes of z_1 and of 1 − z_2."""
     first = 10.0 ** -np.arange(1.0, 12.0)[:, None, None]
     second = 1 - 10.0 ** -np.arange(1.0, 12.0)[:, None]
     cubic = np.linspace(-0.3, 0.3, 7)
-    # (z − z_1)(z − z_2)(1 + cubic·z), which is made to end below zero
+    # (z − z_1)(z − z_2)(1 + cubic·z) with the sign for which it ends below zero
     c0, c1, c2 = first * second, -(first + second), 1.0
     drop = (1 - first) * (1 - second) * (1 + cubic) + 1e-13
     path = hermite.Quintic(*np.broadcast_arrays(c0, c1 + cubic * c0, c2 + cubic * c1, cubic - drop, 0.0, 0.0))
@@ -211,7 +212,7 @@ def turns_twice(path: hermite.Quintic, rising: bool, rising_after: bool) -> bool
 
 
 def of_slope(*coefficients) -> hermite.Quintic:
-    """The path with a slope c0 + c1 z + …"""
+    """Return the path with the slope c0 + c1 z + …"""
     path = [0.0, *(c / (k + 1) for k, c in enumerate(coefficients))]
     return hermite.Quintic(*map(jnp.asarray, (*path, *[0.0] * (6 - len(path)))))
 
@@ -219,8 +220,8 @@ def of_slope(*coefficients) -> hermite.Quintic:
 @pytest.mark.parametrize("turn", [1e-4, 0.0055, 0.3, 0.97])
 @pytest.mark.parametrize("curved", [0.0, 0.8, -0.8, None])
 def test_turning_points_close_to_the_ends(turn, curved):
-    """A slope (a − z)(1 + bz), from both sides; with b = 1/a it begins without curvature, as columns do that
-    are about to touch the ground."""
+    """A slope (a − z)(1 + bz), in both directions; with b = 1/a the path begins without curvature, as before
+    a touch of the ground."""
     curved = 1 / turn if curved is None else curved
     for sign in (1.0, -1.0):
         path = of_slope(*(sign * np.array([turn, turn * curved - 1, -curved])))
@@ -230,7 +231,7 @@ def test_turning_points_close_to_the_ends(turn, curved):
 
 @pytest.mark.parametrize("start", [(0.0, 0.7), (0.0, 0.0, 0.7), (0.0, -1e-17, 0.7), (0.0, 1e-17, 0.7)])
 def test_what_begins_at_rest_turns_later(start):
-    """Slopes like z(a − z) and z²(a − z), the latter with rounding."""
+    """Slopes z(a − z) and z²(a − z), the second with rounding errors."""
     for sign in (1.0, -1.0):
         path = of_slope(*(sign * np.array([*start, -1.0])))
         assert float(turning_point(path, jnp.asarray(sign > 0))) == pytest.approx(0.7, rel=1e-6)
@@ -239,7 +240,8 @@ def test_what_begins_at_rest_turns_later(start):
 @pytest.mark.parametrize("curved", [0.0, 0.9, -0.6, 3.0])
 @pytest.mark.parametrize("between", [(0.53, 0.6), (0.02, 0.06), (0.26, 0.49), (0.7, 0.95)])
 def test_two_turning_points_close_to_each_other(between, curved):
-    """Between the places that are looked at: (z − a)(z − b)(1 + cz), and the same without a zero."""
+    """Both turning points are between evaluated positions: (z − a)(z − b)(1 + cz), and a variant without a
+    zero."""
     (a, b), lift = between, (between[1] - between[0]) ** 2
     for shift, twice in ((0.0, True), (0.5, False)):
         for sign in (1.0, -1.0):
@@ -249,7 +251,7 @@ def test_two_turning_points_close_to_each_other(between, curved):
 
 
 def test_backend_computes_right_numbers():
-    """The miscompile of jax#39103: jit(vmap(matvec → reduce))."""
+    """The backend does not have the compiler fault of jax#39103: jit(vmap(matvec → reduce))."""
     rng = np.random.default_rng(0)
     for n in (3, 5, 8, 13):
         A, x = rng.normal(size=(n, n)), rng.normal(size=(64, n))

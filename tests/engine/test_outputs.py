@@ -1,4 +1,4 @@
-"""Every output with every fast-forward on and off, and outputs of the user's own."""
+"""All outputs with each fast-forward switched on and off, and user-defined outputs."""
 
 import dataclasses
 import functools
@@ -36,7 +36,7 @@ OPTIONS = rj.Options(rtol=1e-10, atol=1e-12, outputs=tuple(REGISTRY))
 
 
 def rough(seed: int, vertical: bool = False):
-    """Noise of a few samples with an offset, which rests for a while in the middle."""
+    """Return noise of a few samples with an offset and an interval of zeros in the middle."""
     rng = np.random.default_rng(seed)
     noise = np.convolve(rng.normal(size=308), np.hanning(9), "valid")
     noise[100:150] = 0.0
@@ -45,7 +45,7 @@ def rough(seed: int, vertical: bool = False):
 
 
 def solved(podium: rj.Podium, motion, outputs, change=None):
-    """The answers of a scene, and the plan of its program after `change`."""
+    """Return the answers of a scene, and the plan of its program after `change`."""
     podium = podium.split_rows()
     options = OPTIONS.replace(outputs=outputs)
     plan = plan_for(podium, options, history=False)
@@ -59,19 +59,19 @@ def solved(podium: rj.Podium, motion, outputs, change=None):
 
 
 def without(name: str, plan):
-    """A plan that does not use a fast-forward; who follows full contact passes no samples."""
+    """Return a plan without a fast-forward; if full contact is integrated, no samples are skipped."""
     gone = {name, "samples"} if name == "rest" else {name}
     return dataclasses.replace(plan, fast_forwards=tuple(y for y in plan.fast_forwards if y not in gone))
 
 
 def to_the_end(plan):
-    """A plan whose scenes no certificate ends."""
+    """Return a plan whose scenes are not ended by a certificate."""
     return dataclasses.replace(plan, to_the_end=True)
 
 
 def outputs_of(podium: rj.Podium, joints: bool = False) -> tuple[str, ...]:
-    # Numbers of impacts and "errors" need every bounce; the others allow to pass over them. Forces in the
-    # joints allow none, except friction at impacts.
+    # Numbers of impacts and "errors" need every bounce; without them, other outputs allow skipping. Forces
+    # in the joints allow no skipping, except friction at impacts.
     left_out = {"errors"} | {
         name for name, y in REGISTRY.items() if y.follows_impacts or y.of_joints != joints
     }
@@ -103,7 +103,7 @@ FAST = {("rigid", "rough"), ("building with devices", "Ricker"), ("rigid with de
     [pytest.param(*case, marks=() if case in FAST else pytest.mark.slow) for case in CASES],
 )
 def test_no_fast_forward_changes_an_output(kind, motion):
-    """Each is switched off by itself, and the certificate; every output of the structure is followed."""
+    """Each fast-forward and the certificate are switched off in turn, with all outputs of the structure."""
     podium, shaking = PODIUMS[kind], MOTIONS[motion]
     at_impacts = "impact_friction", "peak_velocity_jump"
     for outputs in (outputs_of(podium), outputs_of(podium, joints=True), at_impacts):
@@ -115,7 +115,7 @@ def test_no_fast_forward_changes_an_output(kind, motion):
 
 @pytest.mark.parametrize("kind", ["rigid", pytest.param("elastic", marks=pytest.mark.slow)])
 def test_an_output_alone_is_what_it_is_beside_others(kind):
-    """What is requested beside it decides what is passed over and when the scene ends."""
+    """The other requested outputs determine what is skipped and when the scene ends."""
     podium = PODIUMS[kind]
     known, _ = solved(podium, MOTIONS["rough"], outputs_of(podium))
     for name in outputs_of(podium):
@@ -142,9 +142,9 @@ def test_floors_of_a_rigid_building_move_with_the_beam():
     np.testing.assert_allclose(alone["peak_floor_acceleration"], beside["peak_shear"] * building.g, rtol=1e-9)
 
 
-# ---------------------------------------------------------------------------------- outputs of the user's own
+# ------------------------------------------------------------------------------------- user-defined outputs
 class PeakBeamSpeed(rj.AbstractOutput):
-    """The largest horizontal speed of the beam relative to the ground."""
+    """Largest horizontal speed of the beam relative to the ground."""
 
     name, unit, description = "peak_beam_speed", "m s-1", "peak speed of the beam"
 
@@ -154,7 +154,8 @@ class PeakBeamSpeed(rj.AbstractOutput):
 
 
 class PeakVelocityJump(rj.AbstractOutput):
-    """The largest jump of the beam's horizontal velocity at an impact: nothing between impacts has it."""
+    """Largest jump of the beam's horizontal velocity at an impact; the quantity does not exist between
+    impacts."""
 
     name, unit = "peak_jump", "m s-1"
 
@@ -170,7 +171,7 @@ OWN = rj.Options(rtol=1e-10, atol=1e-12, outputs=("peak_rotation", PeakBeamSpeed
 
 @pytest.mark.parametrize("kind", ["rigid", "elastic"])
 def test_own_outputs_of_one_scene(kind):
-    """Beside a dense history; the jump is (1 − e) times the speed before the impact."""
+    """Comparison with a dense history; the jump is (1 − e) times the speed before the impact."""
     podium, motion = PODIUMS[kind], rj.Ricker(3.2, 1.0)
     peak = rj.peak_response(podium, motion, options=OWN)
     history = rj.simulate(podium, motion, options=OWN.replace(outputs=("peak_rotation",)))
@@ -188,7 +189,7 @@ def test_own_outputs_of_one_scene(kind):
 
 @pytest.mark.parametrize("kind", ["rigid", pytest.param("elastic", marks=pytest.mark.slow)])
 def test_own_outputs_have_derivatives(kind):
-    """Forward, in reverse and as sensitivities of a batch, beside differences."""
+    """Forward and reverse derivatives and sensitivities of a batch agree with differences."""
     podium, motion = PODIUMS[kind], rj.Ricker(3.2, 1.0)
 
     def peaks(alpha):
@@ -197,7 +198,7 @@ def test_own_outputs_have_derivatives(kind):
 
     alpha, h = float(podium.alpha), 1e-4
     halved, whole = ((peaks(alpha + y) - peaks(alpha - y)) / (2 * y) for y in (h / 2, h))
-    known = np.asarray(4 * halved - whole) / 3  # without the error of order h²
+    known = np.asarray(4 * halved - whole) / 3  # Richardson extrapolation removes the error of order h²
     forward = np.asarray(jax.jacfwd(peaks)(alpha))
     np.testing.assert_allclose(forward, known, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(jax.jacrev(peaks)(alpha), forward, rtol=1e-10)

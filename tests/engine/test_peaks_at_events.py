@@ -1,4 +1,4 @@
-"""Peaks that sit on events, and turning points of very short steps: values and derivatives."""
+"""Peaks at events, and turning points in very short steps: values and derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ import rockjax as rj
 
 ALPHA = 0.2
 RIGID = rj.Podium(alpha=ALPHA, R=2.0, gamma=0.5, superstructure=rj.Rigid(1.0))
-UPLIFT = 9.80665 * np.tan(ALPHA)  # of the rigid podium [m/s²]
+UPLIFT = 9.80665 * np.tan(ALPHA)  # uplift acceleration of the rigid podium [m/s²]
 SHEAR = rj.Options(outputs=("peak_shear",))
 
 
@@ -19,7 +19,7 @@ def triangle(dt=0.1, t_start=0.0, samples=(0.0, 0.7, 1.0, 0.7, 0.0), scale=1.0) 
 
 
 SINE = tuple(np.sin(np.linspace(0, 2 * np.pi, 41)))
-# Motions under which no shear is larger than that of the first uplift.
+# Motions under which the shear is largest at the first uplift.
 AT_UPLIFT = {
     "one-sine": lambda f: rj.OneSine(4.97 * f, 1.0),
     "one-sine, longer": lambda f: rj.OneSine(5.0 * f, 2.0),
@@ -31,7 +31,7 @@ AT_UPLIFT = {
 @pytest.mark.slow(but=["one-sine", "one-sine, longer", "record"])
 @pytest.mark.parametrize("motion", AT_UPLIFT)
 def test_shear_at_uplift_moves_with_the_uplift(motion):
-    """V/(m g) = tan α there, whatever the motion."""
+    """V/(m g) = tan α at the uplift, for every motion."""
 
     def peak_shear(alpha, factor):
         return rj.peak_response(
@@ -59,8 +59,8 @@ def test_shear_at_uplift_in_batches_and_in_reverse_mode():
 
 
 def test_shear_at_a_sample_moves_with_the_sample():
-    """The largest sample of a motion that lifts nothing: on a kink, at a jump into the motion, at one out of
-    it."""
+    """The largest sample of a motion without uplift is at a kink, at a jump at the start, or at a jump at the
+    end."""
     for samples in ((0.0, 1.0, 0.0), (1.0, 0.4, 0.0), (0.0, 0.4, 1.0)):
 
         def peak_shear(dt, t_start, scale, samples=samples):
@@ -72,7 +72,7 @@ def test_shear_at_a_sample_moves_with_the_sample():
 
 
 def test_shear_at_the_end_of_a_scene_moves_with_the_end():
-    """ü_g(t_end) of a rising motion that lifts nothing."""
+    """The peak is ü_g(t_end) of an increasing motion without uplift."""
 
     def peak_shear(t_end, T_p):
         motion = rj.OneSine(1.5, T_p)
@@ -95,7 +95,7 @@ STEEP = {
 @pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("scene", STEEP)
 def test_turning_points_with_power_law_dampers(scene):
-    """The margin at any tolerance, and its derivatives."""
+    """The overturning margin and its derivatives at all tolerances."""
     top, motion = STEEP[scene]
     damper = rj.Damper(0.3, np.array([[0.33], [0.8]]))
     podium = rj.Podium(ALPHA, 2.0, 0.5, superstructure=top, restrainers=(damper,))
@@ -110,11 +110,11 @@ def test_turning_points_with_power_law_dampers(scene):
     best, _ = margins(1e-11)
     assert ((best > 0) & (best < 1)).all()
     slopes = [(best[:, k] - best[:, k + 1]) / (2 * h * (k + 1) / 2) for k in (1, 3)]
-    np.testing.assert_allclose(*slopes, rtol=2e-5, atol=1e-6)  # they settle
+    np.testing.assert_allclose(*slopes, rtol=2e-5, atol=1e-6)  # derivatives converge
     for rtol in (1e-8, 1e-10, 1e-12, 1e-13):
         value, slope = margins(rtol)
         np.testing.assert_allclose(value, best, rtol=max(1e-8, 30 * rtol))
-        if rtol >= 1e-12:  # below, rounding is larger
+        if rtol >= 1e-12:  # for smaller tolerances rounding dominates
             np.testing.assert_allclose(slope, slopes[0], rtol=3e-5, atol=1e-6)
 
 
@@ -134,7 +134,7 @@ def test_time_of_a_peak_with_a_power_law_damper():
 @pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("top", [rj.Rigid(2.0), rj.Elastic(2.0, 0.4)], ids=["rigid", "elastic"])
 def test_restrainers_of_no_strength_are_none(top):
-    """The same answers to the last digit, and derivatives with respect to their strengths all the same."""
+    """Answers are bitwise identical, and derivatives with respect to the strengths exist."""
     idle = (rj.Damper(0.0, 0.33), rj.Tendon(0.0), rj.Inerter(0.0))
     motion = rj.Ricker(4.2, 1.2)
     bare = rj.Podium(ALPHA, 2.0, 0.5, superstructure=top)
@@ -152,9 +152,10 @@ def test_restrainers_of_no_strength_are_none(top):
 
 
 def largest_deformation(samples, dt, T_s, zeta, until) -> float:
-    """max|u| of an oscillator under a motion linear between samples, by the exponential of its matrix."""
+    """Return max|u| of an oscillator under a motion that is linear between samples, by the matrix
+    exponential."""
     omega, fine = 2 * np.pi / T_s, 200
-    system = np.zeros((4, 4))  # u, u̇, ü_g and its slope
+    system = np.zeros((4, 4))  # state: u, u̇, ü_g and its slope
     system[0, 1], system[2, 3], system[1, 2] = 1.0, 1.0, -1.0
     system[1, :2] = -(omega**2), -2 * zeta * omega
     onward = scipy.linalg.expm(system * dt / fine)
@@ -184,8 +185,8 @@ def largest_deformation(samples, dt, T_s, zeta, until) -> float:
     [(0.017, 0.01, 0), (0.03, 0.05, 1), (0.045, 0.02, 2), (0.11, 0.01, 3), (0.027, 0.11, 4)],
 )
 def test_stiff_superstructures_in_full_contact(T_s, zeta, seed):
-    """Linear, without an event: the largest deformation is exact at the default tolerance, also where several
-    extrema fall between two samples."""
+    """The response is linear without events: the largest deformation is accurate at the default tolerance,
+    also with several extrema between two samples."""
     rng = np.random.default_rng(seed)
     samples = np.convolve(rng.normal(size=108), np.hanning(9), "valid")
     samples *= 0.5 / np.abs(samples).max()
@@ -197,7 +198,7 @@ def test_stiff_superstructures_in_full_contact(T_s, zeta, seed):
 
 
 def test_floor_accelerations_in_the_last_bounces():
-    """Mass in no mode, hops of 1e-11 s: derivatives do not depend on the tolerance."""
+    """With residual mass and hops of 1e-11 s, derivatives do not depend on the tolerance."""
     building = rj.ShearBuilding(np.array([3.0, 8.0, 1.2]), np.array([2750.0, 1780.0, 1090.0]), 0.13, modes=2)
     podium = rj.Podium(0.42, 0.65, 0.01, superstructure=building, restitution=0.73)
     samples = np.repeat([0.02, 0.43, -0.42, 0.48, 0.43, -0.11, -0.73, -0.41], 25)

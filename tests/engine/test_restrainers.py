@@ -86,7 +86,7 @@ def test_exact_numbers(structure, name, exact):
 
 
 def test_uplift_follows_the_slow_ground_motion():
-    # Quasi-statically the whole mass moves with the ground: g tan α (1 + τ/w).
+    # Quasi-statically all masses move with the ground: g tan α (1 + τ/w).
     for top in (None, rj.Rigid(30.0), ELASTIC):
         structure = podium(rj.Tendon(5.0), superstructure=top)
         w = 10.5 + (0 if top is None else 30.0)
@@ -104,7 +104,7 @@ def test_elongation():
 
 
 def test_one_joint_is_half_as_long():
-    """Fact 2, by what a spring of 1 stores: ½ (ℓ/R)²."""
+    """Fact 2, from the energy of a spring of stiffness 1: ½ (ℓ/R)²."""
     for joints, length in ((2, 0.04481276231035240), (1, 0.02240638115517620)):
         tendon = rj.Tendon(0.0, 1.0, joints=joints)
         stretch = model.elongation(coefficients(podium(tendon)), jnp.ones(()), jnp.asarray(0.1)).stretch
@@ -154,7 +154,7 @@ def test_potential_and_its_slope():
 
 
 def turns(response: rj.Response, count: int) -> list[float]:
-    """|θ| at the first turning points between impacts."""
+    """Return |θ| at the first turning points between impacts."""
     times = [float(t) for t in response.impact_times[: count + 1]]
     speed = lambda t: float(response(t).theta_dot)
     at: list[Any] = [brentq(speed, a + 1e-6, b - 1e-6, xtol=1e-14) for a, b in pairwise(times)]
@@ -162,7 +162,8 @@ def turns(response: rj.Response, count: int) -> list[float]:
 
 
 def test_free_rocking_without_dampers():
-    """Peaks V(θ_k) = e^(2k) V(θ_0), impacts by quadrature: fact 10; a kick at θ = 0: fact 12."""
+    """Fact 10: peaks V(θ_k) = e^(2k) V(θ_0) and impact times by quadrature. Fact 12: an initial velocity at θ
+    = 0."""
     structure = podium(rj.Tendon(5.0, 100.0), rj.Inerter(8.0))
     response = free(structure, 0.12, t_end=4.0)
     exact = [0.6714846049952811, 1.853861181248221, 2.906731325298647, 3.851639334878372]
@@ -181,7 +182,7 @@ def test_free_rocking_without_dampers():
     ("theta", "ratio"), [(1e-2, 1.010834330638666), (1e-4, 1.000106434461270)], ids=["1e-2", "1e-4"]
 )
 def test_small_rocking_has_a_quarter_period_of_its_own(theta, ratio):
-    """Fact 11: √(2θ_0/a_0), a_0 = 2g(w+τ) sin α/(R J(0)), times what the size of the rotation makes of it."""
+    """Fact 11: √(2θ_0/a_0) with a_0 = 2g(w+τ) sin α/(R J(0)), times a factor for the finite rotation."""
     structure, s = podium(rj.Tendon(5.0, 100.0), rj.Inerter(8.0)), math.sin(0.15)
     J = 1 + 1 / 3 + 4 * 10 + 4 * 8 * s**2
     quarter = math.sqrt(2 * theta / (2 * 9.80665 * (10.5 + 5) * s / (1.5 * J)))
@@ -190,7 +191,7 @@ def test_small_rocking_has_a_quarter_period_of_its_own(theta, ratio):
 
 
 def test_stiffness_alone_is_a_block_of_another_slenderness():
-    """Fact 13."""
+    """Fact 13: stiffness without prestress acts like another slenderness."""
     response = free(podium(rj.Tendon(0.0, 100.0), rj.Inerter(0.0), restitution=0.9), 0.12, t_end=5.0)
     np.testing.assert_allclose(
         response.impact_times[:2], [0.8881320405066459, 2.322148878570861], rtol=0, atol=2e-11
@@ -325,7 +326,8 @@ def test_energy_only_falls_without_ground_motion():
 
 @pytest.mark.slow
 def test_settled_answers_stand():
-    """The certificate with its deeper well: what it ends early is what the whole scene gives."""
+    """With the deeper potential well, scenes that the certificate ends early have the answers of complete
+    scenes."""
     motion = rj.OneSine(np.linspace(2.5, 5.5, 12), 0.8)
     structure = all_three(delta=0.5)
     short = rj.peak_responses(structure, motion, options=TIGHT_OPTIONS)
@@ -355,8 +357,8 @@ def test_a_stiff_tendon_brings_columns_back_from_any_rotation():
 
 
 def test_tendons_at_the_critical_stiffness():
-    """Just below, at and above κ_cr: a kick turns where V says, up to π/2, and from a higher rotation on it
-    falls."""
+    """Just below, at and above κ_cr, columns with an initial velocity turn at the rotation that V predicts,
+    up to π/2, and fall beyond the top of V."""
     critical, ratio = float(podium().critical_stiffness), 0.5 * math.pi / 0.15
     options = EXACT.replace(overturn_ratio=ratio)
     angles = []
@@ -364,7 +366,7 @@ def test_tendons_at_the_critical_stiffness():
         structure = podium(rj.Tendon(0.0, critical * (1 + change)), rj.Inerter(0.0))
         angles.append(float(structure.stability_angle))
         c = coefficients(structure)
-        # V/(2Rgw sin α) is sin A at κ_cr; the rest of it is the change.
+        # V/(2Rgw sin α) is sin A at κ_cr; the rest is the change with κ.
         V = lambda A, change=change: math.sin(A) + change * (1 - math.cos(A)) / math.tan(0.15)
         for height, overturns in ((0.3, False), (0.999, False), (1.001, True)):
             speed = math.sqrt(height * 2 * 1.5 * 9.80665 * 10.5 * math.sin(0.15) / (0.5 * float(c.spin)))
@@ -382,8 +384,8 @@ def test_tendons_at_the_critical_stiffness():
 
 @pytest.mark.parametrize("nu", [0.999999, 0.5, 0.25])
 def test_steep_dampers_at_turning_points(nu):
-    """From rest on a rotation, where the slope of the force is infinite, over turning points between impacts
-    on both sides: impacts of an integration that begins anew at each turning point."""
+    """Columns are released from a rotation, where the slope of the damper force is infinite, and pass turning
+    points on both sides. The reference restarts the integration at each turning point."""
     response = free(podium(rj.Damper(1.0, nu)), 0.12, t_end=6.0)
     answer = restrained.simulate(Frame(delta=1.0, nu=nu), 6.0, state=(0.12,), rest=1e-8)
     few = answer.impacts[:3]
@@ -402,7 +404,7 @@ def test_margin_has_the_sign_of_the_verdict_up_to_the_stability_angle():
     assert 3 < np.sum(peaks.overturned) < 27
     np.testing.assert_array_equal(peaks.margin < 0, peaks.overturned)
     assert np.all(peaks.margin[peaks.stats.steps == 1] == 1)
-    # At rest on top of the well there is nothing to spare.
+    # At rest at the top of the potential well the margin is zero.
     low = rj.peak_response(structure, rj.Rest(), initial=rj.State(theta=0.9 * 0.15 * ratio), options=options)
     V = lambda A: float(potential(coefficients(structure), jnp.ones(()), jnp.asarray(A)))
     assert float(low.margin) == pytest.approx(1 - V(0.9 * 0.15 * ratio) / V(0.15 * ratio), rel=1e-9)
@@ -420,7 +422,7 @@ def test_boundary_with_tendons():
         )
         for a in (scale * (1 - 2e-8), scale * (1 + 2e-8))
     )
-    assert low.peak < 1 < high.peak  # V' > 0 at α: the peak passes the limit with a finite slope
+    assert low.peak < 1 < high.peak  # V' > 0 at α, so the peak passes the limit with a finite slope
 
 
 # Derivatives
@@ -448,7 +450,7 @@ def test_derivatives_by_every_number_of_a_restrainer():
 
 @pytest.mark.slow
 def test_size_and_time_scale():
-    """R → sR with all times × √s changes no rotation: 2R ∂_R + T_p ∂_{T_p} of the peak is 0, fact 22."""
+    """Fact 22: R → sR with all times × √s changes no rotation, so 2R ∂_R + T_p ∂_{T_p} of the peak is 0."""
 
     def peak(R, T_p):
         return rj.peak_response(
@@ -457,7 +459,7 @@ def test_size_and_time_scale():
 
     by_R, by_T = jax.grad(peak, (0, 1))(1.5, 0.8)
     assert 2 * 1.5 * float(by_R) + 0.8 * float(by_T) == pytest.approx(0, abs=1e-7 * abs(float(by_T)))
-    # Energies are s times as large.
+    # Energies are multiplied by s.
     small, large = (free(all_three(R=1.5 * s), 0.12, t_end=2.0 * math.sqrt(s)) for s in (1.0, 4.0))
     assert float(large.damper_energy(4.0)) == pytest.approx(4 * float(small.damper_energy(2.0)), rel=1e-11)
 
@@ -474,7 +476,7 @@ def test_stability_angle_has_derivatives():
     )
 
 
-# Numbers and their forms
+# Types of arguments
 
 
 def test_from_dimensions():

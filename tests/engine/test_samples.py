@@ -1,4 +1,4 @@
-"""Samples of a record that are passed without a trial, and bounces that are not followed."""
+"""Skipped samples of records, and skipped bounces."""
 
 import dataclasses
 import functools
@@ -23,7 +23,7 @@ from tests.scenes import PODIUMS, G
 PODIUM = PODIUMS["rigid"]
 OUTPUTS = ("peak_rotation", "peak_shear", "margin")
 USUAL = rj.Options(outputs=OUTPUTS)
-# Methods of lower order are taken at their word: with them a trial is made of every sample.
+# With methods of lower order no samples are skipped.
 EVERY = rj.Options(method="tsit5", rtol=1e-12, atol=1e-14, outputs=OUTPUTS)
 
 
@@ -35,12 +35,13 @@ def records(count=6, samples=1500, dt=0.01):
 
 
 def scenes():
-    """Some that never lift, some that rock for long, some that overturn."""
+    """Return scenes that never lift, scenes that rock for long, and scenes that overturn."""
     return records().pick(np.arange(6)[:, None]).scaled(np.array([0.8, 1.2, 1.6, 2.2, 3.0, 5.0, 9.0]))
 
 
 def test_the_nystrom_method_is_of_its_order():
-    """On θ̈ = −(sin(α − θ) + g(t) cos(α − θ)), and its estimate is that of a method two orders lower."""
+    """The test equation is θ̈ = −(sin(α − θ) + g(t) cos(α − θ)); the error estimate is that of a method two
+    orders lower."""
 
     def field(t, x, v):
         return (-(jnp.sin(0.2 - x[0]) + (0.3 - 0.4 * t) * jnp.cos(0.2 - x[0])),)
@@ -55,7 +56,7 @@ def test_the_nystrom_method_is_of_its_order():
     exact, _ = state_and_error(tableau(diffrax.Dopri8()), 64)
     (coarse, first), (fine, second) = state_and_error(nystrom(), 2), state_and_error(nystrom(), 4)
     assert np.log2(np.abs(coarse - exact) / np.abs(fine - exact)).min() > 7.4
-    assert 6.4 < np.log2(first / second) < 7.8  # of one step, h⁷
+    assert 6.4 < np.log2(first / second) < 7.8  # error of one step, h⁷
 
 
 def test_peaks_are_those_with_a_trial_of_every_sample():
@@ -66,7 +67,7 @@ def test_peaks_are_those_with_a_trial_of_every_sample():
     assert 3 < found.overturned.sum() < 39
     assert (~found.uplifted).any()
     for name in OUTPUTS:
-        # Where many impacts follow one another errors of both grow.
+        # After many impacts the errors of both solutions grow.
         np.testing.assert_allclose(getattr(found, name), getattr(known, name), rtol=1e-6, atol=1e-8)
         off = np.abs(np.asarray(getattr(found, name)) - np.asarray(getattr(known, name)))
         assert np.median(off) < 1e-11
@@ -84,7 +85,7 @@ def test_most_samples_are_passed():
 @pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("name", ["rigid", "elastic"])
 def test_most_impacts_are_landed_on_at_once(name):
-    """Hardly a trial is rejected to find one; and they are those that other steps find."""
+    """Few trials are rejected to find impacts, and the impacts agree with those of other steps."""
 
     def count(**options):
         how = rj.Options(outputs=("peak_rotation", "impacts"), rest_velocity=1e-8, **options)
@@ -123,7 +124,7 @@ def start(motion, options=USUAL):
 
 
 def with_shear(plan, state, shear):
-    """Accumulators with another shear."""
+    """Return the accumulators with another shear."""
     names = [output.name for output in plan.outputs]
     return tuple(
         jnp.asarray(shear) if name == "peak_shear" else accumulator
@@ -132,7 +133,7 @@ def with_shear(plan, state, shear):
 
 
 def rocking(motion, options=USUAL):
-    """The scene some trials after its uplift, where samples can be passed."""
+    """Return the scene some trials after its uplift, where samples can be skipped."""
     plan, scene, state = start(motion, options)
     i = int(np.argmax(np.abs(np.asarray(motion.acceleration)) > 0.2 * G)) + 1
     at = float(motion.dt) * i
@@ -180,7 +181,7 @@ def test_a_sample_that_is_passed_is_a_trial_that_meets_nothing():
         {"x": 0.03, "v": 1e-4},  # a turning point
         {"shear": 1e-3},  # a larger shear
         {"may_skip": False},
-        {"piece": 399},  # up to the last sample, from which on the ground rests
+        {"piece": 399},  # up to the last sample, after which the ground rests
     ],
 )
 def test_samples_at_which_something_happens_are_not_passed(change):
@@ -193,7 +194,9 @@ def test_samples_at_which_something_happens_are_not_passed(change):
     state = state._replace(**values)
     if "shear" in change:
         state = state._replace(accumulators=with_shear(plan, state, change["shear"]))
-    if "v" in change and change["v"] == 1e-4:  # from rising to falling, whichever way the ground moves
+    if (
+        "v" in change and change["v"] == 1e-4
+    ):  # from increasing to decreasing rotation, for either sign of the ground motion
         a = trial(scene, plan, state)[0].v[0] - 1e-4
         state = state._replace(v=(-jnp.sign(a) * 1e-4,))
     ahead = skip_sample(scene, plan, state)
@@ -203,7 +206,8 @@ def test_samples_at_which_something_happens_are_not_passed(change):
 
 
 def test_coarse_samples_are_left_to_the_method():
-    """Where the error of a step is too large for the tolerance, and in the second solution of an estimate."""
+    """Coarse samples use ordinary trials if the error of a step exceeds the tolerance, and in the second
+    solution of an estimate."""
     motion = one(dt=0.01)
     coarse = dataclasses.replace(motion, dt=jnp.asarray(0.4))
     fine = rj.Options(rtol=1e-13, atol=1e-15, outputs=OUTPUTS)
@@ -272,13 +276,13 @@ def test_derivatives_by_all_samples_are_those_by_their_scale():
 
 @pytest.mark.parametrize("restitution", ["usual", 0.97])
 def test_bounces_that_are_not_followed_change_nothing(restitution):
-    """Who counts impacts follows all of them."""
+    """Compare with options that count impacts, with which no bounce is skipped."""
     podium = PODIUM if restitution == "usual" else PODIUM.replace(restitution=restitution)
     motions = scenes()
     found = rj.peak_responses(podium, motions, options=USUAL)
     counted = rj.peak_responses(podium, motions, options=USUAL.replace(outputs=(*OUTPUTS, "impacts")))
     np.testing.assert_array_equal(found.overturned, counted.overturned)
-    # Some scenes multiply a rounding by 10⁸, which another method shows.
+    # Some scenes amplify rounding by 10⁸, as another method shows.
     other = rj.peak_responses(podium, motions, options=EVERY)
     for name in (*OUTPUTS, "peak_rotation_time", "uplift_time", "overturn_time"):
         ours, theirs, others = (np.asarray(getattr(y, name)) for y in (found, counted, other))
@@ -289,7 +293,7 @@ def test_bounces_that_are_not_followed_change_nothing(restitution):
         assert (off <= 1e-12 + 1e-9 * np.abs(theirs[known]) + 0.1 * unsure).all(), name
         assert np.median(unsure) < 1e-9
     assert found.stats.steps.sum() < counted.stats.steps.sum()
-    # Of those that overturn impacts are counted all the same, but for one or two of each row of bounces.
+    # Impacts of overturned scenes are counted too, except one or two of each skipped series.
     counts = (np.asarray(y.impacts)[found.overturned] for y in (found, counted))
     np.testing.assert_allclose(*counts, rtol=0.05, atol=2)
     slowest = np.asarray(found.smallest_impact_speed), np.asarray(counted.smallest_impact_speed)
@@ -300,8 +304,8 @@ def test_bounces_that_are_not_followed_change_nothing(restitution):
 
 
 def test_rough_records_have_the_peaks_of_another_method():
-    """Two thousand scenes of noise of few samples, some from an initial rotation: columns that are thrown up
-    by a jump, turn twice within a sample, graze the ground, or bounce while it is about to lift them."""
+    """Two thousand scenes of coarse noise, some with an initial rotation: columns are lifted by jumps, turn
+    twice within a sample, graze the ground, or bounce before the next uplift."""
     count, rng = 2000, np.random.default_rng(1)
     draw = functools.partial(rng.uniform, size=count)
     alpha, gamma = draw(0.05, 0.5), rng.choice([0.01, 0.5, 2.0, 10.0, 50.0], count)

@@ -1,4 +1,4 @@
-"""Annotations hold at run time, and numbers of different types meet on purpose only."""
+"""Annotations hold at run time, and numbers of different types are combined only on purpose."""
 
 import os
 import subprocess

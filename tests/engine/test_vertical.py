@@ -1,5 +1,5 @@
-"""Ground that moves vertically as well: exact statements, an independent integrator, balances, derivatives,
-bad input."""
+"""Vertical ground motion: exact statements, an independent integrator, balances, derivatives, invalid
+inputs."""
 
 import math
 from typing import Any
@@ -43,7 +43,7 @@ def peak(podium, motion, **more):
 
 
 def test_uplift_and_the_bound_of_energy():
-    """Facts 3 and 27."""
+    """Facts 3 and 27: threshold of uplift and bound of the energy."""
     podium = rj.Podium(**S, superstructure=ELASTIC, restrainers=(rj.Tendon(5.0),))
     c = coefficients(podium, vertical=True)
     none = (jnp.zeros(()), jnp.zeros(()))
@@ -133,7 +133,7 @@ def test_peaks_of_an_independent_integration(name):
 
 @pytest.mark.parametrize("a_p", [2.5, -2.5])
 def test_a_jump_that_lifts_after_the_vertical_motion_has_begun(a_p):
-    """Full contact lasts until the ground jumps, and ends there at once."""
+    """Full contact lasts until the jump of the ground motion and ends there at once."""
     podium = rj.Podium(**S, superstructure=ELASTIC)
     found = peak(podium, rj.GroundMotion(rj.OneCosine(8 * a_p, 0.3), rj.Ricker(-3.0, 0.2)))
     assert found.uplift_time == 0
@@ -148,7 +148,7 @@ def test_a_jump_that_lifts_after_the_vertical_motion_has_begun(a_p):
 
 
 def test_a_large_jump_after_the_vertical_motion_has_begun():
-    """The columns lift at the jump, at a loose tolerance too."""
+    """The columns lift at the jump, also with a large tolerance."""
     podium = rj.Podium(0.13, 0.93, 3.3, rj.Elastic(73.6, 2.8, 0.05), restitution="compatible")
     motion = rj.GroundMotion(rj.OneCosine(47.7, 0.93), rj.Ricker(-3.46, 0.13))
     options = rj.Options(rtol=1e-4, atol=1e-6, max_steps=5000)
@@ -170,7 +170,7 @@ RECORDS = (
 
 @pytest.mark.parametrize("step", [0.06, 0.07], ids=["one sampling", "two samplings"])
 def test_records(step):
-    """Samples at the same times, and at times of their own: every break of either is a break."""
+    """Samples at equal and at different times: steps end at the breakpoints of both components."""
     horizontal, vertical = RECORDS
     breaks = np.unique(np.concatenate([np.arange(1, 14) * 0.06, np.arange(1, 11) * step]))
     both = of_samples(horizontal, 0.06), of_samples(vertical, step)
@@ -188,7 +188,7 @@ def test_records(step):
 @pytest.mark.slow(but=["None"])
 @pytest.mark.parametrize("top", [None, pytest.param(ELASTIC, marks=pytest.mark.slow)])
 def test_a_constant_is_another_gravity(top):
-    """Fact 18."""
+    """Fact 18: constant vertical acceleration acts like another g."""
     a, nu = -2.0, 0.5
     ratio = G / (G + a)
     make = lambda g, force, damper: rj.Podium(
@@ -209,7 +209,7 @@ def test_nothing_vertical_changes_nothing():
 
 
 def test_mirror():
-    """Fact 23: ü_g → −ü_g with v̈_g kept; −v̈_g is another motion."""
+    """Fact 23: −ü_g with the same v̈_g mirrors the response; −v̈_g does not."""
     one, other, another = (peak(RIGID, pair(a, b)) for a, b in ((2.5, -4.0), (-2.5, -4.0), (2.5, 4.0)))
     assert float(one.peak_rotation) == pytest.approx(float(other.peak_rotation), rel=1e-13)
     assert abs(float(another.peak_rotation) - float(one.peak_rotation)) > 1e-3
@@ -221,7 +221,7 @@ def test_the_pair_is_scaled_together():
 
 
 def test_energy_balance():
-    """Fact 24: the ground's work, of both components, is what is held or was taken."""
+    """Fact 24: the work of both components equals the energy of the podium plus the dissipated energy."""
     response = rj.simulate(RIGID, PAIR, t_end=3.0, options=TIGHT_OPTIONS)
     energies = response.energies(np.linspace(0, 3, 60))
     assert np.max(np.abs(energies.input)) > 1
@@ -229,7 +229,8 @@ def test_energy_balance():
     data = response.dataset(np.linspace(0, 3, 60))
     np.testing.assert_allclose(data["vertical_acceleration"], PAIR.vertical(np.linspace(0, 3, 60)))
     assert data.attrs["vertical_a_p_m_s2"] == -4.0
-    # While rocking the moment is that of the forces at the edges, which bear (g + v̈_g) (C22).
+    # While rocking, the moment is that of the forces at the edges, which carry the weights with g + v̈_g
+    # (C22).
     c = coefficients(RIGID, vertical=True)
     ground, x, v = Shaking(*map(jnp.asarray, (0.4, -2.0))), (jnp.asarray(0.05),), (jnp.asarray(0.3),)
     theta_ddot = float(model.acceleration(c, jnp.ones(()), ground, x, v)[0])
@@ -241,7 +242,8 @@ def test_energy_balance():
 
 @pytest.mark.slow
 def test_settled_answers_stand():
-    """The certificate with both impulses: what it ends early is what the whole scene gives."""
+    """With the impulses of both components, scenes that the certificate ends early have the answers of
+    complete scenes."""
     a_p = np.linspace(1.6, 5.0, 18)
     motions = rj.GroundMotion(rj.OneSine(a_p, 0.8), rj.OneSine(-4.0, 1.4))
     short = rj.peak_responses(RIGID, motions, options=TIGHT_OPTIONS)
@@ -303,7 +305,7 @@ def test_derivatives_by_numbers_of_both_motions():
 
 
 def test_derivatives_where_jumps_of_both_fall_together():
-    """Breakpoints at one time that move their own ways."""
+    """Coinciding breakpoints whose times have different derivatives."""
 
     def peak_rotation(T_h, T_v):
         motion = rj.GroundMotion(rj.OneCosine(2.6, T_h), rj.OneCosine(-3.0, T_v))
@@ -318,7 +320,7 @@ def test_derivatives_where_jumps_of_both_fall_together():
 
 @pytest.mark.slow
 def test_size_and_time_scale():
-    """Fact 22: R → sR with all times × √s changes no rotation."""
+    """Fact 22: multiplying R by s and all times by √s changes no rotation."""
 
     def peak_rotation(R, T_h, T_v):
         return peak(rj.Podium(0.15, R, 10.0), pair(2.5, -4.0, T_h, T_v)).peak_rotation
@@ -327,7 +329,7 @@ def test_size_and_time_scale():
     assert 2 * 1.5 * by_R + 0.8 * by_h + 0.5 * by_v == pytest.approx(0, abs=1e-8 * abs(0.8 * by_h))
 
 
-# Bad input
+# Invalid inputs
 
 
 def test_what_is_no_pair():
@@ -338,7 +340,7 @@ def test_what_is_no_pair():
 
 
 def test_weight_that_touches_zero():
-    """g + v̈_g of 1e-9 g and of one unit in the last place is answered, at zero and below it is an error."""
+    """g + v̈_g of 1e-9 g or of one unit in the last place is solved; zero or less is an error."""
     most = lambda a: pair(2.0, -a)
     found = peak(RIGID, most(G * (1 - 1e-9)))
     motions = restrained.one_sine(2.0, 0.8), restrained.one_sine(-G * (1 - 1e-9), 0.5)
@@ -368,7 +370,8 @@ def test_weight_that_touches_zero():
     ids=["ricker", "one cosine", "record", "gabor"],
 )
 def test_every_motion_knows_where_it_is_lowest(motion):
-    """What touches zero is an error whatever moves the ground; a 10⁻⁷th above is none."""
+    """A motion for which g + v̈_g touches zero is an error, for every class of motions; 10⁻⁷ g above zero is
+    none."""
     with pytest.raises(ValueError, match=r"g \+ v̈_g must be positive"):
         check_weight("scene", rj.GroundMotion(rj.Rest(), motion(G)), jnp.asarray(G))
     check_weight("scene", rj.GroundMotion(rj.Rest(), motion(G * (1 - 1e-7))), jnp.asarray(G))
@@ -386,6 +389,6 @@ def test_no_weight():
     traced = jax.jit(lambda a: rj.peak_response(RIGID, pair(2.5, a), t_end=3.0, options=TIGHT_OPTIONS).result)
     assert traced(-12.0) == rj.RESULTS.weightless
     assert traced(12.0) == rj.RESULTS.weightless
-    # At t_end the energy is that of the peak: rounding says which of both.
+    # At t_end the energy equals that of the peak, so rounding decides the result.
     result = traced(-4.0)
     assert (result == rj.RESULTS.settled) | (result == rj.RESULTS.end_of_time)

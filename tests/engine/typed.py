@@ -1,7 +1,8 @@
-"""Every kind of scene traced with types, shapes and dtypes checked on every call: `python -m
+"""Trace every kind of scene with checks of types, shapes and dtypes in every call: `python -m
 tests.engine.typed`.
 
-In a process of its own: the checks must be there before rockjax is imported. Nothing is compiled.
+The module runs in a separate process, because the checks must be installed before rockjax is imported.
+Nothing is compiled.
 """
 
 import typing
@@ -61,8 +62,8 @@ def rotation(podium, motion):
 
 
 def check_fields(found, where: str) -> None:
-    """Raise `TypeError` for a field that does not hold what it is typed as: None without saying so, above
-    all."""
+    """Raise `TypeError` for a field whose value does not have the annotated type, such as an undeclared
+    None."""
     for name, hint in typing.get_type_hints(type(found)).items():
         value = getattr(found, name)
         if not is_bearable(value, hint):
@@ -72,7 +73,7 @@ def check_fields(found, where: str) -> None:
 
 
 def check_scene(name: str, podium, motion) -> None:
-    """Every field of a scene and of its state."""
+    """Check every field of a scene and of its state."""
     options = rj.Options(outputs=(*EVERY, "peak_drift", "peak_floor_acceleration", "margin"))
     plan = plan_for(podium, options, history=False)
 
@@ -80,7 +81,7 @@ def check_scene(name: str, podium, motion) -> None:
         for part in prepare(podium, motion, start, None, options, plan):
             check_fields(part, f"{name}, {type(part).__name__}")
 
-    # As arguments: what is known while tracing may be a number of NumPy.
+    # Passed as arguments, because constants in a trace may be NumPy numbers.
     jax.eval_shape(checked, podium.split_rows(), motion, REST)
 
 
