@@ -63,7 +63,7 @@ def test_derivative_of_the_velocity_pulse():
 
 @pytest.mark.parametrize("pulse", PULSES)
 def test_tables_of_a_shape(pulse):
-    """Antiderivative, zeros and turning points, on which the lookahead rests."""
+    """Antiderivative, zeros and turning points, which the lookahead uses."""
     tau = np.linspace(*pulse.span, 9)[1:-1]
     rate = jax.vmap(jax.grad(lambda z: jnp.asarray(pulse.velocity(z))))(jnp.asarray(tau))
     np.testing.assert_allclose(rate, pulse.shape(tau), atol=1e-12)
@@ -76,7 +76,7 @@ def test_tables_of_a_shape(pulse):
 
 @pytest.mark.parametrize("pulse", PULSES)
 def test_a_pulse_passes_a_threshold_to_rounding(pulse):
-    """Between the two ends of each monotone interval, up to its very top, where it hardly rises."""
+    """Thresholds between the two ends of each monotone interval, up to the flat maximum."""
     knots = np.asarray(pulse.knots())
     tops = np.abs(pulse.shape(knots))
     rng = np.random.default_rng(0)
@@ -87,7 +87,7 @@ def test_a_pulse_passes_a_threshold_to_rounding(pulse):
     s = lambda z: np.abs(pulse.shape(np.asarray(z)))
     passed = 0
     for k, (left, right) in enumerate(itertools.pairwise(knots)):
-        # It is above the threshold before the one and after the other.
+        # The motion is above the threshold before one time and after the other.
         for roots, side in ((lookahead.lead, -1), (lookahead.trail, 1)):
             root = np.asarray(roots)[:, k]
             inside = (root > left) & (root < right)
@@ -102,7 +102,7 @@ def test_a_pulse_passes_a_threshold_to_rounding(pulse):
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=LABELS)
 def test_lookahead_is_true(motion):
-    """Exceedances, remaining impulse and remaining peak against the motion itself."""
+    """Exceedances, remaining impulse and remaining peak agree with the motion."""
     start, end = (float(t) for t in motion.support)
     times = grid(motion, over=0.0)
     a = np.abs(np.asarray(motion(times)))
@@ -137,8 +137,8 @@ def test_lookahead_is_true(motion):
 @pytest.mark.parametrize("level", [None, 0], ids=["usual", "not optimised"])
 @pytest.mark.parametrize("kind", ["wavelet", "pair"])
 def test_a_search_ends_however_it_is_compiled(kind, level):
-    """Rounding differs with how it is compiled, and at a crossing it decides: on Python 3.11, without
-    optimisation, the search of a wavelet stood still there."""
+    """The search of a wavelet ends for every rounding at a crossing, which depends on the compiler and its
+    optimisation level."""
     wavelet = rj.MavroeidisPapageorgiou(A=0.5, f_p=1.2, gamma=2.3, nu=0.7)
     motion = wavelet if kind == "wavelet" else rj.GroundMotion(wavelet, shaking(100))
     highest = float(np.abs(np.asarray(wavelet(grid(wavelet, over=0.0)))).max())
@@ -214,7 +214,8 @@ def test_rest_is_silent():
 
 
 def test_a_motion_of_ones_own():
-    """What the documentation says of `AbstractExcitation`: give what is abstract, and everything works."""
+    """A subclass of `AbstractExcitation` that defines the abstract members works everywhere, as
+    documented."""
 
     class Chirp(rj.Gabor):
         @property

@@ -1,4 +1,4 @@
-"""Gaps: masked arrays, missing values, sentinels in arrays and files, waveform files with holes."""
+"""Gaps: masked arrays, missing values, fill values in arrays and files, waveform files with gaps."""
 
 import warnings
 

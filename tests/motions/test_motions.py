@@ -1,4 +1,4 @@
-"""Ground motions on the host: integrals, resampling, baselines, suites, intensity measures, synthetic
+"""Ground motions: integrals, resampling, baselines, suites, intensity measures, synthetic
 motions, commands."""
 
 import json
@@ -27,7 +27,7 @@ RUN = CliRunner()
 
 
 def wave(a=2.0, T=0.5, periods=4, dt=0.005, name="wave"):
-    """Whole periods of a sine: it ends at rest."""
+    """Return complete periods of a sine, which end at rest."""
     t = np.arange(round(periods * T / dt) + 1) * dt
     return rj.Motion(a * np.sin(2 * np.pi / T * t), dt, name)
 
@@ -47,7 +47,7 @@ def test_integrals_are_those_of_straight_lines():
     np.testing.assert_allclose(motion.velocity, v[::10000], atol=1e-12)
     np.testing.assert_allclose(motion.displacement, u[::10000], atol=1e-10)
     assert motion.pga == 2.5
-    # The peaks lie inside of intervals.
+    # The peaks lie inside sampling intervals.
     assert motion.pgv == pytest.approx(np.abs(v).max(), abs=1e-9)
     assert motion.pgv > np.abs(motion.velocity).max() + 1e-3
     assert motion.pgd == pytest.approx(np.abs(u).max(), abs=1e-9)
@@ -139,14 +139,14 @@ def test_resampling_keeps_what_is_below_both_nyquist_frequencies(dt):
     assert new.metadata["station"] == "A"
     np.testing.assert_allclose(new.acceleration, exact, atol=3e-3)
     linear = np.interp(new.time, t, slow)
-    if dt not in (0.01,):  # where straight lines miss the curve
+    if dt not in (0.01,):  # coarser samples differ from the curve
         assert np.abs(linear - exact).max() > 3 * np.abs(new.acceleration - exact).max()
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.005, 0.0125, 0.015])
 @pytest.mark.parametrize(("offset", "slope"), [(0.79, 0.0), (-30.0, 0.0), (0.2, 0.01)])
 def test_resampling_and_baselines_agree_in_both_orders(offset, slope, dt):
-    """A record with an offset or a drift far above its motion, as raw channels have them."""
+    """A record whose offset or drift is much larger than its motion, as in raw files."""
     t = np.arange(6000) * 0.01
     quake = 1e-3 * np.sin(9 * t) * np.exp(-(((t - 30) / 6) ** 2))
     raw = rj.Motion(quake + offset + slope * t, 0.01)
@@ -161,7 +161,7 @@ def test_resampling_folds_nothing_back():
     t = np.arange(0, 8.0005, 0.005)
     fast = np.exp(-((t - 4) ** 2)) * np.sin(2 * np.pi * 70 * t)
     assert rj.Motion(fast, 0.005).resampled(0.01).pga < 1e-2
-    assert np.abs(fast[::2]).max() > 0.9  # which every second sample would take for 30 Hz
+    assert np.abs(fast[::2]).max() > 0.9  # every second sample would alias to 30 Hz
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 5])
@@ -171,7 +171,7 @@ def test_baseline_of_a_drifting_motion(order):
     drift = 0.02 * sum((t / 20) ** k for k in range(order))
     corrected = rj.Motion(true.acceleration + drift, 0.01).baseline_corrected(order)
     assert abs(corrected.velocity[-1]) < 1e-14
-    # The drift is of the family; what is left is what the fit takes from the motion itself.
+    # The drift is a polynomial of the fit; the remainder is the part of the motion that the fit removes.
     assert np.abs(corrected.acceleration - true.acceleration).max() < 2e-3
     assert corrected.metadata["baseline_order"] == order
 
@@ -195,7 +195,7 @@ def test_measures_of_a_sine():
     exact = {
         "PGA": a,
         "PGV": a * T / np.pi,  # a/ω (1 − cos ωt)
-        "PGD": a * T / (2 * np.pi) * periods * T,  # drifts with its mean velocity
+        "PGD": a * T / (2 * np.pi) * periods * T,  # it drifts with its mean velocity
         "PGV_PGA": T / np.pi,
         "arias_intensity": np.pi / (2 * G) * a**2 / 2 * periods * T,
         "CAV": 2 / np.pi * a * periods * T,
@@ -204,7 +204,7 @@ def test_measures_of_a_sine():
     for name, value in exact.items():
         assert float(data[name]) == pytest.approx(value, rel=2e-6), name
         assert data[name].attrs["units"]
-    # Husid's curve t/D − sin(2ωt)/(2ωD) at 5 % and 95 %.
+    # Husid's curve is t/D − sin(2ωt)/(2ωD); its values 5 % and 95 %.
     husid = lambda t: t / (periods * T) - np.sin(4 * np.pi * t / T) / (4 * np.pi * periods)
     start, end = (scipy.optimize.brentq(lambda t, x=x: husid(t) - x, 0, periods * T) for x in (0.05, 0.95))
     assert float(data["D5_95"]) == pytest.approx(end - start, rel=1e-5)
@@ -243,11 +243,11 @@ def test_a_slow_oscillator_swings_after_the_end():
 @pytest.mark.parametrize("damping", [0.0, 0.05, 0.3])
 @pytest.mark.parametrize(("period", "finer"), [(0.05, 512), (0.3, 512), (5.0, 64), (12.0, 64)])
 def test_spectral_acceleration_is_exact_inside_of_intervals(period, finer, damping):
-    """At samples alone it is up to 4e-4 low at long periods, where ü is ü_g: against samples 64 or 512 times
-    as close, with a parabola through the highest three."""
+    """The reference has samples 64 or 512 times as close, and a parabola through the highest three. Values at
+    samples alone are up to 4e-4 too low at long periods."""
     motion = rj.synthetic_motions(1, seed=3, duration=10.0, dt=0.02, omega_g=2.0, omega_f=0.5)[0]
     h, w = motion.dt / finer, 2 * np.pi / period
-    # Of u, u̇, ü_g and its slope.
+    # State: u, u̇, ü_g and its slope.
     of_state = [[0, 1, 0, 0], [-w * w, -2 * damping * w, -1, 0], [0, 0, 0, 1], [0, 0, 0, 0]]
     step = scipy.linalg.expm(np.array(of_state) * h)
     values, vectors = np.linalg.eig(step[:2, :2])
@@ -269,7 +269,7 @@ def test_spectral_acceleration_is_exact_inside_of_intervals(period, finer, dampi
 
 
 def test_spectral_acceleration_against_a_podium_in_full_contact(suite):
-    """A slender tower that never lifts: its top is the oscillator."""
+    """The top of a slender tower that never lifts is the oscillator."""
     motion = suite[0].scaled(1e-3)
     podium = rj.Podium(0.3, 2.0, 1.0, rj.Elastic(5.0, 0.5, 0.05))
     deformation = float(rj.peak_response(podium, motion.record()).peak_deformation)
@@ -420,12 +420,12 @@ def test_tables_that_cannot_be_read_say_why(folder, text, words):
 
 
 def test_the_noise_has_its_spectral_density():
-    """Over many samples, in bands of frequency, and where the high-pass begins."""
+    """Spectral density of many samples, in frequency bands, including the edge of the high-pass filter."""
     soil, count, dt = Soil(), 2000, 0.01
     noise = np.array([_noise(3, k, count, dt, soil) for k in range(400)])
     f, density = scipy.signal.welch(noise, 1 / dt, nperseg=1000, detrend=False, scaling="density")
     mean = density.mean(axis=0)
-    target = 2 * dt * spectral_density(2 * np.pi * f, soil)  # of white noise with variance 1, one-sided
+    target = 2 * dt * spectral_density(2 * np.pi * f, soil)  # one-sided, for white noise with variance 1
     for low, high in ((0.5, 1), (1, 2), (2, 3), (3, 5), (5, 10), (10, 25), (25, 45)):
         band = (f >= low) & (f < high)
         assert mean[band].mean() == pytest.approx(target[band].mean(), rel=0.05), (low, high)
@@ -435,7 +435,7 @@ def test_the_noise_has_its_spectral_density():
 
 
 def test_synthetic_spectra_follow_the_target():
-    """Whole motions, each over its own energy, against the density between the soil's and high
+    """Spectra of complete motions, divided by their energies, agree with the density from the soil's to high
     frequencies."""
     motions = rj.synthetic_motions(300, seed=11, dt=0.01, duration=20.0)
     a = np.array([m.acceleration / np.sqrt(np.sum(m.acceleration**2)) for m in motions])
@@ -458,7 +458,7 @@ def test_envelope_has_its_peak_and_its_end():
     assert e.max() == pytest.approx(1, rel=1e-12)
     assert e[0] == e[-1] == 0
     before = np.exp(np.log(0.1) * (1 + np.log(0.95 / 0.3) - 0.95 / 0.3) / (1 + np.log(1 / 0.3) - 1 / 0.3))
-    assert e[9500] == pytest.approx(before)  # where the taper begins
+    assert e[9500] == pytest.approx(before)  # just before the taper
 
 
 @pytest.mark.parametrize("pulse", [None, rj.MavroeidisPapageorgiou(0.6, 0.8, 2.2, 0.7)])
@@ -495,7 +495,7 @@ def test_a_seed_gives_the_same_motions_for_ever():
         np.testing.assert_array_equal(one.acceleration, other.acceleration)
     assert not np.allclose(more[0].acceleration, more[1].acceleration)
     assert not np.allclose(rj.synthetic_motions(1, seed=6)[0].acceleration, first[0].acceleration)
-    # Written down once; only bits of PCG64 and elementary functions are behind them.
+    # Stored values; they depend only on bits of PCG64 and on elementary functions.
     np.testing.assert_allclose(first[0].acceleration[[100, 500, 1000]], GOLDEN, rtol=1e-9)
 
 
@@ -565,7 +565,7 @@ pga = 1.5
 
 
 def test_motions_of_a_problem_file_on_the_command_line(folder):
-    """All sets with their numbers, in the order in which `--number` chooses them."""
+    """All sets are listed with their numbers, in the order of `--number`."""
     path = folder / "problem.toml"
     path.write_text(LISTED)
     result = RUN.invoke(app, ["motions", str(path), "--json"])
@@ -674,7 +674,7 @@ def test_problems_take_suites(folder, suite):
 
 @pytest.mark.slow
 def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
-    """The blocks of the page follow one another, in a folder of their own."""
+    """The blocks of the page run in order in an empty folder."""
     page = Path(__file__).parents[2] / "docs" / "records.md"
     monkeypatch.chdir(tmp_path)
     names: dict = {}
@@ -687,7 +687,7 @@ def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
     assert names["suite"].names == ["third", "first"]
 
 
-# ----------------------------------------------------------------------------------------- what takes motions
+# ------------------------------------------------------------------------------- functions that take motions
 @pytest.mark.slow
 def test_what_readers_return_goes_into_everything(suite):
     podium, options = rj.Podium(0.2, 1.0), rj.Options(rtol=1e-6, atol=1e-8)
@@ -786,8 +786,8 @@ def test_a_file_in_g_read_as_metres_is_doubted(tmp_path):
 
 
 def test_what_engineers_ask_for_is_not_doubted():
-    """Under warnings as errors: a tall pier, a museum piece, weak and strong pulses, sweeps, a traced
-    size."""
+    """Plausible inputs cause no warning: a tall pier, a museum piece, weak and strong pulses, sweeps, a
+    traced size."""
     for width, height, mass in ((6.0, 60.0, 5e6), (0.05, 0.2, 1.3), (0.4, 4.0, 250.0), (0.1, 2.0, 157.0)):
         rj.Podium.from_dimensions(width, height, mass)
     for a_p in (0.4, 30.0, np.linspace(0, 1000, 5)):

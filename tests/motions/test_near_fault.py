@@ -1,4 +1,4 @@
-"""Pulses in records: known ones are found again, and tables are read."""
+"""Pulses in records: fits recover given pulses, and tables are read."""
 
 import dataclasses
 import math
@@ -26,7 +26,7 @@ def pulse_numbers(fit):
 
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
 def test_a_pulse_is_found_again(quantity):
-    # Straight lines between samples are not quite the pulse.
+    # Straight lines between samples differ slightly from the pulse.
     fit = rj.fit_pulse(rj.Motion(record(), DT), quantity=quantity)
     expected = [0.9, 0.7, 2.3, 1.1, 6.0]
     assert float(fit.share) > 0.9999
@@ -42,7 +42,7 @@ def test_a_pulse_in_noise_explains_its_share_and_leaves_the_noise():
     assert float(fit.share) == pytest.approx(1 - left @ left / (motion.velocity @ motion.velocity), abs=1e-9)
     residual = fit.residual(motion)
     assert np.abs(residual.velocity).max() < 0.5 * motion.pgv
-    # No other pulse of its kind comes closer.
+    # No other pulse of this kind fits better.
     for name in ("A", "f_p", "gamma", "nu"):
         for factor in (0.99, 1.01):
             pulse = dataclasses.replace(fit.pulse, **{name: factor * getattr(fit.pulse, name)})
@@ -76,7 +76,7 @@ def test_a_table_of_pulses(tmp_path):
     assert names == ("Imperial Valley", "Kobe")
     assert np.allclose(pulses.A, [0.875, 0.7])
     assert np.allclose(pulses.nu, [math.pi / 2, -math.pi / 4])
-    # A batch like any other.
+    # The pulses form an ordinary batch.
     peaks = rj.peak_responses(rj.Podium(alpha=0.2, R=1.0), pulses)
     assert peaks.peak_rotation.shape == (2,)
 

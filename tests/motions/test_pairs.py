@@ -1,4 +1,4 @@
-"""Vertical motions beside horizontal ones: components of stations, tables of pairs, spectra, files."""
+"""Pairs of horizontal and vertical motions: components of stations, tables of pairs, spectra, files."""
 
 import dataclasses
 
@@ -157,7 +157,7 @@ def test_boundaries_over_the_amplitude_leave_a_fixed_vertical_motion():
     for factor, falls in ((1 - 1e-8, False), (1 + 1e-8, True)):
         assert bool(rj.peak_response(FRAME, pulse(factor * found, 0.8), options=options).overturned) is falls
     together = rj.overturning_scale(FRAME, pulse(0.9 * found, 0.8), max_scale=1.5, width=1e-2)
-    assert abs(0.9 * float(together) - 1) > 1e-3  # the scale of a pair is that of both
+    assert abs(0.9 * float(together) - 1) > 1e-3  # the scale of a pair applies to both components
 
 
 def test_problem_files(tmp_path):

@@ -1,4 +1,4 @@
-"""Ground motions from files: what can be read, and one clear line for what cannot."""
+"""Ground motions from files: valid files are read, and invalid ones raise an error of one clear line."""
 
 import sys
 import tomllib
@@ -30,7 +30,7 @@ def numbers(values, per_line, width, digits):
 
 
 def csmip(channels, digits=5, units=", in cm/sec2. (8f10.5)"):
-    """Volume 2 of CSMIP: values in cm/s², columns of ten characters that may touch."""
+    """Return a file of CSMIP, volume 2: values in cm/s², columns of ten characters that may touch."""
     lines = []
     for number, (name, values) in enumerate(channels.items(), start=1):
         v = np.cumsum(values) * 0.02
@@ -58,7 +58,8 @@ def csmip(channels, digits=5, units=", in cm/sec2. (8f10.5)"):
 
 
 def cosmos(channels, interval_ms=5.0, form="8F10.5"):
-    """COSMOS 1.20: text, integer header, real header, comments, data; velocity after acceleration."""
+    """Return a file of COSMOS 1.20: text, integer header, real header, comments, data; velocity after
+    acceleration."""
     lines = []
     reals = np.full(100, -999.0)
     reals[61] = interval_ms
@@ -92,8 +93,8 @@ def cosmos(channels, interval_ms=5.0, form="8F10.5"):
 
 
 def esm(values, **changes):
-    """The header of the Engineering Strong-Motion database (DYNA 1.2), shortened, and one value a line in
-    cm/s²."""
+    """Return a file of the Engineering Strong-Motion database (DYNA 1.2): a shortened header, and one value a
+    line in cm/s²."""
     header = {
         "EVENT_NAME": "GREECE",
         "EVENT_ID": "EMSC-20190728_0000106",
@@ -120,7 +121,7 @@ def esm(values, **changes):
 
 
 def knet(counts, direction="E-W", factor="2000(gal)/8388608"):
-    """K-NET and KiK-net: keys in 18 columns, then eight counts a line."""
+    """Return a file of K-NET and KiK-net: keys in 18 columns, then eight counts a line."""
     keys = {
         "Origin Time": "1996/08/11 03:12:00",
         "Lat.": "38.920",
@@ -146,14 +147,14 @@ def knet(counts, direction="E-W", factor="2000(gal)/8388608"):
     )
 
 
-# No drift: as much to one side as to the other.
+# Without drift, positive and negative values are equal.
 GALS = np.concatenate([np.linspace(-260, 260, 53), -np.linspace(-260, 260, 53)])
 VERTICAL = 0.5 * GALS
 CHANNELS = {"90 Deg": GALS, "Up": VERTICAL}
 
 
 def smc(values, kind="2 CORRECTED ACCELEROGRAM", rate=50.0, comments=2):
-    """SMC: 11 lines of text, 48 integers, 50 reals, comments, values in cm/s² that touch."""
+    """Return a file of SMC: 11 lines of text, 48 integers, 50 reals, comments, values in cm/s² that touch."""
     texts = [
         kind, "*", "A020B", "     1989  10  18    0004 Loma Prieta, "
                             "CA", "Moment Mag=      7.1 Ms=      7.1 Ml=      7.0",
@@ -172,8 +173,8 @@ def smc(values, kind="2 CORRECTED ACCELEROGRAM", rate=50.0, comments=2):
 
 
 def geonet(channels, first="Corrected accelerogram 20180212_211554_WPWS_20 GNS Science"):
-    """Volume 2 of GeoNet: acceleration, velocity, displacement in mm and s, ten a line, for each
-    component."""
+    """Return a file of GeoNet, volume 2: acceleration, velocity, displacement in mm and s, ten values a line,
+    for each component."""
     lines = []
     for name, values in channels.items():
         integers = np.zeros(40, int)
@@ -202,7 +203,8 @@ def geonet(channels, first="Corrected accelerogram 20180212_211554_WPWS_20 GNS S
 
 
 def afad(columns, peaks=None):
-    """The text that AFAD wrote once: three components beside each other, peaks in gal in the header."""
+    """Return a file in the older text format of AFAD: three components side by side, peaks in gal in the
+    header."""
     values = np.stack(columns, axis=1)
     peaks = np.abs(values).max(axis=0) if peaks is None else peaks
     names = ("N-S", "E-W", "U-D")
@@ -372,7 +374,8 @@ def test_geonet(tmp_path):
 
 
 def test_afad(tmp_path):
-    """Of today, whose kind is not in capitals; and of once, with three components and no word of the unit."""
+    """The present format, whose type is not in capitals, and the older one with three components and no
+    unit."""
     new = rj.read_motion(write_file(tmp_path, esm(GALS, DATA_TYPE="Acceleration"), "a.asc"))
     np.testing.assert_allclose(new.acceleration, 0.01 * GALS, atol=1e-8)
     path = write_file(tmp_path, afad([GALS, VERTICAL, -VERTICAL]).encode("latin-1"), "a.txt")
@@ -383,7 +386,7 @@ def test_afad(tmp_path):
     assert motion.metadata["station"] == "4304 KÜTAHYA GEDIZ METEOROLOJI MUDURLUGU"
     with pytest.raises(ValueError, match=r"has 3 channels: 1 \(N-S\)"):
         rj.read_motion(path)
-    # Columns whose peaks are not those of the header in gal.
+    # The peaks of the columns differ from those of the header in gal.
     other = write_file(tmp_path, afad([GALS, VERTICAL, -VERTICAL], peaks=[0.27, 0.13, 0.13]), "b.txt")
     with pytest.raises(ValueError, match="the file does not state the unit of its samples"):
         rj.read_motion(other, component=1)
@@ -423,7 +426,9 @@ def test_waveforms(tmp_path, monkeypatch):
             rj.read_motion(path, units="gal")
         with pytest.raises(ValueError, match=r"a\.mseed: the file does not state the unit"):
             rj.read_motion(path, component=1)
-        obspy.Stream(traces).write(str(tmp_path / "pickled.sac"), format="PICKLE")  # which may run anything
+        obspy.Stream(traces).write(
+            str(tmp_path / "pickled.sac"), format="PICKLE"
+        )  # unpickling could execute code
         with pytest.raises(ValueError, match=r"pickled\.sac: ObsPy cannot read the file: "):
             rj.read_motion(tmp_path / "pickled.sac", units="gal", component=1)
         with pytest.raises(ValueError, match=r"b\.sac: ObsPy cannot read the file: "):
@@ -437,12 +442,12 @@ def test_waveforms(tmp_path, monkeypatch):
 
 
 def test_what_looks_wrong_is_said(tmp_path):
-    wave = np.sin(2 * np.pi * np.arange(101) / 50)  # two whole periods
+    wave = np.sin(2 * np.pi * np.arange(101) / 50)  # two complete periods
 
     def column(values):
         return write_file(tmp_path, "\n".join(f"{a:.12f}" for a in values))
 
-    # And not a word.
+    # No warning is issued.
     assert rj.read_motion(column(wave), units="m/s2", dt=0.01).pga == pytest.approx(1, rel=1e-2)
     with pytest.warns(rj.RecordWarning, match=r"motion\.txt: PGA is 99\.8 g; are the units right\?"):
         rj.read_motion(column(100 * wave), units="g", dt=0.01)
@@ -651,10 +656,10 @@ def test_files_that_are_not_there(tmp_path):
 
 
 def one_line_or_good(path, make):
-    """Either it can be read, or it is a `ValueError` of one line that begins with the file."""
+    """Check that the file is read, or raises a `ValueError` of one line that begins with the file."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", rj.PlausibilityWarning)  # numbers may be doubted
+            warnings.simplefilter("ignore", rj.PlausibilityWarning)  # implausible numbers are allowed
             return make()
     except ValueError as error:
         message = str(error)
@@ -664,7 +669,7 @@ def one_line_or_good(path, make):
 
 
 def damaged(text: str):
-    """A file with a piece cut out, put in, or repeated."""
+    """Return the file with a part removed, inserted or repeated."""
     raw = text.encode()
     place = st.integers(0, len(raw))
     pieces = st.one_of(

@@ -10,7 +10,7 @@ WAVE = np.sin(np.arange(401) / 20 * np.pi)  # ten periods
 
 
 def table(tmp_path, heading, *columns, separator=",", decimal=".", name="a.csv"):
-    """A file of columns, in the words of the columns or with their numbers in eight digits."""
+    """Write a file of columns; the columns contain texts, or numbers that are written with eight digits."""
     words = [[y if isinstance(y, str) else f"{y:.8g}" for y in column] for column in columns]
     rows = [separator.join(row).replace(".", decimal) for row in zip(*words, strict=True)]
     path = tmp_path / name
@@ -33,7 +33,7 @@ STEPS = np.arange(401)
         ("Zeit [s];Beschl. [Gal]", ";", 0.01, 0.02, 0.02),
         ("time,acc\n[ms],[g]", ",", G, 5, 0.005),
         ("time acc\ns g", " ", G, 0.01, 0.01),
-        ("# time [ms],acc [g]", ",", G, 5, 0.005),  # as numpy.savetxt writes it
+        ("# time [ms],acc [g]", ",", G, 5, 0.005),  # as written by numpy.savetxt
     ],
 )
 @pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")

@@ -1,4 +1,4 @@
-"""Designs, limit states and analyses of buildings, whose peaks have an axis of their own."""
+"""Designs, limit states and analyses of buildings, whose peaks have an additional axis."""
 
 import dataclasses
 import re
@@ -54,7 +54,7 @@ def test_every_story_has_a_margin(peaks):
     ],
 )
 def test_a_scene_that_overturned_holds_no_target(peaks, target, objective, output):
-    """Its peaks stop at the fall, here far below the limit."""
+    """Peaks cover the time until overturning and are here far below the limit."""
     values = peaks.values | {"margin": jnp.array([-0.3, 0.5])}
     fell = dataclasses.replace(peaks, overturned=jnp.array([True, False]), values=values)
     values = np.asarray(getattr(peaks, output)).reshape(2, -1)
@@ -64,7 +64,7 @@ def test_a_scene_that_overturned_holds_no_target(peaks, target, objective, outpu
     worst = np.reshape(objective(MOTIONS).read(fell, OPTIONS), values.shape)
     np.testing.assert_allclose(worst, values * [[1.3], [1.0]])
     tight = np.reshape(target(0.1 * values.min(), MOTIONS).read(fell, OPTIONS), values.shape)
-    assert (tight <= -9 * (1 - 1e-12)).all()  # no better than by its peaks either
+    assert (tight <= -9 * (1 - 1e-12)).all()  # and at most the margin from the peaks
 
 
 @pytest.mark.slow
@@ -82,7 +82,7 @@ def test_a_design_under_a_motion_that_overturns_is_not_satisfied():
 
 
 def test_a_design_marks_peaks_of_scenes_that_overturned():
-    """Without a target nothing else says that the columns do not survive the second motion."""
+    """Without a target, only this mark shows that the columns do not survive the second motion."""
     motions = [rj.OneSine(2.0, 0.8), rj.OneSine(9.0, 1.0)]
     found = optimise.design(
         PODIUM, {"gamma": (9.0, 11.0)}, optimise.WorstShear(motions), options=OPTIONS, max_iterations=1
@@ -100,7 +100,7 @@ def test_a_design_marks_peaks_of_scenes_that_overturned():
 
 
 def test_scenes_without_an_answer_are_nan_in_all_their_stories(peaks, monkeypatch):
-    """As many motions as stories: which of both axes is marked cannot be told by its length."""
+    """There are as many motions as stories, so the length does not identify the axis."""
     one = jax.tree.map(lambda y: jnp.asarray(y)[0], peaks)
 
     def answered_when_weak(podium, motion, *, options):

@@ -33,7 +33,7 @@ OPTIONS = rj.Options(rtol=1e-9, atol=1e-11, throw=False)
 
 
 class Analytic(optimise.AbstractTarget):
-    """A target that needs no simulation."""
+    """Target without a simulation."""
 
     name: str | None
     function: Callable
@@ -56,7 +56,7 @@ def _alpha(podium):
 
 
 def test_suites_side_by_side_keep_their_order():
-    """Each motion where it was, motions of one kind in one group."""
+    """Motions of one kind form a group, and results have the order of the motions."""
     pulse, wave = lambda a: rj.Ricker(a, 1.0), lambda a: rj.HalfSine(a, 1.0)
     first, second = (
         Suite.of([pulse(1.0), wave(2.0), pulse(3.0)]),
@@ -69,8 +69,8 @@ def test_suites_side_by_side_keep_their_order():
 
 @pytest.mark.slow
 def test_a_later_design_compiles_nothing(caplog):
-    """Of another structure, with the same objective written anew, not even a single operation of JAX; motions
-    that two targets use are simulated once, in one loop."""
+    """The later design has another structure and a new function for the same objective, and compiles not even
+    a single operation. Motions that two targets use are simulated once, in one loop."""
     motions = [rj.Ricker(4.0, 0.6), rj.Ricker(3.0, 1.0)]
 
     def answer(height):
@@ -124,7 +124,7 @@ def test_scaling_meets_the_bounds_and_inverts():
     x = jnp.array([0.3, 0.7])
     assert np.allclose(varied.scaled(varied.values(x)), x, atol=1e-14)
     assert np.isclose(varied.values(x)[0], 0.5 * 100**0.3)
-    # Derivatives hold up to the bounds themselves.
+    # Derivatives are correct up to the bounds.
     slopes = [jnp.diag(jax.jacfwd(varied.values)(jnp.full(2, end))) for end in (0.0, 1.0)]
     assert np.allclose(slopes, [[0.5 * math.log(100), 0.2], [50 * math.log(100), 0.2]], rtol=1e-12)
     outside = make_variables(BLOCK, {"alpha": (0.2, 0.3)})
@@ -165,7 +165,7 @@ def test_bad_variables_say_what_would_be_right(podium, vary, words):
         optimise.design(podium, vary, _alpha)
 
 
-# The method, where the answer is known
+# The method, on problems with known solutions
 
 
 def test_multiplier_is_the_price_of_the_target():
@@ -176,13 +176,13 @@ def test_multiplier_is_the_price_of_the_target():
     assert result_name(answer.result) == "converged"
     assert np.isclose(answer.variables["alpha"], 0.1, rtol=1e-5)
     assert answer.variables["R"] == 2.0
-    # α = 0.1 (1 − ε) when the limit gives way by ε.
+    # α = 0.1 (1 − ε) if the limit is relaxed by ε.
     assert np.isclose(answer.multipliers["analytic"][0], 0.1, rtol=1e-4)
     assert 0 <= answer.margins["analytic"][0] < 1e-5
 
 
 def test_curved_problem_with_two_binding_targets():
-    # max α R on α² + (R/5)² ≤ 0.1 and R ≥ 1.2: both bind, with the prices of ∇f = μ₁∇c₁ + μ₂∇c₂.
+    # max α R with α² + (R/5)² ≤ 0.1 and R ≥ 1.2: both are active, with the multipliers of ∇f = μ₁∇c₁ + μ₂∇c₂.
     circle = Analytic(lambda p: 1 - (p.alpha**2 + (p.R / 5) ** 2) / 0.1, "circle")
     floor = Analytic(lambda p: p.R / 1.2 - 1, "floor")
     vary = {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}
@@ -212,7 +212,7 @@ def test_minimax_is_met_at_its_kink():
 
 
 def test_a_kink_inside_one_response_is_met():
-    # One margin that is the least of two branches, of which only the active one shows its slope.
+    # A margin that is the smaller of two branches; its slope is that of the active branch.
     target = Analytic(lambda p: jnp.minimum(p.alpha - 0.3 * (p.R - 1), p.alpha + 0.6 * (p.R - 1)) / 0.2 - 1)
     answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}, _alpha, target)
     assert np.allclose([answer.variables["alpha"], answer.variables["R"]], [0.2, 1.0], atol=1e-5)
@@ -228,7 +228,7 @@ def test_a_jump_ends_at_the_jump_and_ends():
 
 
 def test_unreachable_targets_return_the_closest_design():
-    # Of the two targets, the violations are equal at α = 0.25.
+    # The violations of both targets are equal at α = 0.25.
     targets = [Analytic(lambda p: p.alpha / 0.2 - 2, "wide"), Analytic(lambda p: 0.5 - p.alpha / 0.2, "slim")]
     answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, targets, starts=2)
     assert result_name(answer.result) == "infeasible"
@@ -307,7 +307,7 @@ def test_bad_arguments_say_what_would_be_right(changes, words):
 
 
 def _valley(podium):
-    """Curved, so that a descent takes its time; least at alpha = 0.3, R = 1.5·(0.3/0.15)²."""
+    """A curved valley in which a descent is slow; the minimum is at alpha = 0.3, R = 1.5·(0.3/0.15)²."""
     x, y = podium.alpha / 0.15, podium.R / 1.5
     return (x - 2) ** 2 + 10 * (y - x**2) ** 2
 
@@ -332,11 +332,11 @@ def test_ctrl_c_keeps_the_best_design_so_far():
         assert "interrupted, targets satisfied" in str(best)
         seen.append(best.objective)
     assert seen[0] > seen[1] > seen[2] >= whole.objective
-    # Nothing is known before the first evaluation has ended; at the end everything is.
+    # Before the first evaluation there is no result; at the end the result is complete.
     with pytest.raises(rj.Interrupted, match="before the first evaluation") as stopped:
         ask(progress=Stops(1))
     assert stopped.value.partial is None
-    calls = whole.stats.evaluations  # of both starts: more than there were calls
+    calls = whole.stats.evaluations  # for both starts, so more than the number of calls
     progress = Stops(0)
     ask(progress=progress)
     with pytest.raises(rj.Interrupted) as stopped:
@@ -359,7 +359,7 @@ def test_progress_is_told():
     assert counter.count >= len(answer.history)
 
 
-# Gradient transformations, whose steps the quadratic programming finishes
+# Gradient transformations, followed by quadratic programming
 
 ADAM = optax.adam(0.02)
 BOX = {"alpha": (0.05, 0.5), "R": (0.5, 2.0)}
@@ -419,7 +419,8 @@ def test_adam_ends_in_a_named_result():
 
 
 def test_adam_keeps_within_bounds_and_leaves_what_is_not_finite():
-    # Its way leads into a hole at R > 1.6; the optimum is at R = 1.5 and on the bound of alpha.
+    # The descent enters a region without answers at R > 1.6; the optimum is at R = 1.5 and at the bound of
+    # alpha.
     hole = lambda p: jnp.where(p.R > 1.6, jnp.nan, (p.R - 1.5) ** 2 + p.alpha)
     answer = optimise.design(BLOCK.replace(R=0.6, alpha=0.4), BOX, hole, method=optax.adam(0.2))
     assert result_name(answer.result) == "converged"
@@ -454,8 +455,8 @@ TARGETS = {
     "rotation": optimise.PeakRotation(0.4, MOTIONS),
     "shear": optimise.PeakShear(0.5, MOTIONS),
     "overturning": optimise.NoOverturning(MOTIONS),
-    # What the acceleration is over moves too; the median takes in every scale. No window here is so narrow
-    # that the usual width would find another boundary.
+    # The unit of the acceleration ratio changes too; the median depends on all scales. No window is so narrow
+    # that the default width would find another boundary.
     "ratio": optimise.OverturningAcceleration(3.0, rj.OneSine, [0.9, 1.2], ratio=True, width=1e-3),
     "median": optimise.MedianCapacity(1.5, MOTIONS, width=1e-3),
     "risk": optimise.AnnualFrequency(4e-4, HAZARD, RECORDS, width=1e-3),
@@ -466,8 +467,8 @@ TARGETS = {
 @pytest.mark.slow(but=["rotation"])
 @pytest.mark.parametrize("name", list(TARGETS))
 def test_margins_have_exact_derivatives(name):
-    """Under an elastic building where the target is about it or about the rotation, or about records, which
-    rigid ones take longer to run under `vmap`; the others compile sooner without."""
+    """Targets on the building, on rotations or with records have an elastic building; the others compile
+    faster without one."""
     target = TARGETS[name]
     elastic = name in ("rotation", "shear", "risk")
     podium = DRAWING.replace(width=0.5, period=DRAWING.period if elastic else None).podium()
@@ -478,7 +479,7 @@ def test_margins_have_exact_derivatives(name):
             podium.replace(alpha=jnp.arctan(width / 3), R=0.5 * jnp.hypot(width, 3.0)), options
         )
 
-    # One program for values and slopes.
+    # One program computes values and slopes.
     both = jax.jit(lambda width: jax.jvp(margins, (width,), (1.0,)))
     h = 1e-6
     (low, _), (value, slope), (high, _) = (both(0.5 + step) for step in (-h, 0.0, h))
@@ -498,7 +499,7 @@ def test_the_annual_frequency_of_a_target_is_that_of_the_analysis():
     assert float(target.frequency(podium, options)) == pytest.approx(float(expected), rel=1e-6)
     loss = optimise.ExpectedLoss(lambda podium: 100 * podium.alpha, 5e4, target)
     assert float(loss.values(podium, options)[0]) == pytest.approx(20.0 + 5e4 * float(expected), rel=1e-6)
-    # Where nothing overturns: what is known for certain, and no slope.
+    # If nothing overturns, the margin is a bound without a slope.
     stocky = podium.replace(alpha=1.0, R=20.0)
     assert float(target.frequency(stocky, options)) == pytest.approx(float(HAZARD(jnp.asarray(30.0))))
 
@@ -508,7 +509,7 @@ def test_an_annual_frequency_takes_vertical_motions_with_it():
     pairs = pairs.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(0.5)))
     suite = optimise.AnnualFrequency(4e-4, HAZARD, pairs).suite
     tops = suite.map_motions(lambda motion: jnp.stack([jnp.max(jnp.abs(y)) for y in motion_samples(motion)]))
-    assert np.allclose(tops, [[1.0, 0.5], [1.0, 0.5]])  # a PGA of 1 m/s², half as much upwards
+    assert np.allclose(tops, [[1.0, 0.5], [1.0, 0.5]])  # PGA of 1 m/s², vertically half as much
 
 
 def motion_samples(motion):
@@ -605,7 +606,7 @@ def test_slimmest_column_from_several_starts():
     answers = [studies.slimmest(seed, count=2) for seed in range(4)]
     assert all(answer.satisfied for answer in answers)
     assert np.ptp([answer.objective for answer in answers]) < 1e-5
-    # The price is the slope of the optimum in the limit.
+    # The shadow price is the slope of the optimum with respect to the limit.
     podium, target = answers[0].structure, optimise.PeakRotation(0.4 * 1.01, studies.pulses(2))
     looser = optimise.design(podium, {"width": (0.2, 1.5)}, _alpha, target, options=studies.OPTIONS)
     price = sum(values.sum() for values in answers[0].multipliers.values())

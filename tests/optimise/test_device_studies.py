@@ -1,4 +1,4 @@
-"""The studies that size devices: what they report of a design, and pairs of records."""
+"""Studies that size devices: their reports of designs, and pairs of records."""
 
 import dataclasses
 
@@ -58,4 +58,4 @@ def test_a_design_is_checked_by_simulations_of_its_own():
     more = answer.structure.replace(tendon_force=1.1 * answer.variables["tendon_force"])
     elsewhere = device_design.check(problem, dataclasses.replace(answer, structure=more))
     assert elsewhere.margin > 1e-3
-    assert elsewhere.residual > 1e-3  # until the target binds
+    assert elsewhere.residual > 1e-3  # until the target is active

@@ -26,8 +26,8 @@ def study():
 
 
 def shown_in_a_browser(explorer):
-    """What a browser does on showing sliders: it takes every value to the nearest place from `min` on, and
-    sends it back."""
+    """Act like a browser that shows sliders: round every value to the nearest position from `min`, and send
+    it back."""
     for slider in explorer.sliders.values():
         place = round((slider.value - slider.min) / slider.step)
         slider.set_state({"value": slider.min + place * slider.step})
@@ -59,7 +59,7 @@ def test_what_is_given_is_computed_until_a_slider_is_moved():
     for slider, value in zip(study.sliders.values(), given.values(), strict=True):
         assert slider.value == pytest.approx(value, rel=1e-5)
         assert 200 <= (slider.max - slider.min) / slider.step <= 500_000
-    # Moved, and back again.
+    # Moved, and moved back.
     study.sliders["a_p"].set_state({"value": 0.5 + 27 * 0.1})
     assert study.values["a_p"] == 3.2
     study.sliders["a_p"].set_state({"value": 3.2001 + 1e-13})
@@ -69,10 +69,10 @@ def test_what_is_given_is_computed_until_a_slider_is_moved():
 def test_round_numbers_stay_round_numbers(study):
     for name, value in {"width": 0.45, "period": 0.5, "a_p": 3.2, "T_p": 1.0}.items():
         slider = study.sliders[name]
-        assert slider.step == pytest.approx(float(f"{slider.step:.0e}"))  # one digit
+        assert slider.step == pytest.approx(float(f"{slider.step:.0e}"))  # step of one significant digit
         slider.value = 0.5 * (slider.min + slider.max)
         slider.set_state({"value": slider.min + round((value - slider.min) / slider.step) * slider.step})
-        assert study.values[name] == value  # and not 0.45000000000000007
+        assert study.values[name] == value  # not 0.45000000000000007
 
 
 def test_pictures_follow(study):
@@ -83,12 +83,12 @@ def test_pictures_follow(study):
     assert study.peak.overturned
     assert "overturns at" in study._text.value
     low, high = (matplotlib.image.imread(io.BytesIO(png)) for png in (low, study.picture))
-    assert low.shape == high.shape == (960, 1280, 4)  # twice the points it takes on the screen
+    assert low.shape == high.shape == (960, 1280, 4)  # twice as many pixels as on the screen
     assert np.any(low != high)
 
 
 def test_no_compilation_when_sliders_move(study, caplog):
-    study.sliders["a_p"].value = 2.0  # whatever the first answer needs
+    study.sliders["a_p"].value = 2.0  # independent of the first answer
     with jax.log_compiles(), caplog.at_level(logging.DEBUG, "jax"):
         for name, slider in study.sliders.items():
             for part in (0.1, 0.5, 0.9):
@@ -96,7 +96,7 @@ def test_no_compilation_when_sliders_move(study, caplog):
             assert study.values[name] == slider.value
         assert not [record for record in caplog.records if "ompil" in record.getMessage()]
         jax.jit(lambda x: x + 1)(0.0)
-        # It would have been seen.
+        # A change would be visible.
         assert [record for record in caplog.records if "ompil" in record.getMessage()]
 
 
@@ -108,7 +108,7 @@ def test_records_and_rigid_buildings():
     study.sliders["scale"].value = 3.0
     expected = rj.peak_response(podium, motion.record(3.0)).peak_rotation
     assert study.peak.peak_rotation == pytest.approx(float(expected), rel=1e-6)
-    assert len(study._drawing.figure.axes) == 2  # nothing deforms
+    assert len(study._drawing.figure.axes) == 2  # without a superstructure there is no deformation panel
 
 
 @pytest.mark.slow

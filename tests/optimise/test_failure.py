@@ -1,4 +1,4 @@
-"""Targets on a probability of failure: rays through failing samples, and designs that keep one."""
+"""Targets on a probability of failure: rays through failing samples, and designs that satisfy a target."""
 
 import math
 from typing import Any
@@ -26,7 +26,7 @@ BLOCK = rj.Podium(alpha=0.2, R=1.0)
 
 
 class Bowl(FunctionLimitState):
-    """Fails from a distance b on: at z ≥ b + w²/5, with w a half of (u₀ − u₁)², of five numbers."""
+    """Limit state with failure at z ≥ b + w²/5, where w is half of (u₀ − u₁)², in five variables."""
 
     bend = 0.2
 
@@ -48,7 +48,7 @@ class Bowl(FunctionLimitState):
 
     @classmethod
     def probability(cls, b, factor):
-        """P of factor times u."""
+        """Return the probability of failure for factor · u."""
         return quad(
             lambda w: norm.pdf(w) * norm.sf((b + cls.bend * (factor * w) ** 2) / factor), -9, 9, epsrel=1e-10
         )[0]
@@ -71,7 +71,7 @@ def test_the_factor_that_makes_a_probability_and_its_derivative(rays):
     exact = [brentq(lambda k, b=b: Bowl.probability(b, k) - 1e-3, 0.3, 1.5) for b in (2.0, 2.001)]
     assert cut.factor == pytest.approx(exact[0], rel=0.01)
     assert cut.sensitivities[0] == pytest.approx(math.log(exact[1] / exact[0]) / math.log(1.0005), rel=0.05)
-    # Of the same rays the derivative is exact.
+    # For fixed rays the derivative is exact.
     up, down = (solve_factor(Bowl(2.0 * f), rays, 1e-3, ("b",), 1.0).factor for f in (1 + 1e-4, 1 - 1e-4))
     assert cut.sensitivities[0] == pytest.approx(math.log(up / down) / 2e-4, rel=1e-5)
     assert cut.jumps == 0
@@ -91,7 +91,7 @@ def test_rays_of_a_sample_that_has_not_converged_are_refused(monkeypatch):
 
 
 def test_a_check_that_has_not_converged_leaves_the_rays_alone(monkeypatch):
-    """It is known to the answer, and moves no margin."""
+    """The answer reports it, and no margin changes."""
     target = optimise.FailureProbability(1e-2, MOTION, cov=0.5, rays=16)
     monkeypatch.setattr("optimise._failure.sample_rays", lambda *_: None)
     sampled = RayTarget(target, BLOCK)
@@ -199,8 +199,9 @@ def test_a_file_asks_for_cost_and_expected_loss(tmp_path):
 
 @pytest.mark.slow
 def test_margins_have_derivatives_by_the_variables():
-    """Also by a number that is zero, and by one that moves several numbers of the podium. Windows that open
-    and close on rays make margins rough, each sample's in its own way, so the mean of some is looked at."""
+    """Derivatives also with respect to a parameter that is zero, and one that changes several parameters of
+    the podium. Windows that open and close on rays make the margins of each sample rough, so the mean of
+    several samples is tested."""
     box, h = make_variables(BLOCK.replace(gamma=0.0), {"width": (0.2, 0.8), "gamma": (0.0, 4.0)}), 0.03
     x = np.array(box.start())
     slopes, differences = [], []
@@ -220,6 +221,6 @@ def test_a_design_keeps_a_probability_and_an_independent_sample_says_so():
     assert answer.satisfied
     (found,) = answer.probabilities.values()
     assert found.probability <= 0.05
-    assert found.probability > 0.01  # and is not far inside
+    assert found.probability > 0.01  # not far from the limit
     assert target.probability(answer.podium, seed=99).interval[0] <= 0.05
     assert "independent sample" in repr(answer)

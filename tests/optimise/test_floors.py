@@ -1,4 +1,4 @@
-"""Targets on what stands on floors: margins, their derivatives, bad input."""
+"""Targets on secondary systems of floors: margins, their derivatives, invalid inputs."""
 
 import dataclasses
 
@@ -21,7 +21,7 @@ TARGETS = optimise.ContentsRotation(0.5, SUITE, BLOCKS), optimise.FloorSpectrum(
 @pytest.mark.slow(but=["ContentsRotation"])
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
 def test_margins_and_their_derivatives(target):
-    """Against single scenes, and derivatives against differences; a block that overturns has a slope too."""
+    """Margins agree with single scenes, and derivatives with differences, also for a block that overturns."""
     options = OPTIONS
 
     def margins(alpha):
@@ -38,7 +38,7 @@ def test_margins_and_their_derivatives(target):
     stands = found > (target.limit - 1) / target.limit if name == "peak_rotation" else np.ones(4, bool)
     np.testing.assert_allclose(found[stands], (1 - np.array(sizes) / target.limit)[stands], rtol=1e-7)
     slope = np.asarray(jax.jacfwd(margins)(jnp.asarray(0.15)))
-    h = 1e-6  # farther away the second block starts by another impact
+    h = 1e-6  # with a larger difference another impact starts the second block
     difference = np.asarray(margins(jnp.asarray(0.15 + h)) - margins(jnp.asarray(0.15 - h))) / (2 * h)
     np.testing.assert_allclose(slope, difference, rtol=1e-5, atol=1e-5)
     assert np.all(slope != 0)

@@ -1,5 +1,5 @@
-"""Designs by motions that are drawn anew in every step: what is drawn, where searches lead, what is said of
-them."""
+"""Designs with fresh samples of motions in every step: the samples, the results of searches, and their
+reports."""
 
 from typing import Any
 
@@ -21,14 +21,14 @@ MOTION = rj.GaussianMotion(31, 0.1, 0.02)
 
 
 def records(count: int, seed: int = 0) -> list[rj.Record]:
-    """Records whose largest sample is e^x with x of mean 0 and deviation 0.4."""
+    """Return records whose largest sample is e^x, where x has the mean 0 and the standard deviation 0.4."""
     x = np.random.default_rng(seed).normal(scale=0.4, size=count)
     x -= x.mean()
     return [rj.Record(np.array([0.0, np.exp(y), 0.0]), 0.1) for y in x]
 
 
 class OfFormula(optimise.MedianCapacity):
-    """With a formula for the capacities: 10 α R over the largest sample."""
+    """Target with a formula for the capacities: 10 α R divided by the largest sample."""
 
     def least_scales(self, podium, options):
         del options
@@ -66,11 +66,11 @@ def test_what_is_drawn():
     parts = fresh.sample(0)
     assert [len(part.which) for part in parts] == [8, 8]
     assert not np.array_equal(parts[0].acceleration, parts[1].acceleration)
-    # Of a million numbers the spread is that of the motion.
+    # A million samples have the dispersion of the motion.
     many = optimise.FreshSamples(MOTION, 4000, verify=4000).draw(0)
     assert np.allclose(np.std(many.acceleration, axis=0), MOTION.standard_deviation(), rtol=0.05, atol=1e-12)
     of_list = optimise.FreshSamples(records(50), 8, verify=8)
-    assert of_list.draw(0).acceleration.shape[0] == 50  # kept once
+    assert of_list.draw(0).acceleration.shape[0] == 50  # stored once
     assert "8 of 50 records" in repr(of_list)
     drawn = np.concatenate([of_list.draw(k).which for k in range(100)])
     assert set(drawn) == set(range(50))
@@ -86,8 +86,8 @@ def test_a_frequency_draws_records_of_unit_intensity():
 
 
 def test_a_search_by_fresh_samples_ends_where_the_whole_suite_would():
-    """10 α = 2 e^0 for the median of all. It aims inside by what two samples may differ: 2.33 · 0.4/√256, and
-    what the mean of the steps wanders."""
+    """The median of all records gives 10 α = 2 e^0. The search adds an allowance for the scatter between two
+    samples, 2.33 · 0.4/√256, and for the scatter of the mean of the steps."""
     answer = design_block()
     assert answer.satisfied
     assert answer.result == optimise.RESULTS.averaged
@@ -98,20 +98,20 @@ def test_a_search_by_fresh_samples_ends_where_the_whole_suite_would():
     (name,) = answer.margins
     assert 0 <= answer.margins[name][0] < 0.2
     assert answer.standard_errors[name][0] == pytest.approx(0.4 / 16, rel=0.3)
-    assert answer.multipliers[name][0] == pytest.approx(0.2, rel=0.15)  # d ln α by the median
+    assert answer.multipliers[name][0] == pytest.approx(0.2, rel=0.15)  # d ln α with respect to the median
     assert "from an independent sample" in repr(answer)
     assert answer.stats.scenes >= 3 * (300 * 16 + 256)
-    # The same seed gives the same, another one not.
+    # Equal seeds give equal results, other seeds do not.
     short = [design_block(seed=seed, max_iterations=20, starts=1).objective for seed in (0, 0, 1)]
     assert short[0] == short[1] != short[2]
-    # Larger samples lead closer.
+    # Larger samples give a more accurate result.
     fine = design_block(batch=64, verify=4096)
     assert abs(fine.objective - 0.2) < abs(answer.objective - 0.2)
     assert fine.objective == pytest.approx(0.2, rel=0.03)
 
 
 def test_two_variables_by_fresh_samples():
-    """Least α + R²/10 with 10 α R ≥ 2 (1 + what is kept inside): the multiplier balances both."""
+    """The minimum of α + R²/10 with 10 α R ≥ 2 (1 + allowance): the multiplier balances both."""
     box = {"alpha": (0.05, 0.8), "R": (0.3, 3.0)}
     answer = design_block(
         box=box, minimise=slender_and_small, batch=32, verify=1024, max_iterations=600, starts=2
@@ -119,7 +119,9 @@ def test_two_variables_by_fresh_samples():
     assert answer.satisfied
     alpha, R = answer.variables["alpha"], answer.variables["R"]
     assert alpha * R == pytest.approx(0.2, rel=0.1)
-    assert pytest.approx(alpha / R, rel=0.15) == 0.2 * R  # ∂f/∂R over ∂f/∂α, and those of the target
+    assert (
+        pytest.approx(alpha / R, rel=0.15) == 0.2 * R
+    )  # ratio of ∂f/∂R and ∂f/∂α, equal to that of the target
 
 
 def test_what_cannot_be_reached_is_said():
@@ -140,7 +142,7 @@ def test_a_target_that_stays_is_kept_beside_them():
 
 
 class Stops:
-    """A progress bar at which somebody presses Ctrl-C."""
+    """Progress bar that acts like Ctrl-C."""
 
     n = 0
 
@@ -211,8 +213,8 @@ def test_slopes_of_a_batch_are_those_of_its_capacities():
     ((low, _), _), ((scales, _), (slopes, slope)), ((high, _), _) = map(
         both, 0.15 + np.array([-1e-6, 0, 1e-6])
     )
-    # At others a window narrower than `width` opens or closes below the boundary, as the columns may rock
-    # chaotically: it jumps.
+    # For other records, chaotic rocking opens or closes a window narrower than `width` below the boundary,
+    # which then jumps.
     steady = np.abs(high - low) < 1e-4 * scales
     assert steady.sum() >= 2
     np.testing.assert_allclose(slopes[steady], (high - low)[steady] / 2e-6, rtol=1e-4)

@@ -26,7 +26,7 @@ TARGETS = {
 
 
 def histories():
-    """Axial forces, shears and foundation shears along densely sampled histories."""
+    """Return axial forces, shears and foundation shears along densely sampled histories."""
     for motion in MOTIONS:
         response = rj.simulate(PODIUM, motion, options=TIGHT)
         start, end = float(response.times[0]), float(response.stats.end_time)
@@ -48,7 +48,7 @@ def test_margins_are_those_of_histories():
         expected["friction"].append(np.nanmin(0.25 * N - np.abs(T), axis=(0, 1)) / (0.25 * load))
         expected["axial force"].append(np.nanmin(N, axis=(0, 1)) / load - 0.1)
         expected["foundation shear"].append([(0.16 - np.nanmax(np.abs(V))) / 0.16])
-    assert np.min(expected["axial force"]) < -0.1  # a joint pulls
+    assert np.min(expected["axial force"]) < -0.1  # a joint is in tension
     for name, target in TARGETS.items():
         found = np.asarray(target.margins(PODIUM, TIGHT))
         np.testing.assert_allclose(found, np.concatenate(expected[name]), atol=2e-6)
@@ -108,7 +108,7 @@ HOW = rj.Options(rtol=1e-9, atol=1e-11)
 
 
 def starts_agree(design: optimise.Design, digits: float = 1e-4):
-    """Every start that converged found the same objective."""
+    """Check that all converged starts have the same objective."""
     assert design.satisfied
     found = [start.objective for start in design.starts if start.satisfied]
     assert len(found) >= 8
@@ -116,7 +116,7 @@ def starts_agree(design: optimise.Design, digits: float = 1e-4):
 
 
 def least_force(drawing: optimise.Dimensions) -> float:
-    """The least axial force of all joints under the suite [m_c g]."""
+    """Return the least axial force of all joints under the suite [m_c g]."""
     options = TIGHT.replace(outputs=("axial_force",))
     peaks = [rj.peak_response(drawing.podium(), motion, options=options) for motion in SUITE]
     return min(float(np.min(np.asarray(peak.least_axial_force))) for peak in peaks)
@@ -124,7 +124,7 @@ def least_force(drawing: optimise.Dimensions) -> float:
 
 @pytest.mark.slow
 def test_least_spacing_that_keeps_joints_closed():
-    """From ten starts, against the root of the margin found on its own."""
+    """The result of ten starts agrees with a root of the margin that is found separately."""
     spacing = lambda podium: podium.elevation.columns[1] - podium.elevation.columns[0]
     design = optimise.design(
         DRAWING, {"position_2": (3.0, 20.0)}, spacing, [CLOSED], starts=10, options=HOW, progress=False
@@ -136,7 +136,7 @@ def test_least_spacing_that_keeps_joints_closed():
 
 @pytest.mark.slow
 def test_tendons_do_not_close_joints_that_the_spacing_opens():
-    """Neither a scan of forces nor a search from ten starts finds a force that is enough."""
+    """Neither a scan of forces nor a search from ten starts finds a sufficient force."""
     drawing = DRAWING.replace(positions=(0.0, 5.5), tendon_force=20e3, tendon_stiffness=2e6)
     forces = (1e3, 20e3, 60e3, 120e3, 200e3, 400e3)
     assert max(least_force(drawing.replace(tendon_force=force)) for force in forces) < 0
@@ -150,8 +150,8 @@ def test_tendons_do_not_close_joints_that_the_spacing_opens():
 
 @pytest.mark.slow
 def test_width_for_a_number_of_columns():
-    """From ten starts: the rotation decides the width. A third column between the same outer ones changes it
-    by less than a thousandth. Both designs hold when checked anew; columns narrower by 1 % do not."""
+    """In ten starts the rotation determines the width. A third column between the same outer ones changes the
+    width by less than 0.1 %. New simulations confirm both designs; columns that are 1 % narrower fail."""
     rotation, widths = optimise.PeakRotation(0.4, SUITE), []
     for count in (2, 3):
         drawing = DRAWING.replace(positions=tuple(np.linspace(0.0, 14.0, count)), columns=count)
@@ -171,7 +171,8 @@ def test_width_for_a_number_of_columns():
 
 @pytest.mark.slow
 def test_columns_sized_with_and_without_the_joints():
-    """The constraint on the joints decides the width, and costs some; both designs hold when checked anew."""
+    """The target on the joints determines the width and makes it larger. New simulations confirm both
+    designs."""
     rotation = optimise.PeakRotation(0.4, SUITE)
     wide, narrow = (
         optimise.design(

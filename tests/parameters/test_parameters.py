@@ -17,7 +17,7 @@ COLUMNS = rj.Elevation((-3.0, 3.0), 0.6, 8.4, 1.0)
 RESTRAINED = rj.Podium(0.2, 1.5, 10.0, rj.Elastic(50.0, 0.5, 0.03), 0.3, 0.9, 9.7, DEVICES, COLUMNS)
 UNRESTRAINED = rj.Podium(0.2, 1.5)
 
-# What changes with a parameter besides.
+# Other parameters that change with a parameter.
 DEPENDENT = {
     "alpha": {"tan_alpha", "width", "height"},
     "tan_alpha": {"alpha", "width", "height"},
@@ -53,7 +53,7 @@ def test_which_parameters_a_podium_has():
 
 
 def test_a_damping_ratio_of_all_modes_that_varies_is_no_row_of_modes():
-    """As many podiums as modes: their axis is not that of the modes."""
+    """There are as many podiums as modes; the axis of podiums must not be taken for that of modes."""
     building = rj.ShearBuilding.uniform(stories=2, eta=5.0, T=0.5)
     podium, ratios = rj.Podium(0.2, 1.5, 5.0, building), np.array([0.02, 0.05])
     for values in (ratios, np.array([0.02, 0.03, 0.05])):
@@ -74,7 +74,7 @@ def test_width_and_height_are_slenderness_and_size():
 
 @pytest.mark.parametrize("name", registry.STRUCTURE)
 def test_the_range_is_that_of_the_structure(name):
-    """Numbers just outside are refused, those just inside are taken."""
+    """Values just outside the range raise an error, and values just inside are accepted."""
     low, high = registry.STRUCTURE[name].range.low, registry.STRUCTURE[name].range.high
     for end, inwards in ((low, 1e-9), (high, -1e-9)):
         if math.isinf(end):
@@ -111,7 +111,7 @@ def test_parameters_of_motions_are_fields_of_theirs():
     )
     fields = {field.name for motion in kinds for field in dataclasses.fields(motion)}
     ratios = {name for name, entry in registry.MOTION.items() if entry.instead_of}
-    of_pairs = {"vertical_ratio"}  # what makes two motions of one
+    of_pairs = {"vertical_ratio"}  # parameters that turn one motion into a pair
     assert set(registry.MOTION) - ratios - of_pairs == fields - {"acceleration"}
 
 

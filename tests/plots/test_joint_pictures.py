@@ -1,4 +1,4 @@
-"""Pictures of the forces in the joints: that they show the numbers, and where joints open."""
+"""Pictures of the forces in the joints show the computed values and the times at which joints open."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,7 +12,7 @@ from rockjax._responses.datasets import describe_podium, podium_of
 from rockjax.plots import _from_file
 from tests.scenes import pulse
 
-# The first and the second of three columns are the right and the left one.
+# Of the three columns, the first is the right one and the second the left one.
 ELEVATION = rj.Elevation([6.0, -3.0, 0.0], 0.6, 8.4)
 RIGID = rj.Podium(0.15, 1.5, 10.0, rj.Rigid(50.0), elevation=ELEVATION)
 HIGH = RIGID.replace(elevation=rj.Elevation([6.0, -3.0, 0.0], 0.6, 40.0))
@@ -23,7 +23,7 @@ PICTURES = ("joint_forces", "friction_demand")
 
 @pytest.fixture(scope="module")
 def responses():
-    """Joints that hold, joints that open, and a block, of which no forces were requested."""
+    """Return responses with closed joints, with opening joints, and of a block without requested forces."""
     return {
         "holds": rj.simulate(RIGID, pulse(), options=OPTIONS),
         "opens": rj.simulate(HIGH, pulse(), options=OPTIONS),
@@ -42,7 +42,7 @@ def labelled(ax):
 
 
 def spans(ax):
-    """The shaded times."""
+    """Return the shaded time spans."""
     (shaded,) = (y for y in ax.collections if y.get_label() == "a joint is open")
     assert to_hex(shaded.get_facecolor()[0]) == plots._joints.OPEN.lower()
     return [(path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in shaded.get_paths()]
@@ -74,7 +74,7 @@ def test_curves_are_the_forces_of_the_end_columns(responses):
         t, N = curves[name].get_data()
         np.testing.assert_array_equal(N, response.joint_forces(t).axial[:, column, 0])
     assert curves["dead load"].get_ydata()[0] == 61.0
-    # Both columns carry the dead load before the motion, and the marked force is the least of all.
+    # Both columns carry the dead load before the motion; the marked force is the least of all.
     t, N = curves["left column"].get_data()
     assert N[0] == pytest.approx(61.0)
     assert list(curves.values())[-1].get_ydata()[0] == pytest.approx(
@@ -154,7 +154,8 @@ def test_elevations_are_written_and_read_again():
 
 
 def spectrum() -> xarray.Dataset:
-    """Least forces that fall with the frequency at the bottom joint, and faster at the top joint."""
+    """Return a spectrum whose least forces decrease with the frequency, faster at the top joint than at the
+    bottom joint."""
     x, y = np.linspace(1.0, 8.0, 8), np.linspace(1.0, 12.0, 6)
     share = np.broadcast_to(1 - x / 4, (y.size, x.size))
     return xarray.Dataset(

@@ -1,4 +1,4 @@
-"""Pictures of boundaries, ensembles and designs: what they say, and that nothing lies under a legend."""
+"""Pictures of boundaries, ensembles and designs: their content, and legends that cover nothing."""
 
 from types import SimpleNamespace
 
@@ -27,7 +27,8 @@ def _close():
 
 
 def spectrum(**attrs) -> xarray.Dataset:
-    """A jump between 2 and 3, an end after 5, and two windows, of which one goes on to the next frequency."""
+    """Return an overturning spectrum with a jump between 2 and 3, an end after 5, and two windows, of which
+    one continues to the next frequency."""
     boundaries = [
         [1.0, 2.0, 2.5],
         [1.1, 2.2, 2.6],
@@ -72,7 +73,9 @@ def test_jumps_ends_and_windows_are_drawn_and_named():
     ]
     curve, bridge = ax.lines[0], ax.lines[1]
     assert np.isnan(curve.get_ydata()[2])  # a gap between 2 and 3 …
-    np.testing.assert_array_equal(bridge.get_xydata(), [[2.0, 1.1], [3.0, 2.0]])  # … with a dotted bridge
+    np.testing.assert_array_equal(
+        bridge.get_xydata(), [[2.0, 1.1], [3.0, 2.0]]
+    )  # … with a dotted line across
     (end,) = [line for line in ax.lines if line.get_marker() == "^" and len(line.get_xdata())]
     np.testing.assert_array_equal(end.get_xydata(), [[5.0, 2.2]])
     drawn = next(c for c in ax.collections if isinstance(c, PolyCollection) and c.get_paths())
@@ -113,7 +116,7 @@ def test_panels_say_what_stands_on_the_columns(attrs, words):
 
 
 def test_a_title_of_many_lines_covers_nothing():
-    """Vertical motion, a building and devices, each of which is said above the panels."""
+    """The title names vertical motion, a building and devices, above the panels."""
     devices = rj.Tendon(0.8), rj.Damper(0.4)
     podium = rj.Podium(0.2, 1.5, 3.0, rj.ShearBuilding.uniform(5, 10.0, 0.5), restrainers=devices)
     panels = spectrum(pulse="Ricker with vertical ratio 0.5", **describe_podium(podium))

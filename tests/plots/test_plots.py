@@ -1,4 +1,4 @@
-"""Pictures and data of histories: that they are drawn, and that what they show is right."""
+"""Pictures and data of histories: they are drawn and show correct values."""
 
 import itertools
 import math
@@ -39,8 +39,8 @@ AXES = (
 
 @pytest.fixture(scope="module")
 def responses():
-    """Rigid and elastic ones that rock, one without a superstructure that overturns, one that never
-    uplifts."""
+    """Return responses: rigid and elastic podiums that rock, one without a superstructure that overturns, one
+    that never lifts."""
     return {
         "rigid": rj.simulate(PODIUMS["rigid"], pulse()),
         "record": rj.simulate(PODIUMS["rigid"], shaking()),
@@ -120,7 +120,7 @@ def test_curves_hold_the_numbers(responses, histories, kind):
     assert y[0] * alpha == pytest.approx(float(response(x[0]).theta), abs=1e-9)
     x, _ = line(ax, f"{int(response.impacts)} impacts")
     np.testing.assert_array_equal(x, response.impact_times)
-    # The jumps of the phase portrait are the restitution.
+    # The jumps of the phase portrait have the restitution factor.
     _, jumps = line(plots.phase_portrait(data), f"{int(response.impacts)} impacts")
     e = float(response.podium.restitution_factor)
     first = jumps.reshape(-1, 3)[:5]
@@ -138,7 +138,7 @@ def test_symbols_of_formulas_are_those_of_the_table():
     figure = plt.figure()
     for name in (*STRUCTURE, *MOTION):
         figure.text(0.5, 0.5, f"${symbol_for(name)}$")
-    figure.canvas.draw()  # matplotlib reads each of them
+    figure.canvas.draw()  # matplotlib parses each text
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -164,7 +164,7 @@ def test_time_axes_show_peaks_after_the_last_impact(histories):
 
 @pytest.mark.parametrize("count", [2, 6, 8, 14, 30])
 def test_every_story_is_in_the_legend(histories, count):
-    """With a curve that looks like no other, beside the axes and inside the figure."""
+    """Each story has a distinct curve; the legend is beside the axes and inside the figure."""
     data = histories["elastic"]
     drift = np.outer(data["deformation"], np.linspace(1.0, 0.5, count))
     ax = plots.deformation_history(data.assign(drift=(("time", "story"), drift)))
@@ -210,8 +210,7 @@ def test_the_picture_of_a_design_point():
 
 
 def test_saddles_and_separatrices():
-    """θ = ±α is an equilibrium from which the rotation grows, and what starts on a separatrix comes to rest
-    there."""
+    """θ = ±α is an unstable equilibrium, and motion along a separatrix comes to rest there."""
     podium = PODIUMS["rigid"]
     c = coefficients(podium)
     for sigma in (1.0, -1.0):
@@ -234,7 +233,7 @@ def test_saddles_and_separatrices():
 
 
 def test_restoring_moment(responses, histories):
-    """Against virtual work written out mass by mass, and continuous at uplift."""
+    """The moment agrees with virtual work of each mass and is continuous at uplift."""
     response = responses["elastic"]
     podium = response.podium
     alpha, R, g, gamma, eta = (float(y) for y in (podium.alpha, podium.R, podium.g, podium.gamma, podium.eta))
@@ -255,7 +254,7 @@ def test_restoring_moment(responses, histories):
     here, there = (float(response.restoring_moment(start + d)) for d in (-1e-7, 1e-7))
     assert abs(here) == pytest.approx(1, abs=1e-4)
     assert there == pytest.approx(here, abs=1e-4)
-    # Full contact bears what is asked of it, over every piece of a record.
+    # In full contact the moment balances the demand, in every piece of a record.
     data = histories["record"]
     down = data["mode"].values == 0
     asked = -data["ground_acceleration"].values / (G * 0.15)
@@ -274,7 +273,7 @@ def test_energy_balance_closes(responses, histories, kind):
     assert np.max(np.abs(float(data["initial_energy"]) + given - held - struck - damped)) <= 1e-7 * scale
     assert np.all(np.diff(struck) >= -1e-12 * scale)
     assert np.all(np.diff(damped) >= -1e-12 * scale)
-    # The loss at an impact by Eqs. (18), (27): of the rotation, and of the top mass on its way up and down.
+    # The loss at an impact by Eqs. (18), (27): rotation, and vertical motion of the top mass.
     c = coefficients(response.podium)
     weight = 0.5 * float(c.spin) + 0.5 * float(c.eta) * float(c.two_R * c.sin_alpha) ** 2
     losses = (1 - float(c.restitution) ** 2) * weight * data["theta_dot_before"].values ** 2
@@ -293,7 +292,7 @@ def test_energies_at_any_times(responses):
 
 
 def test_energy_balance_from_an_initial_state():
-    """Free rocking: what was there at the start goes to the impacts."""
+    """In free rocking, impacts dissipate the initial energy."""
     response = rj.simulate(PODIUMS["frame"], rj.Ricker(0.0, 1.5), initial=rj.State(0.1))
     data = response.dataset()
     start = float(data["initial_energy"])
@@ -385,7 +384,7 @@ def test_film_is_drawn_to_scale(histories):
 
 
 def test_film_of_a_building_has_its_floors(histories):
-    """Floors lie where the drifts add up to, at the heights of the stories."""
+    """The positions of floors are the sums of the drifts, at the heights of the stories."""
     data = histories["elastic"]
     drift = np.stack([data["deformation"].values, 0.5 * data["deformation"].values], axis=1)
     building = rj.ShearBuilding([1.0, 1.0], [100.0, 100.0], heights=[3.0, 2.0])

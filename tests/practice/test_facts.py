@@ -1,4 +1,4 @@
-"""Facts of the simplified methods, computed apart with 30 digits; the printed digits are all correct."""
+"""Facts of the simplified methods, computed separately with 30 digits; all printed digits are correct."""
 
 import math
 from typing import Any
@@ -23,7 +23,7 @@ def example(gamma=5.291005291005291, eta=26.984126984126984) -> Block:
 
 
 def housner(alpha: float) -> float:
-    """The velocity factor e of Housner's block [–]."""
+    """Return the velocity factor e of Housner's block [–]."""
     return float(rj.Podium(alpha, 1.0).restitution_factor)
 
 
@@ -76,7 +76,7 @@ def test_7_and_8_equivalent_block():
 
 
 def constant_velocity(V: float, block: Block):
-    """F(φ) − φ of (P3) on the spectrum S_d = VT/2π."""
+    """Return F(φ) − φ of (P3) for the spectrum S_d = VT/2π."""
     length = block.half_height * block.alpha
     return lambda phi: V * priestley.period(phi, block.p) / (2 * math.pi) / length - phi
 

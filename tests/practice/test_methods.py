@@ -1,4 +1,4 @@
-"""The simplified methods: roots, spectra, the bound of (P2), arguments."""
+"""Simplified methods: roots, spectra, the bound of (P2), arguments."""
 
 import dataclasses
 import math
@@ -51,15 +51,15 @@ def test_without_a_root_the_answer_is_no_uplift_or_overturning():
 
 
 def test_a_step_with_three_roots_gives_the_largest():
-    width = 0.989 / 1000  # of a step of the scan
+    width = 0.989 / 1000  # fraction of a step of the scan
     places = 0.5 + width * (np.array([0.2, 0.5, 0.8]) - math.fmod(0.49, width) / width)
     roots = find_roots(lambda phi: -np.prod([phi - y for y in places], axis=0))
     assert roots.answer == pytest.approx(places[2], abs=1e-9)
 
 
 def answers_at_substeps(motion, T, zeta, parts=40):
-    """Largest answers |x| and |2ζωẋ+ω²x| at the substeps of each sample, with 20 periods of free vibration
-    after the end, by the matrix exponential of the oscillator and a linear load."""
+    """Return the largest |x| and |2ζωẋ+ω²x| at substeps of each sample and during 20 periods of free
+    vibration, by the matrix exponential for a linear load."""
     w = 2 * math.pi / T
     system = np.zeros((4, 4))
     system[0, 1], system[1] = 1.0, [-(w**2), -2 * zeta * w, -1.0, 0.0]
@@ -70,7 +70,7 @@ def answers_at_substeps(motion, T, zeta, parts=40):
     loads.insert(len(motion), 0.0)
     y, found = np.zeros(2), []
     for k in range(len(loads) - 1):
-        if k == len(motion) - 1:  # the motion stops
+        if k == len(motion) - 1:  # after the motion
             continue
         state = np.array([*y, loads[k], (loads[k + 1] - loads[k]) / motion.dt])
         for _ in range(parts):
@@ -87,7 +87,7 @@ def test_spectra_are_exact(T, zeta):
     found = spectra.spectrum(motion, T, zeta)
     expected = np.array(answers_at_substeps(motion, T, zeta))
     exact = np.array([found.displacement[0], found.acceleration[0]])
-    np.testing.assert_allclose(exact, expected, rtol=1e-4)  # of the substeps
+    np.testing.assert_allclose(exact, expected, rtol=1e-4)  # accuracy of the substeps
     assert np.all(exact >= expected * (1 - 1e-12))
 
 
@@ -101,7 +101,7 @@ def test_the_largest_spectral_displacement_is_that_of_a_fine_grid():
 
 
 def buildings(count: int, seed: int):
-    """Random buildings of three modes, and random motions with few samples."""
+    """Return random buildings of three modes, and random motions with few samples."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         eta = rng.exponential(10.0, 3) * (rng.random(3) < 0.7)
@@ -113,7 +113,7 @@ def buildings(count: int, seed: int):
 
 
 def largest_demand(podium: rj.Podium, motion: rj.Motion, parts: int = 6) -> float:
-    """Largest |q|/q_up of the linear building on resting columns, Eq. (9), at substeps h.
+    """Return the largest |q|/q_up of the linear building on resting columns, Eq. (9), at substeps h.
 
     With z = ẋ + ζωx + iω_d x, each mode is z⁺ = e^{λh}z − ∫e^{λ(h−s)}ü_g ds.
     """
@@ -139,13 +139,14 @@ def largest_demand(podium: rj.Podium, motion: rj.Motion, parts: int = 6) -> floa
 
 @pytest.mark.parametrize("count", [150, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_no_building_lifts_below_the_spectral_bound(count):
-    """Uplift is linear in the motion: it lifts at 1/`largest_demand` of it."""
+    """The demand is linear in the motion, so the motion divided by `largest_demand` just lifts the
+    columns."""
     ratios = []
     for podium, motion in buildings(count, seed=count):
         bound = effective_acceleration(podium, motion) / (G * math.tan(podium.alpha))
         ratios.append(bound / largest_demand(podium, motion))
     assert min(ratios) >= 1 - 1e-9
-    assert min(ratios) < 1.02  # PGA governs in some
+    assert min(ratios) < 1.02  # PGA governs in some cases
     assert max(ratios) > 1.5
 
 
@@ -205,7 +206,7 @@ def test_a_large_motion_overturns_and_no_motion_does_nothing():
 
 
 def test_sizes_scale():
-    """Lengths times c and times times √c: accelerations and rotations are the same."""
+    """If lengths are multiplied by c and times by √c, accelerations and rotations stay the same."""
     c = 4.0
     larger = BUILDING.replace(R=BUILDING.R * c, superstructure=rj.Elastic(2.0, 0.5 * math.sqrt(c)))
     slower = [rj.Motion(motion.acceleration, motion.dt * math.sqrt(c)) for motion in MOTIONS]

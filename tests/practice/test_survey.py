@@ -1,4 +1,4 @@
-"""Numbers of the survey in docs/practice.md and in the sentences of the results, against its stored table."""
+"""Numbers of the survey in docs/practice.md and in the texts of results agree with the stored results."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,7 @@ AT_LIMIT = "(P7) q = 2, PGA = 1.93 g tan α"
 
 
 def cells(start: str) -> list[str]:
-    """The cells of a row of the page after the first, which has this start."""
+    """Return the cells, except the first, of the row of the page that begins with `start`."""
     (line,) = [line for line in PAGE.splitlines() if line.startswith(f"| {start}")]
     return [cell.strip() for cell in line.strip("| ").split("|")][1:]
 

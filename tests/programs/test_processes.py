@@ -1,4 +1,4 @@
-"""Other processes and JAX's settings for debugging."""
+"""Several processes, and JAX's settings for debugging."""
 
 import os
 import subprocess
@@ -10,8 +10,8 @@ import pytest
 
 
 def run(script, **environment):
-    """What a script prints, without the programs' remarks."""
-    # Without a cache of JAX's own, unless it is given.
+    """Return the output of a script without messages about programs."""
+    # JAX's own cache is off unless the test sets it.
     inherited = {name: y for name, y in os.environ.items() if not name.startswith("JAX_COMPILATION_CACHE")}
     ended = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", textwrap.dedent(script)],
@@ -36,8 +36,8 @@ print(*[float(y).hex() for y in (*peaks.peak_rotation, alone)], COUNTS["loaded"]
 
 @pytest.mark.slow
 def test_several_processes_at_once(tmp_path):
-    """They write the same programs at the same time; all answer alike, and so do one that loads and one that
-    compiles for itself."""
+    """Processes that write the same programs at the same time have equal answers, also a process that loads
+    and one that compiles them."""
     with ThreadPoolExecutor() as pool:
         both = list(pool.map(lambda _: run(SCENES, ROCKJAX_CACHE_DIR=str(tmp_path)), range(2)))
     later = run(SCENES, ROCKJAX_CACHE_DIR=str(tmp_path))
@@ -48,7 +48,8 @@ def test_several_processes_at_once(tmp_path):
 
 @pytest.mark.slow
 def test_programs_from_the_cache_of_jax_are_not_stored(tmp_path):
-    """Stored, they would be without their code: XLA writes out only what it has compiled itself."""
+    """Such programs would be stored without their code, because XLA serialises only what it has compiled
+    itself."""
     own = {"JAX_COMPILATION_CACHE_DIR": f"{tmp_path}/jax", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     first, again, *other = (
         run(SCENES, ROCKJAX_CACHE_DIR=f"{tmp_path}/{folder}", **own)
@@ -70,7 +71,7 @@ def test_a_program_that_needs_lapack_finds_it_in_a_later_process(tmp_path):
 
 
 def test_importing_leaves_settings_of_jax_open():
-    """Until JAX's backend starts its platform can be chosen."""
+    """The platform can be chosen until JAX's backend starts."""
     script = """
         import jax, rockjax
         from jax.extend import backend

@@ -1,4 +1,4 @@
-"""Programs stored between processes: they never change an answer and never stop a call."""
+"""Stored programs never change an answer and never prevent a call."""
 
 import errno
 import logging
@@ -34,14 +34,14 @@ def _no_small_programs_in_the_cache_of_jax():
 
 
 class Stored:
-    """A program in a folder of its own; each call is as in a new process."""
+    """A program in a separate folder; each call acts like a new process."""
 
     def __init__(self, root):
         self.root, self.folder = root, root / "programs"
         self.program = StoredProgram(waves)
 
     def call(self, x=ARGUMENTS[0], y=ARGUMENTS[1], **named) -> bool:
-        """Whether the call traces the function; its answer is the right one."""
+        """Return whether the call traces the function, and check its answer."""
         self.program.forget()
         before = len(TRACED)
         answer = self.program(x, y, **named)
@@ -58,7 +58,7 @@ class Stored:
 @pytest.fixture
 def stored(monkeypatch, tmp_path):
     monkeypatch.setenv("ROCKJAX_CACHE_DIR", str(tmp_path / "cache"))
-    waves.__module__ = "rockjax.waves"  # in a package whose source is known
+    waves.__module__ = "rockjax.waves"  # part of a package whose source is hashed
     made = Stored(tmp_path / "cache")
     yield made
     program._PROGRAMS.remove(made.program)
@@ -67,7 +67,7 @@ def stored(monkeypatch, tmp_path):
 def test_a_program_is_traced_once_for_its_kind(stored):
     assert stored.call()
     assert not stored.call()
-    assert not stored.call(np.linspace(2, 3, 7), {"a": 0.5})  # whatever the numbers
+    assert not stored.call(np.linspace(2, 3, 7), {"a": 0.5})  # for all values
     assert stored.call(np.linspace(0, 1, 8))
     assert stored.call(np.linspace(0, 1, 7, dtype=np.float32))
     assert stored.call(times=3)
@@ -89,11 +89,11 @@ def test_a_damaged_program_is_compiled_again(stored, harm, monkeypatch):
     stored.call()
     file = stored.file()
     content = bytearray(file.read_bytes())
-    if harm == "another":  # an intact one, under a wrong name
+    if harm == "another":  # an intact program under a wrong name
         file.unlink()
         stored.call(times=3)
         stored.file().rename(file)
-    elif harm == "foreign":  # with a right checksum, but of another library
+    elif harm == "foreign":  # a valid checksum, but another library version
         monkeypatch.setattr(store, "read", lambda _: b"something else")
         assert stored.call()
         monkeypatch.undo()
@@ -143,7 +143,7 @@ def test_nothing_is_read_that_others_own_or_can_write(stored, monkeypatch, caplo
         assert "other users can write" in caplog.text
     stored.folder.chmod(0o700)
     stored.file().chmod(0o666)
-    assert stored.call()  # and written again
+    assert stored.call()  # and stored again
     assert stored.file().stat().st_mode & 0o777 == 0o600
     assert not stored.call()
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
@@ -165,7 +165,7 @@ def test_a_store_that_cannot_be_used_stops_nothing(stored, monkeypatch, trouble)
         )
     assert stored.call()
     assert stored.call()
-    assert not list(stored.folder.glob("*"))  # nothing half-written is left
+    assert not list(stored.folder.glob("*"))  # no incomplete file remains
 
 
 def test_the_size_is_limited_and_the_store_can_be_cleared(stored, monkeypatch):
@@ -201,7 +201,7 @@ def test_threads_share_a_program_and_one_can_make_it_ahead(stored):
         thread.join()
     assert len(TRACED) <= before + 1
     assert all(np.array_equal(answers[0]["sum"], y["sum"]) for y in answers)
-    with jax.numpy_rank_promotion("warn"):  # which another thread would not have
+    with jax.numpy_rank_promotion("warn"):  # another thread does not have this setting
         stored.program.prepare(*ARGUMENTS, times=4)
     assert 4 not in TRACED[before:]
 
@@ -213,7 +213,7 @@ def test_a_thread_that_traces_does_not_wait_for_one_that_waits_to_trace(stored):
     def tracing():
         with program._tracing():
             other.start()
-            while not stored.program._locks:  # the other holds the lock of this program
+            while not stored.program._locks:  # wait until the other thread holds the lock
                 pass
             answers.append(stored.program(*ARGUMENTS))
 
@@ -226,11 +226,11 @@ def test_a_thread_that_traces_does_not_wait_for_one_that_waits_to_trace(stored):
 
 
 def test_the_users_own_functions_are_known_by_what_they_compute(stored):
-    """They may change while their names stay."""
+    """Functions with the same name may compute different values."""
     made = lambda factor: key.TracedFunction(lambda podium: factor * jnp.tan(podium.alpha), PODIUMS["block"])
     assert key.describe(made(2.0)) == key.describe(made(2.0)) != key.describe(made(3.0))
     assert made(2.0) == made(2.0) != made(3.0)
-    held = lambda podium: 2 * jnp.tan(jax.lax.stop_gradient(podium.alpha))  # of other derivatives
+    held = lambda podium: 2 * jnp.tan(jax.lax.stop_gradient(podium.alpha))  # with other derivatives
     assert key.TracedFunction(held, PODIUMS["block"]) != made(2.0)
     applied = StoredProgram(lambda law, x: law(x))
     for loaded, factor in ((0, 2), (0, 3), (1, 2)):
@@ -249,7 +249,7 @@ def _steeper(podium, factor):
 
 
 def test_an_answer_of_modules_is_not_stored(stored):
-    """Such a program would be loaded, and fail when it is called."""
+    """Such a program could be loaded, but its call would fail."""
     made = StoredProgram(_steeper, name="tests.steeper")
     for _ in range(2):
         assert float(made(PODIUMS["rigid"], 2.0).alpha) == 2 * float(PODIUMS["rigid"].alpha)
@@ -261,7 +261,8 @@ def test_an_answer_of_modules_is_not_stored(stored):
 
 @pytest.mark.parametrize("extra", [(), {}], ids=["tuple", "dictionary"])
 def test_answers_of_another_form_are_another_program(stored, extra):
-    """Functions of the user are identified by their trace, which does not show empty branches of answers."""
+    """User functions are identified by their trace, which does not contain empty branches of the output
+    tree."""
     made = StoredProgram(lambda law, x: law(x), name="tests.forms")
     assert made(lambda x: (2 * x,), 3.0) == (6.0,)
     finish_writing()
@@ -273,11 +274,13 @@ def test_answers_of_another_form_are_another_program(stored, extra):
 def test_compiling_that_takes_long_is_said_once(stored, monkeypatch, caplog):
     monkeypatch.setattr(program, "_ANNOUNCE_AFTER", 0.0)
     program._ANNOUNCED.clear()
-    caplog.set_level(logging.WARNING, logger="rockjax")  # a quiet command in this process has raised it
+    caplog.set_level(
+        logging.WARNING, logger="rockjax"
+    )  # a quiet command in this process may have changed the level
     for times in (2, 3, 4):
         stored.call(times=times)
     (said,) = [record for record in caplog.records if "compiling" in record.getMessage()]
-    assert (said.name, said.levelno) == ("rockjax", logging.WARNING)  # shown in notebooks without any setting
+    assert (said.name, said.levelno) == ("rockjax", logging.WARNING)  # notebooks show it by default
 
 
 def test_derivatives_and_loaded_answers_are_those_of_jit():
@@ -291,7 +294,7 @@ def test_derivatives_and_loaded_answers_are_those_of_jit():
     slopes = jax.grad(peak, (0, 1))(*point)
     counts = dict(COUNTS)
     jax.grad(lambda R: rj.peak_response(podium.replace(R=R), rj.Ricker(3.0, 1.0)).margin)(1.6)
-    assert counts == COUNTS  # whichever derivative it is
+    assert counts == COUNTS  # for every derivative
     finish_writing()
     forget()
     assert float(peak(*point)) == float(first)
@@ -304,7 +307,7 @@ def _noise(count: int) -> np.ndarray:
 
 
 def test_further_records_and_suites_compile_nothing():
-    """Of other lengths, sampling intervals, strengths, names and numbers of records."""
+    """Records may differ in length, sampling interval, strength, name and number."""
     podium = PODIUMS["rigid"]
 
     def solve(records) -> int:
@@ -321,7 +324,7 @@ def test_further_records_and_suites_compile_nothing():
 
 
 def test_options_that_ask_for_the_same_share_programs():
-    """Whatever the order of outputs, with or without those that the podium does not have."""
+    """The order of outputs has no effect, nor have outputs that do not apply to the podium."""
     podium = PODIUMS["rigid"]
     same = [
         {"throw": False},
@@ -353,6 +356,6 @@ SINGLE_CALLS = {
 
 @pytest.mark.parametrize("name", SINGLE_CALLS)
 def test_nothing_but_stored_programs_is_compiled(name, caplog):
-    """Outside jit every operation of JAX compiles separately, in every process, 10 to 30 ms each."""
+    """Outside jit, every JAX operation compiles separately in every process, which takes 10 to 30 ms."""
     SINGLE_CALLS[name]()
     assert not compiled_by(SINGLE_CALLS[name], caplog)

@@ -1,4 +1,4 @@
-"""What a browser shows and prints of a page."""
+"""Display and print of a page in a browser."""
 
 import io
 import re
@@ -10,7 +10,7 @@ MODES = [(1100, "light"), (1100, "dark"), (390, "light")]  # width of the window
 
 
 def assert_shown(browser, path, width, theme):
-    """Nothing but the file is requested, nothing is wider than the window, and ids and anchors agree."""
+    """Check that only the file is requested, nothing is wider than the window, and ids and anchors agree."""
     context = browser.new_context(viewport={"width": width, "height": 800}, color_scheme=theme)
     page, events = context.new_page(), []
     page.on("console", lambda message: events.append(message.text))
@@ -42,7 +42,7 @@ def assert_accessible(browser, path, width, theme):
 
 
 def printed(browser, path):
-    """The texts of the A4 pages that the browser prints, without spaces, in NFKC."""
+    """Return the texts of the printed A4 pages, without spaces, in NFKC."""
     pypdf = pytest.importorskip("pypdf", reason="pypdf, which reads the printed page, is not installed")
     page = browser.new_page()
     page.goto(path.as_uri())

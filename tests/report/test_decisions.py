@@ -1,4 +1,4 @@
-"""Words for results: what passes, fails, is undecided or not valid, and statistics over a set."""
+"""Results of checks (PASS, FAIL, UNDECIDED, NOT VALID), and statistics over a set."""
 
 import math
 from pathlib import Path
@@ -47,11 +47,11 @@ def result(value, limit, error=0.0, minimum=False, without=False, violated=False
 
 
 def test_limits_close_to_the_value():
-    """1 ± 1e-6 of the limit decides; 1e-14 is rounding."""
+    """A value of 1 ± 1e-6 times the limit is decided; a difference of 1e-14 is rounding."""
     assert result(0.4, 0.4 * (1 + 1e-6)) == "PASS"
     assert result(0.4, 0.4 * (1 - 1e-6)) == "FAIL"
     assert result(0.4, 0.4 * (1 + 1e-14)) == result(0.4, 0.4 * (1 - 1e-14)) == "UNDECIDED"
-    assert result(0.4, 0.41, error=2e-3) == "UNDECIDED"  # ten times the error decides
+    assert result(0.4, 0.41, error=2e-3) == "UNDECIDED"  # ten times the error exceeds the difference
     assert result(0.4, 0.41, error=5e-4) == "PASS"
 
 
@@ -75,7 +75,7 @@ def test_order_of_words():
     ("statistic", "known"), [("max", 4.0), ("mean", 2.5), ("median", 2.5), ("p84", 1 + 3 * 0.84)]
 )
 def test_statistics(statistic, known):
-    """Quantiles interpolate; whatever overturns makes mean and maximum infinite, never 1 α."""
+    """Quantiles are interpolated; an overturned scene makes mean and maximum infinite, not 1 α."""
     assert statistic_of(values_of(1.0, 2.0, 3.0, 4.0), statistic, False)[0] == pytest.approx(known)
     overturned = statistic_of(values_of(1.0, 2.0, 3.0, math.inf), statistic, False)[0]
     assert overturned == (pytest.approx(2.5) if statistic == "median" else math.inf)
@@ -94,7 +94,7 @@ def test_verdict():
 
 
 def test_every_output_with_a_peak_has_a_kind_of_check():
-    """Kinds are made from the list of outputs, so that a new output is a check."""
+    """Kinds are generated from the list of outputs, so every new output is available as a check."""
     from rockjax._outputs.registry import VARIABLES
 
     peaks = {name.replace("_", "-") for name, (y, _) in VARIABLES.items() if y.until_overturning}

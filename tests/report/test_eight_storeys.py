@@ -25,7 +25,7 @@ def peaks(problem, name, podium):
 
 @pytest.mark.slow
 def test_rotation_under_both_laws_of_impact(problem):
-    """Facts 19 and 20."""
+    """Facts 19 and 20: rotation under the paper's and the compatible law."""
     podium = problem.podium
     largest = peaks(problem, "maximum", podium)
     k = int(np.argmax(largest.peak_rotation))

@@ -1,4 +1,4 @@
-"""Kinds of checks beyond peaks: values are those of the functions of the package; targets are checks."""
+"""Kinds of checks other than peaks: values agree with the functions of the package; targets are checks."""
 
 import re
 
@@ -80,7 +80,8 @@ def test_every_target_is_a_kind_of_check():
 
 
 def test_a_design_reads_the_keys_of_checks(tmp_path):
-    """Units, keys of the file, `limit` for `at_least`, ids and clauses; the same limits in both."""
+    """Units, keys of the file, `limit` for `at_least`, ids and clauses lead to the same limits in designs and
+    reports."""
     more = (
         "[joints]\nfriction = 0.5\n[vary]\nwidth = [0.4, 1.0]\n[minimise]\nquantity = 'width'\n"
         '[[targets]]\nkind = "overturning-scale"\nlimit = 1.5\nid = "S"\nclause = "4.2"\nname = "Scale"\n'
@@ -104,7 +105,7 @@ def test_a_design_reads_the_keys_of_checks(tmp_path):
 
 
 def test_share_of_motions_that_overturn(tmp_path):
-    """One of two motions overturns; the count is that of the design target."""
+    """One of two motions overturns; the count agrees with that of the design target."""
     problem = read(tmp_path, SHARE)
     (check,) = evaluate(problem, skip=("spread",)).checks
     target = optimise.OverturningProbability(0.6, problem.motions["pulses"].excitations, 4.0)
@@ -156,7 +157,7 @@ hazard = "hazard.csv"
 
 
 def test_the_curve_of_risk(tmp_path):
-    """Median and dispersion, without scenes and without motions; half of a curve is an error."""
+    """A median and a dispersion need no scenes and no motions; one of them alone is an error."""
     (tmp_path / "hazard.csv").write_text("PGA [m/s2],rate [1/year]\n1.0,0.02\n3.0,0.002\n10.0,0.00005\n")
     report = rj.report(read(tmp_path, RISK + "median = 5.0\ndispersion = 0.4\n"), skip=("methods",))
     (check,) = report.evaluation.checks
@@ -189,14 +190,14 @@ def test_the_curve_of_another_structure_is_refused(tmp_path):
     [("", "number"), ("[fragility]\n", "acceleration"), ('[fragility]\nmeasure = "PGV"', "velocity")],
 )
 def test_a_median_has_the_unit_of_its_measure(tmp_path, table, unit):
-    """Without a table `[fragility]`, it is a factor on the motions, in reports and in designs."""
+    """Without a table `[fragility]`, the median is a factor on the motions, in reports and in designs."""
     (entry,) = read(tmp_path, f'[[checks]]\nkind = "median-capacity"\nat_least = 1.5\n{table}').checks
     assert isinstance(entry, Entry)
     assert entry.quantity == unit
 
 
 def test_a_design_takes_the_median_in_the_same_measure(tmp_path):
-    """Motions of unit PGA, so that their factors are intensities."""
+    """The motions have unit PGA, so factors are intensities."""
     file = FILE.replace('kind = "ricker"\na_p = [2.5, 3.5]\nT_p = 1.0', "synthetic = 2\nduration = 4.0")
     target = '[[targets]]\nkind = "median-capacity"\nat_least = 4.0\n'
     read(tmp_path, f"[vary]\nwidth = [0.4, 1.0]\n{target}[fragility]\n", file)
@@ -207,7 +208,7 @@ def test_a_design_takes_the_median_in_the_same_measure(tmp_path):
 
 
 def test_windows_of_overturning(tmp_path):
-    """The least factor that overturns, the end of its window and the start of the next one."""
+    """The check gives the least overturning factor, the end of its window and the start of the next one."""
     motions = "[motions.noise]\nsynthetic = 3\nseed = 1\nduration = 8.0\npga = 4.0\n"
     problem = read(tmp_path, "", FILE.split("[motions.pulses]")[0] + motions + SCALE)
     windows = least_factors(Scenes(problem, Store(), {}), "noise", "overturning")
@@ -255,7 +256,7 @@ def test_random_motions(tmp_path):
 
 @pytest.mark.slow
 def test_things_on_floors(tmp_path):
-    """Bit for bit those of a batch; one block overturns, which fails the check; spectra are those of
+    """Values are bitwise those of a batch. One block overturns, so the check fails. Spectra are those of
     `rj.floor_spectrum`."""
     problem = read(tmp_path, FLOORS)
     report = rj.report(problem, skip=("spread", "methods"))

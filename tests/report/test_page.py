@@ -1,4 +1,4 @@
-"""Pages of reports and their files: texts stay texts, numbers agree, bytes repeat, and the HTML is sound."""
+"""Pages of reports and their files: escaped texts, equal numbers, reproducible bytes, valid HTML."""
 
 import csv
 import html
@@ -32,7 +32,7 @@ def files_of(page, units=UNITS):
 
 
 def parsed(content):
-    """The elements of a page; an error of the HTML raises."""
+    """Return the elements of a page; invalid HTML raises an error."""
     return html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(content.decode())
 
 
@@ -46,7 +46,7 @@ def csv_rows(content):
 
 
 def sheets(content):
-    """Rows of cells by the name of the sheet, numbers as numbers; a cell with a formula raises."""
+    """Return the rows of cells by sheet name, with numbers as numbers; a formula raises an error."""
     archive = zipfile.ZipFile(io.BytesIO(content))
     read = lambda name: ET.fromstring(archive.read(name))
     texts = ["".join(entry.itertext()) for entry in read("xl/sharedStrings.xml").findall("main:si", XML)]
@@ -153,7 +153,7 @@ def test_another_date_changes_one_line():
 
 
 def quantities(content):
-    """All numbers of a page's content, within blocks, texts and cells."""
+    """Yield all numbers of a page, in blocks, texts and cells."""
     if isinstance(content, Quantity):
         yield content
     if hasattr(content, "__dataclass_fields__"):

@@ -1,4 +1,4 @@
-"""Reports of a rigid podium: answers beside those of the functions of the package, files, words."""
+"""Reports of a rigid podium: values compared with functions of the package, files, texts."""
 
 import dataclasses
 import json
@@ -99,7 +99,7 @@ def checks(report):
 
 
 def test_values_are_those_of_the_package(report, checks):
-    """Bit for bit for peaks of a batch with the same outputs; the largest motion governs."""
+    """Peaks are bitwise those of a batch with the same outputs; the motion with the largest value governs."""
     scenes = report.evaluation.scenes
     motions = report.evaluation.problem.motions["pulses"]
     peaks = rj.peak_responses(
@@ -113,7 +113,8 @@ def test_values_are_those_of_the_package(report, checks):
 
 
 def test_words(report, checks):
-    """A motion that overturns fails the mean of its set; what is missing is not made, with the key."""
+    """A motion that overturns fails the mean of its set. A check with a missing input is NOT MADE and names
+    the key."""
     assert checks["C1"].result == "PASS"
     assert checks["C2"].result == "FAIL"
     assert checks["C2"].utilisation == math.inf
@@ -126,7 +127,8 @@ def test_words(report, checks):
 
 
 def test_uplift_factor_is_exact(report, checks):
-    """Of a rigid podium: g tan α over the largest ground acceleration, which is a_p of a Ricker pulse."""
+    """For a rigid podium the factor is g tan α divided by the largest ground acceleration, a_p of a Ricker
+    pulse."""
     podium = report.evaluation.problem.podium
     known = float(podium.g) * np.tan(float(podium.alpha)) / np.array([2.5, 3.5])
     np.testing.assert_allclose(checks["C4"].values.values, known, rtol=1e-8)
@@ -155,7 +157,8 @@ def test_uplift_factor_of_a_building_with_vertical_motion():
 
 
 def test_derivatives_are_those_of_differences(report, checks):
-    """Every input and the factor on the motions, beside differences of a tighter solution."""
+    """Derivatives with respect to every input and the factor on the motions agree with differences of
+    accurate solutions."""
     problem = report.evaluation.problem
     motion = problem.motions["pulses"].excitations[1]
     options = rj.Options(rtol=1e-11, atol=1e-13, outputs=("peak_rotation",))
@@ -172,7 +175,7 @@ def test_derivatives_are_those_of_differences(report, checks):
 
 
 def test_steep_derivatives_of_means_are_not_shown(report):
-    """If a change by the spread would, by a derivative, change U by more than U itself."""
+    """Derivatives are hidden if, by a derivative, a change of the spread changes U by more than U."""
     first = report.evaluation.problem.checks[0]
     mean = dataclasses.replace(first, keys=first.keys.model_copy(update={"statistic": "mean"}))
     problem = dataclasses.replace(report.evaluation.problem, checks=(mean,))
@@ -197,7 +200,8 @@ def test_spread_is_that_of_changed_structures(report, checks):
 
 
 def test_files(folder, report):
-    """Written beside each other; the same page again from the stored scenes, without solving any."""
+    """The files are written to one folder. A second run makes the same page from the stored scenes without
+    solving any."""
     assert [path.name for path in report.written] == ["page.html", "page.json", "page.nc"]
     page = (folder / "page.html").read_text(encoding="utf-8")
     assert page == report.html
@@ -234,12 +238,12 @@ def test_the_report_is_accessible(browser, folder, report, width, theme):
 
 
 def test_the_printed_report_has_every_row(browser, folder, report):
-    """The summary is on page 1, and a page has all words of a row."""
+    """The summary is on page 1, and every row is on one page."""
     pages = printed(browser, folder / "page.html")
     assert all(check.id in pages[0] for check in report.evaluation.checks)
     missing = []
     for name, table in report.tables.items():
-        for row in table.rows if name != "summary" else ():  # the summary has bars and signs instead
+        for row in table.rows if name != "summary" else ():  # the summary has bars and symbols instead
             text = " ".join(plain_cell(cell, report.units, unit=False) for cell in row)
             words = unicodedata.normalize("NFKC", text).split()
             if not any(all(word in page for word in words) for page in pages):
@@ -257,7 +261,7 @@ def test_wrong_arguments(folder, report):
 
 
 def test_ctrl_c_at_ten_moments(tmp_path, report, monkeypatch):
-    """The old page stays; scenes are kept, and the same command goes on from them."""
+    """The old page stays, solved scenes are stored, and the same command continues from them."""
     stored, get = report.evaluation.scenes.store.data, Store.get
     path, page = tmp_path / "problem.toml", tmp_path / "page.html"
     path.write_text(FILE, encoding="utf-8")
@@ -290,7 +294,7 @@ def test_damaged_store_is_ignored(folder, report):
 
 @pytest.mark.parametrize("quiet", [True, False])
 def test_the_command_writes_the_page(folder, report, quiet):
-    """From stored scenes and one more check, which is solved; the exit status is 1 for a failure."""
+    """The command uses stored scenes and solves one additional check; the exit status is 1 for a failure."""
     from typer.testing import CliRunner
 
     from rockjax._cli import app
@@ -309,7 +313,8 @@ def test_the_command_writes_the_page(folder, report, quiet):
 
 @pytest.mark.slow
 def test_annual_frequency_is_that_of_the_package(tmp_path):
-    """The fragility by `[fragility]` and the hazard curve of `[risk]`, as `rj.annual_frequency` gives it."""
+    """The frequency from `[fragility]` and the hazard curve of `[risk]` equals that of
+    `rj.annual_frequency`."""
     (tmp_path / "hazard.csv").write_text("PGA [m/s2],rate [1/year]\n1.0,0.02\n3.0,0.002\n10.0,0.00005\n")
     path = tmp_path / "problem.toml"
     path.write_text(

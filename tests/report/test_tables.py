@@ -1,4 +1,4 @@
-"""Tables of reports: cells that refuse what is no number, and the digits of those that are."""
+"""Tables of reports: cells reject non-numbers, and numbers have the correct digits."""
 
 import math
 
@@ -174,14 +174,15 @@ def test_rows_of_the_summary_are_complete():
 
 
 def number(digits):
-    """The number that a page shows."""
+    """Return the number that a page shows."""
     mantissa, _, power = digits.replace("−", "-").replace("\u202f", "").partition("·10")
     plain_power = power.translate(str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-"))
     return float(f"{mantissa}e{plain_power or 0}")
 
 
 def test_digits_of_random_numbers():
-    """Four digits keep 5e-4 of a value, or half of the error's first digit; U stays on its side of 1."""
+    """Four digits are accurate to 5e-4, or to half of the error's first digit; rounding does not move U
+    across 1."""
     draw = np.random.default_rng(60)
     for _ in range(3000):
         value = float(draw.choice([-1, 1]) * 10 ** draw.uniform(-12, 12))

@@ -1,4 +1,4 @@
-"""Units of reports: their sizes, the choice of one per kind, and messages for what cannot be chosen."""
+"""Units of reports: their sizes, the selection of one unit per kind, and messages for invalid selections."""
 
 import math
 
@@ -32,7 +32,7 @@ def test_one_unit_of_a_kind_is_chosen():
     chosen = {kind: units.unit(kind) for kind in ("force", "length", "displacement", "angle", "acceleration")}
     assert chosen == {"force": "kN", "length": "m", "displacement": "mm", "angle": "deg", "acceleration": "g"}
     assert units == Units.parse(["kN", "m", "°", "g", "mm"])
-    assert Units.parse("mm, m").unit("length") == "m"  # the order is free
+    assert Units.parse("mm, m").unit("length") == "m"  # any order is valid
     assert (Units.parse("cm").unit("length"), Units.parse("cm").unit("displacement")) == ("cm", "cm")
     assert units.symbol("angle") == "°"
 

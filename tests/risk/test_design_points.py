@@ -1,5 +1,5 @@
-"""Design points of structures beside what is known exactly: the onset of uplift, the equivalent block, and
-slopes of β by design points that are found again."""
+"""Design points of structures, compared with exact results: onset of uplift, the equivalent block, and
+derivatives of β from repeated searches."""
 
 import dataclasses
 
@@ -21,15 +21,15 @@ ELASTIC = rj.Podium(alpha=0.2, R=1.5, gamma=2.0, superstructure=rj.Elastic(5.0, 
 
 @pytest.mark.slow
 def test_first_order_is_exact_for_the_onset_of_uplift():
-    """The demand of a podium in full contact at one moment is linear in u: β = q_up/|∇q|, and its motion
-    lifts the columns at that moment."""
+    """The demand of a podium in full contact at a given time is linear in u, so β = q_up/|∇q|, and the motion
+    of the design point lifts the columns at that time."""
     at = 1.7
     options = rj.Options(rtol=1e-12, atol=1e-14)
 
     @jax.jit
     @jax.value_and_grad
     def demand(u):
-        """q/q_up, while nothing has lifted."""
+        """Return q/q_up for columns that have not lifted."""
         response = rj.simulate(ELASTIC, MOTION.record(0.1 * u), t_end=at + 0.05, options=options)
         return -10 * response.restoring_moment(at)
 
@@ -50,8 +50,8 @@ def test_first_order_is_exact_for_the_onset_of_uplift():
 
 @pytest.mark.slow
 def test_programs_of_slopes_are_kept():
-    """Of G and its derivatives; those by the numbers of a podium come back as a tree of modules, which cannot
-    be."""
+    """Programs of G and its derivatives are stored, except derivatives with respect to the parameters of a
+    podium, whose result is a tree of modules."""
     u = np.asarray(MOTION.samples(3, seed=4))
     of = lambda limit: StructureLimitState(
         BLOCK, MOTION, parse_limit("test", limit, BLOCK)
@@ -69,7 +69,7 @@ def test_programs_of_slopes_are_kept():
 
 @pytest.mark.parametrize("factor", [2.5, 4.0])
 def test_a_frame_has_the_limit_state_of_its_equivalent_block(factor):
-    """The same G for each u, so the same P and the same design points."""
+    """G is equal for each u, and so are P and the design points."""
     frame = rj.Podium(alpha=0.2, R=0.8, gamma=3.0, superstructure=rj.Rigid(4.0))
     motion = MOTION.scaled(factor)
     u = np.asarray(motion.samples(64, seed=2))
@@ -101,5 +101,5 @@ def test_slopes_of_the_distance_are_those_of_design_points_found_again(monkeypat
         moved = [dataclasses.replace(whole, **{name: y * (1 + s * h)}) for s in (1, -1)]
         up, down = (found(w, MOTION) if of_podium else found(BLOCK, w) for w in moved)
         slope = (up - down) / (2 * h * y)
-        # 1e-5, of β itself where it hardly depends on a number: distances are found to 1e-8.
+        # 1e-5 of the slope, or of β where the slope is small, because distances are found to 1e-8.
         assert point.sensitivities[name] == pytest.approx(slope, rel=1e-5, abs=1e-5 * point.beta / y), name

@@ -1,5 +1,5 @@
-"""Hazard, annual frequency and Gaussian ground motions against quadrature, closed forms and published
-numbers."""
+"""Hazard, annual frequency and Gaussian ground motions, compared with quadrature, closed forms and published
+values."""
 
 import dataclasses
 import itertools
@@ -27,7 +27,7 @@ HAZARD = rj.Hazard(POINTS, RATES)
 
 
 def by_quadrature(share, breaks=()):
-    """∫ F |dλ| over ln x, piece by piece."""
+    """Return ∫ F |dλ| by quadrature over ln x in each segment."""
     s, log_rate = np.log(POINTS), np.log(RATES)
     k = -np.diff(log_rate) / np.diff(s)
 
@@ -61,7 +61,7 @@ def fragility(measure="PGA", units="m s-2"):
 
 
 def analysis(share, levels):
-    """An analysis of ten records of which `share` overturn at the levels."""
+    """Return an analysis of ten records, of which the fractions `share` overturn at the levels."""
     overturned = np.arange(10)[:, None] < np.round(10 * np.asarray(share))[None]
     return xarray.Dataset(
         {"overturned": (("record", "intensity"), overturned)},
@@ -132,7 +132,7 @@ def test_a_flat_segment_contributes_nothing():
     steep = rj.annual_frequency(rj.Lognormal(1.4, 0.01), flat)
     assert float(steep.frequency) == pytest.approx(1e-3, rel=1e-9)
     ends = rj.Hazard([0.1, 1.0, 2.0], [1e-2, 1e-3, 1e-3])
-    # What is exceeded for ever is never reached by anything more.
+    # A rate that stays constant at large intensities adds nothing.
     found = rj.annual_frequency(rj.Lognormal(1.4, 0.01), ends)
     assert float(found.frequency) == pytest.approx(1e-3, rel=1e-9)
 
@@ -172,7 +172,7 @@ def test_what_lies_outside_the_points_is_said():
 
 
 def test_counted_shares_are_integrated_as_they_are():
-    # With a window of survival: the share falls again.
+    # With a window of survival the fraction decreases again.
     levels, share = [0.3, 1.0, 2.0, 3.0, 8.0], [0, 0.2, 0.7, 0.4, 0.9]
     found = rj.annual_frequency(analysis(share, levels), HAZARD)
     expected = by_quadrature(lambda x: np.interp(x, levels, share), levels)
@@ -321,7 +321,7 @@ def test_hazards_of_openquake(tmp_path):
         rj.Hazard.from_file(path)
     first, second = (rj.Hazard.from_file(path, site=k) for k in (0, 1))
     np.testing.assert_allclose(first.annual_rate, -np.log([0.1, 0.5, 0.99]) / 50)
-    # Certain points say nothing.
+    # Points with probabilities 0 or 1 contain no information.
     np.testing.assert_allclose(second.intensity, np.array([0.1, 0.4, 2.0]) * 9.80665)
     assert first.measure == "Sa(0.5 s)"
 
@@ -353,7 +353,7 @@ MODEL = """<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id=
 
 
 def openquake(x, no_damage=0.0, lowest=0.0, highest=0.0):
-    """P of the model above at x [g], as OpenQuake has it: 0 is no limit."""
+    """Return P of the model above at x [g] by the rules of OpenQuake, in which 0 means no limit."""
     dispersion = np.sqrt(np.log1p(0.25))
     x = min(x, highest) if highest else x
     x = max(x, lowest) if lowest else x
@@ -382,7 +382,8 @@ def test_limits_of_openquake_are_followed_and_written(tmp_path, limits):
     points, rates = np.array([0.05, 0.1, 0.3, 1.0, 3.0]), np.array([0.03, 0.01, 2e-3, 2e-4, 1e-5])
     hazard = rj.Hazard(points * 9.80665, rates)
     arguments = [limits.get(key, 0.0) for key in ("noDamageLimit", "minIML", "maxIML")]
-    # Where P stays > 0 at low intensities, from the first given point on, or from where P begins to rise.
+    # If P stays > 0 at low intensities, the integral starts at the first given point, or where P begins to
+    # increase.
     floor = arguments[1] > arguments[0]
     low = np.log(min(points[0], arguments[1]) if floor else 1e-6)
     breaks = sorted(y for y in np.log([*points, *(x for x in arguments if x)]) if y > low)
@@ -403,7 +404,7 @@ def test_limits_of_openquake_are_followed_and_written(tmp_path, limits):
     assert float(found.frequency) == pytest.approx(exact, rel=1e-7)
     table = rj.disaggregation(curve, hazard, at=9.80665 * np.geomspace(1e-3, 20, 20_001))
     assert np.trapezoid(table["density"], np.log(table["intensity"])) == pytest.approx(1, abs=5e-3)
-    # Written and read again it is the same curve, with the limits of the file.
+    # Writing and reading preserves the curve and the limits of the file.
     again = rj.read_fragility_model(rj.write_fragility_model(tmp_path / "again.xml", curve, ["A"]))["A"]
     assert float(rj.annual_frequency(again, hazard).frequency) == pytest.approx(exact, rel=1e-7)
     text = (tmp_path / "again.xml").read_text()
@@ -455,7 +456,9 @@ def test_its_spread_is_exact():
     (row,) = transpose(jnp.zeros(601).at[200].set(1.0))
     assert float(jnp.linalg.norm(row)) == pytest.approx(float(spread[200]), rel=1e-12)
     long = rj.GaussianMotion(4001, 0.02, 0.01, envelope=lambda t: jnp.ones_like(t))
-    assert float(long.standard_deviation()[-1]) == pytest.approx(0.96899, rel=2e-3)  # of noise held over dt
+    assert float(long.standard_deviation()[-1]) == pytest.approx(
+        0.96899, rel=2e-3
+    )  # for noise that is constant over dt
 
 
 def test_motions_are_linear_repeatable_and_batched():
@@ -475,10 +478,10 @@ def test_response_spectra_of_sampled_motions():
     assert np.all(found["fractile_16"] < found["median"])
     assert np.all(found["median"] < found["fractile_84"])
     assert float(found["dispersion"].min()) > 0.05
-    # At T = 0 they are the largest accelerations.
+    # At T = 0 the values are the largest accelerations.
     largest = np.abs(motion.acceleration(motion.samples(60, seed=2))).max(axis=1)
     assert float(found["median"][0]) == pytest.approx(float(np.median(largest)), rel=1e-6)
-    # Linear in u: twice the motion, twice the spectrum, the same dispersion.
+    # Twice the motion has twice the spectrum and the same dispersion.
     twice = motion.scaled(2.0).response_spectrum(periods, count=60, seed=2)
     np.testing.assert_allclose(twice["median"], 2 * found["median"], rtol=1e-9)
     np.testing.assert_allclose(twice["dispersion"], found["dispersion"], rtol=1e-9)
@@ -507,7 +510,8 @@ LAYER, LOW = rj.Filter.layer(6.0, 0.1), rj.Filter.low_pass(30.0)
 
 
 def test_filters_in_series_are_those_of_the_transfer_function():
-    """Beside SciPy's: the product of all polynomials, its input held over every interval."""
+    """Comparison with SciPy's filter: the product of all polynomials, with an input that is constant over
+    each interval."""
     filters = (LAYER, rj.Filter([0.3, 2.0, 50.0], [4.0, 90.0]), LOW)
     motion = rj.GaussianMotion(301, 0.02, 0.01, filters=filters)
     ground = [-2 * 0.6 * 15.0, -(15.0**2)], [1.0, 2 * 0.6 * 15.0, 15.0**2]
@@ -531,7 +535,7 @@ def test_what_filters_let_through():
     _, transpose = jax.vjp(layered.acceleration, jnp.zeros(2001))
     (row,) = transpose(jnp.zeros(2001).at[-1].set(1.0))
     assert float(jnp.linalg.norm(row)) == pytest.approx(float(layered.standard_deviation()[-1]), rel=1e-10)
-    # ω far above all that is there, or far below it: nothing happens.
+    # Filters with ω far above or far below all frequencies of the motion have no effect.
     through = (rj.Filter.low_pass(3e4), rj.Filter.high_pass(1e-4), rj.Filter.layer(3e4, 0.7))
     same = rj.GaussianMotion(2001, 0.02, 0.01, filters=through, **steady)
     assert float(same.standard_deviation()[-1]) == pytest.approx(float(plain), rel=1e-3)
@@ -664,13 +668,14 @@ def test_probabilities_of_known_limit_states(name, method):
     found = rj.reliability(G, dimension, method=method, seed=4)
     assert found.converged
     assert found.standard_error <= 0.1 * found.probability
-    # Three standard errors; subset simulation has a bias besides.
+    # Three standard errors; subset simulation has an additional bias.
     assert abs(found.probability - truth) < 3 * found.standard_error + 1e-6 * truth
     assert rj.reliability(G, dimension, method=method, seed=4).probability == found.probability
 
 
 def test_intervals_of_subset_simulation_cover_as_often_as_they_say():
-    """Sixteen seeds of a plane in 60 dimensions: at 95 % two misses are rare, four are wrong."""
+    """Sixteen seeds for a plane in 60 dimensions: with 95 % intervals two misses are rare, and four are an
+    error."""
     normal = jnp.asarray(DIRECTION[:60] / np.linalg.norm(DIRECTION[:60]))
     limit = FunctionLimitState(lambda u: 3.0 - normal @ u, 60)
     runs = [
@@ -693,7 +698,7 @@ def test_monte_carlo_and_its_interval():
 
 
 def ball(u):
-    """Fails outside a ball with P = 1e-3: in no particular direction, as rocking does."""
+    """Limit state with failure outside a ball, P = 1e-3, without a preferred direction, as in rocking."""
     return chi2.isf(1e-3, u.size) - jnp.sum(u**2)
 
 
@@ -713,7 +718,7 @@ def test_the_default_method_is_right_where_failure_has_no_direction():
             {"method": "importance", "max_scenes": 50_000},
             "'importance' .* use method='subset', or",
         ),
-        # An estimate of 4e-4, whose own spread of 16 % is as small as asked for.
+        # An estimate of 4e-4, whose coefficient of variation of 16 % meets the request.
         (ball, 10, {"method": "importance", "cov": 0.2, "seed": 3}, "a few with large weights make up"),
         (parabola, 2, {"method": "importance", "max_scenes": 400, "cov": 0.01}, ", not 0.01; use"),
         (
@@ -752,7 +757,7 @@ def test_first_order_beside_the_sampled_probability():
 
 
 def test_two_planes_are_added_up_exactly():
-    # P(x > a or y > b) of correlated normal numbers, against quadrature.
+    # P(x > a or y > b) for correlated normal variables, compared with quadrature.
     u = np.array([[2.0, 0.0], [1.2, 1.6]])
     found = search.DesignPoints(u, u / 2, np.array([2.0, 2.0]), np.array([True, True]))
     both = quad(lambda x: norm.pdf(x) * norm.sf((2 - 0.6 * x) / 0.8), 2, 12, epsrel=1e-12)[0]
@@ -798,7 +803,7 @@ def test_ctrl_c_keeps_what_is_known(monkeypatch):
 
 
 class Moved(FunctionLimitState):
-    """G(u, b), which knows its derivative by b."""
+    """G(u, b) with its derivative with respect to b."""
 
     def __init__(self, G, b, dimension):
         super().__init__(lambda u: G(u, b), dimension)
@@ -819,7 +824,7 @@ def bowl(u, b):
 
 
 def window(u, b):
-    """Fails between b and 3: every line leaves failure again."""
+    """Limit state with failure between b and 3, so every line leaves failure again."""
     return (z(u) - b) * (z(u) - 3.0)
 
 
@@ -855,7 +860,7 @@ def test_where_a_limit_state_jumps_derivatives_are_said_to_know_nothing():
     assert found.sensitivities["b"] == (0.0, 0.0)
 
 
-# Rocking structures: one block, and a frame that rocks alike.
+# Rocking structures: a block, and an equivalent frame.
 
 NOISE = rj.GaussianMotion(121, 0.04, 0.02)
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
@@ -872,8 +877,8 @@ def test_the_limit_state_of_a_block():
         expected = rj.peak_response(BLOCK, records[k], options=options)
         assert value[k] == pytest.approx(float(expected.margin), abs=1e-7)
         assert (value[k] <= 0) == bool(expected.overturned)
-    np.testing.assert_allclose(limit.values(-np.asarray(u)), value, atol=1e-9)  # to either side alike
-    # Its derivative, by a sample and by the numbers of structure and ground.
+    np.testing.assert_allclose(limit.values(-np.asarray(u)), value, atol=1e-9)  # symmetric in u
+    # Derivatives with respect to a sample and to the parameters of structure and ground.
     near = np.asarray(u[:8]) * 0.9
     value, slope, named = limit.with_sensitivities(near)
     best = int(np.argmin(np.abs(value - 0.5)))
@@ -897,7 +902,7 @@ def test_probabilities_of_a_block():
 
 
 PODIUM = rj.Podium(alpha=0.15, R=1.5, gamma=5.0, superstructure=rj.Elastic(20.0, 0.4, 0.05))
-# Failures that were counted, and among how many motions.
+# Counted failures, and the number of motions.
 MONTE_CARLO = {
     "block": (BLOCK, rj.GaussianMotion(61, 0.06, 0.02), 1120, 100_000),
     "rare block": (BLOCK, rj.GaussianMotion(61, 0.06, 0.0114), 1890, 18_000_000),
@@ -909,7 +914,8 @@ MONTE_CARLO = {
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", MONTE_CARLO)
 def test_probabilities_of_rocking_structures_are_those_counted(name, seed):
-    """By the default method; of the elastic podium, importance sampling finds a ninth."""
+    """The default method agrees with counts; importance sampling finds a ninth of the probability of the
+    elastic podium."""
     podium, motion, failures, scenes = MONTE_CARLO[name]
     found = rj.failure_probability(podium, motion, cov=0.2, seed=seed)
     counted, error = failures / scenes, math.sqrt(failures) / scenes
@@ -922,7 +928,7 @@ STORIES = rj.ShearBuilding(masses=(3.0, 2.0), stiffnesses=(900.0, 500.0))
 
 
 def test_derivatives_are_named_by_where_the_numbers_are():
-    """Those of a building and of restrainers too: each a number of its own."""
+    """Includes parameters of a building and of restrainers, each with a separate derivative."""
     trees = DEVICES.replace(superstructure=STORIES), NOISE
     named = _by_location(*jax.tree.map(lambda y: jnp.stack([y, y + 1.0]), trees))
     np.testing.assert_array_equal(named["superstructure.stiffnesses[1]"], [500.0, 501.0])
@@ -953,7 +959,8 @@ def test_derivatives_are_named_by_where_the_numbers_are():
     ids=["rotation", "drift"],
 )
 def test_design_points_of_restrained_podiums(podium, limit, output, name, place):
-    """The motion reaches the limit, and a slope of β is that of the peak over its slope along the motion."""
+    """The motion reaches the limit, and a derivative of β equals the derivative of the peak divided by its
+    slope along the motion."""
     motion = rj.GaussianMotion(31, 0.08, 0.02)
     first = rj.design_points(podium, motion, limit=limit, starts=2)[0]
     assert first.smooth
@@ -973,7 +980,7 @@ def test_design_points_of_restrained_podiums(podium, limit, output, name, place)
     along = (value(1 + h, size) - value(1 - h, size)) / (2 * h * first.beta)
     across = (value(1.0, size * (1 + h)) - value(1.0, size * (1 - h))) / (2 * h * size)
     assert first.sensitivities[name] == pytest.approx(-across / along, rel=1e-3)
-    # By lines with derivatives by every number, beside subset simulation.
+    # Line sampling with derivatives with respect to all parameters, compared with subset simulation.
     arguments: dict = {"limit": limit, "cov": 0.3, "max_scenes": 3000, "starts": 2}
     line, subset = (rj.failure_probability(podium, motion, method=y, **arguments) for y in ("line", "subset"))
     spread = np.hypot(line.standard_error, subset.standard_error)

@@ -1,4 +1,5 @@
-"""Fragility of blocks on floors: against blocks on the ground, counts, table for pelicun, bad input."""
+"""Fragility of blocks on floors: comparison with blocks on the ground, counts, table for pelicun, invalid
+inputs."""
 
 import csv
 import functools
@@ -17,7 +18,7 @@ from tests.scenes import shaking
 
 SUITE = [shaking(150, 0.02, 3.0 + 0.1 * k, k) for k in range(6)]
 FRAME = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
-# Slender blocks, and one that the deck of the frame never moves: tan α_c > (1 − e)/((1 + e) tan α).
+# Slender blocks, and one that no impact of the deck lifts: tan α_c > (1 − e)/((1 + e) tan α).
 BLOCKS = {
     "slender": rj.Contents(0.06, 0.8),
     "small": rj.Contents(0.08, 0.3),
@@ -53,7 +54,8 @@ def test_on_a_podium_that_never_lifts_a_block_has_the_fragility_of_one_on_the_gr
 
 @pytest.mark.filterwarnings("ignore:contents_fragility")
 def test_counts_and_curves():
-    """Nothing acts back; counts by definition; curves of the largest binomial likelihood."""
+    """Blocks do not affect the podium, counts follow their definition, and curves maximise the binomial
+    likelihood."""
     data = on_frame("drop")
     which = np.arange(len(SUITE), dtype=np.int32)[:, None]
     table = rj.Records.of(SUITE)
@@ -89,7 +91,7 @@ def test_counts_and_curves():
 
 @pytest.mark.filterwarnings("ignore:contents_fragility")
 def test_impacts_that_end_the_rocking_do_not_start_a_block():
-    """Fact 17: a block less slender than (1 − e)/((1 + e) tan α) is started by no impact of the deck."""
+    """Fact 17: no impact of the deck starts a block less slender than (1 − e)/((1 + e) tan α)."""
     data = on_frame("drop").sel(contents="stocky")
     assert data["uplifted"].any()
     assert not data["contents_uplifted"].any()

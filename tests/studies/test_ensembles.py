@@ -1,4 +1,4 @@
-"""Ensembles: draws, empirical distributions against closed forms and scipy, and what is refused."""
+"""Ensembles: draws, empirical distributions compared with closed forms and scipy, invalid inputs."""
 
 import numpy as np
 import pytest
@@ -16,13 +16,14 @@ N = 400
 
 
 def at_rest(seed=1, n=N, low=0.1, high=0.9):
-    """Pulses that never lift the columns: the shear is a_p/g, so that its distribution is known."""
+    """Return an ensemble under pulses that never lift the columns; the shear is a_p/g, whose distribution is
+    known."""
     spread = {"a_p": stats.uniform(low * UPLIFT, (high - low) * UPLIFT)}
     return rj.ensemble(RIGID, rj.Ricker(1.0, 0.5), spread=spread, n=n, seed=seed)
 
 
 def overturning(seed=1, n=N, **more):
-    """Amplitudes of a pulse around the overturning boundary of a block."""
+    """Return an ensemble with amplitudes around the overturning boundary of a block."""
     given = {"spread": {"acceleration_ratio": stats.uniform(1.0, 2.0)}, "n": n, "seed": seed}
     return rj.ensemble(PODIUMS["block"], rj.OneSine(1.0, 0.8), **given | more)
 
@@ -49,7 +50,7 @@ def test_a_linear_map_of_a_parameter_has_the_known_distribution(still):
 
 
 def test_the_share_that_lifts_is_that_above_the_threshold():
-    """A rigid podium lifts if and only if a_p exceeds g tan α: with tan α drawn, P = F(a_p/g)."""
+    """A rigid podium lifts if and only if a_p exceeds g tan α, so P = F(a_p/g) for random tan α."""
     law = stats.lognorm(0.2, scale=0.15)
     found = rj.ensemble(RIGID, rj.Ricker(0.15 * G, 1.0), spread={"tan_alpha": law}, n=N, seed=3)
     np.testing.assert_array_equal(found.peaks.uplifted, found.draws["tan_alpha"] < 0.15)
@@ -129,7 +130,7 @@ def test_unknown_scenes_are_counted_and_widen_every_bound(toppled):
     data["result"].values[:8] = 3
     data["peak_rotation"].values[:8] = np.nan
     data["overturned"].values[:8] = False
-    data["undecided"] = "scene", np.arange(N) < 20  # of the first eight, nobody knows even that
+    data["undecided"] = "scene", np.arange(N) < 20  # the first eight are unanswered as well
     found = rj.Ensemble(data)
     assert found.counts | {"overturned": 0} == {
         "scenes": N,
@@ -163,7 +164,7 @@ def test_the_comparison_is_that_of_scipy(toppled):
     stronger = overturning(seed=3, spread={"acceleration_ratio": stats.uniform(1.6, 2.0)})
     found = toppled.compare(stronger)
     assert found.p_value < 1e-6
-    # Overturning is a tie at infinity, so the distance is that below it.
+    # Overturned scenes are ties at infinity, so only finite values determine the distance.
     assert found.at < 1.0
     assert 0 < found.lower < found.statistic < found.upper <= 1
 
@@ -180,7 +181,7 @@ def test_unknown_values_lower_the_distance_that_is_certain():
     assert open_ones.lower < certain.lower
     assert open_ones.upper > certain.upper
     placed = []
-    for _ in range(200):  # whatever the unknown values are, the distance is between the bounds
+    for _ in range(200):  # for all unknown values the distance is between the bounds
         values = np.where(is_open, rng.normal(scale=3, size=200), first)
         placed.append(stats.ks_2samp(values, second).statistic)
     widths = sum(empirical.band_half_width(size, 0.975) for size in (200, 300))
@@ -235,7 +236,7 @@ def test_every_scene_draws_one_motion():
 
 
 def test_the_initial_state_is_an_imperfection():
-    """Columns that are released from θ₀ fall back, so the peak is |θ₀|/α."""
+    """Columns released from θ₀ rock back, so the peak is |θ₀|/α."""
     spread = {"initial.theta": stats.norm(0.0, 0.05)}
     found = rj.ensemble(PODIUMS["block"], rj.Rest(), spread=spread, n=20, seed=1)
     np.testing.assert_allclose(
@@ -246,7 +247,7 @@ def test_the_initial_state_is_an_imperfection():
     modes = rj.Podium(alpha=0.2, R=1.0, gamma=5.0, superstructure=rj.Modes([3.0, 1.0], [0.4, 0.1], 0.05))
     assert found.scene(3)[2].theta == found.draws["initial.theta"][3]
     found = rj.ensemble(modes, rj.Rest(), spread={"initial.u_t": stats.uniform(0.001, 0.001)}, n=3, t_end=0.5)
-    # All floors are moved alike, and nothing rocks.
+    # All floors have the same initial displacement, and the columns do not rock.
     np.testing.assert_allclose(
         found.peaks.peak_deformation, np.repeat(found.draws["initial.u_t"][:, None], 2, 1), rtol=1e-6
     )

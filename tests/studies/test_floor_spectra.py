@@ -1,4 +1,4 @@
-"""Floor response spectra: facts in closed form, an independent reference, derivatives, suites, bad input."""
+"""Floor response spectra: closed forms, an independent reference, derivatives, suites, invalid inputs."""
 
 import math
 from typing import Any
@@ -27,7 +27,7 @@ def spectrum(podium, excitation, periods, **more: Any):
 
 
 def load(terms, kick=0.0, length=40.0):
-    """A floor with constant accelerations, each for so long, and a kick at the start."""
+    """Return the load of a floor with piecewise constant acceleration and a velocity jump at the start."""
     count = len(terms)
     none = np.zeros(count)
     kicks = np.where(np.arange(count) == 0, kick, 0.0)
@@ -68,7 +68,11 @@ def test_full_contact_passes_the_ground_motion_on():
     np.testing.assert_allclose(S_a[1, 1], 1.394454688752405, rtol=1e-11)
     assert (found["remaining_ratio"] <= 1).all()
     early = spectrum(FRAME, rj.OneSine(1.0, 0.8), [0.5, 1.5], damping=[0.0, 0.02, 0.05], t_end=0.8)
-    for name in ("relative_displacement", "absolute_acceleration", "peak_time"):  # with the next turns
+    for name in (
+        "relative_displacement",
+        "absolute_acceleration",
+        "peak_time",
+    ):  # including the next turning points
         np.testing.assert_allclose(early[name], found[name], rtol=1e-9)
     assert (early["remaining_ratio"] == 1).any()
     record = rj.Motion(np.asarray(shaking(peak=0.7).acceleration), 0.02)
@@ -113,7 +117,7 @@ def test_bounds_of_what_follows_have_their_closed_forms():
 
 
 def test_an_elastic_top_in_full_contact_has_its_closed_form():
-    factor = 1.0123  # an amplitude that nobody would type in g
+    factor = 1.0123  # an amplitude that is not a round number in g
     found = spectrum(TOP, rj.OneSine(0.5 * factor, 0.8), [0.2, 0.5], damping=[0.02, 0.05], level=["deck", 1])
     S_d = found["relative_displacement"].sel(level="1")
     np.testing.assert_allclose(
@@ -174,7 +178,7 @@ def test_oscillators_on_the_deck_are_modes_without_mass():
     peak = rj.peak_response(light, rj.Ricker(3.2, 1.0), t_end=6.0, options=FINE)
     found = spectrum(FRAME, rj.Ricker(3.2, 1.0), periods, t_end=6.0)
     np.testing.assert_allclose(found["relative_displacement"][0, 0], peak.peak_deformation, rtol=1e-9)
-    # The same oscillators on the light podium, by a spectrum on its deck, and on a mode of its own.
+    # The same oscillators: from a spectrum of the deck, and as an additional mode.
     same = spectrum(light, rj.Ricker(3.2, 1.0), periods, t_end=6.0)
     np.testing.assert_allclose(same["relative_displacement"], found["relative_displacement"], rtol=1e-9)
     mode = rj.simulate(light, rj.Ricker(3.2, 1.0), t_end=6.0, options=FINE).floor(
@@ -213,7 +217,7 @@ def test_random_scenes_agree_with_an_independent_integrator(seed):
 
 @pytest.mark.parametrize(("a_p", "overturns"), [(2.2, False), (3.0, True)])
 def test_floors_of_a_building_agree_with_an_independent_integrator(a_p, overturns):
-    """Stories, weights of modes and the vertical direction, also until the podium overturns."""
+    """Stories, mode weights and the vertical direction, also for a podium that overturns."""
     building = rj.ShearBuilding([3.0, 3.0, 2.0], [900.0, 700.0, 500.0], modes=2)
     podium, periods = FRAME.replace(superstructure=building), np.array([0.08, 0.4, 1.5])
     pulse = restrained.one_sine(a_p, 0.9)
@@ -302,7 +306,7 @@ def test_derivatives_of_stories_under_a_jumping_ground_agree_with_differences():
 
 @pytest.mark.parametrize(("direction", "kick"), [("horizontal", -0.6), ("vertical", -0.3)])
 def test_a_start_that_moves_omits_the_first_acceleration(direction, kick):
-    """(L8) at the start, where a⁻ = 0: the jump is −a⁺ t'."""
+    """(L8) at the start, where a⁻ = 0, so the jump is −a⁺ t'."""
     terms, zeros = np.array([[[2.0, 1.0]], [[3.0, 0.5]]]), np.zeros((2, 2))
     pieces = Pieces(np.array([0.0, 1.0]), np.ones(2), np.zeros(2, int), np.zeros(2, bool))
     motion, still = (PieceMotions(y, zeros) for y in (terms, 0 * terms))
@@ -315,7 +319,7 @@ def test_a_start_that_moves_omits_the_first_acceleration(direction, kick):
 
 @pytest.fixture(scope="module")
 def suite():
-    """Three motions, of which the last overturns the podium."""
+    """Return three motions, of which the last overturns the podium."""
     motions = [rj.Ricker(a, 1.0) for a in (1.0, 3.2, 30.0)]
     return rj.floor_spectrum(FRAME, motions, np.geomspace(0.1, 2.0, 8), options=FINE, t_end=4.0)
 

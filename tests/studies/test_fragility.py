@@ -20,7 +20,8 @@ fit_capacities, fit_counts = jax.jit(_lognormal.fit_capacities), jax.jit(_lognor
 
 
 def suite() -> list[rj.Record]:
-    """Records of different lengths and intervals, one of them negative in scale, one later."""
+    """Return records of different lengths and intervals, one with a negative scale and one that starts
+    later."""
     one, two, three = shaking(120, 0.02, 3.0, 1), shaking(260, 0.01, 4.0, 2), shaking(75, 0.04, 3.5, 3)
     return [one, two.scaled(-1.5), rj.Record(three.acceleration + 0.1, three.dt, t_start=2.0)]
 
@@ -31,7 +32,7 @@ TABLE = rj.Records.of(RECORDS)
 
 @pytest.mark.slow
 def test_a_wide_width_needs_no_more_places_than_the_first():
-    """Changes are then solved again, more sharply, among the answers of the first places."""
+    """The search refines changes among the first evaluated scales."""
     levels = np.linspace(1.0, 12.0, 3)
     rough = rj.incremental_dynamic_analysis(BLOCK, TABLE, levels, width=0.1, resolution=64)
     close = rj.incremental_dynamic_analysis(BLOCK, TABLE, levels, width=1e-3, resolution=64)
@@ -187,7 +188,8 @@ def test_derivatives_of_a_fit():
     "capacity", [[0.5, np.inf, np.inf], [np.inf] * 3, [0.4, 0.4, 0.4]], ids=["one", "none", "all the same"]
 )
 def test_what_does_not_fit_is_not_a_number(capacity):
-    """Nor do its derivatives raise anything: who replaces the number has none by the capacities."""
+    """Derivatives raise no error; if NaN is replaced, the derivatives with respect to the capacities are
+    zero."""
     capacity, limit = jnp.asarray(capacity), jnp.ones(3)
     assert np.isnan(fit_capacities(capacity, limit).median)
 
@@ -294,13 +296,12 @@ def test_the_responses_are_those_of_the_scaled_records(analysis):
 
 
 def test_sensitivities_of_capacities_against_bisection(analysis):
-    """Where the boundary of a record goes when alpha or R changes, followed by bisection beside where it
-    was."""
+    """Sensitivities agree with bisection of the boundary for slightly different alpha or R."""
     table, data = analysis
     h = 1e-6
     for parameter in ("alpha", "R"):
         slopes = data["sensitivity"].sel(parameter=parameter).values
-        for j in (0, 2, 7):  # alone within 3e-4: below that of record 4 is one more
+        for j in (0, 2, 7):  # no other boundary within 3e-4; record 4 has another one below
             ends = []
             for sign in (1, -1):
                 podium = BLOCK.replace(**{parameter: getattr(BLOCK, parameter) * np.exp(sign * h)})
@@ -327,19 +328,19 @@ def test_fragility_of_capacities(analysis):
     assert np.isfinite(log).all()
     assert float(curve["median_capacity"]) == pytest.approx(np.exp(log.mean()), rel=1e-9)
     assert float(curve["dispersion"]) == pytest.approx(log.std(), rel=1e-9)
-    # All records count the same: the median's derivative is the mean of theirs.
+    # All records have equal weights, so the derivative of the median is the mean of theirs.
     np.testing.assert_allclose(curve["median_sensitivity"], data["sensitivity"].mean("record"), rtol=1e-8)
     exact = scipy.stats.lognorm(log.std(), scale=np.exp(log.mean())).cdf(curve["at"])
     np.testing.assert_allclose(curve["probability"], exact, atol=1e-9)
     assert np.all((curve["lower"] <= curve["probability"]).values)
     assert np.all((curve["probability"] <= curve["upper"]).values)
-    # Without censored records, Student's and the χ² interval of normal samples.
+    # Without censored records, intervals are Student's and the χ² interval for normal samples.
     expected = scipy.stats.t(7, log.mean(), scipy.stats.sem(log)).interval(0.9)
     np.testing.assert_allclose(np.log(curve["interval"].sel(quantity="median_capacity")), expected, rtol=1e-9)
     expected = np.sqrt(8 * log.var() / scipy.stats.chi2(7).ppf([0.95, 0.05]))
     np.testing.assert_allclose(curve["interval"].sel(quantity="dispersion"), expected, rtol=1e-9)
     assert curve["interval"].attrs["records"] == curve["interval"].attrs["overturning_records"] == 8
-    # The band at the median is the interval of the median, seen from the side.
+    # The band at P = 0.5 is the interval of the median.
     at = rj.fragility(data, at=curve["interval"].sel(quantity="median_capacity").values)
     np.testing.assert_allclose([at["upper"][0], at["lower"][1]], 0.5, atol=1e-9)
     alone = rj.fragility(data, confidence=None)
@@ -357,7 +358,7 @@ def test_fragility_of_stripes_is_the_fit_of_its_counts(analysis):
     fit = fit_counts(levels, counts, np.full(counts.size, 8.0))
     assert float(curve["median_capacity"]) == pytest.approx(float(fit.median))
     np.testing.assert_allclose(curve["observed"], counts / 8)
-    # The jackknife, record by record.
+    # The jackknife over records.
     logs = np.log([fit_counts(levels, counts - row, np.full(counts.size, 7.0)).median for row in overturned])
     middle = 8 * np.log(fit.median) - 7 * logs.mean()
     half = scipy.stats.t(7).ppf(0.95) * np.sqrt(7 / 8 * np.sum((logs - logs.mean()) ** 2))
@@ -381,7 +382,7 @@ def test_records_that_never_overturn_are_censored(analysis):
 
 # -------------------------------------------------------------------------------------------------- intervals
 def stripe_analysis(capacity, levels) -> xarray.Dataset:
-    """What `fragility` looks at of an analysis."""
+    """Return the part of an analysis that `fragility` uses."""
     capacity = np.asarray(capacity, float)
     return xarray.Dataset(
         {
@@ -396,8 +397,8 @@ def stripe_analysis(capacity, levels) -> xarray.Dataset:
 @pytest.mark.slow(but=["10-1.2"])
 @pytest.mark.parametrize(("count", "limit"), [(5, 100.0), (10, 1.2), (40, 1.0)])
 def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
-    """1000 samples, of which none, a third, or half is censored. A share of .9 has a standard error of
-    .0095."""
+    """1000 samples, with no, a third or half of the records censored. A fraction of .9 has a standard error
+    of .0095."""
     rng = np.random.default_rng(count)
     drawn = np.exp(0.4 * rng.normal(size=(1000, count)))
     drawn = np.where(drawn < limit, drawn, np.inf)
@@ -424,7 +425,8 @@ def test_few_records_are_said():
 
 
 def test_an_interval_that_is_none_is_refused():
-    """Two records at three levels: without one of them nothing is left to tell a dispersion from."""
+    """Two records at three levels: one record alone does not determine a dispersion, so the jackknife
+    fails."""
     few = stripe_analysis([0.4, 0.8, 0.9, 1.1, 1.2, 1.3], [0.5, 1.0])
     with pytest.raises(
         ValueError, match=r"omits each record once, but without \d of the 6 records .* confidence=None"
@@ -435,7 +437,7 @@ def test_an_interval_that_is_none_is_refused():
 
 @pytest.mark.slow
 def test_the_distribution_is_differentiable():
-    """Sampled pulses: their first boundaries are clean, and near those of the pulses."""
+    """Sampled pulses have smooth first boundaries close to those of the pulses."""
     periods = np.array([0.8, 1.0, 1.3])
     t = np.arange(-100, 101) * 0.02
     few = rj.Records.of([rj.Record(rj.Ricker(1.0, T)(t), 0.02) for T in periods])

@@ -1,4 +1,4 @@
-"""Joints that open or slide as limit states, of fragilities and of random motions."""
+"""Joints that open or slide as limit states of fragilities and of random motions."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_bad_limits(analysis):
 
 
 def test_limit_states_of_random_motions():
-    """G of both kinds of limit, against peaks of the same motions."""
+    """G of both kinds of limit agrees with peaks under the same motions."""
     from rockjax._risk.structure import OPTIONS, StructureLimitState, parse_limit, records_from_samples
 
     motion = rj.GaussianMotion(n=200, dt=0.02, S_0=0.02)

@@ -1,4 +1,4 @@
-"""Spectra of records over the size of the structure."""
+"""Record spectra against the size of the structure."""
 
 import dataclasses
 
@@ -30,7 +30,7 @@ def test_every_size_is_a_structure_of_its_own(spectrum):
         peak = rj.peak_response(podium, record)
         assert float(spectrum["peak_rotation"][k, 2]) == pytest.approx(float(peak.peak_rotation), rel=1e-6)
         assert bool(spectrum["overturned"][k, 2]) == bool(peak.overturned)
-    # The largest structure is not overturned by ten times the record.
+    # Ten times the record does not overturn the largest structure.
     assert np.isnan(spectrum["demand"][:, 0]).all()
 
 
@@ -55,8 +55,8 @@ def test_records_are_told_by_their_samples_seeds_and_files(spectrum):
 
 @pytest.mark.slow
 def test_the_overturning_acceleration_follows_the_known_laws():
-    """Of one pulse, from small to large blocks: that of uplift where the pulse is long, ∝ 1/p where it is an
-    impulse."""
+    """For one pulse, from small to large blocks: the uplift acceleration if the pulse is long, ∝ 1/p if it is
+    an impulse."""
     t, duration = np.linspace(0, 1, 26), 1.0
     record = rj.Record(np.sin(np.pi * t), duration / 25)
     sizes = np.array([0.04, 0.08, 60.0])
@@ -68,9 +68,9 @@ def test_the_overturning_acceleration_follows_the_known_laws():
 
 @pytest.mark.slow
 def test_where_the_ground_only_moves_away_the_law_is_that_of_displacements():
-    """A whole sine leaves no velocity but a displacement D = aT²/2π: a block that is large for it has turned
-    by p²D/g at its end, and falls where that is α. So the least acceleration goes with 1/p². Of a slender
-    block: cos(α − θ) changes meanwhile, which leaves some velocity."""
+    """A full sine leaves no velocity but a displacement D = aT²/2π. At its end a large block has rotated by
+    p²D/g, and it overturns if this is α, so the least acceleration is proportional to 1/p². The block is
+    slender, because the change of cos(α − θ) otherwise leaves some velocity."""
     t = np.linspace(0, 1, 41)
     record = rj.Record(np.sin(2 * np.pi * t), 1 / 40)
     sizes, alpha = np.array([0.02, 0.04]), 0.02
@@ -83,7 +83,7 @@ def test_where_the_ground_only_moves_away_the_law_is_that_of_displacements():
 
 @pytest.mark.slow
 def test_vertical_motions_are_not_left_out():
-    """Of pairs the spectrum is that of each pair."""
+    """The spectrum of pairs equals that of each single pair."""
     pairs = RECORDS.map(lambda motion: dataclasses.replace(motion, vertical=motion.scaled(0.5)))
     found = rj.record_spectrum(BLOCK, pairs, SIZES[2:], max_scale=3.0, width=1e-2)
     podium = BLOCK.replace(R=float(found["R"][0]))

@@ -1,5 +1,5 @@
-"""Sweeps: the same answers as the batch, kept chunk by chunk; every fault with real processes, files and
-signals."""
+"""Sweeps: answers equal those of a batch and are stored in chunks; faults are tested with real processes,
+files and signals."""
 
 import contextlib
 import importlib.util
@@ -60,7 +60,7 @@ def assert_equal(data, batch):
 
 @pytest.fixture
 def solved_chunks(monkeypatch):
-    """Numbers of the chunks that are solved."""
+    """Return the numbers of the solved chunks."""
     solved = []
     solve = _chunks.Job.solve
 
@@ -225,7 +225,7 @@ def test_sensitivities_are_those_of_the_batch(tmp_path):
 
 
 def test_a_table_of_scenes(tmp_path, batch):
-    """Arrays of one length are a table; what is common to all is an attribute."""
+    """Arrays of one length form a table of scenes; common values are attributes."""
     a_p = np.broadcast_to(GRID.excitations.a_p, GRID.shape)[1].ravel()
     T_p = np.broadcast_to(GRID.excitations.T_p, GRID.shape)[1].ravel()
     podium = PODIUMS["rigid"].replace(alpha=np.ravel(GRID.structures.alpha)[1])
@@ -241,8 +241,8 @@ def test_only_what_is_missing_or_damaged_is_solved_again(tmp_path, batch, solved
     sweep(store)
     solved_chunks.clear()
     chunks = store / "peak_rotation" / "c"
-    (store / "progress" / "rows" / "c" / "0" / "0").unlink()  # killed before it was through
-    with open(chunks / "1" / "0" / "0", "r+b") as file:  # a bit has turned
+    (store / "progress" / "rows" / "c" / "0" / "0").unlink()  # killed before it finished
+    with open(chunks / "1" / "0" / "0", "r+b") as file:  # a flipped bit
         file.seek(40)
         byte = file.read(1)
         file.seek(40)
@@ -254,7 +254,7 @@ def test_only_what_is_missing_or_damaged_is_solved_again(tmp_path, batch, solved
     assert sorted(solved_chunks) == [0, 1, 2]
     assert_equal(data, batch)
     solved_chunks.clear()
-    shutil.copy(chunks / "0" / "0" / "0", chunks / "3" / "0" / "0")  # whole, but of another chunk
+    shutil.copy(chunks / "0" / "0" / "0", chunks / "3" / "0" / "0")  # complete, but from another chunk
     (chunks / "2" / "0" / "0").write_bytes((chunks / "2" / "0" / "0").read_bytes()[:100])
     with pytest.warns(RuntimeWarning, match="damaged"):
         data = sweep(store)
@@ -327,8 +327,8 @@ def test_calls_that_make_no_sense_are_refused(tmp_path, call, words):
 
 
 def test_what_varies_is_a_coordinate(tmp_path):
-    """An axis of one value, a number of the motion that is named as one of the podium, labels that are not
-    the numbers."""
+    """An axis of one value, a parameter of the motion with the name of a podium's parameter, and labels that
+    differ from the values."""
     motion = rj.MavroeidisPapageorgiou(2.0, 1.0, 2.0, 0.0)
     grid = rj.grid(
         PODIUMS["rigid"], motion, gamma=np.linspace(5, 10, 200), R=[2.0], **{"excitation.gamma": [2.0, 3.0]}
@@ -350,7 +350,7 @@ def test_a_url(tmp_path, batch):
     assert_equal(sweep(f"file://{tmp_path}/a.zarr"), batch)
     assert_equal(sweep(tmp_path / "a.zarr"), batch)
     (tmp_path / "b.zarr").mkdir()
-    assert_equal(sweep(tmp_path / "b.zarr"), batch)  # an empty folder is as good as none
+    assert_equal(sweep(tmp_path / "b.zarr"), batch)  # an empty folder is treated like none
 
 
 def test_what_to_install_is_said_before_anything_is_solved(tmp_path, monkeypatch):
@@ -362,7 +362,7 @@ def test_what_to_install_is_said_before_anything_is_solved(tmp_path, monkeypatch
 
 
 def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
-    """A worker that is still at it when its store is removed, and made again for something else."""
+    """A worker is still solving when its store is removed and created again for another sweep."""
     store = tmp_path / "a.zarr"
     other = GRID.structures.replace(gamma=11.0)
     solve = _chunks.solve_scenes
@@ -387,7 +387,7 @@ def test_another_sweep_in_the_place_is_left_alone(tmp_path, monkeypatch):
 def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
     tmp_path, batch, solved_chunks, monkeypatch
 ):
-    """Both find nothing; while the second prepares its own store, the first one's appears."""
+    """Both clients find no store; while the second prepares one, the store of the first appears."""
     store = tmp_path / "a.zarr"
     create = Store.create
 
@@ -397,12 +397,12 @@ def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
         return create(*args)
 
     monkeypatch.setattr(Store, "create", late)
-    # Chunks are sized by what was measured: the second may have wanted others.
+    # Measured times determine the chunk size, so the second client may prefer another size.
     monkeypatch.setattr("rockjax._sweep.pilot.Pilot.chunk_size", lambda *_: 2 * CHUNK)
     assert_equal(sweep(store, chunk=None), batch)
     assert sorted(solved_chunks) == [0, 1, 2, 3]
     assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
-    # It is refused where it is another sweep.
+    # A different sweep is rejected.
     other = tmp_path / "b.zarr"
 
     def another(*args):
@@ -506,7 +506,7 @@ def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, so
 
 @contextlib.contextmanager
 def full_disk(size):
-    """No file may grow past so many bytes: writing fails as on a full disk."""
+    """Limit the size of files, so that writing fails as on a full disk."""
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
@@ -520,7 +520,7 @@ def full_disk(size):
 def test_a_full_disk_is_reported_and_nothing_is_lost(tmp_path, batch):
     store = tmp_path / "a.zarr"
     with full_disk(600), pytest.raises(OSError, match="could not be written"):
-        sweep(store)  # not even the store
+        sweep(store)  # not even the store can be written
     assert not list(tmp_path.iterdir())
     sweep(store)
     (store / "progress" / "rows" / "c" / "1" / "0").unlink()
@@ -582,7 +582,7 @@ def wait_for(condition, process, folder, seconds=240):
 
 
 def rows_of(store):
-    """The chunks whose rows are written. (A folder without a file is one that was being written.)"""
+    """Return the chunks whose rows are written. (A folder without a file belongs to an interrupted write.)"""
     return {path.parent.name for path in (store / "progress" / "rows" / "c").glob("*/0")}
 
 
@@ -611,7 +611,7 @@ def test_a_killed_process_loses_only_the_chunk_it_was_at(tmp_path, cache, large,
 
 @pytest.mark.slow
 def test_killed_clients_workers_and_schedulers(tmp_path, cache, large):
-    """One cluster of real processes, each killed by its own id; every time the same call goes on."""
+    """A cluster of real processes, each killed by its own id; the same call continues every time."""
     from distributed import Client
 
     file = tmp_path / "scheduler.json"
@@ -656,7 +656,7 @@ def test_killed_clients_workers_and_schedulers(tmp_path, cache, large):
 
 
 class KillsOnce:
-    """A thread that kills a process once a store holds so many chunks."""
+    """Thread that kills a process when a store holds a number of chunks."""
 
     def __init__(self, pid, store, chunks):
         import threading
@@ -773,7 +773,7 @@ def test_a_path_that_cannot_be_is_refused_before_anything_is_solved(tmp_path, mo
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-# ---------------------------------------------------------------------------------- outputs of the user's own
+# ------------------------------------------------------------------------------------- user-defined outputs
 BEAM_SPEED = """
 import jax.numpy as jnp
 import rockjax as rj
@@ -800,7 +800,7 @@ def beam_speed(path, source):
 
 
 def test_sweeps_have_outputs_of_users(tmp_path, monkeypatch):
-    """The answers are those of the batch, with units; a later run goes on; changed code is another sweep."""
+    """Answers equal those of a batch, with units; a later run continues; changed code makes another sweep."""
     monkeypatch.setitem(sys.modules, "users_output", None)
     outputs, store = ("peak_rotation", beam_speed(tmp_path / "a.py", BEAM_SPEED)), tmp_path / "own"
     data = sweep(store, SMALL_GRID, outputs=outputs, chunk=1)
