@@ -20,7 +20,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._checks import float_type
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
+from rockjax._machine.memory import BYTES_PER_SCENE, BYTES_PER_SENSITIVITY, require_memory
 from rockjax._machine.threads import run_in_threads
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options, as_compiled
@@ -165,7 +165,9 @@ def responses(
     systems = as_systems("peak_responses", podiums, on_floors)
     scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     solution_count = 2 if "errors" in options.outputs else 1
-    require_memory("peak_responses", scenes.total, solution_count * BYTES + len(names) * BYTES_OF_SLOPES)
+    require_memory(
+        "peak_responses", scenes.total, solution_count * BYTES_PER_SCENE + len(names) * BYTES_PER_SENSITIVITY
+    )
     lane_executor = executor_for("peak_responses", devices, threads)
     solutions = [run_batch(scenes, options, progress, stop, lane_executor, names)[:2]]
     if "errors" in options.outputs and not stop.is_set():
@@ -189,7 +191,7 @@ def responses(
     floor_answers = ()
     if systems:
         floor_answers = answers_on_floors(
-            scenes, shape, options, systems, progress, stop, lane_executor.hosts
+            scenes, shape, options, systems, progress, stop, lane_executor.threads
         )
     fields = peak_fields(floats, integers, options)
     return Peak(**fields, errors=estimates, sensitivities=slopes, on_floors=floor_answers)
@@ -209,7 +211,7 @@ def bare_responses(
     """
     check_range("peak_responses", podiums, excitations, None, options)
     scenes, _ = broadcast("peak_responses", podiums, excitations, REST, None)
-    require_memory("peak_responses", scenes.total, BYTES + edge_distance * BYTES_OF_SLOPES)
+    require_memory("peak_responses", scenes.total, BYTES_PER_SCENE + edge_distance * BYTES_PER_SENSITIVITY)
     stop = threading.Event()
     names = (SCALE,) if edge_distance else ()
     floats, integers, _ = run_batch(scenes, options, progress, stop, None, names, edge_distance)
@@ -261,14 +263,14 @@ def run_batch(
     def solve_chunks() -> Iterator[Done]:
         lanes = idle
         while not stopped.is_set():
-            if executor.hosts > 1 and len(pending) < 2 * executor.hosts:
+            if executor.threads > 1 and len(pending) < 2 * executor.threads:
                 # JAX returns before the lanes have advanced. The thread waits here, so that idle threads can
                 # take the last chunks.
                 jax.block_until_ready(lanes)
             with lock:
                 indices = pending.popleft() if pending else NO_SCENES
                 # If no chunk is left for this thread, its lanes finish their scenes.
-                last = len(pending) < executor.hosts
+                last = len(pending) < executor.threads
             lanes, done = advance(lanes, indices, last)
             yield done
             if last and not pending and not np.any(np.asarray(done.left)):
@@ -283,7 +285,7 @@ def run_batch(
 
     from rockjax._progress import bar as bar_of
 
-    threads = min(executor.hosts, len(pending))
+    threads = min(executor.threads, len(pending))
     with bar_of(scenes.total, "scenes", progress, unit_scale=True) as bar:
         run_in_threads(work, threads, stopped, raises=stop is None)
     answers.close()
@@ -349,13 +351,13 @@ def _chunks(
     chunks, so that all threads end at about the same time."""
     # A thread is started for at least one scene per lane, and for more if scenes are quick, because starting
     # a thread takes longer than a few quick scenes.
-    scenes_per_host = lane_layout.lanes * executor.devices * (QUICK if scenes.is_quick else 1)
-    hosts = min(executor.hosts, -(-scenes.total // scenes_per_host))
-    group = lane_layout.size * executor.devices * hosts
+    scenes_per_thread = lane_layout.lanes * executor.devices * (QUICK if scenes.is_quick else 1)
+    threads = min(executor.threads, -(-scenes.total // scenes_per_thread))
+    group = lane_layout.size * executor.devices * threads
     for start in range(0, scenes.total, group):
         yield from (
-            SceneIndices(start + k, hosts, len(range(start + k, min(start + group, scenes.total), hosts)))
-            for k in range(min(hosts, scenes.total - start))
+            SceneIndices(start + k, threads, len(range(start + k, min(start + group, scenes.total), threads)))
+            for k in range(min(threads, scenes.total - start))
         )
 
 

@@ -37,7 +37,7 @@ _COMPILER_OPTIONS = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
 class AbstractExecutor(abc.ABC):
     """Threads of this process, each of which advances the lanes of one or more devices."""
 
-    hosts: int  # number of threads
+    threads: int  # number of threads
     devices: int  # number of devices per thread
     platform: str  # JAX's name of the platform, such as "cpu"
 
@@ -60,8 +60,8 @@ class ThreadExecutor(AbstractExecutor):
     devices = 1
     platform = "cpu"
 
-    def __init__(self, hosts: int):
-        self.hosts = hosts
+    def __init__(self, threads: int):
+        self.threads = threads
         # If JAX has accelerators, arrays must be placed on the CPU explicitly.
         cpu = None if jax.default_backend() == "cpu" else jax.local_devices(backend="cpu")[0]
         self._on_cpu = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
@@ -79,7 +79,7 @@ class ThreadExecutor(AbstractExecutor):
 class DeviceExecutor(AbstractExecutor):
     """Several devices of one platform, synchronised between chunks and independent within them."""
 
-    hosts = 1
+    threads = 1
 
     def __init__(self, devices: Sequence):
         self.devices = len(devices)

@@ -81,11 +81,11 @@ class Boundary(Module):
             return f"Boundary(shape {jnp.shape(self.scale)})"
         if not self.found:
             return f"Boundary: nothing overturns; least dip of the margin {float(self.dip):.3g}"
-        side = ", one-sided: the minimum is about to jump" if self.one_sided else ""
+        side = " (one-sided: the boundary is about to jump there)" if self.one_sided else ""
         after = f"after {int(self.impacts)} impacts"
         below = (
-            f"dip below "
-            f"{float(self.dip):.3g}{side}; no window wider than {float(self.certain_width):.2g} below"
+            f"below it the least dip of the margin is {float(self.dip):.3g}{side}, "
+            f"and no window is wider than {float(self.certain_width):.2g}"
         )
         return f"Boundary: overturns from {float(self.scale):.10g} {after}; {below}"
 
@@ -256,7 +256,7 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, uses_m
     numpy = array_module(values)
     is_found, is_one_sided = numpy.isfinite(values.scale), numpy.less(values.dip, ONE_SIDED_BELOW)
     return Boundary(
-        first.scale, as_array(is_found), first.impacts, first.dip, as_array(is_one_sided), first.certain
+        first.scale, as_array(is_found), first.impacts, first.dip, as_array(is_one_sided), first.certain_width
     )
 
 
@@ -267,7 +267,7 @@ def _without_tangents(tree):
 
 
 def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
-    """Return the search as a function of all leaves. The search runs on the host if the leaves are concrete,
+    """Return the search as a function of all leaves. The search runs in NumPy if the leaves are concrete,
     also under `vmap`."""
 
     @jax.custom_batching.custom_vmap
@@ -276,14 +276,14 @@ def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
 
     @program.def_vmap
     def _(count, mapped, *leaves):
-        # On the host, all searches must have the same options and width.
+        # In NumPy, all searches must have the same options and width.
         has_common_settings = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
         if has_common_settings and not _any_traced(leaves):
             rows = [
                 np.asarray(y) if is_mapped else np.asarray(y)[None]
                 for y, is_mapped in zip(leaves, mapped, strict=True)
             ]
-            first = jax.tree.map(as_array, _search_on_host(rows, count, structure, uses_margin))
+            first = jax.tree.map(as_array, _search_in_batches(rows, count, structure, uses_margin))
             return first, FirstBoundary(True, True, True, True)
         axes = [0 if is_mapped else None for is_mapped in mapped]
         first = jax.vmap(lambda *leaves: _search_in_program(leaves, structure, uses_margin), axes)(*leaves)
@@ -292,7 +292,7 @@ def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
     def search(*leaves):
         if _any_traced(leaves):
             return program(*leaves)
-        first = _search_on_host([np.asarray(y)[None] for y in leaves], 1, structure, uses_margin)
+        first = _search_in_batches([np.asarray(y)[None] for y in leaves], 1, structure, uses_margin)
         # NumPy arrays stay concrete under a transformation, where JAX would trace even concrete values.
         return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
@@ -303,7 +303,7 @@ def _any_traced(leaves) -> bool:
     return any(isinstance(y, Tracer) for y in leaves)
 
 
-def _search_on_host(rows: list[np.ndarray], count: int, structure, uses_margin: bool) -> FirstBoundary:
+def _search_in_batches(rows: list[np.ndarray], count: int, structure, uses_margin: bool) -> FirstBoundary:
     """Return the first boundaries of `count` searches, which are solved together.
 
     - `rows`: leaves of the arguments with a first axis of length 1 (common to all searches) or `count`
@@ -324,7 +324,7 @@ def _search_on_host(rows: list[np.ndarray], count: int, structure, uses_margin: 
     first, impacts = (y[:, 0] for y in result.crossings.table(count))
     scale = np.where(np.isnan(first), np.inf, first) * limits
     dtype = float_type()
-    scale, dip, certain = (np.asarray(y, dtype) for y in (scale, result.dip, result.certain * limits))
+    scale, dip, certain = (np.asarray(y, dtype) for y in (scale, result.dip, result.certain_width * limits))
     return FirstBoundary(scale, dip, certain, np.maximum(impacts, 0))
 
 
@@ -351,7 +351,7 @@ def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
 @functools.partial(jax.jit, static_argnames=("structure", "uses_margin"))
 def _search_in_program(leaves, structure, uses_margin: bool) -> FirstBoundary:
     """Return the first boundary of one search inside a compiled program, with arguments as in
-    `_search_on_host`."""
+    `_search_in_batches`."""
     podium, excitation, limit, (options, width) = jax.tree.unflatten(structure, leaves)
     search_options = margin_options(options, uses_margin)
     coarse = scan_options(search_options, width)

@@ -90,7 +90,7 @@ class Scan(NamedTuple):
     crossings: Crossings
     starts_surviving: np.ndarray  # for each line, True if its lower end survives
     dip: np.ndarray  # lowest dip below the first crossing of each line; 1 for a line without dips
-    certain: np.ndarray  # no interval wider than this overturns below the first crossing of each line
+    certain_width: np.ndarray  # no interval wider than this overturns below the first crossing of each line
     scenes: int  # number of solved scenes
 
 

@@ -39,7 +39,7 @@ class FirstBoundary(NamedTuple):
 
     scale: Any  # the least scale that overturns; inf if nothing overturns
     dip: Any  # the lowest dip of the margin below the boundary; 1 if there is none
-    certain: Any  # no overturning interval below the boundary is wider than this
+    certain_width: Any  # no overturning interval below the boundary is wider than this
     impacts: Any  # number of impacts before overturning
 
 

@@ -203,7 +203,7 @@ class SampledLookahead(AbstractLookahead):
 
         def up(_, carry):
             left, right, best = carry
-            # A node at an end of the range counts by itself if its parent has a child outside the range.
+            # A node at an end of the range is compared here if its parent has a child outside the range.
             for edge, node in ((left, left), (right, right - 1)):
                 best = jnp.where((left < right) & (edge % 2 == 1) & (size(node) > size(best)), node, best)
             return (left + left % 2) // 2, (right - right % 2) // 2, best

@@ -6,8 +6,8 @@ from pathlib import Path
 
 # Peak memory per scene [bytes], besides its parameters: 120 for a batch, 160 for spectra that are
 # assembled and written.
-BYTES = 160
-BYTES_OF_SLOPES = 32  # additional memory per scene and sensitivity parameter [bytes]
+BYTES_PER_SCENE = 160
+BYTES_PER_SENSITIVITY = 32  # additional memory per scene and sensitivity parameter [bytes]
 SYSTEM = Path("/")
 
 # Advice in error messages.
@@ -19,7 +19,7 @@ FEWER_LINES = "request fewer at a time"
 
 
 def require_memory(
-    owner: str, number: int, bytes_each: int = BYTES, noun: str = "scenes", advice: str = SWEEP
+    owner: str, number: int, bytes_each: int = BYTES_PER_SCENE, noun: str = "scenes", advice: str = SWEEP
 ) -> None:
     """Raise `ValueError` if a number of scenes does not fit into free memory, as reported by Linux.
 

@@ -220,7 +220,7 @@ def incremental_dynamic_analysis(
 
     data = xarray.Dataset(
         data_variables(peaks, options.outputs, ("record", "intensity"))
-        | _record_variables(boundaries, impacts, search.certain, measure),
+        | _record_variables(boundaries, impacts, search.certain_width, measure),
         coords={
             "record": ("record", labels, {"long_name": "record"}),
             **record_coords(records, motions),

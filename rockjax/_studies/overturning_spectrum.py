@@ -170,7 +170,7 @@ def _dataset(podium: Podium, pulse, x, search: Scan, derived, options: Options) 
             ),
             "certain_width": (
                 "frequency_ratio",
-                search.certain,
+                search.certain_width,
                 {
                     "units": "1",
                     "long_name": "largest width of an undetected interval that overturns",

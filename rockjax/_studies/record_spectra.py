@@ -124,7 +124,7 @@ def record_spectrum(
             "kind": "record-spectrum",
             "max_scale": scale_range[1],
             "scenes": cells.size + search.scenes,
-            "certain_width": float(np.max(search.certain)),
+            "certain_width": float(np.max(search.certain_width)),
             **{k: y for k, y in describe_podium(podium).items() if k not in SIZE_ATTRIBUTES},
             **describe_options(options),
         },

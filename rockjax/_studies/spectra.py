@@ -15,7 +15,7 @@ from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
 from rockjax._checks import as_float, as_strings, format_value, require, require_instance
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._machine.memory import BYTES, BYTES_OF_SLOPES, require_memory
+from rockjax._machine.memory import BYTES_PER_SCENE, BYTES_PER_SENSITIVITY, require_memory
 from rockjax._machine.threads import TABLES, import_in_background, submit
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
@@ -124,7 +124,7 @@ def rocking_spectra(
     for podium in podiums if names else ():
         check_sensitivities(owner, podium, pulse(1.0, 1.0), names)
     total = len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size
-    require_memory(owner, total, BYTES + len(names) * BYTES_OF_SLOPES)
+    require_memory(owner, total, BYTES_PER_SCENE + len(names) * BYTES_PER_SENSITIVITY)
     groups = list(group_by_structure(podiums).values())
     import_in_background(*TABLES)
     derived = [derived_numbers(podium) for podium in podiums]

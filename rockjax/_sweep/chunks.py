@@ -116,7 +116,7 @@ def _worker_arguments(devices: Devices, threads: int | None) -> dict[str, Any]:
 def count_cores(devices: Devices, threads: int | None) -> int:
     """Return the number of threads or devices that solve a chunk."""
     executor = executor_for("sweep", **_worker_arguments(devices, threads))
-    return executor.hosts * executor.devices
+    return executor.threads * executor.devices
 
 
 def count_trial_steps(peaks: Peak) -> np.ndarray:

@@ -179,9 +179,9 @@ def test_lanes_are_busy_and_no_scene_is_lost():
 
 
 @pytest.mark.parametrize("name", ["block", "elastic"])
-@pytest.mark.parametrize("hosts", [1, 2, 3, 8])
+@pytest.mark.parametrize("threads", [1, 2, 3, 8])
 @pytest.mark.parametrize("total", [1, 7, 63, 64, 65, 100, 129, 484, 2047, 2048, 2049, 5000])
-def test_every_scene_is_dealt_to_a_thread_once(total, hosts, name):
+def test_every_scene_is_dealt_to_a_thread_once(total, threads, name):
     """Chunks fit the lanes, and all threads get equal work, except for remainders that fill no lanes or are
     too small for a thread."""
     from rockjax._batch.batch import QUICK, _chunks, layout
@@ -190,14 +190,14 @@ def test_every_scene_is_dealt_to_a_thread_once(total, hosts, name):
 
     scenes, _ = broadcast("", PODIUMS[name], rj.Ricker(np.arange(1.0, total + 1), 1.0), rj.State(), None)
     assert scenes.is_quick == (name == "block")
-    who = ThreadExecutor(hosts)
+    who = ThreadExecutor(threads)
     made = layout(scenes, who)
     chunks = list(_chunks(scenes, made, who))
     dealt = [chunk.of(np.arange(chunk.scenes)) for chunk in chunks]
     np.testing.assert_array_equal(np.sort(np.concatenate(dealt)), np.arange(total))
     sizes = np.array([chunk.scenes for chunk in chunks])
     assert np.all((sizes > 0) & (sizes <= made.size))
-    busy = min(hosts, -(-total // (made.lanes * (QUICK if scenes.is_quick else 1))))
+    busy = min(threads, -(-total // (made.lanes * (QUICK if scenes.is_quick else 1))))
     assert len(chunks) >= busy
     by_thread = [sizes[k::busy].sum() for k in range(busy)]
     assert max(by_thread) - min(by_thread) <= len(chunks)

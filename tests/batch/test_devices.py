@@ -179,8 +179,8 @@ def test_threads_and_devices_that_cannot_be():
     ):
         with pytest.raises(ValueError, match=words):
             run(**who)
-    assert executor_for("", threads=3).hosts == 3
-    assert executor_for("", devices=[device]).hosts == 1
+    assert executor_for("", threads=3).threads == 3
+    assert executor_for("", devices=[device]).threads == 1
 
 
 def test_scenes_are_dealt_out_in_turn():
@@ -208,7 +208,7 @@ def test_a_default_device_is_where_batches_run(monkeypatch):
     )
     monkeypatch.setattr(rj._batch.executors, "DeviceExecutor", list)
     assert executor_for("") == ["a", "b"]
-    assert executor_for("", threads=2).hosts == 2
+    assert executor_for("", threads=2).threads == 2
     for chosen in (device, "cpu"):
         with jax.default_device(chosen):
             threads = executor_for("")

@@ -97,7 +97,7 @@ def test_no_window_wider_than_the_width_is_missed_in_a_batch(monkeypatch):
     assert found.crossings.table(len(motions))[0][:, 0] == pytest.approx(
         [m.first() for m in motions], rel=1e-9
     )
-    assert np.all(found.certain <= WIDTH)
+    assert np.all(found.certain_width <= WIDTH)
     assert found.scenes < len(motions) * (1 / WIDTH + 500)
 
 
@@ -105,7 +105,7 @@ def test_no_window_wider_than_the_width_is_missed_in_a_program():
     for motion in drawn(30, 2):
         found = in_program(motion)
         assert float(found.scale) == pytest.approx(motion.first(), rel=1e-9)
-        assert float(found.certain) <= WIDTH
+        assert float(found.certain_width) <= WIDTH
         assert int(found.impacts) == 3
 
 
@@ -125,7 +125,7 @@ def test_places_are_as_close_as_the_width_and_no_closer(monkeypatch):
     steps = steps[np.cumsum(steps) > 0.46]
     assert np.all(steps < 0.95 * WIDTH * (1 + 1e-9))
     assert np.all(steps > 0.9 * WIDTH)
-    assert np.all(found.certain <= 0.95 * WIDTH)
+    assert np.all(found.certain_width <= 0.95 * WIDTH)
 
 
 class Smooth(Motion):
@@ -156,7 +156,7 @@ def test_windows_that_derivatives_tell_of_are_found_from_few_scales(monkeypatch)
         over = y[motion.margin(y, True) <= 0]
         expected = over[0] if over.size else math.nan
         assert first[k, 0] == pytest.approx(expected, abs=1e-5, nan_ok=True)
-    assert np.all(found.certain <= WIDTH)
+    assert np.all(found.certain_width <= WIDTH)
     assert found.scenes < len(motions) * 0.25 / WIDTH
 
 
@@ -172,9 +172,9 @@ def test_stretches_without_an_answer_are_not_certain(search, monkeypatch):
     motion = Motion([(0.7, 0.8)], unanswered=[(0.3, 0.32)])
     if search == "batch":
         found = scanned([motion], monkeypatch)
-        first, certain = found.crossings.y[0], found.certain[0]
+        first, certain = found.crossings.y[0], found.certain_width[0]
     else:
-        first, certain = in_program(motion).scale, in_program(motion).certain
+        first, certain = in_program(motion).scale, in_program(motion).certain_width
     assert first == pytest.approx(0.7, rel=1e-9)
     assert 0.02 <= certain < 0.02 + 2 * WIDTH
 

@@ -27,7 +27,7 @@ def share(value: float | None) -> str:
 @pytest.mark.parametrize("method", ["(P3)", "(P4)", "(P5)"])
 def test_rotations_of_the_page(method):
     row = ROWS[method]
-    shares = [share(row[y]) for y in ("unsafe", "overturnings missed", "overturnings in vain")]
+    shares = [share(row[y]) for y in ("unsafe", "overturnings missed", "false overturnings")]
     quantiles = [f"{row['5 %']:.2f}", f"{row['50 %']:.2f}", f"{row['95 %']:.1f}"]
     assert cells(method) == [*shares, *quantiles, share(row["several answers"])]
 

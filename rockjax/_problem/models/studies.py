@@ -68,8 +68,8 @@ class Peaks(OneMotion):
 
     outputs: list[str] | None = key(
         None,
-        "Requested outputs: peak_rotation, peak_shear …; by default all of the building and the joints that "
-        "the structure has.",
+        "Requested outputs: peak_rotation, peak_shear …; by default all outputs for the building and the "
+        "joints of the structure.",
         GRID,
     )
     factor: Positive = key(1.0, "Factor on the motions [–].", MOTION)
