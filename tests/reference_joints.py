@@ -168,12 +168,12 @@ class Structure:
             total += m.mass
             if len(shape):
                 shift += m.mass * (d @ shape) * np.stack([rise, rise_per])
-        for k, (first, known, rates) in enumerate(
+        for k, (first, expected, rates) in enumerate(
             ((2 * n, tops[0], tops[1]), (3 * n, total * rise, total * rise_per))
         ):
             system[:, row, first : first + n] = 1.0
             system[:, row, angular] = -n * (rates + along[k] * both_per)
-            right[:, row] = n * (known + along[k] * both)
+            right[:, row] = n * (expected + along[k] * both)
             row += 1
         if n > 1:
             # The contacts of the beam are at a distance B from the centre lines; moments are about the mean
@@ -229,8 +229,8 @@ class Structure:
             for i in range(n - 1):
                 system[:, row] = moments[:, i + 1] - moments[:, i]
                 row += 1
-            for first, known in ((2 * n, tops), (3 * n, rise + pulls[1])):
-                system[:, row, first : first + n], right[:, row] = 1.0, n * known
+            for first, expected in ((2 * n, tops), (3 * n, rise + pulls[1])):
+                system[:, row, first : first + n], right[:, row] = 1.0, n * expected
                 row += 1
             if n > 1:
                 system[:, row, 3 * n : 4 * n] = x - (side * xi * B)[:, None]

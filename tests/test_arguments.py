@@ -140,5 +140,5 @@ def test_an_argument_of_a_wrong_kind_is_named(function, name, wrong, tmp_path, m
     monkeypatch.chdir(tmp_path)
     with pytest.raises((ValueError, TypeError)) as error:
         function(**VALID[function] | {name: wrong})
-    said = str(error.value)
-    assert name in said or "missing" in said, said
+    output = str(error.value)
+    assert name in output or "missing" in output, output

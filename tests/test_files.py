@@ -102,13 +102,13 @@ def interrupted(call):
 def test_ctrl_c_in_a_batch_keeps_what_is_solved(monkeypatch):
     monkeypatch.setattr(_batch, "CHUNK", 128)
     motions = rj.Ricker(np.linspace(1.0, 8.0, 4000), 0.8)
-    whole = rj.peak_responses(PODIUMS["rigid"], motions, options=OPTIONS)
+    complete = rj.peak_responses(PODIUMS["rigid"], motions, options=OPTIONS)
     some = interrupted(
         lambda: rj.peak_responses(PODIUMS["rigid"], motions, options=OPTIONS, progress=StopsAfter(300))
     ).partial
     left = np.asarray(some.result == rj.RESULTS.interrupted)
     assert 0 < left.sum() < 4000 - 300
-    np.testing.assert_array_equal(some.peak_rotation[~left], whole.peak_rotation[~left])
+    np.testing.assert_array_equal(some.peak_rotation[~left], complete.peak_rotation[~left])
     assert np.isnan(some.peak_rotation[left]).all()
 
 
@@ -151,19 +151,19 @@ def test_a_process_that_ignores_ctrl_c_goes_on():
 def test_an_interrupted_spectrum_goes_on(monkeypatch, tmp_path):
     monkeypatch.setattr(_batch, "CHUNK", 128)
     podiums = [PODIUMS["block"], PODIUMS["rigid"], PODIUMS["rigid"].replace(R=2.0)]
-    whole = rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS)
+    complete = rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS)
     some = interrupted(
         lambda: rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS, progress=StopsAfter(200))
     )
     assert "scenes solved" in str(some)
     path = _checkpoint.save(tmp_path / "a.partial.nc", some.partial)
-    known = _checkpoint.load(path, 3)
+    expected = _checkpoint.load(path, 3)
     count = Counts()
-    again = rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS, progress=count, resume=known)
-    solved = sum(int((data["result"] != 6).sum()) for data in known if data is not None)
+    again = rj.rocking_spectra(podiums, rj.Ricker, X, Y, options=OPTIONS, progress=count, resume=expected)
+    solved = sum(int((data["result"] != 6).sum()) for data in expected if data is not None)
     assert 200 <= solved < 3 * X.size * Y.size
     assert count.total == 3 * X.size * Y.size - solved
-    for a, b in zip(again, whole, strict=True):
+    for a, b in zip(again, complete, strict=True):
         xarray.testing.assert_equal(a.drop_vars("steps"), b.drop_vars("steps"))
         assert a.attrs == b.attrs
     for change, words in (
@@ -204,9 +204,9 @@ def test_partial_files_keep_attributes_as_they_are(tmp_path):
     path = _checkpoint.save(
         tmp_path / "a.nc", [xarray.Dataset(attrs={"rtol": 1e-8, "columns": 4, "law": "paper"})]
     )
-    (known,) = _checkpoint.load(path, 1)
-    assert known is not None
-    assert {name: type(value) for name, value in known.attrs.items()} == {
+    (expected,) = _checkpoint.load(path, 1)
+    assert expected is not None
+    assert {name: type(value) for name, value in expected.attrs.items()} == {
         "rtol": float,
         "columns": int,
         "law": str,

@@ -77,7 +77,7 @@ DRAWN = "--width 0.45 --height 3 --column-mass 1500 --columns 4 --beam-mass 30e3
 
 
 def test_the_command_says_what_it_has_simulated(call, tmp_path):
-    said = call(*RESPONSE.split(), *DRAWN.split())
+    output = call(*RESPONSE.split(), *DRAWN.split())
     motion = rj.read_motion(tmp_path / "a.txt", units="g", dt=0.05).scaled(2.0)
     checksum, amount = digest(motion.acceleration), f"PGA = {motion.pga / G:.4g} g, scale 2"
     for words in (
@@ -86,7 +86,7 @@ def test_the_command_says_what_it_has_simulated(call, tmp_path):
         "0.15 g of slow ground motion",
         "N = 4 columns, column mass 1500 kg, beam mass 30000 kg",
     ):
-        assert words in said
+        assert words in output
     with xarray.open_dataset("a.nc") as data:
         assert (data.attrs["columns"], data.attrs["column_mass_kg"]) == (4, 1500.0)
         assert data.attrs["record_sha256"] == checksum

@@ -47,11 +47,11 @@ def test_one_scene_is_its_place_in_the_batch(name):
 
 
 def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, monkeypatch):
-    said = r"100000000\d\d scenes need about 1\.\d* TiB of memory, but only .* are free.* rockjax\.sweep"
+    output = r"100000000\d\d scenes need about 1\.\d* TiB of memory, but only .* are free.* rockjax\.sweep"
     axis = np.linspace(1.0, 8.0, 100_000)
-    with pytest.raises(ValueError, match="rocking_spectrum: " + said):
+    with pytest.raises(ValueError, match="rocking_spectrum: " + output):
         rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, axis, axis)
-    with pytest.raises(ValueError, match="peak_responses: " + said):
+    with pytest.raises(ValueError, match="peak_responses: " + output):
         rj.peak_responses(PODIUMS["rigid"], rj.Ricker(axis[:, None], axis))
     for file, text in {
         "proc/meminfo": "MemTotal: 8000 kB\nMemAvailable:    4000 kB\n",
@@ -81,13 +81,13 @@ def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, mon
 def test_order_size_and_lanes_do_not_matter(monkeypatch):
     podium = elastic(0.4)
     a_p = amplitudes(700)
-    whole = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"))
+    complete = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"))
     backwards = rj.peak_responses(podium, rj.Ricker(a_p[::-1], 0.9), options=options(1e-10, "tsit5"))
-    assert_close(whole, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
+    assert_close(complete, jax.tree.map(lambda y: y[::-1], backwards), rtol=1e-6)
     monkeypatch.setattr(rj._batch.batch, "LANES", 48)
     monkeypatch.setattr(rj._batch.batch, "CHUNK", 96)
     chunks = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"))
-    assert_close(whole, chunks, rtol=1e-6)
+    assert_close(complete, chunks, rtol=1e-6)
     alone = rj.peak_responses(podium, rj.Ricker(a_p, 0.9), options=options(1e-10, "tsit5"), threads=1)
     assert_close(chunks, alone, rtol=1e-12)
 
@@ -190,9 +190,9 @@ def test_every_scene_is_dealt_to_a_thread_once(total, threads, name):
 
     scenes, _ = broadcast("", PODIUMS[name], rj.Ricker(np.arange(1.0, total + 1), 1.0), rj.State(), None)
     assert scenes.is_quick == (name == "block")
-    who = ThreadExecutor(threads)
-    made = layout(scenes, who)
-    chunks = list(_chunks(scenes, made, who))
+    executor = ThreadExecutor(threads)
+    made = layout(scenes, executor)
+    chunks = list(_chunks(scenes, made, executor))
     dealt = [chunk.of(np.arange(chunk.scenes)) for chunk in chunks]
     np.testing.assert_array_equal(np.sort(np.concatenate(dealt)), np.arange(total))
     sizes = np.array([chunk.scenes for chunk in chunks])
@@ -261,8 +261,8 @@ def test_scenes_begin_in_the_order_of_their_motions_strength():
     a_p = np.random.default_rng(0).permutation(amplitudes(200)) * np.where(np.arange(200) % 2, 1, -1)
     of = lambda motion: broadcast("", PODIUMS["rigid"], motion, rj.State(), None)[0]
     scenes = of(rj.Ricker(a_p, 1.0))
-    (begun,) = [y for y in scenes.part(SceneIndices(0, 2, 100), 100) if np.ndim(y)]
-    assert np.all(np.diff(np.abs(begun)) >= 0)
+    (started,) = [y for y in scenes.part(SceneIndices(0, 2, 100), 100) if np.ndim(y)]
+    assert np.all(np.diff(np.abs(started)) >= 0)
     np.testing.assert_array_equal(np.sort(scenes.in_grid(np.arange(200))), np.arange(200))
     record = np.sin(np.linspace(0, 6, 50))
     suite = rj.Records.of([rj.Record(record, 0.02), rj.Record(-3 * record, 0.02)])

@@ -75,14 +75,15 @@ def largest_difference(a: rj.Peak, b: rj.Peak, where=...) -> float:
     worst = 0.0
     for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
         x, y = x[where], y[where]
-        known = np.isfinite(x)
-        if not np.array_equal(x[~known], y[~known], equal_nan=True) or (
+        expected = np.isfinite(x)
+        if not np.array_equal(x[~expected], y[~expected], equal_nan=True) or (
             x.dtype != float and not np.array_equal(x, y)
         ):
             return np.inf
-        if x.dtype == float and known.any():
+        if x.dtype == float and expected.any():
             worst = max(
-                worst, float(np.max(np.abs(x[known] - y[known])) / max(1e-300, np.max(np.abs(x[known]))))
+                worst,
+                float(np.max(np.abs(x[expected] - y[expected])) / max(1e-300, np.max(np.abs(x[expected])))),
             )
     return worst
 
@@ -167,9 +168,9 @@ def test_a_batch_on_devices_that_is_stopped_keeps_what_is_solved(device_results)
 
 
 def test_threads_and_devices_that_cannot_be():
-    run = lambda **who: rj.peak_responses(PODIUMS["block"], rj.Ricker(3.0, 1.0), **who)
+    run = lambda **executor: rj.peak_responses(PODIUMS["block"], rj.Ricker(3.0, 1.0), **executor)
     (device, *_) = jax.local_devices()
-    for who, words in (
+    for executor, words in (
         ({"threads": 0}, "threads must be a whole number ≥ 1, got threads = 0"),
         ({"threads": 1.5}, "threads must be a whole number"),
         ({"devices": []}, "devices must be one or more JAX devices"),
@@ -178,7 +179,7 @@ def test_threads_and_devices_that_cannot_be():
         ({"devices": [device], "threads": 2}, "devices or threads, not both"),
     ):
         with pytest.raises(ValueError, match=words):
-            run(**who)
+            run(**executor)
     assert executor_for("", threads=3).threads == 3
     assert executor_for("", devices=[device]).threads == 1
 
@@ -240,13 +241,13 @@ def test_accelerators_have_more_lanes(monkeypatch):
 def test_a_program_for_accelerators_is_made_of_what_they_have(name):
     """The program uses float64 throughout, no custom calls and no callbacks to the CPU."""
     podium, motion, how, _ = CASES[name]
-    who = DeviceExecutor(jax.local_devices()[:1])
-    who.platform = "cuda"
+    executor = DeviceExecutor(jax.local_devices()[:1])
+    executor.platform = "cuda"
     scenes, _ = broadcast("", podium, motion, rj.State(), None)
-    plan = layout(scenes, who)
+    plan = layout(scenes, executor)
     assert plan.lanes >= 1024
     leaves, numbers = scenes.part(SceneIndices(0, 1, scenes.total), plan.size), np.zeros(1, int)
-    program = _on_mesh(who.mesh).trace(
+    program = _on_mesh(executor.mesh).trace(
         idle_lanes(scenes, how, plan), leaves, numbers, 1, numbers, 0, how, layout=plan
     )
     text = program.lower(lowering_platforms=("cuda",)).as_text()

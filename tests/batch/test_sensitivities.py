@@ -47,9 +47,11 @@ def compare(podium, rtol, landed):
             if single[peak] is None:  # only for several stories
                 assert getattr(batch.sensitivities, peak) is None
                 continue
-            found, known = getattr(batch.sensitivities, peak)[k], np.asarray(single[peak])
+            found, expected = getattr(batch.sensitivities, peak)[k], np.asarray(single[peak])
             allowed = rtol if peak in ("peak_rotation", "margin") else landed
-            np.testing.assert_allclose(found, known, rtol=0, atol=allowed * max(0.01, np.abs(known).max()))
+            np.testing.assert_allclose(
+                found, expected, rtol=0, atol=allowed * max(0.01, np.abs(expected).max())
+            )
     largest = np.abs(batch.sensitivities.peak_rotation[~batch.overturned]).max()
     assert largest > 1
     assert np.abs(batch.sensitivities.peak_rotation[batch.overturned]).max() < 1e-12
@@ -74,8 +76,8 @@ def test_derivatives_of_a_batch_are_those_of_its_scenes():
         for s in (step, -step)
     )
     for peak in ("peak_rotation", "peak_shear", "margin"):
-        known = (getattr(up, peak) - getattr(down, peak)) / (2 * step)
-        np.testing.assert_allclose(getattr(slopes, peak)[:90:5, 1], known[:90:5], rtol=1e-4, atol=1e-5)
+        expected = (getattr(up, peak) - getattr(down, peak)) / (2 * step)
+        np.testing.assert_allclose(getattr(slopes, peak)[:90:5, 1], expected[:90:5], rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.slow
@@ -97,9 +99,11 @@ def test_records_and_their_scale():
     assert not batch.overturned.all()
     for k, motion in enumerate(motions):
         single = of_single_scene(PODIUMS["rigid"], motion, ("alpha", "scale", "dt"), how)
-        known = np.asarray(single["peak_rotation"])
-        np.testing.assert_allclose(batch.sensitivities.peak_rotation[k], known[:2], rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(each.sensitivities.peak_rotation[k], known[[0, 2]], rtol=1e-9, atol=1e-12)
+        expected = np.asarray(single["peak_rotation"])
+        np.testing.assert_allclose(batch.sensitivities.peak_rotation[k], expected[:2], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            each.sensitivities.peak_rotation[k], expected[[0, 2]], rtol=1e-9, atol=1e-12
+        )
 
 
 def test_a_scene_moves_with_its_parameters():
@@ -118,8 +122,8 @@ def test_a_scene_moves_with_its_parameters():
     one = jnp.ones(len(names))
     for now, there in zip(leaves(one), jax.tree.leaves((podium, motion)), strict=True):
         assert now == there
-    for slopes, known in zip(jax.jacfwd(leaves)(one), jax.jacfwd(changed)(one), strict=True):
-        np.testing.assert_allclose(slopes, known, rtol=1e-14)
+    for slopes, expected in zip(jax.jacfwd(leaves)(one), jax.jacfwd(changed)(one), strict=True):
+        np.testing.assert_allclose(slopes, expected, rtol=1e-14)
 
 
 @pytest.mark.slow

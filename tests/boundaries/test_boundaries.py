@@ -112,16 +112,16 @@ def test_no_window_wider_than_the_width_is_missed_in_a_program():
 def test_places_are_as_close_as_the_width_and_no_closer(monkeypatch):
     """Without edge distances, the spacing equals the width."""
     monkeypatch.setattr(crossings, "DIP_DIVISIONS", 1)  # dips are not refined
-    looked = []
+    inspected = []
     margin = Motion.margin
 
     def noted(self, y, sharp, xp=np):
-        looked.append(np.array(y))
+        inspected.append(np.array(y))
         return margin(self, y, sharp, xp)
 
     monkeypatch.setattr(Motion, "margin", noted)
     found = scanned([Motion(lifts=0.45)], monkeypatch)
-    steps = np.diff(np.unique(np.round(np.concatenate(looked), 12)))
+    steps = np.diff(np.unique(np.round(np.concatenate(inspected), 12)))
     steps = steps[np.cumsum(steps) > 0.46]
     assert np.all(steps < 0.95 * WIDTH * (1 + 1e-9))
     assert np.all(steps > 0.9 * WIDTH)

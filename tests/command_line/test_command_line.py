@@ -39,8 +39,8 @@ def run(monkeypatch, capsys, tmp_path):
         monkeypatch.setattr(sys, "argv", ["rockjax", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             main()
-        said = capsys.readouterr()
-        return ended.value.code or 0, said.out, said.err
+        message = capsys.readouterr()
+        return ended.value.code or 0, message.out, message.err
 
     return call
 
@@ -79,17 +79,17 @@ def test_a_response_by_options_is_that_of_the_file(run, tmp_path):
     (tmp_path / "frame.toml").write_text(FRAME)
     code, out, _ = run("response", "frame.toml", "-o", "a", "--json")
     assert code == 0
-    said = json.loads(out)
-    assert said["files"] == ["a.nc", "a.png"]
-    assert said["command"] == "rockjax response frame.toml -o a --json"
+    message = json.loads(out)
+    assert message["files"] == ["a.nc", "a.png"]
+    assert message["command"] == "rockjax response frame.toml -o a --json"
     flags = words("--tan-alpha 0.15 --R 2 --gamma 0 --eta 5 --T-s 0 --a-p 3 --T-p 0.7 --t-end 2 --rtol 1e-7")
     assert run("response", *flags, "-o", "b")[0] == 0
     a, b = attributes("a.nc"), attributes("b.nc")
     assert a == b
     podium = rj.Podium(math.atan(0.15), 2.0, 0.0, rj.Rigid(5.0))
     exact = rj.peak_response(podium, rj.Ricker(3.0, 0.7), t_end=2.0)
-    assert said["peak_rotation"] == pytest.approx(float(exact.peak_rotation), abs=1e-5)
-    assert said["overturn_time"] is None
+    assert message["peak_rotation"] == pytest.approx(float(exact.peak_rotation), abs=1e-5)
+    assert message["overturn_time"] is None
     # Options override the file: here another set and its second motion, an acceleration and the columns.
     code, out, _ = run(
         "response", "frame.toml", "--motion", "pulses", "--number", 2, "--alpha", 0.2, "-o", "c"
@@ -371,10 +371,10 @@ def test_a_pipe_that_is_closed_early_is_no_error(tmp_path):
     command = [sys.executable, "-m", "rockjax", *words("motions record.txt --units g --dt 0.1 -o a")]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
         running.stdout.close()
-        said = running.stderr.read().decode()
-        assert running.wait(timeout=300) == 0, said
-    assert "Broken pipe" not in said
-    assert "Traceback" not in said
+        message = running.stderr.read().decode()
+        assert running.wait(timeout=300) == 0, message
+    assert "Broken pipe" not in message
+    assert "Traceback" not in message
     assert (tmp_path / "a.nc").exists()
 
 
@@ -435,22 +435,22 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     few = ("--levels", 3, "--intensity", 0.3, 0.9)
     code, out, err = run("fragility", "small.toml", *few, "-o", "a", "--json")
     assert code == 0, err
-    said = json.loads(out)
+    message = json.loads(out)
     curve, analysis = (xarray.load_dataset("a.nc", group=group) for group in (None, "analysis"))
-    assert said["median"] == float(curve["median_capacity"])
-    assert said["median_interval"] == curve["interval"].values[0].tolist()
-    assert "median_sensitivity" not in said
-    assert said["files"] == ["a.nc", "a-fragility.png", "a-ida.png"]
+    assert message["median"] == float(curve["median_capacity"])
+    assert message["median_interval"] == curve["interval"].values[0].tolist()
+    assert "median_sensitivity" not in message
+    assert message["files"] == ["a.nc", "a-fragility.png", "a-ida.png"]
     assert curve.attrs["command"].startswith("rockjax fragility small.toml")
     noise = rj.synthetic_motions(5, seed=1, duration=8.0)
     np.testing.assert_allclose(analysis["measure"], [motion.pgv for motion in noise], rtol=1e-12)
     assert analysis["record"].values.tolist() == noise.names
     assert analysis["intensity"].values.tolist() == pytest.approx([0.3, 0.6, 0.9])
-    drawn = [(tmp_path / name).read_bytes() for name in said["files"][1:]]
-    for name in said["files"][1:]:
+    drawn = [(tmp_path / name).read_bytes() for name in message["files"][1:]]
+    for name in message["files"][1:]:
         (tmp_path / name).unlink()
     assert run("plot", "a.nc")[0] == 0
-    assert [(tmp_path / name).read_bytes()[:8] for name in said["files"][1:]] == [
+    assert [(tmp_path / name).read_bytes()[:8] for name in message["files"][1:]] == [
         picture[:8] for picture in drawn
     ]
     # With sensitivities of the capacities, here inserted by hand, the sensitivity of the median is printed
@@ -462,7 +462,7 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
         patch.setattr(rj, "incremental_dynamic_analysis", lambda *_, **given: asked.append(given) or analysis)
         code, out, err = run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d")
         assert code == 0, err
-        said = json.loads(
+        message = json.loads(
             run("fragility", "small.toml", *few, "--sensitivities", "alpha,gamma", "-o", "d", "--json")[1]
         )
     assert [given["sensitivities"] for given in asked] == [["alpha", "gamma"]] * 2
@@ -470,7 +470,7 @@ def test_a_fragility_of_a_file_and_its_pictures(run, tmp_path, monkeypatch):
     assert expected[0] == pytest.approx(-2 * expected[1])
     for name, value in zip(("alpha", "gamma"), expected, strict=True):
         assert f"d ln(median)/d ln {name}: {value:.4g}\n" in out
-        assert said["median_sensitivity"][name] == pytest.approx(value)
+        assert message["median_sensitivity"][name] == pytest.approx(value)
     # If nothing overturns there is no curve; the analysis is written and a message states the reason.
     for k, motion in enumerate(noise):
         motion.save(tmp_path / "suite" / f"{k}.AT2")
@@ -560,8 +560,8 @@ def test_a_response_has_what_stands_on_the_floors(run, tmp_path):
         np.testing.assert_allclose(found, [y.peak_rotation for y in one.on_floors[:2]], rtol=1e-5)
         found = float(data["oscillator_pseudo_acceleration"].sel(oscillator="oscillators-1"))
         np.testing.assert_allclose(found, one.on_floors[2].pseudo_acceleration, rtol=1e-5)
-    said = json.loads(run("response", problem, "-o", "a", "--json")[1])
-    assert said["contents_overturned"].keys() == {"cabinet", "contents-2"}
+    message = json.loads(run("response", problem, "-o", "a", "--json")[1])
+    assert message["contents_overturned"].keys() == {"cabinet", "contents-2"}
 
 
 @pytest.mark.parametrize(
@@ -671,13 +671,13 @@ def test_an_ensemble_writes_its_scenes_and_a_picture_for_each_peak(run, tmp_path
     assert run("plot", "e.nc")[0] == 0
     assert (tmp_path / "e-peak-shear.png").exists()
     code, out, _ = run("ensemble", problem, "--seed", 3, "--json", "-o", "again")
-    said = json.loads(out)
-    assert said["scenes"] == 50
-    assert said["quantiles"]["peak_shear"]["0.5"][0] == float(
+    message = json.loads(out)
+    assert message["scenes"] == 50
+    assert message["quantiles"]["peak_shear"]["0.5"][0] == float(
         found.quantiles("peak_shear", 0.5)["quantile"][0]
     )
-    low, high = said["overturning_interval"]
-    assert low <= said["overturning"] <= high
+    low, high = message["overturning_interval"]
+    assert low <= message["overturning"] <= high
     for wrong, words in (
         ("alhpa = 0.1", "ensemble: names in spread must be some of .* did you mean 'alpha'"),
         (
@@ -878,10 +878,10 @@ def test_a_response_of_the_example(run):
     """The second motion is the pulse of the README."""
     code, out, err = run("response", PROBLEMS / "response.toml", "--number", 2, "--json")
     assert code == 0, err
-    said = json.loads(out)
-    assert said["result"] == "end_of_time"
-    assert said["peak_rotation"] == pytest.approx(0.831162, abs=1e-6)
-    assert said["files"] == ["rockjax-response.nc", "rockjax-response.png"]
+    message = json.loads(out)
+    assert message["result"] == "end_of_time"
+    assert message["peak_rotation"] == pytest.approx(0.831162, abs=1e-6)
+    assert message["files"] == ["rockjax-response.nc", "rockjax-response.png"]
 
 
 def test_overturning_writes_its_spectrum_and_pictures(tmp_path):

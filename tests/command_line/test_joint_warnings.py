@@ -126,8 +126,10 @@ def test_commands_warn_of_a_beam_that_lifts_off(command, text, arguments, tmp_pa
     monkeypatch.setattr(sys, "argv", ["rockjax", command, "p.toml", *map(str, arguments), "-o", "out"])
     with pytest.raises(SystemExit):
         main()
-    said = capsys.readouterr()
-    assert re.search(r"^ *warning: a joint opens.*from then on the model does not apply$", said.out, re.M), (
-        said
+    output = capsys.readouterr()
+    assert re.search(
+        r"^ *warning: a joint opens.*from then on the model does not apply$", output.out, re.M
+    ), output
+    assert re.search(r"^ *warning: the motion needs friction .* more than μ = 0\.1", output.out, re.M), (
+        output.out
     )
-    assert re.search(r"^ *warning: the motion needs friction .* more than μ = 0\.1", said.out, re.M), said.out

@@ -77,8 +77,8 @@ def test_commands_exist(page, monkeypatch):
     for line in commands(page):
         words = shlex.split(line, comments=True)
         if words[0] == "rockjax" and words[1].startswith("-"):
-            known = {option for parameter in group.params for option in parameter.opts}
-            assert words[1] in known | {"--help"}, line
+            expected = {option for parameter in group.params for option in parameter.opts}
+            assert words[1] in expected | {"--help"}, line
         elif words[0] == "rockjax":
             command = group.commands[words[1]]
             arguments = [word for word in words[2:] if word != "--help"]

@@ -61,11 +61,11 @@ def test_signatures_have_one_parameter_a_line():
     one_a_line = hook("site_signatures").one_parameter_a_line
     assert one_a_line("()") == "()"
     assert one_a_line("(podium: Podium) -> dict[str, int]") == "(podium: Podium) -> dict[str, int]"
-    whole = (
+    complete = (
         '(vary: tuple[str, tuple[float, float]], *, rule: str = "a, (b", '
         "make: Callable[[Any, Any], X]) -> tuple[A, B]"
     )
-    assert one_a_line(whole).splitlines() == [
+    assert one_a_line(complete).splitlines() == [
         "(",
         "    vary: tuple[str, tuple[float, float]],",
         "    *,",

@@ -33,10 +33,10 @@ SCENES = {
 
 @pytest.fixture(scope="module")
 def references():
-    known = {}
+    expected = {}
 
     def reference(name):
-        if name not in known:
+        if name not in expected:
             podium, motion = SCENES[name]
             if isinstance(motion, rj.Record):
                 times, a = np.asarray(motion.breakpoints), np.asarray(motion.acceleration)
@@ -51,8 +51,8 @@ def references():
             start, end = (float(t) for t in motion.support)
             breaks = [float(b) for b in np.asarray(motion.breakpoints)]
             frame = restrained.frame_of(podium)
-            known[name] = restrained.simulate(frame, end + 2.5, acceleration, breaks=breaks, start=start)
-        return known[name]
+            expected[name] = restrained.simulate(frame, end + 2.5, acceleration, breaks=breaks, start=start)
+        return expected[name]
 
     return reference
 
@@ -86,12 +86,12 @@ def test_against_an_independent_implementation(references, name, rtol, method, w
 @pytest.mark.parametrize("method", ["tsit5", "dopri8"])
 def test_error_falls_with_the_tolerance(name, method):
     podium, motion = SCENES[name]
-    wanted = ("peak_rotation",)
-    best = float(rj.peak_response(podium, motion, options=options(1e-13, outputs=wanted)).peak_rotation)
+    requested = ("peak_rotation",)
+    best = float(rj.peak_response(podium, motion, options=options(1e-13, outputs=requested)).peak_rotation)
     tolerances = 10.0 ** np.arange(-4, -12.5, -1)
     errors, steps = [], []
     for rtol in tolerances:
-        peak = rj.peak_response(podium, motion, options=options(rtol, method, outputs=wanted))
+        peak = rj.peak_response(podium, motion, options=options(rtol, method, outputs=requested))
         errors.append(abs(float(peak.peak_rotation) - best))
         steps.append(int(peak.stats.steps))
     errors = np.array(errors)
@@ -181,11 +181,11 @@ def test_certificate_changes_nothing(name, outputs):
     """A scene that ends settled has the same answers as a scene that runs to its end, within the tolerance,
     because steps end at different times."""
     podium, motion = SCENES[name]
-    whole = rj.simulate(podium, motion, options=options(1e-9))
+    complete = rj.simulate(podium, motion, options=options(1e-9))
     early = rj.peak_response(podium, motion, options=options(1e-9, outputs=outputs))
-    assert float(early.stats.end_time) <= float(whole.stats.end_time) + 1e-9
-    assert float(getattr(early, outputs[0])) == pytest.approx(float(getattr(whole, outputs[0])), rel=1e-8)
-    assert bool(early.overturned) == bool(whole.overturned)
+    assert float(early.stats.end_time) <= float(complete.stats.end_time) + 1e-9
+    assert float(getattr(early, outputs[0])) == pytest.approx(float(getattr(complete, outputs[0])), rel=1e-8)
+    assert bool(early.overturned) == bool(complete.overturned)
 
 
 @pytest.mark.slow(but=["*dopri8"])

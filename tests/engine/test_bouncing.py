@@ -24,11 +24,11 @@ def test_pulses_have_the_same_peaks(pulse):
     ratios, periods = np.linspace(1.02, 4.0, 40)[:, None], np.array([0.4, 1.0, 2.5])
     pulses = pulse(ratios * LIFTS, periods)
     found = rj.peak_responses(PODIUM, pulses, options=options)
-    known = rj.peak_responses(PODIUM, pulses, options=followed(options))
-    np.testing.assert_array_equal(found.overturned, known.overturned)
+    expected = rj.peak_responses(PODIUM, pulses, options=followed(options))
+    np.testing.assert_array_equal(found.overturned, expected.overturned)
     for name in (*OUTPUTS, "peak_rotation_time", "uplift_time"):
-        np.testing.assert_allclose(getattr(found, name), getattr(known, name), rtol=1e-9, atol=1e-12)
-    assert (found.impacts[found.overturned] <= known.impacts[found.overturned] + 2).all()
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9, atol=1e-12)
+    assert (found.impacts[found.overturned] <= expected.impacts[found.overturned] + 2).all()
 
 
 def test_a_row_of_bounces_before_the_main_lobe_takes_few_trials():
@@ -37,8 +37,8 @@ def test_a_row_of_bounces_before_the_main_lobe_takes_few_trials():
     pulses = rj.Ricker(np.linspace(3.31, 3.36, 6), 1.0)
     podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
     found = rj.peak_responses(podium, pulses, options=options)
-    known = rj.peak_responses(podium, pulses, options=followed(options))
-    assert known.stats.steps.max() > 300
+    expected = rj.peak_responses(podium, pulses, options=followed(options))
+    assert expected.stats.steps.max() > 300
     assert found.stats.steps.max() < 100
 
 
@@ -53,9 +53,9 @@ def test_derivatives_of_pulses_are_the_same():
 
         return np.array(transform(peak, (0, 1))(float(PODIUM.alpha), 2.26 * LIFTS))
 
-    known = slopes(jax.jacfwd, followed(options))
-    assert np.abs(known).min() > 1e-3
-    np.testing.assert_allclose(slopes(jax.grad, options), known, rtol=1e-7)
+    expected = slopes(jax.jacfwd, followed(options))
+    assert np.abs(expected).min() > 1e-3
+    np.testing.assert_allclose(slopes(jax.grad, options), expected, rtol=1e-7)
 
 
 def test_what_a_motion_jumps_from_is_past_for_columns_at_rest():
@@ -64,13 +64,13 @@ def test_what_a_motion_jumps_from_is_past_for_columns_at_rest():
     pulse = rj.OneCosine(ratio * LIFTS, 0.4)
     history = rj.simulate(PODIUM, pulse, options=options)
     dense = history.base_shear(np.linspace(0, float(history.stats.end_time), 200_001)[1:])
-    known = float(np.abs(dense).max())
-    assert known < 0.8 * ratio * LIFTS / float(PODIUM.g)
-    assert float(history.peak_shear) == pytest.approx(known, rel=1e-5)
+    expected = float(np.abs(dense).max())
+    assert expected < 0.8 * ratio * LIFTS / float(PODIUM.g)
+    assert float(history.peak_shear) == pytest.approx(expected, rel=1e-5)
     record = rj.Record(ratio * LIFTS * np.cos(2 * np.pi * np.arange(41) / 40), 0.01)
     for shaking in (pulse, record):
         found = rj.peak_response(PODIUM, shaking, options=followed(options))
-        assert float(found.peak_shear) == pytest.approx(known, rel=1e-5)
+        assert float(found.peak_shear) == pytest.approx(expected, rel=1e-5)
 
 
 def test_columns_lift_before_a_jump_is_felt():
@@ -94,23 +94,23 @@ def test_hops_that_are_higher_than_all_before_them_are_followed(ratio, spacing):
     options = rj.Options(outputs=("peak_rotation", "margin"))
     for start in (1e-8, 1e-6, 1e-4):
         initial = rj.State(theta=start * podium.alpha)
-        found, known = (
+        found, expected = (
             rj.peak_response(podium, record, initial=initial, options=each)
             for each in (options, followed(options))
         )
-        assert (float(known.peak_rotation) > 1.5 * start) == (ratio >= 0.5)
-        assert float(found.peak_rotation) == pytest.approx(float(known.peak_rotation), rel=1e-8)
-        assert float(known.margin) < 1
-        assert float(found.margin) == pytest.approx(float(known.margin), abs=1e-13)
+        assert (float(expected.peak_rotation) > 1.5 * start) == (ratio >= 0.5)
+        assert float(found.peak_rotation) == pytest.approx(float(expected.peak_rotation), rel=1e-8)
+        assert float(expected.margin) < 1
+        assert float(found.margin) == pytest.approx(float(expected.margin), abs=1e-13)
 
 
 def test_columns_thrown_up_by_a_jump_turn_within_their_first_step():
     """Columns start at rest, where the slope of every path is zero without a turning point."""
     record = rj.Record(LIFTS * np.array([1.06, 0.71, 0.28, -0.02, 0.0]), 0.02)
     options = rj.Options(outputs=("peak_rotation", "margin"))
-    known = rj.peak_response(PODIUM, record, options=rj.Options(method="tsit5", rtol=1e-13, atol=1e-15))
-    assert 0.005 < float(known.peak_rotation_time) < 0.01
+    expected = rj.peak_response(PODIUM, record, options=rj.Options(method="tsit5", rtol=1e-13, atol=1e-15))
+    assert 0.005 < float(expected.peak_rotation_time) < 0.01
     for rtol in (1e-4, 1e-10):
         found = rj.peak_response(PODIUM, record, options=options.replace(rtol=rtol))
-        assert float(found.peak_rotation) == pytest.approx(float(known.peak_rotation), rel=1e-6)
-        assert float(found.peak_rotation_time) == pytest.approx(float(known.peak_rotation_time), rel=1e-6)
+        assert float(found.peak_rotation) == pytest.approx(float(expected.peak_rotation), rel=1e-6)
+        assert float(found.peak_rotation_time) == pytest.approx(float(expected.peak_rotation_time), rel=1e-6)

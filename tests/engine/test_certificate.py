@@ -157,10 +157,10 @@ class Bounds:
         name_of = lambda short: names.get(short, f"peak_{short}")
         options = rj.Options(outputs=(name_of(output),))
         plan = plan_for(self.podium.split_rows(), options, history=False)
-        known = {"peak_rotation": self.state.peak} | {
+        expected = {"peak_rotation": self.state.peak} | {
             name_of(k): jnp.asarray(y) for k, y in accumulators.items()
         }
-        state = self.state._replace(accumulators=tuple(known[each.name] for each in plan.outputs))
+        state = self.state._replace(accumulators=tuple(expected[each.name] for each in plan.outputs))
         ground = self.motion.piece(state.piece)(state.t)
         return bool(certificate(self.scene, plan, state, state.piece, ground))
 

@@ -70,8 +70,8 @@ def test_peaks_agree_with_the_motion_of_the_deck(kind):
     response = rj.simulate(podium, motion, options=FINE)
     deck = response.floor()
     assert len(deck.impulse_times) > 2
-    known = deck.peak_acceleration, deck.peak_velocity_jump
-    np.testing.assert_allclose(answers(response), known, rtol=1e-7)
+    expected = deck.peak_acceleration, deck.peak_velocity_jump
+    np.testing.assert_allclose(answers(response), expected, rtol=1e-7)
     np.testing.assert_allclose(answers(peak), answers(response), rtol=1e-9)
     if kind == "truncated":  # a floor has a fraction 1 − ΣW_i of the jump of the deck
         shares = [0.5137908, 0.0185937, 0.3075188]

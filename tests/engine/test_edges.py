@@ -216,12 +216,12 @@ def test_peak_of_free_rocking_is_where_it_starts():
 
 
 def test_t_end_cuts():
-    whole = rj.simulate(PODIUMS["elastic"], pulse())
+    complete = rj.simulate(PODIUMS["elastic"], pulse())
     part = rj.peak_response(PODIUMS["elastic"], pulse(), t_end=0.2)
     assert part.result == rj.RESULTS.end_of_time
     assert float(part.stats.end_time) == 0.2
     t = np.linspace(-2, 0.2, 4001)
-    assert float(part.peak_rotation) == pytest.approx(np.abs(whole(t).theta).max() / ALPHA, rel=1e-6)
+    assert float(part.peak_rotation) == pytest.approx(np.abs(complete(t).theta).max() / ALPHA, rel=1e-6)
 
 
 def test_smallest_impact_speed_is_before_the_peak():

@@ -181,9 +181,10 @@ def test_superstructure_a_hundred_times_faster_than_the_pulse(zeta):
     tolerance."""
     podium = elastic(0.01, eta=20.0, zeta=zeta)
     motion = pulse(ratio=3.0)
-    wanted = ("peak_rotation", "errors")
+    requested = ("peak_rotation", "errors")
     peak, fine = (
-        rj.peak_response(podium, motion, options=options(r, "dopri8", outputs=wanted)) for r in (1e-7, 1e-11)
+        rj.peak_response(podium, motion, options=options(r, "dopri8", outputs=requested))
+        for r in (1e-7, 1e-11)
     )
     assert peak.result in ENDED
     assert float(peak.peak_rotation) == pytest.approx(float(fine.peak_rotation), abs=1e-5)

@@ -89,11 +89,11 @@ def _forces(podium: rj.Podium, sigma, states: States, moves_up: bool) -> Found:
             x += (state.u if several else state.u[0],)
             v += (state.u_dot if several else state.u_dot[0],)
         a = acceleration(c, sigma, ground, x, v)
-        whole = c, sigma, ground, x, v, a
-        mean = joints.mean_forces(*whole)
-        T, N = joints.of_all_columns(joints.column_forces, *whole, arms=arms)
+        complete = c, sigma, ground, x, v, a
+        mean = joints.mean_forces(*complete)
+        T, N = joints.of_all_columns(joints.column_forces, *complete, arms=arms)
         of_devices = joints.device_forces(c, sigma, x, v, a)
-        moment = jnp.nan if arms is None else joints.overturning_moment(*whole)
+        moment = jnp.nan if arms is None else joints.overturning_moment(*complete)
         in_g = lambda *values: jnp.stack([jnp.asarray(y, float) for y in values]) / c.g
         V, W = mean.foundation
         return Found(

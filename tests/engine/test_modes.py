@@ -105,8 +105,8 @@ def test_what_is_left_out_moves_with_the_beam():
     retained = rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, modes=1)
     assert retained.modes.residual == pytest.approx(float(BUILDING.modes.eta[1:].sum()), rel=1e-14)
     assert float(podium(retained).eta) == pytest.approx(8.0)
-    paper, whole = (podium(top).restitution_factor for top in (retained, BUILDING))
-    assert float(paper) == pytest.approx(float(whole), rel=1e-15)
+    paper, complete = (podium(top).restitution_factor for top in (retained, BUILDING))
+    assert float(paper) == pytest.approx(float(complete), rel=1e-15)
     compatible = [podium(top, restitution="compatible").restitution_factor for top in (retained, BUILDING)]
     assert float(compatible[0]) > float(compatible[1])
     none = podium(rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, modes=0))
@@ -137,27 +137,27 @@ def test_one_mode_is_an_elastic_superstructure_to_the_last_bit():
         assert np.shape(a.peak_deformation) == (*np.shape(b.peak_deformation), 1)
 
 
-def check_same(found: rj.Peak, whole: rj.Peak) -> None:
+def check_same(found: rj.Peak, complete: rj.Peak) -> None:
     """Check that rotation and shear are equal."""
-    assert float(found.peak_rotation) == pytest.approx(float(whole.peak_rotation), abs=1e-9)
-    assert float(found.peak_shear) == pytest.approx(float(whole.peak_shear), abs=1e-9)
+    assert float(found.peak_rotation) == pytest.approx(float(complete.peak_rotation), abs=1e-9)
+    assert float(found.peak_shear) == pytest.approx(float(complete.peak_shear), abs=1e-9)
 
 
 def test_modes_of_one_period_are_one_mode():
     pulse = rj.OneSine(PULSE, T_P)
-    whole = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=TIGHT_OPTIONS)
+    complete = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=TIGHT_OPTIONS)
     parts = rj.peak_response(podium(rj.Modes((20.0, 10.0), (0.5, 0.5))), pulse, options=TIGHT_OPTIONS)
-    check_same(parts, whole)
-    np.testing.assert_allclose(parts.peak_deformation, whole.peak_deformation, atol=1e-10)
+    check_same(parts, complete)
+    np.testing.assert_allclose(parts.peak_deformation, complete.peak_deformation, atol=1e-10)
 
 
 def test_a_mode_without_mass_changes_nothing():
     pulse = rj.OneSine(PULSE, T_P)
-    whole = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=TIGHT_OPTIONS)
+    complete = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=TIGHT_OPTIONS)
     structure = podium(rj.Modes((0.0, 30.0), (0.2, 0.5)))
     more = rj.peak_response(structure, pulse, options=TIGHT_OPTIONS)
-    check_same(more, whole)
-    assert float(more.peak_deformation[1]) == pytest.approx(float(whole.peak_deformation), abs=1e-10)
+    check_same(more, complete)
+    assert float(more.peak_deformation[1]) == pytest.approx(float(complete.peak_deformation), abs=1e-10)
     # At rest each mode vibrates independently, and the bound of its deformation does not depend on its mass.
     survives = rj.peak_response(structure, rj.OneSine(2.0, T_P), options=TIGHT_OPTIONS)
     assert survives.result == rj.RESULTS.settled

@@ -36,10 +36,10 @@ def test_sine_and_cosine_of_any_phase(most):
     """Errors are at most the rounding of the phase, and for small phases the rounding of the sine."""
     x = np.concatenate([np.random.default_rng(0).uniform(-most, most, 20001), np.pi * np.arange(-9, 9) / 2])
     rounding = 4e-16 + 3e-16 * np.abs(x) * (np.abs(x) > 3e6)
-    for ours, known, slope in ((sin, np.sin, np.cos), (cos, np.cos, lambda x: -np.sin(x))):
-        assert (np.abs(jax.vmap(ours)(x) - known(x)) <= rounding).all()
+    for ours, expected, slope in ((sin, np.sin, np.cos), (cos, np.cos, lambda x: -np.sin(x))):
+        assert (np.abs(jax.vmap(ours)(x) - expected(x)) <= rounding).all()
         assert (np.abs(jax.vmap(jax.grad(ours))(x) - slope(x)) <= rounding).all()
-        assert (np.abs(jax.vmap(jax.grad(jax.grad(ours)))(x) + known(x)) <= rounding).all()
+        assert (np.abs(jax.vmap(jax.grad(jax.grad(ours)))(x) + expected(x)) <= rounding).all()
     small = x[:2000] * 1e-12
     np.testing.assert_allclose(jax.vmap(sin)(small), np.sin(small), rtol=3e-16)
     assert np.isnan(sin(jnp.asarray(np.nan)))
@@ -73,8 +73,8 @@ def test_only_the_solvers_of_users_are_read_from_diffrax():
         "jax.eval_shape(jax.grad(peak), 0.15)\n"
         "print('diffrax' in sys.modules)"
     )
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert told.stdout.split() == ["False"]
+    output = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert output.stdout.split() == ["False"]
 
 
 def test_rigid_columns_that_nothing_brakes_take_the_nystrom_method():

@@ -78,10 +78,10 @@ def outputs_of(podium: rj.Podium, joints: bool = False) -> tuple[str, ...]:
     return tuple(name for name, y in REGISTRY.items() if y.applies(podium) and name not in left_out)
 
 
-def same(found, known):
+def same(found, expected):
     for name in VARIABLES:
         if name in found:
-            np.testing.assert_allclose(found[name], known[name], rtol=2e-7, atol=1e-9, err_msg=name)
+            np.testing.assert_allclose(found[name], expected[name], rtol=2e-7, atol=1e-9, err_msg=name)
 
 
 MOTIONS = {
@@ -107,20 +107,20 @@ def test_no_fast_forward_changes_an_output(kind, motion):
     podium, shaking = PODIUMS[kind], MOTIONS[motion]
     at_impacts = "impact_friction", "peak_velocity_jump"
     for outputs in (outputs_of(podium), outputs_of(podium, joints=True), at_impacts):
-        known, plan = solved(podium, shaking, outputs)
+        expected, plan = solved(podium, shaking, outputs)
         changes = [functools.partial(without, name) for name in plan.fast_forwards]
         for change in (*changes, to_the_end):
-            same(solved(podium, shaking, outputs, change)[0], known)
+            same(solved(podium, shaking, outputs, change)[0], expected)
 
 
 @pytest.mark.parametrize("kind", ["rigid", pytest.param("elastic", marks=pytest.mark.slow)])
 def test_an_output_alone_is_what_it_is_beside_others(kind):
     """The other requested outputs determine what is skipped and when the scene ends."""
     podium = PODIUMS[kind]
-    known, _ = solved(podium, MOTIONS["rough"], outputs_of(podium))
+    expected, _ = solved(podium, MOTIONS["rough"], outputs_of(podium))
     for name in outputs_of(podium):
         alone, _ = solved(podium, MOTIONS["rough"], (name,))
-        same({y.name: alone[y.name] for y in REGISTRY[name].variables}, known)
+        same({y.name: alone[y.name] for y in REGISTRY[name].variables}, expected)
 
 
 def test_all_fast_forwards_are_allowed_by_all_outputs_of_rigid_podiums():
@@ -197,10 +197,10 @@ def test_own_outputs_have_derivatives(kind):
         return jnp.stack([found.peak_beam_speed, found.peak_jump])
 
     alpha, h = float(podium.alpha), 1e-4
-    halved, whole = ((peaks(alpha + y) - peaks(alpha - y)) / (2 * y) for y in (h / 2, h))
-    known = np.asarray(4 * halved - whole) / 3  # Richardson extrapolation removes the error of order h²
+    halved, complete = ((peaks(alpha + y) - peaks(alpha - y)) / (2 * y) for y in (h / 2, h))
+    expected = np.asarray(4 * halved - complete) / 3  # Richardson extrapolation removes the error of order h²
     forward = np.asarray(jax.jacfwd(peaks)(alpha))
-    np.testing.assert_allclose(forward, known, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(forward, expected, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(jax.jacrev(peaks)(alpha), forward, rtol=1e-10)
     batch = rj.peak_responses(
         podium, rj.Ricker(np.array([3.2, 2.5]), 1.0), options=OWN, sensitivities=("alpha",)

@@ -331,13 +331,13 @@ def test_settled_answers_stand():
     motion = rj.OneSine(np.linspace(2.5, 5.5, 12), 0.8)
     structure = all_three(delta=0.5)
     short = rj.peak_responses(structure, motion, options=TIGHT_OPTIONS)
-    whole = rj.peak_responses(
+    complete = rj.peak_responses(
         structure, motion, options=TIGHT_OPTIONS.replace(outputs=("peak_rotation", "peak_shear", "impacts"))
     )
-    np.testing.assert_allclose(short.peak_rotation, whole.peak_rotation, rtol=1e-12)
-    np.testing.assert_array_equal(short.overturned, whole.overturned)
+    np.testing.assert_allclose(short.peak_rotation, complete.peak_rotation, rtol=1e-12)
+    np.testing.assert_array_equal(short.overturned, complete.overturned)
     assert 0 < np.sum(short.overturned) < 12
-    assert np.sum(short.stats.steps) < 0.8 * np.sum(whole.stats.steps)
+    assert np.sum(short.stats.steps) < 0.8 * np.sum(complete.stats.steps)
 
 
 # Overturning

@@ -62,14 +62,14 @@ def test_the_nystrom_method_is_of_its_order():
 def test_peaks_are_those_with_a_trial_of_every_sample():
     motions = scenes()
     found = rj.peak_responses(PODIUM, motions, options=USUAL)
-    known = rj.peak_responses(PODIUM, motions, options=EVERY)
-    np.testing.assert_array_equal(found.overturned, known.overturned)
+    expected = rj.peak_responses(PODIUM, motions, options=EVERY)
+    np.testing.assert_array_equal(found.overturned, expected.overturned)
     assert 3 < found.overturned.sum() < 39
     assert (~found.uplifted).any()
     for name in OUTPUTS:
         # After many impacts the errors of both solutions grow.
-        np.testing.assert_allclose(getattr(found, name), getattr(known, name), rtol=1e-6, atol=1e-8)
-        off = np.abs(np.asarray(getattr(found, name)) - np.asarray(getattr(known, name)))
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6, atol=1e-8)
+        off = np.abs(np.asarray(getattr(found, name)) - np.asarray(getattr(expected, name)))
         assert np.median(off) < 1e-11
 
 
@@ -234,10 +234,10 @@ def test_derivatives_are_those_with_a_trial_of_every_sample():
 
     at = jnp.array([0.15, 1.5, 1.1, 0.01, 0.3])
     found = jax.jacfwd(peaks)(at, USUAL)
-    known = jax.jacfwd(peaks)(at, EVERY)
-    assert np.abs(known).max() > 10
-    scale = np.abs(known).max(axis=1, keepdims=True)
-    np.testing.assert_allclose(found / scale, known / scale, rtol=1e-6, atol=1e-8)
+    expected = jax.jacfwd(peaks)(at, EVERY)
+    assert np.abs(expected).max() > 10
+    scale = np.abs(expected).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-6, atol=1e-8)
     h = 1e-6 * np.asarray(at)
     for k in (0, 2, 3):
         ahead, back = (peaks(at.at[k].add(sign * h[k]), EVERY) for sign in (1, -1))
@@ -257,8 +257,8 @@ def test_sensitivities_of_a_batch_are_derivatives_of_its_scenes():
             motion = motions.pick(np.asarray(k)).scaled(motions.scale[k])
             return rj.peak_response(podium, motion, options=how).peak_rotation
 
-        known = np.asarray(jax.jacfwd(peak)(jnp.ones(2)))
-        np.testing.assert_allclose(batch.sensitivities.peak_rotation[k], known, rtol=1e-9, atol=1e-11)
+        expected = np.asarray(jax.jacfwd(peak)(jnp.ones(2)))
+        np.testing.assert_allclose(batch.sensitivities.peak_rotation[k], expected, rtol=1e-9, atol=1e-11)
 
 
 def test_derivatives_by_all_samples_are_those_by_their_scale():
@@ -286,11 +286,11 @@ def test_bounces_that_are_not_followed_change_nothing(restitution):
     other = rj.peak_responses(podium, motions, options=EVERY)
     for name in (*OUTPUTS, "peak_rotation_time", "uplift_time", "overturn_time"):
         ours, theirs, others = (np.asarray(getattr(y, name)) for y in (found, counted, other))
-        known = np.isfinite(theirs)
-        np.testing.assert_array_equal(np.isfinite(ours), known)
-        np.testing.assert_array_equal(np.isfinite(others), known)
-        off, unsure = np.abs(ours - theirs)[known], np.abs(theirs - others)[known]
-        assert (off <= 1e-12 + 1e-9 * np.abs(theirs[known]) + 0.1 * unsure).all(), name
+        expected = np.isfinite(theirs)
+        np.testing.assert_array_equal(np.isfinite(ours), expected)
+        np.testing.assert_array_equal(np.isfinite(others), expected)
+        off, unsure = np.abs(ours - theirs)[expected], np.abs(theirs - others)[expected]
+        assert (off <= 1e-12 + 1e-9 * np.abs(theirs[expected]) + 0.1 * unsure).all(), name
         assert np.median(unsure) < 1e-9
     assert found.stats.steps.sum() < counted.stats.steps.sum()
     # Impacts of overturned scenes are counted too, except one or two of each skipped series.
@@ -326,10 +326,10 @@ def test_rough_records_have_the_peaks_of_another_method():
     motions = table.pick(rng.integers(0, 40, count)).scaled(strength)
     turned = np.where(draw(0, 1) < 0.4, alpha * 10 ** draw(-8, -0.3) * rng.choice([-1, 1], count), 0.0)
     answer = functools.partial(rj.peak_responses, podium, motions, initial=rj.State(theta=turned))
-    found, known = (
+    found, expected = (
         answer(options=each) for each in (dataclasses.replace(USUAL, rtol=1e-10, atol=1e-12), EVERY)
     )
-    np.testing.assert_array_equal(found.overturned, known.overturned)
+    np.testing.assert_array_equal(found.overturned, expected.overturned)
     for name in (*OUTPUTS, "peak_rotation_time", "uplift_time", "overturn_time"):
-        ours, theirs = getattr(found, name), getattr(known, name)
+        ours, theirs = getattr(found, name), getattr(expected, name)
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-8, err_msg=name)

@@ -247,13 +247,13 @@ def test_settled_answers_stand():
     a_p = np.linspace(1.6, 5.0, 18)
     motions = rj.GroundMotion(rj.OneSine(a_p, 0.8), rj.OneSine(-4.0, 1.4))
     short = rj.peak_responses(RIGID, motions, options=TIGHT_OPTIONS)
-    whole = rj.peak_responses(
+    complete = rj.peak_responses(
         RIGID, motions, options=TIGHT_OPTIONS.replace(outputs=("peak_rotation", "impacts"))
     )
-    np.testing.assert_allclose(short.peak_rotation, whole.peak_rotation, rtol=1e-11)
-    np.testing.assert_array_equal(short.overturned, whole.overturned)
+    np.testing.assert_allclose(short.peak_rotation, complete.peak_rotation, rtol=1e-11)
+    np.testing.assert_array_equal(short.overturned, complete.overturned)
     assert 0 < np.sum(short.overturned) < 18
-    assert np.sum(short.stats.steps) < np.sum(whole.stats.steps)
+    assert np.sum(short.stats.steps) < np.sum(complete.stats.steps)
     one = peak(RIGID, rj.GroundMotion(rj.OneSine(a_p[3], 0.8), rj.OneSine(-4.0, 1.4)))
     assert float(one.peak_rotation) == pytest.approx(float(short.peak_rotation[3]), rel=1e-12)
 

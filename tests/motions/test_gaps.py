@@ -91,10 +91,10 @@ def test_damaged_miniseed_is_reported(tmp_path):
         (content[:-1], "its last 511 bytes are an incomplete record"),
     ):
         (tmp_path / "a.mseed").write_bytes(damaged)
-        with pytest.warns(rj.RecordWarning) as said:
+        with pytest.warns(rj.RecordWarning) as output:
             motion = rj.read_motion(tmp_path / "a.mseed", units="m/s2")
         expected = f"a.mseed: the file is damaged, and only {len(motion)} samples could be read: "
-        assert any(expected in str(each.message) and cause in str(each.message) for each in said)
+        assert any(expected in str(each.message) and cause in str(each.message) for each in output)
         assert "damaged" in motion.metadata
     (tmp_path / "a.mseed").write_bytes(content[:half] + bytes(512) + content[half + 512 :])
     with pytest.raises(ValueError, match=r"a\.mseed: XX\.ABCD\.\.HNE has 1 gaps, the first of \d+ samples"):

@@ -680,10 +680,10 @@ def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
     names: dict = {}
     for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S):
         exec(compile(block, str(page), "exec"), names)
-    said = capsys.readouterr().out
-    assert "the header gives the unit as g, but" in said
-    assert "table.txt:3: 'oops' is not a number" in said
-    assert "offset.txt: ends with a velocity of" in said
+    message = capsys.readouterr().out
+    assert "the header gives the unit as g, but" in message
+    assert "table.txt:3: 'oops' is not a number" in message
+    assert "offset.txt: ends with a velocity of" in message
     assert names["suite"].names == ["third", "first"]
 
 
@@ -692,10 +692,10 @@ def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
 def test_what_readers_return_goes_into_everything(suite):
     podium, options = rj.Podium(0.2, 1.0), rj.Options(rtol=1e-6, atol=1e-8)
     records = suite.records()
-    whole = rj.peak_responses(podium, rj.Records.of(records), options=options).peak_rotation
+    complete = rj.peak_responses(podium, rj.Records.of(records), options=options).peak_rotation
     for several in (suite, list(suite), [suite[0], *records[1:]]):
         np.testing.assert_array_equal(
-            rj.peak_responses(podium, several, options=options).peak_rotation, whole
+            rj.peak_responses(podium, several, options=options).peak_rotation, complete
         )
     one = rj.peak_response(podium, suite[1], options=options)
     assert one.peak_rotation == rj.peak_response(podium, records[1], options=options).peak_rotation
@@ -741,9 +741,9 @@ def test_what_readers_return_goes_into_everything(suite):
     ],
 )
 def test_numbers_of_another_system_are_doubted(make, words):
-    with pytest.warns(rj.PlausibilityWarning, match=words) as said:
+    with pytest.warns(rj.PlausibilityWarning, match=words) as message:
         make()
-    assert said[0].filename == __file__
+    assert message[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.PlausibilityWarning)
         make()

@@ -289,7 +289,7 @@ def test_one_column_and_numpy(tmp_path):
         ("a.txt", cosmos(CHANNELS, form="1F10.5"), 0.005, {"station": "AK-BMR UAF Bremner River, AK, USA"}),
     ],
 )
-def test_several_channels(tmp_path, name, text, dt, said):
+def test_several_channels(tmp_path, name, text, dt, output):
     path = write_file(tmp_path, text, name)
     for component, values in ((1, GALS), ("90 deg", GALS), ("90", GALS), (2, VERTICAL), ("up", VERTICAL)):
         motion = rj.read_motion(path, component=component)
@@ -297,7 +297,7 @@ def test_several_channels(tmp_path, name, text, dt, said):
         assert motion.dt == pytest.approx(dt, rel=1e-12)
         assert motion.metadata["component"].casefold() == ("up" if values is VERTICAL else "90 deg")
         assert motion.metadata["units"] == "cm/s2"
-        assert said.items() <= motion.metadata.items()
+        assert output.items() <= motion.metadata.items()
     np.testing.assert_array_equal(rj.Record.from_file(path, component=2).acceleration, motion.acceleration)
     for wrong in (None, 3, "North"):
         with pytest.raises(
@@ -321,14 +321,14 @@ def test_esm(tmp_path):
     assert motion.dt == 0.005
     assert motion.name == path.stem
     assert motion.source == path
-    said = {
+    output = {
         "station": "HI.ARS1",
         "component": "HNE",
         "date": "20190728",
         "low_pass_Hz": 30.0,
         "filter_order": "2",
     }
-    assert said.items() <= motion.metadata.items()
+    assert output.items() <= motion.metadata.items()
 
 
 def test_knet(tmp_path):
@@ -456,9 +456,9 @@ def test_what_looks_wrong_is_said(tmp_path):
     with pytest.warns(
         rj.RecordWarning,
         match=r"motion\.txt: the motion ends with a velocity .* 100% of PGV, .*baseline_corrected",
-    ) as said:
+    ) as output:
         rj.Record.from_file(column(wave[:26]), units="m/s2", dt=0.01)
-    assert said[0].filename == __file__
+    assert output[0].filename == __file__
 
 
 def test_units_in_a_heading(tmp_path):
@@ -904,8 +904,8 @@ def test_the_format_of_peer_under_another_suffix(tmp_path):
 )
 def test_raw_data_is_said_to_be_raw(tmp_path, name, text):
     path = write_file(tmp_path, text, name)
-    with pytest.warns(rj.RecordWarning) as said:
+    with pytest.warns(rj.RecordWarning) as output:
         assert rj.read_motion(path).metadata["processing"].startswith("raw (")
     assert any(
-        "is raw" in str(each.message) and "baseline_corrected(1)" in str(each.message) for each in said
+        "is raw" in str(each.message) and "baseline_corrected(1)" in str(each.message) for each in output
     )

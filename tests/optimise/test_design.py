@@ -316,8 +316,8 @@ def test_ctrl_c_keeps_the_best_design_so_far():
     box = {"alpha": (0.05, 0.5), "R": (1.0, 12.0)}
     targets = [Analytic(lambda podium: 0.29 - podium.alpha, "slender")]
     ask = lambda **more: optimise.design(BLOCK, box, _valley, targets, starts=2, **more)
-    whole = ask()
-    assert whole.satisfied
+    complete = ask()
+    assert complete.satisfied
     seen = []
     for after in (2, 5, 12):
         with pytest.raises(rj.Interrupted, match=r"stopped after \d+ iterations") as stopped:
@@ -331,20 +331,20 @@ def test_ctrl_c_keeps_the_best_design_so_far():
         assert best.stats.evaluations <= 2 * (after + 1)
         assert "interrupted, targets satisfied" in str(best)
         seen.append(best.objective)
-    assert seen[0] > seen[1] > seen[2] >= whole.objective
+    assert seen[0] > seen[1] > seen[2] >= complete.objective
     # Before the first evaluation there is no result; at the end the result is complete.
     with pytest.raises(rj.Interrupted, match="before the first evaluation") as stopped:
         ask(progress=Stops(1))
     assert stopped.value.partial is None
-    calls = whole.stats.evaluations  # for both starts, so more than the number of calls
+    calls = complete.stats.evaluations  # for both starts, so more than the number of calls
     progress = Stops(0)
     ask(progress=progress)
     with pytest.raises(rj.Interrupted) as stopped:
         ask(progress=Stops(-progress.left))
     assert calls > -progress.left
     last = stopped.value.partial
-    assert last.result == whole.result
-    assert last.variables == whole.variables
+    assert last.result == complete.result
+    assert last.variables == complete.variables
 
 
 def test_progress_is_told():

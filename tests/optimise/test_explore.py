@@ -121,8 +121,8 @@ def test_buildings_under_both_components():
     study.sliders["story_stiffness_1"].value = 2e7
     expected = rj.peak_response(building.replace(story_stiffnesses=[2e7, 30e6]).podium(), motion)
     for field in ("peak_rotation", "peak_drift", "peak_floor_acceleration"):
-        found, wanted = (np.asarray(getattr(peak, field)) for peak in (study.peak, expected))
-        np.testing.assert_allclose(found, wanted, rtol=1e-6)
+        found, requested = (np.asarray(getattr(peak, field)) for peak in (study.peak, expected))
+        np.testing.assert_allclose(found, requested, rtol=1e-6)
     assert [ax.get_ylabel() for ax in study._drawing.figure.axes][1] == "roof\n[mm]"
     largest = 1e3 * float(np.max(expected.peak_drift))
     assert f"{largest:.3g}" in study._text.value
@@ -143,8 +143,8 @@ def test_buildings_under_both_components():
         ),
     ],
 )
-def test_what_makes_no_sense_is_said(vary, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_makes_no_sense_is_said(vary, output):
+    with pytest.raises(ValueError, match=output):
         optimise.explore(COLUMN, PULSE, vary)
 
 

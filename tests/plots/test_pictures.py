@@ -88,12 +88,12 @@ def test_jumps_ends_and_windows_are_drawn_and_named():
 
 def test_a_curve_without_marks_has_no_entries_for_them():
     single = ("frequency_ratio", "boundary"), np.linspace(1.0, 1.5, 6)[:, None]
-    whole = (
+    complete = (
         spectrum()
         .drop_dims("boundary")
         .assign(boundaries=single, minimum=("frequency_ratio", single[1][:, 0]))
     )
-    assert plots.overturning_spectrum(whole, label="one").get_legend_handles_labels()[1] == ["one"]
+    assert plots.overturning_spectrum(complete, label="one").get_legend_handles_labels()[1] == ["one"]
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def analysis() -> tuple[xarray.Dataset, xarray.Dataset]:
     levels = np.array([1.0, 2.0, 3.0])
     of = {"units": "m s-2", "long_name": "PGA"}
     boundaries = np.array([[1.5, 2.5], [2.2, NAN]])
-    whole = xarray.Dataset(
+    complete = xarray.Dataset(
         {
             "peak_rotation": (("record", "intensity"), np.array([[0.2, 1.0, 0.6], [0.1, 0.5, 1.0]])),
             "overturned": (("record", "intensity"), np.array([[False, True, False], [False, False, True]])),
@@ -187,7 +187,7 @@ def analysis() -> tuple[xarray.Dataset, xarray.Dataset]:
         coords={"at": ("at", at, of), "intensity": ("intensity", levels, of)},
         attrs={"measure": "PGA", "confidence": 0.9},
     )
-    return whole, curve
+    return complete, curve
 
 
 def legend_is_clear_of(ax) -> bool:
@@ -210,8 +210,8 @@ def test_a_fragility_names_its_band_and_says_why_stripes_lie_under_it():
 
 
 def test_an_incremental_dynamic_analysis_has_nothing_beyond_the_limit_state():
-    whole, _ = analysis()
-    ax = plots.incremental_dynamic_analysis(whole)
+    complete, _ = analysis()
+    ax = plots.incremental_dynamic_analysis(complete)
     assert max(np.nanmax(line.get_xdata()) for line in ax.lines) == 1.0
     assert ax.get_xlim() == (0.0, 1.0)
     assert "survival windows" in texts(ax.figure)

@@ -450,7 +450,7 @@ def test_plot_draws_every_file_again(histories, tmp_path):
         assert sorted(path.stem for path in tmp_path.glob(f"{name}-*.png")) == sorted(
             f"{name}-{p}" for p in pictures
         )
-    wanted = [
+    requested = [
         "plot",
         str(tmp_path / "r.nc"),
         "-o",
@@ -458,7 +458,7 @@ def test_plot_draws_every_file_again(histories, tmp_path):
         "--kind",
         "energy,phase-portrait",
     ]
-    assert RUN.invoke(app, wanted).exit_code == 0
+    assert RUN.invoke(app, requested).exit_code == 0
     assert sorted(path.name for path in (tmp_path / "sub").iterdir()) == [
         "x-energy.png",
         "x-phase-portrait.png",

@@ -279,8 +279,8 @@ def test_compiling_that_takes_long_is_said_once(stored, monkeypatch, caplog):
     )  # a quiet command in this process may have changed the level
     for times in (2, 3, 4):
         stored.call(times=times)
-    (said,) = [record for record in caplog.records if "compiling" in record.getMessage()]
-    assert (said.name, said.levelno) == ("rockjax", logging.WARNING)  # notebooks show it by default
+    (output,) = [record for record in caplog.records if "compiling" in record.getMessage()]
+    assert (output.name, output.levelno) == ("rockjax", logging.WARNING)  # notebooks show it by default
 
 
 def test_derivatives_and_loaded_answers_are_those_of_jit():

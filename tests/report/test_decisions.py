@@ -74,9 +74,9 @@ def test_order_of_words():
 @pytest.mark.parametrize(
     ("statistic", "known"), [("max", 4.0), ("mean", 2.5), ("median", 2.5), ("p84", 1 + 3 * 0.84)]
 )
-def test_statistics(statistic, known):
+def test_statistics(statistic, expected):
     """Quantiles are interpolated; an overturned scene makes mean and maximum infinite, not 1 α."""
-    assert statistic_of(values_of(1.0, 2.0, 3.0, 4.0), statistic, False)[0] == pytest.approx(known)
+    assert statistic_of(values_of(1.0, 2.0, 3.0, 4.0), statistic, False)[0] == pytest.approx(expected)
     overturned = statistic_of(values_of(1.0, 2.0, 3.0, math.inf), statistic, False)[0]
     assert overturned == (pytest.approx(2.5) if statistic == "median" else math.inf)
 

@@ -162,8 +162,8 @@ def test_the_curve_of_risk(tmp_path):
     report = rj.report(read(tmp_path, RISK + "median = 5.0\ndispersion = 0.4\n"), skip=("methods",))
     (check,) = report.evaluation.checks
     hazard = rj.Hazard.from_file(tmp_path / "hazard.csv")
-    known = rj.annual_frequency(rj.Lognormal(np.array(5.0), np.array(0.4)), hazard)
-    assert check.value == float(known.frequency)
+    reference = rj.annual_frequency(rj.Lognormal(np.array(5.0), np.array(0.4)), hazard)
+    assert check.value == float(reference.frequency)
     assert check.motions is None
     assert "curve of [risk]" in check.reason
     assert {"fragility-given", "annual-c1"} <= report.tables.keys()
@@ -229,8 +229,8 @@ def test_pulses(tmp_path):
     evaluation = evaluate(problem)
     (check,) = evaluation.checks
     options = boundary_options(evaluation.problem)
-    known = [rj.overturning_acceleration(problem.podium, rj.OneSine, T, **options) for T in (1.0, 1.2)]
-    np.testing.assert_array_equal(check.values.values, known)
+    reference = [rj.overturning_acceleration(problem.podium, rj.OneSine, T, **options) for T in (1.0, 1.2)]
+    np.testing.assert_array_equal(check.values.values, reference)
     assert check.result == "PASS"
     h = 1e-4
     sides = [
@@ -247,9 +247,9 @@ def test_random_motions(tmp_path):
     problem = read(tmp_path, FAILURE)
     (check,) = evaluate(problem).checks
     motion = rj.GaussianMotion(61, 0.06, 0.2, envelope=Envelope(t_1=1.0, t_2=2.0, c=1.0))
-    known = rj.failure_probability(problem.podium, motion, cov=0.3)
-    assert (check.value, check.error) == (known.probability, known.standard_error)
-    assert check.result == ("FAIL" if known.probability > 0.2 else "PASS")
+    reference = rj.failure_probability(problem.podium, motion, cov=0.3)
+    assert (check.value, check.error) == (reference.probability, reference.standard_error)
+    assert check.result == ("FAIL" if reference.probability > 0.2 else "PASS")
     (skipped,) = evaluate(problem, skip=("risk",)).checks
     assert skipped.result == "NOT MADE"
 
@@ -270,8 +270,8 @@ def test_things_on_floors(tmp_path):
     options = report.evaluation.scenes.options("pulses")
     peaks = rj.peak_responses(problem.podium, motions, options=options, on_floors=systems)
     np.testing.assert_array_equal(spectrum.values.values, peaks.on_floors[2].pseudo_acceleration)
-    known = [rj.floor_spectrum(problem.podium, y, [0.3])["pseudo_acceleration"].item() for y in motions]
-    np.testing.assert_allclose(spectrum.values.values, known, rtol=1e-6)
+    reference = [rj.floor_spectrum(problem.podium, y, [0.3])["pseudo_acceleration"].item() for y in motions]
+    np.testing.assert_allclose(spectrum.values.values, reference, rtol=1e-6)
     assert spectrum.result == "PASS"
     assert contents.result == "FAIL"
     assert contents.word.startswith("shelf overturned at")

@@ -130,8 +130,8 @@ def test_uplift_factor_is_exact(report, checks):
     """For a rigid podium the factor is g tan α divided by the largest ground acceleration, a_p of a Ricker
     pulse."""
     podium = report.evaluation.problem.podium
-    known = float(podium.g) * np.tan(float(podium.alpha)) / np.array([2.5, 3.5])
-    np.testing.assert_allclose(checks["C4"].values.values, known, rtol=1e-8)
+    expected = float(podium.g) * np.tan(float(podium.alpha)) / np.array([2.5, 3.5])
+    np.testing.assert_allclose(checks["C4"].values.values, expected, rtol=1e-8)
     slopes = checks["C4"].sensitivities  # U = 0.5 a_p/(g tan α)
     assert slopes["width"] == pytest.approx(-1, abs=1e-8)
     assert slopes["height"] == pytest.approx(1, abs=1e-8)
@@ -328,8 +328,8 @@ def test_annual_frequency_is_that_of_the_package(tmp_path):
     suite, podium = rj.synthetic_motions(6, seed=3), report.evaluation.problem.podium
     analysis = rj.incremental_dynamic_analysis(podium, suite, np.linspace(1.0, 16.0, 6))
     hazard = rj.Hazard.from_file(tmp_path / "hazard.csv").in_si()
-    known = rj.annual_frequency(rj.fragility(analysis), hazard)
-    assert check.value == pytest.approx(float(known.frequency), rel=1e-9)
+    expected = rj.annual_frequency(rj.fragility(analysis), hazard)
+    assert check.value == pytest.approx(float(expected.frequency), rel=1e-9)
     assert check.result == ("PASS" if check.value <= 1e-3 else "FAIL")
     assert {"fragility-design", "annual-c1"} <= report.tables.keys()
     write_dataset(tmp_path / "curve.nc", rj.fragility(analysis))  # the same curve, from a file

@@ -96,9 +96,9 @@ def test_slopes_of_the_distance_are_those_of_design_points_found_again(monkeypat
 
     for name in ("alpha", "R", "S_0", "omega_g", "zeta_g"):
         of_podium = hasattr(BLOCK, name)
-        whole = BLOCK if of_podium else MOTION
-        y = float(getattr(whole, name))
-        moved = [dataclasses.replace(whole, **{name: y * (1 + s * h)}) for s in (1, -1)]
+        complete = BLOCK if of_podium else MOTION
+        y = float(getattr(complete, name))
+        moved = [dataclasses.replace(complete, **{name: y * (1 + s * h)}) for s in (1, -1)]
         up, down = (found(w, MOTION) if of_podium else found(BLOCK, w) for w in moved)
         slope = (up - down) / (2 * h * y)
         # 1e-5 of the slope, or of β where the slope is small, because distances are found to 1e-8.

@@ -885,9 +885,9 @@ def test_the_limit_state_of_a_block():
     along, h = np.random.default_rng(3).standard_normal(limit.dimension), 1e-5
     up, down = limit.values(np.stack([near[best] + h * along, near[best] - h * along]))
     assert slope[best] @ along == pytest.approx((up - down) / (2 * h), rel=1e-5, abs=1e-7)
-    for name, whole, exact in (("alpha", BLOCK, named["alpha"]), ("S_0", NOISE, named["S_0"])):
-        y = float(getattr(whole, name))
-        moved = [dataclasses.replace(whole, **{name: y * (1 + s * h)}) for s in (1, -1)]
+    for name, complete, exact in (("alpha", BLOCK, named["alpha"]), ("S_0", NOISE, named["S_0"])):
+        y = float(getattr(complete, name))
+        moved = [dataclasses.replace(complete, **{name: y * (1 + s * h)}) for s in (1, -1)]
         pairs = [(p, NOISE) if name == "alpha" else (BLOCK, p) for p in moved]
         up, down = (StructureLimitState(p, m, limit.limit).values(near[best : best + 1])[0] for p, m in pairs)
         assert float(exact[best]) == pytest.approx((up - down) / (2 * h * y), rel=1e-4, abs=1e-6)

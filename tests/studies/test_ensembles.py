@@ -139,10 +139,10 @@ def test_unknown_scenes_are_counted_and_widen_every_bound(toppled):
         "unanswered": 8,
     }
     half_width = empirical.band_half_width(N, 0.95)
-    known = toppled.sample().values[20:]
+    reference = toppled.sample().values[20:]
     for x in (0.1, 0.5):
         cdf = found.cdf(at=[x])
-        at_most = np.sum(known <= x)
+        at_most = np.sum(reference <= x)
         assert float(cdf["lower"][0]) == pytest.approx(max(at_most / N - half_width, 0))
         assert float(cdf["upper"][0]) == pytest.approx((at_most + 20) / N + half_width)
     assert found.overturning_probability()[1] < toppled.overturning_probability()[1]
@@ -173,9 +173,9 @@ def test_unknown_values_lower_the_distance_that_is_certain():
     rng = np.random.default_rng(0)
     first, second = rng.normal(size=200), rng.normal(1.5, size=300)
     is_open = np.arange(200) < 10
-    known = empirical.Sample(first, np.zeros(200, bool)), empirical.Sample(second, np.zeros(300, bool))
-    certain = empirical.compare(*known, 0.95)
-    open_ones = empirical.compare(empirical.Sample(first, is_open), known[1], 0.95)
+    reference = empirical.Sample(first, np.zeros(200, bool)), empirical.Sample(second, np.zeros(300, bool))
+    certain = empirical.compare(*reference, 0.95)
+    open_ones = empirical.compare(empirical.Sample(first, is_open), reference[1], 0.95)
     assert open_ones.statistic == certain.statistic
     assert open_ones.p_value > certain.p_value
     assert open_ones.lower < certain.lower

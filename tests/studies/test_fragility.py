@@ -64,9 +64,9 @@ def test_a_table_is_the_same_motion():
         np.testing.assert_allclose(one(t), record(t), rtol=1e-13, atol=1e-13)
         np.testing.assert_allclose(one(record.breakpoints), record(record.breakpoints), rtol=1e-13)
         np.testing.assert_allclose(one.support, record.support)
-        known = np.asarray(one.breakpoints)
-        np.testing.assert_allclose(known[: record.acceleration.size], record.breakpoints)
-        assert np.all(known[record.acceleration.size :] == np.inf)
+        reference = np.asarray(one.breakpoints)
+        np.testing.assert_allclose(reference[: record.acceleration.size], record.breakpoints)
+        assert np.all(reference[record.acceleration.size :] == np.inf)
     assert len(list(TABLE)) == len(TABLE) == 3
 
 
@@ -140,13 +140,13 @@ def test_fits_are_those_of_scipy():
     assert float(plain.dispersion) == pytest.approx(np.log(capacity).std(), rel=1e-9)
 
     limit = 1.0
-    known = capacity < limit
-    censored = fit_capacities(jnp.where(known, capacity, jnp.inf), jnp.full(60, limit))
+    reference = capacity < limit
+    censored = fit_capacities(jnp.where(reference, capacity, jnp.inf), jnp.full(60, limit))
 
     def loss(y):
-        log = np.log(np.where(known, capacity, limit))
+        log = np.log(np.where(reference, capacity, limit))
         likelihood = scipy.stats.norm(y[0], np.exp(y[1]))
-        return -np.where(known, likelihood.logpdf(log), likelihood.logsf(log)).sum()
+        return -np.where(reference, likelihood.logpdf(log), likelihood.logsf(log)).sum()
 
     tight = {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 10_000}
     best = np.exp(scipy.optimize.minimize(loss, [0.0, -1.0], method="Nelder-Mead", options=tight).x)
@@ -370,12 +370,12 @@ def test_records_that_never_overturn_are_censored(analysis):
     table, data = analysis
     levels = np.sort(data["capacity"].values)[[0, 4]] * [1.0, 1.001]
     low = rj.incremental_dynamic_analysis(BLOCK, table, levels, resolution=64)
-    known = np.isfinite(low["capacity"].values)
-    assert known.sum() >= MIN_RECORDS
-    assert known.sum() < 8
+    reference = np.isfinite(low["capacity"].values)
+    assert reference.sum() >= MIN_RECORDS
+    assert reference.sum() < 8
     curve = rj.fragility(low)
-    assert float(curve["median_capacity"]) > np.exp(np.log(low["capacity"].values[known]).mean())
-    assert curve["interval"].attrs["overturning_records"] == known.sum()
+    assert float(curve["median_capacity"]) > np.exp(np.log(low["capacity"].values[reference]).mean())
+    assert curve["interval"].attrs["overturning_records"] == reference.sum()
     with pytest.raises(ValueError, match="raise the highest intensity"):
         rj.fragility(rj.incremental_dynamic_analysis(BLOCK, table, levels[:1] / 2, resolution=64))
 

@@ -44,12 +44,12 @@ def test_far_from_overturning_the_top_moves_as_far_at_every_size(spectrum):
 
 
 def test_records_are_told_by_their_samples_seeds_and_files(spectrum):
-    known = describe_motions(RECORDS)
-    assert spectrum["sha256"].values.tolist() == known["record_sha256"]
-    assert spectrum["seed"].values.tolist() == known["record_seed"] == [3, 3]
+    expected = describe_motions(RECORDS)
+    assert spectrum["sha256"].values.tolist() == expected["record_sha256"]
+    assert spectrum["seed"].values.tolist() == expected["record_seed"] == [3, 3]
     assert "source" not in spectrum.coords
     assert describe_motions(rj.Records.of(RECORDS.records()))["record_pga_m_s2"] == pytest.approx([3.0, 3.0])
-    assert describe_motions(RECORDS[0])["record_name"] == known["record_name"][0] == RECORDS.names[0]
+    assert describe_motions(RECORDS[0])["record_name"] == expected["record_name"][0] == RECORDS.names[0]
     assert describe_motions(rj.Ricker(1.0, 1.0)) == {}
 
 

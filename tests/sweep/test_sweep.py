@@ -248,9 +248,9 @@ def test_only_what_is_missing_or_damaged_is_solved_again(tmp_path, batch, solved
         file.seek(40)
         file.write(bytes([byte[0] ^ 4]))
     (store / "overturned" / "c" / "2" / "0" / "0").unlink()
-    with pytest.warns(RuntimeWarning, match=r"chunk \d is damaged and is solved again") as said:
+    with pytest.warns(RuntimeWarning, match=r"chunk \d is damaged and is solved again") as output:
         data = sweep(store)
-    assert len(said) == 2
+    assert len(output) == 2
     assert sorted(solved_chunks) == [0, 1, 2]
     assert_equal(data, batch)
     solved_chunks.clear()
@@ -708,14 +708,14 @@ def test_the_command(tmp_path, capsys):
         return done.value.code, capsys.readouterr()
 
     axes = ["--axis", "gamma=4:16:3:log", "--axis", "scale=" + ",".join(map(str, np.linspace(0.5, 2, 10)))]
-    code, said = run(problem, *axes, "-q", "--json", "--dry-run")
-    assert code == 0, said
-    assert json.loads(said.out)["shape"] == [2, 8, 3, 10]
+    code, output = run(problem, *axes, "-q", "--json", "--dry-run")
+    assert code == 0, output
+    assert json.loads(output.out)["shape"] == [2, 8, 3, 10]
     assert sorted(os.listdir(tmp_path)) == ["problem.toml"]
-    code, said = run(problem, *axes, "-o", "study.zarr")
-    assert code == 0, said
-    assert "480 scenes" in said.out
-    assert "wrote study.zarr" in said.out
+    code, output = run(problem, *axes, "-o", "study.zarr")
+    assert code == 0, output
+    assert "480 scenes" in output.out
+    assert "wrote study.zarr" in output.out
     data = xarray.open_zarr(tmp_path / "study.zarr", consolidated=False)
     np.testing.assert_allclose(data["gamma"], [4.0, 8.0, 16.0])
     assert data["peak_rotation"].dims == ("motion", "tan_alpha", "gamma", "scale")
