@@ -24,7 +24,7 @@ OPTIONS = rj.Options(outputs=("peak_rotation",))
 
 
 @pytest.mark.parametrize("error", [RuntimeError("NetCDF: HDF error"), OSError("disk full")])
-def test_a_failed_write_leaves_what_was_there(tmp_path, error):
+def test_a_failed_write_keeps_the_old_file(tmp_path, error):
     target = tmp_path / "deep" / "x.txt"
 
     def fails(name):
@@ -99,7 +99,7 @@ def interrupted(call):
     return stopped.value
 
 
-def test_ctrl_c_in_a_batch_keeps_what_is_solved(monkeypatch):
+def test_ctrl_c_in_a_batch_keeps_solved_scenes(monkeypatch):
     monkeypatch.setattr(_batch, "CHUNK", 128)
     motions = rj.Ricker(np.linspace(1.0, 8.0, 4000), 0.8)
     complete = rj.peak_responses(PODIUMS["rigid"], motions, options=OPTIONS)

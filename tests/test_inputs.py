@@ -95,7 +95,7 @@ def test_podium(changes, words):
         ),
     ],
 )
-def test_value_errors_say_what_is_wrong(make, words):
+def test_value_errors_name_the_fault(make, words):
     with pytest.raises(ValueError) as error:
         make()
     for word in words:

@@ -14,7 +14,7 @@ from rockjax._programs.program import compiling, current_compilation, forget
 from rockjax._progress import bar
 
 
-def test_a_bar_does_not_count_what_comes_before_the_first_update(capsys):
+def test_the_time_before_the_first_update_does_not_count(capsys):
     shown = io.StringIO()
     with bar(10, "scenes", True, file=shown, mininterval=0) as made:
         assert "preparing:   0%" in shown.getvalue()
@@ -86,7 +86,7 @@ def test_the_clock_goes_on_while_nothing_is_through(monkeypatch):
 
 
 @pytest.mark.parametrize("total", [10, None])
-def test_a_bar_says_what_is_being_compiled(monkeypatch, total):
+def test_a_bar_names_the_compiled_program(monkeypatch, total):
     monkeypatch.setattr(_progress, "TICK", 0.05)
     shown = io.StringIO()
     with bar(total, "scenes", True, file=shown, unit_scale=True, mininterval=0) as made:

@@ -76,7 +76,7 @@ RESPONSE = "response --record a.txt --units g --dt 0.05 --scale 2 --rtol 1e-6 -o
 DRAWN = "--width 0.45 --height 3 --column-mass 1500 --columns 4 --beam-mass 30e3 --restitution compatible"
 
 
-def test_the_command_says_what_it_has_simulated(call, tmp_path):
+def test_the_command_names_the_simulated_scene(call, tmp_path):
     output = call(*RESPONSE.split(), *DRAWN.split())
     motion = rj.read_motion(tmp_path / "a.txt", units="g", dt=0.05).scaled(2.0)
     checksum, amount = digest(motion.acceleration), f"PGA = {motion.pga / G:.4g} g, scale 2"

@@ -45,7 +45,7 @@ def test_every_number_is_shown_with_its_meaning(shown):
     assert f"<caption>{type(shown).__name__}</caption>" in shown._repr_html_()
 
 
-def test_a_podium_shows_its_superstructure_and_what_follows_from_its_numbers():
+def test_a_podium_shows_its_superstructure_and_derived_values():
     podium = rj.Podium.from_dimensions(
         width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
     )

@@ -99,9 +99,9 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
         accumulators = [self.worst(y) for y in halves(jax.lax.stop_gradient(accumulator))]
         worst = [_angles_and_ratios(c, jnp.ones_like(c.alpha), sway, offsets) for sway in sways]
         return bounds.rests | all_of(
-            self.worst(found)[joint] <= known[joint]
+            self.worst(found)[joint] <= accumulated[joint]
             for bound in worst
-            for found, known in zip(halves(bound), accumulators, strict=True)
+            for found, accumulated in zip(halves(bound), accumulators, strict=True)
             for joint in range(self.joints)
         )
 

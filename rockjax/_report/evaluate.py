@@ -110,7 +110,7 @@ def _computed(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         "" if math.isfinite(value) else (values.words[governing] or "no finite value"),
         utilisations[1],
         None if kind.is_of_set else governing,
-        values.places[governing],
+        values.locations[governing],
         values,
     )
     slopes = _sensitivities(check, scenes)

@@ -29,7 +29,7 @@ class Check:
     - `limit`, `value`, `error`: [SI]; `value` is ±inf if a word replaces it, and NaN if there is none
     - `word`: word that replaces the value, such as "overturned at 5.85 s"; "" for a number
     - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn
-    - `governing`: index of the governing motion or pulse, or None; `place`: its storey, joint or time
+    - `governing`: index of the governing motion or pulse, or None; `location`: its storey, joint or time
     - `values`: the values of all motions
     - `sensitivities`: d ln U/d ln y for every input y and the factor on the motions; if empty, `no_slopes` is
       the reason
@@ -47,7 +47,7 @@ class Check:
     word: str = ""
     utilisation: float = math.nan
     governing: int | None = None
-    place: str = ""
+    location: str = ""
     values: Values | None = None
     sensitivities: Mapping[str, float] = dataclasses.field(default_factory=dict)
     no_slopes: str = "no derivative"
@@ -124,13 +124,16 @@ class Evaluation:
 
 def verdict(results: list[str]) -> str:
     """Return the verdict on checks with `results`, such as "Verified: all 14 checks pass."."""
-    made = [word for word in results if word != "BY OTHERS"]
-    others = len(results) - len(made)
-    count = {word: made.count(word) for word in ("PASS", "FAIL", "UNDECIDED", "NOT VALID", "NOT MADE")}
+    own_results = [word for word in results if word != "BY OTHERS"]
+    others = len(results) - len(own_results)
+    count = {word: own_results.count(word) for word in ("PASS", "FAIL", "UNDECIDED", "NOT VALID", "NOT MADE")}
     by_others = f" {others} more {'is' if others == 1 else 'are'} made by others." if others else ""
-    if count["PASS"] == len(made) and made:
-        return f"Verified: {'all ' if len(made) > 1 else 'the only '}{_checks_pass(len(made))}." + by_others
-    if not made:
+    if count["PASS"] == len(own_results) and own_results:
+        return (
+            f"Verified: {'all ' if len(own_results) > 1 else 'the only '}{_checks_pass(len(own_results))}."
+            + by_others
+        )
+    if not own_results:
         return "Not verified: every check is made by others."
     phrases = {
         "PASS": ("passes", "pass"),
@@ -140,7 +143,7 @@ def verdict(results: list[str]) -> str:
         "NOT MADE": ("was not made", "were not made"),
     }
     parts = [f"{n} {phrases[word][n != 1]}" for word, n in count.items() if n or word == "PASS"]
-    total = f"{len(made)} checks" if len(made) > 1 else "one check"
+    total = f"{len(own_results)} checks" if len(own_results) > 1 else "one check"
     return f"Not verified: of {total} {', '.join(parts)}.{by_others}"
 
 

@@ -126,7 +126,7 @@ def read_checks(
 
     Raises `ValueError`, which names the file, the key and the cause.
     """
-    taken: set[str] = set()
+    used_ids: set[str] = set()
     for part in parts:
         entries = table.get(part, [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
@@ -135,9 +135,9 @@ def read_checks(
             with reader.at(f"{part}[{k}]"):
                 entry = _entry(reader, table, file, podium, f"{part}[{k}]", given)
             identity = entry.id or f"{'C' if part == 'checks' else 'T'}{k + 1}"
-            if identity in taken:
+            if identity in used_ids:
                 reader.fail(f"{part}[{k}].id", f"{identity!r} is the id of another check; give each its own")
-            taken.add(identity)
+            used_ids.add(identity)
             motions = None
             if KINDS[entry.kind].uses_motions(entry.arguments):
                 motions = reader.require_set(file.motions, entry.motions, f"{part}[{k}].motions")

@@ -215,10 +215,10 @@ def _alias(text: str) -> str:
 def _name(text: str, owner: str) -> str:
     """Return the name of a unit. Raises `ValueError` for an unknown unit, with the nearest known one."""
     name = _alias(text)
-    known = {unit for kind in KINDS.values() for unit in kind.units}
-    if name in known:
+    valid_units = {unit for kind in KINDS.values() for unit in kind.units}
+    if name in valid_units:
         return name
-    folded = {unit.casefold(): unit for unit in sorted(known)}
+    folded = {unit.casefold(): unit for unit in sorted(valid_units)}
     nearest = difflib.get_close_matches(name.casefold(), folded, 1, 0.5)
     hint = f"did you mean {folded[nearest[0]]!r}?" if nearest else f"known are {', '.join(_CHOOSABLE)}"
     raise ValueError(f"{owner}: {text!r} is not a known unit; {hint}")

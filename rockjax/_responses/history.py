@@ -224,12 +224,14 @@ def balance(scene: Solved, t, left):
         nodes.sigma, *nodes.x, *nodes.v
     )
     is_impact = jnp.isfinite(nodes.impact_time)
-    lost = jnp.cumsum(jnp.where(is_impact, jnp.roll(mechanical[:size], 1) - after_nodes, 0.0))
+    dissipated_at_impacts = jnp.cumsum(
+        jnp.where(is_impact, jnp.roll(mechanical[:size], 1) - after_nodes, 0.0)
+    )
     input_work, *dissipated = (y[size:] + (jnp.cumsum(y[:size]) - y[:size])[before] for y in work)
     at_t = jax.tree.map(lambda y: y[size:, -1], instants)
     samples = jax.vmap(lambda instant: _quantities(c, *instant))(at_t)
     is_inside = (t >= nodes.t[0]) & (t <= end)
-    terms = samples, mechanical[size:], input_work, lost[before], *dissipated
+    terms = samples, mechanical[size:], input_work, dissipated_at_impacts[before], *dissipated
 
     def inside_only(y):
         return jnp.where(is_inside.reshape(-1, *(1,) * (y.ndim - 1)), y, jnp.nan)

@@ -151,7 +151,7 @@ def test_devices_answer_as_threads_do(device_results, name):
 
 
 @pytest.mark.slow
-def test_the_cases_are_what_they_are_named_for(device_results):
+def test_the_cases_match_their_names(device_results):
     assert "out_of_steps" in device_results["elastic, errors, out of steps"]["results"]
     assert {"overturned", "settled"} <= set(device_results["rigid, several chunks"]["results"])
     sizes = {name: int(np.prod(device_results[name]["shape"])) for name in CASES}
@@ -161,7 +161,7 @@ def test_the_cases_are_what_they_are_named_for(device_results):
 
 
 @pytest.mark.slow
-def test_a_batch_on_devices_that_is_stopped_keeps_what_is_solved(device_results):
+def test_a_stopped_batch_on_devices_keeps_solved_scenes(device_results):
     stopped = device_results["stopped"]
     assert 0 < stopped["ended"] < stopped["of"]
     assert stopped["apart"] < 1e-9
@@ -238,7 +238,7 @@ def test_accelerators_have_more_lanes(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["elastic, errors, out of steps", "rigid, a suite in one table"])
-def test_a_program_for_accelerators_is_made_of_what_they_have(name):
+def test_a_program_for_accelerators_uses_supported_operations(name):
     """The program uses float64 throughout, no custom calls and no callbacks to the CPU."""
     podium, motion, how, _ = CASES[name]
     executor = DeviceExecutor(jax.local_devices()[:1])

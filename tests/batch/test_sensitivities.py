@@ -127,7 +127,7 @@ def test_a_scene_moves_with_its_parameters():
 
 
 @pytest.mark.slow
-def test_what_is_said_to_be_constant_is():
+def test_fields_without_derivatives_are_constant():
     """Derivatives are propagated for the fields in `DIFFERENTIATED`, so no other field may change a peak."""
     podium, motion = PODIUMS["elastic"], rj.Ricker(3.0, 1.0)
     plan = plan_for(podium, TIGHT_OPTIONS, history=False)
@@ -146,7 +146,7 @@ def test_what_is_said_to_be_constant_is():
     assert all(slopes.x[1:])
 
 
-def test_what_is_no_parameter_is_refused():
+def test_invalid_parameters_are_rejected():
     for names, words in (
         (["weight"], "must be some of"),
         (["T_s"], "must be some of"),

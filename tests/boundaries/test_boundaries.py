@@ -160,7 +160,7 @@ def test_windows_that_derivatives_tell_of_are_found_from_few_scales(monkeypatch)
     assert found.scenes < len(motions) * 0.25 / WIDTH
 
 
-def test_nothing_below_the_uplift_is_looked_at(monkeypatch):
+def test_no_scale_below_the_uplift_is_evaluated(monkeypatch):
     quiet = scanned([Motion(lifts=0.9)], monkeypatch)
     assert quiet.scenes < 400
     assert not quiet.crossings.y.size
@@ -179,7 +179,7 @@ def test_stretches_without_an_answer_are_not_certain(search, monkeypatch):
     assert 0.02 <= certain < 0.02 + 2 * WIDTH
 
 
-def test_what_the_looser_scenes_see_is_confirmed(monkeypatch):
+def test_findings_of_lower_accuracy_are_confirmed(monkeypatch):
     """Windows that exist only at the lower accuracy are rejected; a window that the lower accuracy shifts is
     found at its true position."""
     motion = Motion([(0.6 - 1e-6, 0.61)], wrong=[(0.2, 0.203), (0.4, 0.4005)])

@@ -355,7 +355,7 @@ def test_spectra_without_any_boundary():
     assert np.all(found["impacts"] == -1)
 
 
-def test_boundaries_say_what_they_are():
+def test_text_of_boundaries():
     found = rj.overturning_boundary(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), max_scale=10.0)
     assert f"overturns from {float(found.scale):.10g} after {int(found.impacts)} impacts" in repr(found)
     none = rj.overturning_boundary(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), max_scale=1.0)

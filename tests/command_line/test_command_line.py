@@ -195,7 +195,7 @@ def test_panels_of_a_building_in_a_file():
             panels(option, 0.1, table=own)
 
 
-def test_panels_are_what_options_and_file_say():
+def test_options_and_file_determine_the_panels():
     every = panels()
     assert (every.ratios, every.periods, len(every.podiums)) == ([1, 5, 10], [0, 0.1, 0.5, 1], 12)
     assert float(every.podiums[-1].eta) == 100
@@ -328,7 +328,7 @@ def test_wrong_input_is_named_and_ends_with_two(run, tmp_path, line, words):
 @pytest.mark.parametrize(
     "name", ["spectrum", "overturning", "response", "fragility --synthetic 2", "design --example column"]
 )
-def test_what_cannot_be_written_is_said_before_anything_is_computed(run, tmp_path, monkeypatch, name):
+def test_unwritable_paths_are_reported_before_computing(run, tmp_path, monkeypatch, name):
     (tmp_path / "file").touch()
     (tmp_path / "taken.nc").mkdir()
     (tmp_path / "taken.json").mkdir()
@@ -540,7 +540,7 @@ damping = 0.02
 """
 
 
-def test_a_response_has_what_stands_on_the_floors(run, tmp_path):
+def test_a_response_has_blocks_and_oscillators_on_the_floors(run, tmp_path):
     pulse = "[motions.pulse]\nkind = 'ricker'\na_p = 3.2\nT_p = 1.0\n"
     podium = "[structure]\nalpha = 0.15\nR = 1.5\ngamma = 10.0\n"
     problem = tmp_path / "floors.toml"
@@ -577,7 +577,7 @@ def test_a_response_has_what_stands_on_the_floors(run, tmp_path):
         ("damping = 0.02", "damping = 1.0", "oscillators[0].damping: must be a number in [0, 1)"),
     ],
 )  # fmt: skip
-def test_wrong_keys_of_things_on_floors_are_named(run, tmp_path, old, new, words):
+def test_wrong_keys_of_blocks_and_oscillators_are_named(run, tmp_path, old, new, words):
     problem = tmp_path / "floors.toml"
     problem.write_text("[structure]\nalpha = 0.15\nR = 1.5\n" + ON_FLOORS.replace(old, new, 1))
     code, _, err = run("response", problem, "--a-p", "3.2", "--T-p", "1")
@@ -832,7 +832,7 @@ def test_help_and_version_load_nothing_heavy(arguments):
 
 
 @pytest.mark.smoke
-def test_the_package_loads_what_it_needs_first():
+def test_imports_of_the_package():
     loaded = modules_of([sys.executable, "-c", "import rockjax"])
     assert {"jax", "rockjax._engine.solve"} <= loaded
     late = {"diffrax", "optimistix", "lineax", "xarray", "matplotlib", "scipy", "pandas", "tqdm", "optimise"}
@@ -945,7 +945,7 @@ def test_chart_of_the_slimmest_safe_column():
     assert float(again) == pytest.approx(3.0, rel=1e-9)
 
 
-def test_charts_say_what_they_cannot_draw():
+def test_invalid_charts_name_the_reason():
     block = rj.Podium(alpha=0.15, R=1.5)
     ask = lambda **more: optimise.design_chart(
         block, **({"vary": ("alpha", (0.1, 0.2)), "pulse": rj.Ricker, "a_p": 3.0, "T_p": [0.5, 1.0]} | more)
@@ -980,7 +980,7 @@ def test_responses_know_the_mass_that_is_in_no_mode(top, share):
     assert residual_share(rj.Podium(0.15, 1.5, 10.0, top)) == pytest.approx(share, rel=1e-9)
 
 
-def test_response_says_what_truncated_buildings_leave_out(tmp_path):
+def test_response_reports_omitted_modes(tmp_path):
     building = "masses = [3.0, 3.0, 2.0], stiffnesses = [900.0, 700.0, 500.0]"
     for modes, says in ((1, True), (3, False)):
         path = tmp_path / f"{modes}.toml"

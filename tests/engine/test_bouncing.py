@@ -58,7 +58,7 @@ def test_derivatives_of_pulses_are_the_same():
     np.testing.assert_allclose(slopes(jax.grad, options), expected, rtol=1e-7)
 
 
-def test_what_a_motion_jumps_from_is_past_for_columns_at_rest():
+def test_shear_after_a_motion_that_ends_with_a_jump():
     """The motion ends with a jump from a large acceleration, which causes no shear afterwards."""
     ratio, options = 2.0, rj.Options(outputs=("peak_rotation", "peak_shear"))
     pulse = rj.OneCosine(ratio * LIFTS, 0.4)

@@ -131,7 +131,7 @@ def test_free_rocking_to_rest():
 
 @pytest.mark.slow(but=["*chattering"])
 @pytest.mark.parametrize(("T_s", "e", "cause"), [(1.0, 1.0, "chattering"), (0.004, 0.9, "too_stiff")])
-def test_what_runs_out_of_steps_says_why(T_s, e, cause):
+def test_scenes_out_of_steps_name_the_reason(T_s, e, cause):
     """Endless vibration and endless impacts have named results, which raise an error unless `throw` is
     False."""
     podium = elastic(T_s).replace(restitution=e)
@@ -462,7 +462,7 @@ def test_shear_of_the_last_hops(podium, motion, initial):
     assert int(peak.stats.steps + peak.stats.rejected) < 5000
 
 
-def test_what_the_rest_velocity_takes_away_is_estimated():
+def test_the_effect_of_the_rest_velocity_is_estimated():
     """With little restitution, an impact may leave a speed below the rest velocity of both solutions while
     the ground lifts the columns again. The error estimate must include this effect."""
     block = BLOCK.replace(restitution=1e-8)

@@ -28,7 +28,7 @@ TENDON = (rj.Tendon(0.1, 0.2),)
     ],
     ids=["rigid", "elastic", "all peaks", "restrained"],
 )
-def test_kernels_of_a_trial_share_what_they_need(podium, outputs):
+def test_kernels_of_a_trial_share_values(podium, outputs):
     """The compiled step has few more operations than the traced one. Without barriers, kernels would
     recompute shared values."""
     motion, options = rj.Record(np.sin(np.arange(100)), 0.02), rj.Options(outputs=outputs)

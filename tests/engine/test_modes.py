@@ -101,7 +101,7 @@ def test_the_largest_frequency_on_lifted_columns_alone(top):
         assert float(found) == pytest.approx(float(expected), rel=1e-14)
 
 
-def test_what_is_left_out_moves_with_the_beam():
+def test_omitted_modes_move_with_the_beam():
     retained = rj.ShearBuilding(BUILDING.masses, BUILDING.stiffnesses, modes=1)
     assert retained.modes.residual == pytest.approx(float(BUILDING.modes.eta[1:].sum()), rel=1e-14)
     assert float(podium(retained).eta) == pytest.approx(8.0)
@@ -166,7 +166,7 @@ def test_a_mode_without_mass_changes_nothing():
     assert np.all(np.isfinite(none.peak_deformation))
 
 
-def test_frequencies_where_modes_are_alike():
+def test_frequencies_of_equal_modes():
     """Twenty modes, of which three have one period and one has no mass: frequencies agree with the
     eigenvalues of the linear equations, and derivatives are finite."""
     T = np.linspace(1.2, 0.1, 20)
@@ -198,7 +198,7 @@ def test_frequencies_where_modes_are_alike():
 
 
 @pytest.mark.slow
-def test_derivatives_where_modes_are_alike():
+def test_derivatives_of_equal_modes():
     """For two modes of one period only the sum of the masses matters; the period of a mode without mass has
     no effect."""
     pulse = rj.OneSine(PULSE, T_P)
@@ -373,7 +373,7 @@ def test_twenty_stories():
         check(found, independent(frame_of(building.modes, building.shapes), 2.5))
 
 
-def test_what_a_mode_costs():
+def test_cost_of_a_mode():
     """Modes are rows of arrays, so their number changes only the lengths in the program."""
     of_trial = lambda top: operations_of_trial(podium(top), rj.OneSine(3.0, 1.0), rj.Options())
     one = of_trial(rj.Elastic(30.0, 0.5))

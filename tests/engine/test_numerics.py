@@ -230,7 +230,7 @@ def test_turning_points_close_to_the_ends(turn, curved):
 
 
 @pytest.mark.parametrize("start", [(0.0, 0.7), (0.0, 0.0, 0.7), (0.0, -1e-17, 0.7), (0.0, 1e-17, 0.7)])
-def test_what_begins_at_rest_turns_later(start):
+def test_the_start_at_rest_is_no_turning_point(start):
     """Slopes z(a − z) and z²(a − z), the second with rounding errors."""
     for sign in (1.0, -1.0):
         path = of_slope(*(sign * np.array([*start, -1.0])))

@@ -114,7 +114,7 @@ def test_no_fast_forward_changes_an_output(kind, motion):
 
 
 @pytest.mark.parametrize("kind", ["rigid", pytest.param("elastic", marks=pytest.mark.slow)])
-def test_an_output_alone_is_what_it_is_beside_others(kind):
+def test_an_output_does_not_depend_on_other_requested_outputs(kind):
     """The other requested outputs determine what is skipped and when the scene ends."""
     podium = PODIUMS[kind]
     expected, _ = solved(podium, MOTIONS["rough"], outputs_of(podium))

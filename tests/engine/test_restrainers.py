@@ -209,7 +209,7 @@ def test_stiffness_alone_is_a_block_of_another_slenderness():
     ids=["linear", "square root", "with tendons and inerters"],
 )
 @pytest.mark.slow(but=["square root"])
-def test_what_dampers_take(structure, impact, taken, within):
+def test_energy_dissipated_by_dampers(structure, impact, taken, within):
     response = free(structure, 0.12, t_end=6.0)
     assert float(response.impact_times[0]) == pytest.approx(impact, abs=20 * within)
     assert float(response.damper_energy(6.0)) == pytest.approx(taken, abs=20 * within)

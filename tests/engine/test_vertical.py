@@ -332,7 +332,7 @@ def test_size_and_time_scale():
 # Invalid inputs
 
 
-def test_what_is_no_pair():
+def test_invalid_pairs():
     with pytest.raises(ValueError, match="GroundMotion: horizontal must be a rockjax motion, got"):
         rj.GroundMotion(3.0, rj.Rest())
     with pytest.raises(ValueError, match="GroundMotion: vertical must be one component"):

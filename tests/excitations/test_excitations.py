@@ -225,7 +225,7 @@ def test_a_motion_of_ones_own():
     assert float(Chirp(1.0, 1.0)(0.0)) == pytest.approx(1.0)
 
 
-def test_the_earlier_name_of_the_lookahead_is_said():
+def test_the_former_name_of_the_lookahead_warns():
     with pytest.warns(DeprecationWarning, match="AbstractLookahead"):
         assert rj.AbstractOutlook is rj.AbstractLookahead  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.warns(DeprecationWarning, match="Mine.outlook is called lookahead now"):

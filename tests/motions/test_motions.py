@@ -119,7 +119,7 @@ def test_motions_are_their_own():
         ),
     ],
 )
-def test_what_makes_no_sense_is_said(make, words):
+def test_invalid_arguments_are_named(make, words):
     with pytest.raises(ValueError) as error:
         make(wave())
     for word in words:
@@ -127,7 +127,7 @@ def test_what_makes_no_sense_is_said(make, words):
 
 
 @pytest.mark.parametrize("dt", [0.0025, 0.004, 0.01, 0.0125])
-def test_resampling_keeps_what_is_below_both_nyquist_frequencies(dt):
+def test_resampling_keeps_frequencies_below_both_nyquist_frequencies(dt):
     t = np.arange(0, 8.0005, 0.005)
     hump = np.exp(-((t - 4) ** 2))
     slow = hump * np.sin(2 * np.pi * 8 * t)
@@ -689,7 +689,7 @@ def test_code_of_the_page_on_records_runs(tmp_path, monkeypatch, capsys):
 
 # ------------------------------------------------------------------------------- functions that take motions
 @pytest.mark.slow
-def test_what_readers_return_goes_into_everything(suite):
+def test_all_functions_accept_motions_of_readers(suite):
     podium, options = rj.Podium(0.2, 1.0), rj.Options(rtol=1e-6, atol=1e-8)
     records = suite.records()
     complete = rj.peak_responses(podium, rj.Records.of(records), options=options).peak_rotation
@@ -785,7 +785,7 @@ def test_a_file_in_g_read_as_metres_is_doubted(tmp_path):
     assert rj.read_motion(path, units="g", dt=0.01).pga == pytest.approx(0.45 * G, rel=1e-2)
 
 
-def test_what_engineers_ask_for_is_not_doubted():
+def test_plausible_inputs_cause_no_warning():
     """Plausible inputs cause no warning: a tall pier, a museum piece, weak and strong pulses, sweeps, a
     traced size."""
     for width, height, mass in ((6.0, 60.0, 5e6), (0.05, 0.2, 1.3), (0.4, 4.0, 250.0), (0.1, 2.0, 157.0)):

@@ -90,7 +90,7 @@ def test_a_table_of_pulses(tmp_path):
         ("A,f_p,gamma,nu\n1,1,0.5,0\n", "gamma must be finite and > 1"),
     ],
 )
-def test_bad_tables_say_what_is_wrong(tmp_path, text, words):
+def test_errors_of_tables_name_the_fault(tmp_path, text, words):
     path = tmp_path / "pulses.csv"
     path.write_text(text)
     with pytest.raises(ValueError, match=words):
@@ -107,6 +107,6 @@ def test_bad_tables_say_what_is_wrong(tmp_path, text, words):
         (lambda: rj.fit_pulse([rj.Motion(record(), DT)] * 2), "must be one motion, got 2"),
     ],
 )
-def test_bad_fits_say_what_is_wrong(call, words):
+def test_errors_of_fits_name_the_fault(call, words):
     with pytest.raises(ValueError, match=words):
         call()

@@ -77,7 +77,7 @@ def test_vertical_components_by_the_ends_of_names(end):
     assert [pair.vertical and pair.vertical.name for pair in pairs] == [f"RSN1_ABC{end}"]
 
 
-def test_what_is_done_to_a_motion_is_done_to_its_vertical_one():
+def test_operations_apply_to_the_vertical_motion_too():
     motion = dataclasses.replace(named("a"), vertical=named("v", 1, 0.5))
     vertical = motion.vertical
     assert vertical is not None
@@ -139,7 +139,7 @@ def test_fragility_of_pairs():
         assert bool(rj.peak_response(FRAME, scaled, options=options).overturned) is falls
 
 
-def test_spectra_vary_what_their_function_varies():
+def test_spectra_vary_the_components_that_their_function_varies():
     fixed = rj.OneSine(-4.0, 0.5)
     pulse = lambda a_p, T_p: rj.GroundMotion(rj.OneSine(a_p, T_p), fixed)
     spectrum = rj.rocking_spectrum(FRAME, pulse, [3.0, 4.0], [1.5, 2.0], options=OPTIONS)

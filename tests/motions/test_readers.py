@@ -441,7 +441,7 @@ def test_waveforms(tmp_path, monkeypatch):
         rj.read_motion(path, units="gal")
 
 
-def test_what_looks_wrong_is_said(tmp_path):
+def test_suspicious_files_cause_warnings(tmp_path):
     wave = np.sin(2 * np.pi * np.arange(101) / 50)  # two complete periods
 
     def column(values):
@@ -637,7 +637,7 @@ def test_units_in_a_heading(tmp_path):
         ("a.EW", knet([1] * 100).replace("100Hz", "-5Hz"), {}, [":11:", "> 0 Hz", "-5Hz"]),
     ],
 )
-def test_what_cannot_be_read_says_why(tmp_path, name, text, arguments, words):
+def test_unreadable_files_name_the_reason(tmp_path, name, text, arguments, words):
     path = write_file(tmp_path, text, name)
     with pytest.raises(ValueError) as error:
         rj.Record.from_file(path, **arguments)
@@ -836,7 +836,7 @@ def test_columns_of_fortran_that_touch(tmp_path, rows, values):
 @pytest.mark.parametrize(
     "pulse", [rj.Ricker(3.0, 1.0), rj.AntisymmetricRicker(-3.0, 0.7), rj.Ricker(1e-98, 2.0)]
 )
-def test_what_is_saved_as_at2_is_read(tmp_path, pulse):
+def test_saved_at2_files_are_read_back(tmp_path, pulse):
     motion = rj.Motion(np.asarray(pulse(np.arange(-20, 20, 0.01))), 0.01)
     back = read(motion.save(tmp_path / "own.AT2"), None, None)
     np.testing.assert_allclose(back.acceleration, motion.acceleration, rtol=1e-7, atol=1e-98)
@@ -902,7 +902,7 @@ def test_the_format_of_peer_under_another_suffix(tmp_path):
         ("a.csv", "# uncorrected\ntime [s],acc [g]\n0,0\n0.1,0.1\n0.2,-0.1\n0.3,0\n"),
     ],
 )
-def test_raw_data_is_said_to_be_raw(tmp_path, name, text):
+def test_raw_data_causes_a_warning(tmp_path, name, text):
     path = write_file(tmp_path, text, name)
     with pytest.warns(rj.RecordWarning) as output:
         assert rj.read_motion(path).metadata["processing"].startswith("raw (")

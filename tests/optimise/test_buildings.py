@@ -235,7 +235,7 @@ def test_stories_that_are_not_there_cannot_vary():
         make_variables(PODIUM, {"story_stiffness_3": (100.0, 200.0)})
 
 
-def test_buildings_alike_vary_by_their_period():
+def test_uniform_buildings_vary_by_their_period():
     three = DRAWING.replace(
         top_mass=60e3, period=0.5, stories=3, story_masses=None, story_stiffnesses=None, story_heights=3.0
     )

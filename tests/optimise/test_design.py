@@ -160,7 +160,7 @@ def test_scaling_meets_the_bounds_and_inverts():
         ("podium", {"R": (1.0, 2.0)}, r"must be a rockjax\.Podium"),
     ],
 )
-def test_bad_variables_say_what_would_be_right(podium, vary, words):
+def test_errors_of_variables_name_the_valid_values(podium, vary, words):
     with pytest.raises(ValueError, match=words):
         optimise.design(podium, vary, _alpha)
 
@@ -301,7 +301,7 @@ def test_seed_decides_the_starts():
         ({"minimise": lambda p: jnp.ones((2, 2))}, "a number or a vector"),
     ],
 )
-def test_bad_arguments_say_what_would_be_right(changes, words):
+def test_errors_of_arguments_name_the_valid_values(changes, words):
     with pytest.raises(ValueError, match=words):
         optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, **({"minimise": _alpha} | changes))
 
@@ -347,7 +347,7 @@ def test_ctrl_c_keeps_the_best_design_so_far():
     assert last.variables == complete.variables
 
 
-def test_progress_is_told():
+def test_progress_is_reported():
     class Counter:
         count = 0
 
@@ -418,7 +418,7 @@ def test_adam_ends_in_a_named_result():
     assert result_name(lost.result) == "not_finite"
 
 
-def test_adam_keeps_within_bounds_and_leaves_what_is_not_finite():
+def test_adam_keeps_within_bounds_and_skips_values_that_are_not_finite():
     # The descent enters a region without answers at R > 1.6; the optimum is at R = 1.5 and at the bound of
     # alpha.
     hole = lambda p: jnp.where(p.R > 1.6, jnp.nan, (p.R - 1.5) ** 2 + p.alpha)
@@ -593,7 +593,7 @@ def test_probability_counts_and_smooths():
         (lambda: optimise.OverturningProbability(0.0, MOTIONS), "at_most must be"),
     ],
 )
-def test_bad_targets_say_what_would_be_right(make, words):
+def test_errors_of_targets_name_the_valid_values(make, words):
     with pytest.raises(ValueError, match=words):
         make()
 
@@ -651,7 +651,7 @@ def test_fit_recovers_the_truth():
     assert "±" in repr(fit)
 
 
-def test_fit_refuses_what_it_cannot_use():
+def test_fit_rejects_invalid_arguments():
     vary, motion = {"alpha": (0.1, 0.3)}, rj.Ricker(3.0, 1.0)
     with pytest.raises(ValueError, match="vectors of equal length"):
         optimise.fit(BLOCK, vary, motion, [0.0, 1.0], [0.0])
@@ -752,7 +752,7 @@ def test_a_file_is_the_problem_it_says(folder):
         ("[options]", "[options", r"is not valid TOML"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_named(folder, old, new, words):
+def test_errors_of_files_name_the_fault(folder, old, new, words):
     assert old in FILE
     path = write_problem(folder, FILE.replace(old, new, 1))
     with pytest.raises(ValueError, match=words) as caught:

@@ -23,7 +23,7 @@ def test_pairs_have_one_length_and_one_factor():
         assert np.abs(pair.vertical.acceleration).max() == pytest.approx(2.0 * up.pga / motion.pga)
 
 
-def test_a_summary_leaves_out_what_did_not_rock_or_overturned():
+def test_a_summary_omits_scenes_without_rocking_or_with_overturning():
     row = {"overturned with": False, "overturned without": False}
     rocked = [row | {"with": 0.1 * factor, "without": 0.1} for factor in (0.5, 0.9, 1.1, 1.25)]
     others = [

@@ -47,7 +47,7 @@ def test_sliders_move_the_scene(study):
     assert study._image.value == study.picture
 
 
-def test_what_is_given_is_computed_until_a_slider_is_moved():
+def test_initial_values_are_exact_until_a_slider_is_moved():
     odd = COLUMN.replace(width=0.45371234567, period=1 / 3)
     study = optimise.explore(odd, rj.Ricker(3.2001, 0.77), RANGES)
     given, peak, picture = study.values, float(study.peak.peak_rotation), study.picture
@@ -143,7 +143,7 @@ def test_buildings_under_both_components():
         ),
     ],
 )
-def test_what_makes_no_sense_is_said(vary, output):
+def test_invalid_arguments_are_named(vary, output):
     with pytest.raises(ValueError, match=output):
         optimise.explore(COLUMN, PULSE, vary)
 

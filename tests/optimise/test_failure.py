@@ -104,7 +104,7 @@ def test_a_check_that_has_not_converged_leaves_the_rays_alone(monkeypatch):
     assert not found.converged
 
 
-def test_a_design_whose_check_has_not_converged_is_unverified():
+def test_a_design_without_a_converged_check_is_unverified():
     here = Evaluation(np.zeros(1), np.array([0.1, 0.2]), np.zeros((1, 1)), np.zeros((2, 1)), np.zeros(3))
     ends = [End(np.array([0.5]), np.zeros(2), 0, 3, here)]
     found = SearchResult(ends, [here], {"rotation": 1, "failure": 1}, 1.0, [], Effort(1, 1, 1, 1.0))

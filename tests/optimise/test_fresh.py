@@ -56,7 +56,7 @@ def design_block(at_least=2.0, batch=16, verify=256, box=BOX, minimise=slenderne
     return optimise.design(BLOCK, box, minimise, Known(at_least, fresh), **how)
 
 
-def test_what_is_drawn():
+def test_drawn_motions():
     fresh = optimise.FreshSamples(MOTION, 8, verify=16, seed=3)
     first, again, other = fresh.draw(0), fresh.draw(0), fresh.draw(1)
     assert first.acceleration.shape == (8, 31)
@@ -85,7 +85,7 @@ def test_a_frequency_draws_records_of_unit_intensity():
     assert np.allclose(tops, 1.0)
 
 
-def test_a_search_by_fresh_samples_ends_where_the_whole_suite_would():
+def test_a_search_by_fresh_samples_finds_the_design_of_the_suite():
     """The median of all records gives 10 α = 2 e^0. The search adds an allowance for the scatter between two
     samples, 2.33 · 0.4/√256, and for the scatter of the mean of the steps."""
     answer = design_block()
@@ -124,7 +124,7 @@ def test_two_variables_by_fresh_samples():
     )  # ratio of ∂f/∂R and ∂f/∂α, equal to that of the target
 
 
-def test_what_cannot_be_reached_is_said():
+def test_infeasible_targets_are_reported():
     answer = design_block(at_least=20.0)
     assert not answer.satisfied
     assert answer.result == optimise.RESULTS.infeasible
@@ -193,7 +193,7 @@ def test_ctrl_c_keeps_the_mean_so_far():
         ),
     ],
 )
-def test_what_makes_no_sense_is_refused(make, words):
+def test_invalid_arguments_are_rejected(make, words):
     with pytest.raises(ValueError, match=words):
         make()
 

@@ -52,7 +52,7 @@ def test_which_parameters_a_podium_has():
         variants.read(UNRESTRAINED, "T_s")
 
 
-def test_a_damping_ratio_of_all_modes_that_varies_is_no_row_of_modes():
+def test_damping_ratios_of_several_podiums_are_not_rows_of_modes():
     """There are as many podiums as modes; the axis of podiums must not be taken for that of modes."""
     building = rj.ShearBuilding.uniform(stories=2, eta=5.0, T=0.5)
     podium, ratios = rj.Podium(0.2, 1.5, 5.0, building), np.array([0.02, 0.05])

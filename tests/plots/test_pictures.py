@@ -105,7 +105,7 @@ def test_a_curve_without_marks_has_no_entries_for_them():
         ({"gamma": 10.0, "eta": 50.0}, r"$\eta/\gamma = 5$"),
     ],
 )
-def test_panels_say_what_stands_on_the_columns(attrs, words):
+def test_panels_name_the_superstructure(attrs, words):
     figure = _from_file.PICTURES["overturning-spectrum"]["boundaries"].draw(spectrum(**attrs))
     assert words in texts(figure)
     assert r"\eta/\gamma = 0$" not in texts(figure)

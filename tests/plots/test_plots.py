@@ -77,7 +77,7 @@ def test_every_picture_of_every_scene_is_drawn(histories, kind, name):
     assert getattr(plots, name)(histories[kind], ax=given) is given
 
 
-def test_scenes_are_what_their_names_say(responses):
+def test_scenes_match_their_names(responses):
     assert bool(responses["overturned"].overturned)
     assert not bool(responses["still"].uplifted)
     assert int(responses["elastic"].impacts) > 3
@@ -404,7 +404,7 @@ def test_film_of_a_building_has_its_floors(histories):
             assert lines[0].get_ydata()[-1] == pytest.approx(slab.get_xy()[:, 1].min())
 
 
-def test_films_say_what_they_cannot_do(histories, tmp_path, monkeypatch):
+def test_invalid_animations_name_the_reason(histories, tmp_path, monkeypatch):
     data = histories["rigid"]
     for change, words in (
         ({"columns": 0}, "columns must be a whole number ≥ 1"),
@@ -493,7 +493,7 @@ def test_files_know_their_command(tmp_path):
         assert data.attrs["kind"] == "response"
 
 
-def test_title_says_what_restrains_the_columns():
+def test_the_title_names_the_restrainers():
     devices = (rj.Tendon(1.36, 0.0), rj.Damper(4.54), rj.Damper(2.0, 0.5), rj.Inerter(8.0))
     attributes = describe_podium(rj.Podium(0.15, 1.5, 10.0, restrainers=devices))
     title = panels_title(xarray.Dataset(attrs={"pulse": "Ricker with vertical ratio 0.5"} | attributes))

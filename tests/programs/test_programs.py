@@ -225,7 +225,7 @@ def test_a_thread_that_traces_does_not_wait_for_one_that_waits_to_trace(stored):
     assert len(answers) == 1
 
 
-def test_the_users_own_functions_are_known_by_what_they_compute(stored):
+def test_user_functions_are_identified_by_their_computation(stored):
     """Functions with the same name may compute different values."""
     made = lambda factor: key.TracedFunction(lambda podium: factor * jnp.tan(podium.alpha), PODIUMS["block"])
     assert key.describe(made(2.0)) == key.describe(made(2.0)) != key.describe(made(3.0))
@@ -271,7 +271,7 @@ def test_answers_of_another_form_are_another_program(stored, extra):
     program._PROGRAMS.remove(made)
 
 
-def test_compiling_that_takes_long_is_said_once(stored, monkeypatch, caplog):
+def test_long_compilation_is_reported_once(stored, monkeypatch, caplog):
     monkeypatch.setattr(program, "_ANNOUNCE_AFTER", 0.0)
     program._ANNOUNCED.clear()
     caplog.set_level(

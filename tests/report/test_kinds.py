@@ -255,7 +255,7 @@ def test_random_motions(tmp_path):
 
 
 @pytest.mark.slow
-def test_things_on_floors(tmp_path):
+def test_blocks_and_oscillators_on_floors(tmp_path):
     """Values are bitwise those of a batch. One block overturns, so the check fails. Spectra are those of
     `rj.floor_spectrum`."""
     problem = read(tmp_path, FLOORS)

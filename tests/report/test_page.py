@@ -216,7 +216,7 @@ def test_other_units_change_the_factor_only():
                     assert float(new[value]) * factors[new[k]] == pytest.approx(si, rel=1e-15)
 
 
-def test_json_is_in_si_whatever_the_units():
+def test_json_is_in_si_for_all_units():
     page = sample.page()
     assert FORMATS["json"](page, UNITS) == FORMATS["json"](page, OTHERS)
     document = json.loads(FORMATS["json"](page, UNITS)["report.json"])

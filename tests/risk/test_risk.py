@@ -162,7 +162,7 @@ def test_numbers_of_the_structure_act_through_the_median():
     )
 
 
-def test_what_lies_outside_the_points_is_said():
+def test_extrapolation_is_reported():
     found = rj.annual_frequency(rj.Lognormal(30.0, 0.2), HAZARD)
     assert float(found.extrapolated) == pytest.approx(1.0)
     assert "100% of it extrapolated" in repr(found)
@@ -247,7 +247,7 @@ SITE_RATES, SITE_LEVELS = np.array([0.035, 0.012, 0.0034, 7.5e-4]), np.array([0.
         ("# PGA [g],λ", 1, SITE_RATES),
     ],
 )
-def test_columns_of_hazard_tables_are_what_their_headings_say(tmp_path, heading, unit, exceeded):
+def test_headings_determine_the_columns_of_hazard_tables(tmp_path, heading, unit, exceeded):
     path = tmp_path / "site.csv"
     rows = [f"{x!r},{y!r}\n" for x, y in zip((unit * SITE_LEVELS).tolist(), exceeded.tolist(), strict=True)]
     path.write_text(heading + "\n" + "".join(rows), encoding="utf-8")
@@ -528,7 +528,7 @@ def test_filters_in_series_are_those_of_the_transfer_function():
     np.testing.assert_allclose(turned.acceleration(u), expected, atol=1e-9 * np.abs(expected).max())
 
 
-def test_what_filters_let_through():
+def test_pass_bands_of_filters():
     steady = {"envelope": lambda t: jnp.ones_like(t)}
     plain = rj.GaussianMotion(2001, 0.02, 0.01, **steady).standard_deviation()[-1]
     layered = rj.GaussianMotion(2001, 0.02, 0.01, filters=(LAYER,), **steady)
@@ -673,7 +673,7 @@ def test_probabilities_of_known_limit_states(name, method):
     assert rj.reliability(G, dimension, method=method, seed=4).probability == found.probability
 
 
-def test_intervals_of_subset_simulation_cover_as_often_as_they_say():
+def test_intervals_of_subset_simulation_have_the_stated_coverage():
     """Sixteen seeds for a plane in 60 dimensions: with 95 % intervals two misses are rare, and four are an
     error."""
     normal = jnp.asarray(DIRECTION[:60] / np.linalg.norm(DIRECTION[:60]))
@@ -786,7 +786,7 @@ def test_arguments_that_make_no_sense_are_refused(arguments, expected):
         rj.reliability(**({"G": parabola, "dimension": 2, "method": "importance"} | arguments))
 
 
-def test_ctrl_c_keeps_what_is_known(monkeypatch):
+def test_ctrl_c_keeps_the_estimate_so_far(monkeypatch):
     values, calls = FunctionLimitState.values, []
 
     def stopped(self, u):
@@ -850,7 +850,7 @@ def test_derivatives_of_probabilities_are_surface_integrals(G, dimension, exact)
     assert error < 0.05 * abs(exact)
 
 
-def test_where_a_limit_state_jumps_derivatives_are_said_to_know_nothing():
+def test_derivatives_report_jumps_of_the_limit_state():
     limit = Moved(step, 2.0, 3)
     found = estimate_probability(
         "test", limit, starting_directions(limit, 8, 0), "line", 0.1, 1, 100_000, False

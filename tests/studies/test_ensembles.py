@@ -63,7 +63,7 @@ def test_half_width_of_the_band(still):
     assert still.cdf("peak_shear").attrs["half_width"] == pytest.approx(np.sqrt(np.log(40) / (2 * N)))
 
 
-def test_bands_contain_the_true_distribution_as_often_as_promised():
+def test_bands_have_the_stated_coverage():
     rng = np.random.default_rng(0)
     missed = 0
     for _ in range(400):
@@ -189,7 +189,7 @@ def test_unknown_values_lower_the_distance_that_is_certain():
     assert max(placed) <= open_ones.upper - widths + 1e-12
 
 
-def test_equal_seeds_give_equal_draws_whatever_else_is_drawn(still):
+def test_equal_seeds_give_equal_draws_of_each_parameter(still):
     again = at_rest(n=N)
     np.testing.assert_array_equal(again.draws["a_p"], still.draws["a_p"])
     np.testing.assert_array_equal(again.peaks.peak_shear, still.peaks.peak_shear)
@@ -317,7 +317,7 @@ def test_an_interruption_leaves_the_answers_so_far():
         ({"motions": "file.AT2"}, "motions must be a rockjax motion"),
     ],
 )
-def test_what_makes_no_sense_is_refused_before_anything_is_solved(change, words, monkeypatch):
+def test_invalid_arguments_are_rejected_before_solving(change, words, monkeypatch):
     monkeypatch.setattr("rockjax._studies.ensemble.peak_responses", None)
     given = {"podium": RIGID, "motions": rj.Ricker(1.0, 1.0), "spread": {"R": 1.0}, "n": N} | change
     with pytest.raises(ValueError, match=words):

@@ -89,7 +89,7 @@ def test_the_ground_moves_the_deck_vertically():
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05, 0.3])
-def test_what_follows_stays_below_its_bound(damping):
+def test_the_response_after_the_end_stays_below_its_bound(damping):
     more = {"damping": damping, "initial": rj.State(theta=0.1)}
     at_end = spectrum(FRAME, rj.Rest(), [0.1, 0.5, 2.0], t_end=40.0, **more)["relative_displacement"]
     for end in (0.5, 1.5, 6.0):
@@ -100,7 +100,7 @@ def test_what_follows_stays_below_its_bound(damping):
         assert (bound < 200 * at_end).all()
 
 
-def test_bounds_of_what_follows_have_their_closed_forms():
+def test_bounds_after_the_end_have_closed_forms():
     """(L16) for columns at rest and (L17) for free rocking, with X and r of fact 5."""
     damping, weights = np.array([0.0, 0.05]), np.array([0.5, -2.0, 0.0, 0.05])
     rests = Ending(np.True_, np.array([0.1, 0.2, np.inf, 1.0]), 0.0, 0.0, 0.9)

@@ -187,7 +187,7 @@ def test_derivatives_of_a_fit():
 @pytest.mark.parametrize(
     "capacity", [[0.5, np.inf, np.inf], [np.inf] * 3, [0.4, 0.4, 0.4]], ids=["one", "none", "all the same"]
 )
-def test_what_does_not_fit_is_not_a_number(capacity):
+def test_invalid_fits_are_nan(capacity):
     """Derivatives raise no error; if NaN is replaced, the derivatives with respect to the capacities are
     zero."""
     capacity, limit = jnp.asarray(capacity), jnp.ones(3)
@@ -222,7 +222,7 @@ WITHOUT_MAXIMUM = {
 
 
 @pytest.mark.parametrize("name", WITHOUT_MAXIMUM)
-def test_counts_whose_likelihood_has_no_maximum_are_refused_with_the_reason(name):
+def test_counts_without_a_maximum_of_the_likelihood_are_rejected_with_the_reason(name):
     events, words = WITHOUT_MAXIMUM[name]
     levels, overturned = np.arange(1.0, 9.0), np.arange(20)[:, None] < np.array(events)
     assert np.isnan(fit_counts(levels, np.asarray(events, float), np.full(8, 20.0))).all()
@@ -396,7 +396,7 @@ def stripe_analysis(capacity, levels) -> xarray.Dataset:
 
 @pytest.mark.slow(but=["10-1.2"])
 @pytest.mark.parametrize(("count", "limit"), [(5, 100.0), (10, 1.2), (40, 1.0)])
-def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
+def test_intervals_have_the_stated_coverage(count, limit):
     """1000 samples, with no, a third or half of the records censored. A fraction of .9 has a standard error
     of .0095."""
     rng = np.random.default_rng(count)
@@ -414,7 +414,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(count, limit):
     np.testing.assert_allclose(shares, 0.9, atol=0.03)
 
 
-def test_few_records_are_said():
+def test_few_records_cause_a_warning():
     with pytest.warns(RuntimeWarning, match="rest on only 2 records that overturn"):
         curve = rj.fragility(stripe_analysis([0.8, 1.2, 9.0], [0.5, 1.0, 2.0]))
     low, high = curve["interval"].sel(quantity="median_capacity").values

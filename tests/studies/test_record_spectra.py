@@ -43,7 +43,7 @@ def test_far_from_overturning_the_top_moves_as_far_at_every_size(spectrum):
     assert np.allclose(moved[:, :2], 2 * R[:2] * (np.sin(alpha) - np.sin(alpha * (1 - rotation[:, :2]))))
 
 
-def test_records_are_told_by_their_samples_seeds_and_files(spectrum):
+def test_records_are_identified_by_samples_seeds_and_files(spectrum):
     expected = describe_motions(RECORDS)
     assert spectrum["sha256"].values.tolist() == expected["record_sha256"]
     assert spectrum["seed"].values.tolist() == expected["record_seed"] == [3, 3]
@@ -111,6 +111,6 @@ def test_it_is_drawn(spectrum):
         (lambda: rj.record_spectrum(BLOCK.replace(alpha=[0.1, 0.2]), RECORDS, [1.0]), "scalar parameters"),
     ],
 )
-def test_bad_input_says_what_would_be_right(call, words):
+def test_errors_name_the_valid_values(call, words):
     with pytest.raises(ValueError, match=words):
         call()

@@ -37,7 +37,7 @@ def test_axes_units_and_values(spectrum):
     assert all("units" in spectrum[name].attrs for name in spectrum.variables)
 
 
-def test_only_what_is_asked_for():
+def test_only_requested_outputs():
     o = rj.Options(outputs=("peak_rotation",))
     data = rj.rocking_spectrum(
         PODIUMS["elastic"], lambda a, T: rj.Gabor(a, T, 2.0), [4.0], [2.0, 3.0], options=o

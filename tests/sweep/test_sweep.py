@@ -236,7 +236,7 @@ def test_a_table_of_scenes(tmp_path, batch):
     np.testing.assert_allclose(data["peak_rotation"], batch.peak_rotation[1].ravel(), atol=1e-12)
 
 
-def test_only_what_is_missing_or_damaged_is_solved_again(tmp_path, batch, solved_chunks):
+def test_only_missing_or_damaged_chunks_are_solved_again(tmp_path, batch, solved_chunks):
     store = tmp_path / "a.zarr"
     sweep(store)
     solved_chunks.clear()
@@ -326,7 +326,7 @@ def test_calls_that_make_no_sense_are_refused(tmp_path, call, words):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_varies_is_a_coordinate(tmp_path):
+def test_varying_parameters_are_coordinates(tmp_path):
     """An axis of one value, a parameter of the motion with the name of a podium's parameter, and labels that
     differ from the values."""
     motion = rj.MavroeidisPapageorgiou(2.0, 1.0, 2.0, 0.0)
@@ -353,7 +353,7 @@ def test_a_url(tmp_path, batch):
     assert_equal(sweep(tmp_path / "b.zarr"), batch)  # an empty folder is treated like none
 
 
-def test_what_to_install_is_said_before_anything_is_solved(tmp_path, monkeypatch):
+def test_missing_packages_are_named_before_solving(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "zarr" else 1)
     with pytest.raises(
         ImportError, match=r"a sweep needs zarr; install with: pip install 'rockjax\[sweep\]'"
@@ -453,7 +453,7 @@ def test_metadata_of_something_else_are_named(tmp_path, small_store):
         sweep(store)
 
 
-def test_a_dry_run_writes_nothing_and_says_what_it_will_take(tmp_path):
+def test_a_dry_run_writes_nothing_and_estimates_the_cost(tmp_path):
     plan = sweep(tmp_path / "a.zarr", dry_run=True)
     assert not list(tmp_path.iterdir())
     data = sweep(tmp_path / "a.zarr")
@@ -483,7 +483,9 @@ def test_scenes_without_an_answer_are_counted(tmp_path):
     assert 0 < int((data["result"] == 3).sum()) < 1200
 
 
-def test_ctrl_c_keeps_whole_chunks_and_the_same_call_goes_on(tmp_path, batch, solved_chunks, monkeypatch):
+def test_ctrl_c_keeps_complete_chunks_and_the_same_call_continues(
+    tmp_path, batch, solved_chunks, monkeypatch
+):
     solve, seen = _chunks.Job.solve, []
 
     def stopping(self, k, *args):

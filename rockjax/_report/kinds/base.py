@@ -34,7 +34,7 @@ class Values(NamedTuple):
     - `values`: (n,) [SI]; ±inf where a word replaces the number
     - `errors`: (n,) estimated errors, NaN where unknown
     - `words`: (n,) words that replace numbers, such as "overturned at 5.85 s"; "" for numbers
-    - `places`: (n,) storey, joint or time of each value; "" for none
+    - `locations`: (n,) storey, joint or time of each value; "" for none
     - `unanswered`: why each scene or the estimate has no result, such as "undecided"; "" for results
     - `names`: (n,) names of the cases: motions or pulses
     - `remark`: text that the summary adds to the value, or ""
@@ -44,7 +44,7 @@ class Values(NamedTuple):
     values: np.ndarray
     errors: np.ndarray
     words: tuple[str, ...]
-    places: tuple[str, ...]
+    locations: tuple[str, ...]
     unanswered: tuple[str, ...]
     names: tuple[str, ...]
     remark: str = ""
@@ -211,14 +211,14 @@ def with_words(
     data: Any,
     values: np.ndarray,
     errors: np.ndarray,
-    places: list[str],
+    locations: list[str],
     is_minimum: bool,
 ) -> Values:
     """Return values of scenes, with words for overturned scenes and for infinite values, where a joint opens.
 
     - `scenes`, `entry`: the scenes and the entry
     - `data`: dataset of the scenes, with the dim `motion` of length n
-    - `values`, `errors`, `places`: fields of `Values`, (n,)
+    - `values`, `errors`, `locations`: fields of `Values`, (n,)
     - `is_minimum`: whether the value must be at least the limit
     """
     words, unanswered = [], unanswered_scenes(data)
@@ -231,7 +231,7 @@ def with_words(
         else:
             words.append("joint opens" if np.isinf(values[k]) else "")
     names = scenes.motion_set(str(entry.motions)).names
-    return Values(values, np.asarray(errors, float), tuple(words), tuple(places), tuple(unanswered), names)
+    return Values(values, np.asarray(errors, float), tuple(words), tuple(locations), tuple(unanswered), names)
 
 
 def unanswered_scenes(data: Any) -> list[str]:

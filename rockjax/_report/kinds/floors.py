@@ -77,14 +77,14 @@ class FloorKind(Kind):
         errors = np.full(len(peaks), np.nan)
         if f"{self.variable}_error" in data:
             errors = data[f"{self.variable}_error"].values[rows, worst]
-        places = [names[k] for k in worst]
-        result = with_words(scenes, entry, data, peaks[rows, worst], errors, places, False)
+        locations = [names[k] for k in worst]
+        result = with_words(scenes, entry, data, peaks[rows, worst], errors, locations, False)
         words, unanswered = list(result.words), list(result.unanswered)
         code = data[f"{self.dim}_result"].values
         for k in rows:
             if words[k] == "joint opens":  # the word for an infinite value, here of an overturned block
                 time = float(data["contents_overturn_time"].values[k, worst[k]])
-                words[k] = f"{places[k]} overturned at {time:.2f} s"
+                words[k] = f"{locations[k]} overturned at {time:.2f} s"
             elif not words[k] and (code[k] > results.OVERTURNED).any():
                 unanswered[k] = results.NAMES[int(code[k].max())]
             elif not words[k] and np.isinf(errors[k]):

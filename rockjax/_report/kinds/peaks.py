@@ -74,16 +74,19 @@ class PeakKind(Kind):
         factors = scenes.factors(variation)
         for name, exponent in self.powers:
             all_values, error = (y * factors.get(name, 1.0) ** exponent for y in (all_values, error))
-        places = [""] * len(raw)
+        locations = [""] * len(raw)
         if axis is not None:
             worst = np.argmin(all_values, axis=-1) if self.is_minimum else np.argmax(all_values, axis=-1)
             rows = np.arange(len(raw))
             all_values, error = all_values[rows, worst], error[rows, worst]
-            place_names = {JOINTS: lambda k: f"{JOINT_NAMES[k]} joint", STORIES: lambda k: f"storey {k + 1}"}
-            places = [place_names.get(axis, lambda k: f"mode {k + 1}")(int(k)) for k in worst]
+            location_names = {
+                JOINTS: lambda k: f"{JOINT_NAMES[k]} joint",
+                STORIES: lambda k: f"storey {k + 1}",
+            }
+            locations = [location_names.get(axis, lambda k: f"mode {k + 1}")(int(k)) for k in worst]
         if self.variable == "peak_rotation":
-            places = [f"{float(t):.3f} s" for t in data["peak_rotation_time"].values]
-        return with_words(scenes, entry, data, all_values, error, places, self.is_minimum)
+            locations = [f"{float(t):.3f} s" for t in data["peak_rotation_time"].values]
+        return with_words(scenes, entry, data, all_values, error, locations, self.is_minimum)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         answers, problem = scene_answers(scenes, str(entry.motions), case), scenes.problem

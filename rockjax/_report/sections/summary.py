@@ -76,10 +76,10 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
 
 
 def _governs(check: Check) -> Text:
-    """Return the governing motion or pulse, the place and the reason of a check."""
+    """Return the governing motion or pulse, the location and the reason of a check."""
     names = check.values.names if check.values else ()
     name = names[check.governing] if check.governing is not None and names else "whole set"
-    return ", ".join(text for text in (name, check.place, check.reason) if text)
+    return ", ".join(text for text in (name, check.location, check.reason) if text)
 
 
 def _slopes(check: Check) -> Text:
