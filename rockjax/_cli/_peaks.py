@@ -91,7 +91,7 @@ def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") ->
 
 def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:
     """Return a row for each motion: name, result, number of impacts, and the worst value of each output."""
-    from rockjax._outputs.base import worst_place
+    from rockjax._outputs.base import worst_component
     from rockjax._outputs.registry import VARIABLES
     from rockjax._results import NAMES
     from rockjax._units import displayed
@@ -102,7 +102,7 @@ def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:
     for name, (variable, _) in VARIABLES.items():
         if name in data and variable.until_overturning:
             unit = displayed(variable.unit)
-            columns[f"{variable.symbol or name} [{unit}]"] = worst_place(name, data[name].values)
+            columns[f"{variable.symbol or name} [{unit}]"] = worst_component(name, data[name].values)
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 

@@ -41,11 +41,11 @@ class Variable(NamedTuple):
     until_overturning: bool = True
 
 
-def worst_place(name: str, values: np.ndarray) -> np.ndarray:
+def worst_component(name: str, values: np.ndarray) -> np.ndarray:
     """Return the worst value over the modes, stories or joints of an answer: the least of `least_…` answers,
     else the largest.
 
-    - `name`: name of the answer; `values`: shape (n,) or (n, places)
+    - `name`: name of the answer; `values`: shape (n,) or (n, components)
     """
     if values.ndim == 1:
         return values

@@ -247,13 +247,13 @@ class Ensemble:
                 values = values[:, k - 1]
         elif component is not None:
             raise ValueError(f"{owner}: {output} has no components, got component = {component!r}")
-        is_open = self.unanswered | self.undecided
+        is_unknown = self.unanswered | self.undecided
         if output in ("overturn_time", "uplift_time"):  # NaN if it never happens
             values = np.where(np.isnan(values), np.inf, values)
         elif output == "peak_rotation" or answer.attrs.get("ancillary_variables") == "overturned":
             values = np.where(self.overturned, worst, values)
-        is_open = is_open | np.isnan(values)
-        return Sample(np.where(self.unanswered | np.isnan(values), worst, values), is_open)
+        is_unknown = is_unknown | np.isnan(values)
+        return Sample(np.where(self.unanswered | np.isnan(values), worst, values), is_unknown)
 
     def cdf(
         self,
@@ -337,10 +337,10 @@ class Ensemble:
     def overturning_probability(self, confidence: float = CONFIDENCE) -> tuple[float, float, float]:
         """Return the share of scenes that overturned, and the lower and upper Clopper–Pearson bounds of the
         overturning probability [–]. Raises `ValueError` unless `confidence` is in (0, 1)."""
-        is_open = self.unanswered | self.undecided
-        least = int(np.sum(self.overturned & ~is_open))
+        is_unknown = self.unanswered | self.undecided
+        least = int(np.sum(self.overturned & ~is_unknown))
         low, high = empirical.probability_interval(
-            least, least + int(is_open.sum()), self.size, _checked_confidence(confidence)
+            least, least + int(is_unknown.sum()), self.size, _checked_confidence(confidence)
         )
         return float(np.mean(self.overturned)), low, high
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rockjax._outputs.base import worst_place
+from rockjax._outputs.base import worst_component
 from rockjax._outputs.registry import VARIABLES
 from rockjax._units import displayed
 
@@ -62,7 +62,7 @@ def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figu
 def _draw(ax: Axes, data: xarray.Dataset, name: str, overturned: np.ndarray) -> None:
     """Draw the values of an output, a mark for each motion."""
     variable, _ = VARIABLES[name]
-    values = worst_place(name, data[name].values)
+    values = worst_component(name, data[name].values)
     rows, is_finite = np.arange(values.size), np.isfinite(values)
     ax.hlines(rows[is_finite], 0, values[is_finite], color="0.8", lw=0.8)
     for is_chosen, colour, face in ((~overturned, COLOURS[2], COLOURS[2]), (overturned, COLOURS[1], "white")):

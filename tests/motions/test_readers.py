@@ -271,7 +271,7 @@ def test_one_column_and_numpy(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "dt", "said"),
+    ("name", "text", "dt", "output"),
     [
         (
             "a.V2",

@@ -129,7 +129,7 @@ def test_buildings_under_both_components():
 
 
 @pytest.mark.parametrize(
-    ("vary", "said"),
+    ("vary", "output"),
     [
         ({}, "must name at least one parameter"),
         ({"widht": (0.2, 1.0)}, "widht"),  # codespell:ignore

@@ -72,7 +72,7 @@ def test_order_of_words():
 
 
 @pytest.mark.parametrize(
-    ("statistic", "known"), [("max", 4.0), ("mean", 2.5), ("median", 2.5), ("p84", 1 + 3 * 0.84)]
+    ("statistic", "expected"), [("max", 4.0), ("mean", 2.5), ("median", 2.5), ("p84", 1 + 3 * 0.84)]
 )
 def test_statistics(statistic, expected):
     """Quantiles are interpolated; an overturned scene makes mean and maximum infinite, not 1 α."""
