@@ -54,9 +54,9 @@ def document(page: Page, g: float) -> dict[str, Any]:
     - `g`: gravity [m/s²]
 
     The keys are `schema`, `title`, `subject`, `head`, `origin`, `verdict`, `is_verified`, `notices`, `checks`
-    (a list with an entry for each row of the summary), `tables` (by name) and `sections`. A number is
-    {"value", "unit"} and, if known, "error"; a word that replaces a number is {"text", "state"}; texts
-    with numbers are lists of strings and numbers.
+    (a list with an entry for each row of the summary, whose `is_target` states whether it is a design
+    target), `tables` (by name) and `sections`. A number is {"value", "unit"} and, if known, "error"; a word
+    that replaces a number is {"text", "state"}; texts with numbers are lists of strings and numbers.
     """
     writer = _Writer(Units.si(g))
     summaries = [block for block in page.blocks() if isinstance(block, Summary)]
