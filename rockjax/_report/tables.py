@@ -195,8 +195,7 @@ class Column:
 class Table:
     """A table of a report.
 
-    - `name`: name of the file, sheet and JSON entry, unique in a report: up to 31 lower-case letters, digits
-      and "-"
+    - `name`: name of the file, sheet and JSON entry, unique in a report: lower-case letters, digits and "-"
     - `caption`: title above the table
     - `columns`: the columns; the cells of the first column are the headings of the rows
     - `rows`: at least one row, each with a cell for every column; a string is a `Word`
@@ -215,10 +214,8 @@ class Table:
     ids: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[a-z][a-z0-9-]{0,30}", self.name):
-            raise ValueError(
-                f"Table: name must have up to 31 lower-case letters, digits and '-', got {self.name!r}"
-            )
+        if not re.fullmatch(r"[a-z][a-z0-9-]*", self.name):
+            raise ValueError(f"Table: name must have lower-case letters, digits and '-', got {self.name!r}")
         caption = checked_text(self.caption, f"Table {self.name}: caption")
         columns = tuple(self.columns)
         rows = tuple(tuple(_cell(cell) for cell in row) for row in self.rows)

@@ -1,6 +1,7 @@
 """Pages of reports and their files: escaped texts, equal numbers, reproducible bytes, valid HTML."""
 
 import csv
+import dataclasses
 import html
 import io
 import json
@@ -131,6 +132,19 @@ def test_a_file_of_windows_keeps_its_lines():
     made = files_of(blocks.Page(page.title, {}, page.verdict, (), (*page.sections, annex)))
     assert visible(list(parsed(made["report.html"]).iter("pre"))[-1]) == text.replace("\r\n", "\n")
     assert json.loads(made["report.json"])["sections"][-1]["blocks"] == [{"verbatim": text}]
+
+
+def test_tables_with_long_names_have_sheets():
+    """The names of sheets have at most 31 characters."""
+    page = sample.page()
+    (name, *_), table = (sheet.name for sheet in page.tables()), sample.motions()
+    long = [dataclasses.replace(table, name=f"rotation-of-the-maximum-considered-{k}") for k in (1, 2)]
+    section = dataclasses.replace(page.sections[0], blocks=(*page.sections[0].blocks, *long))
+    content = files_of(dataclasses.replace(page, sections=(section, *page.sections[1:])))["report.xlsx"]
+    found = [sheet for sheet in sheets(content) if sheet.startswith("rotation-of-the-maximum")]
+    assert len(found) == 2
+    assert all(len(sheet) <= 31 for sheet in found)
+    assert name in sheets(content)
 
 
 def test_without_xlsxwriter_the_message_names_the_command(monkeypatch):

@@ -16,6 +16,7 @@ from .grid import Number, grid
 _CREATED = datetime.datetime(2000, 1, 1)  # fixed, so that the same tables give the same bytes
 _WIDTHS = (8, 60)  # least and largest width of a column, in characters
 _LONGEST = 32_767  # characters in a cell of a spreadsheet
+_LONGEST_NAME = 31  # characters in the name of a sheet
 
 
 def require_library() -> Any:
@@ -41,8 +42,8 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
     workbook.set_properties({"title": page.title[:255], "created": _CREATED})
     bold, top_aligned = workbook.add_format({"bold": True}), workbook.add_format({"valign": "top"})
     formats: dict[str, Any] = {}
-    for table in page.tables():
-        sheet = workbook.add_worksheet(table.name)
+    for number, table in enumerate(page.tables(), 1):
+        sheet = workbook.add_worksheet(_sheet_name(table.name, number))
         sheet.write_string(0, 0, plain(table.caption, units)[:_LONGEST], bold)
         table_grid = grid(table, units)
         for column, name in enumerate(table_grid.heads):
@@ -61,6 +62,15 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
         sheet.freeze_panes(2, 1)
     workbook.close()
     return {"report.xlsx": target.getvalue()}
+
+
+def _sheet_name(name: str, number: int) -> str:
+    """Return the name of the sheet of a table: its own name; if that is too long, its start and the number of
+    the table."""
+    if len(name) <= _LONGEST_NAME:
+        return name
+    ending = f"~{number}"
+    return name[: _LONGEST_NAME - len(ending)] + ending
 
 
 def _text(cell: Number | str) -> str:
