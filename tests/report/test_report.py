@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 import unicodedata
 
 import numpy as np
@@ -216,6 +217,54 @@ def test_files(folder, report):
     assert found["schema"]
     tables = report.to_csv(folder / "csv")
     assert {path.stem for path in tables} == set(report.tables)
+
+
+OPTIONAL = (
+    "[project]",
+    "[joints]",
+    "[sources]",
+    "[report]",
+    "positions beam_depth",
+    "beam_depth",
+    "number",
+    "friction",
+)
+
+
+def test_the_same_input_gives_the_same_bytes(folder, report, monkeypatch):
+    """On another day one line differs."""
+    pages = []
+    for seconds in ("1700000000", "1700000000", "1800000000"):
+        monkeypatch.setenv("SOURCE_DATE_EPOCH", seconds)
+        pages.append(rj.report(folder / "problem.toml", folder / "page.html").html)
+    assert pages[0] == pages[1]
+    lines = [page.splitlines() for page in pages]
+    assert len(lines[0]) == len(lines[2])
+    assert sum(a != b for a, b in zip(lines[0], lines[2], strict=True)) == 1
+
+
+@pytest.mark.parametrize("gone", OPTIONAL)
+def test_every_section_has_content_without_an_optional_entry(tmp_path, gone):
+    texts = """[project]
+title = "Title"
+number = "1"
+
+[sources]
+"structure.width" = "drawing 1"
+"""
+    file = texts + FILE.replace('"joints.friction"', "0.5")
+    blocks = [block for block in file.split("\n\n") if not block.strip().startswith(gone)]
+    names = tuple(f"{name} =" for name in gone.split())
+    lines = [line for line in "\n\n".join(blocks).splitlines() if not line.startswith(names)]
+    assert len(lines) < len(file.splitlines())
+    path = tmp_path / "problem.toml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    made = rj.report(path)
+    assert [section.number for section in made.page.sections] == list(range(1, 13))
+    assert all(section.blocks for section in made.page.sections)
+    assert all(table.rows for table in made.page.tables())
+    text = re.sub(r"<(style|svg|pre)\b.*?</\1>|<[^>]*>", " ", made.html, flags=re.DOTALL)
+    assert not re.search(r"\b(nan|inf|None)\b|\{\{|\{%", text)
 
 
 def test_another_text_solves_nothing_again(folder, report):
