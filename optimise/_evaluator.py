@@ -143,7 +143,7 @@ def _trace_functions(variables: Variables, objective: AbstractObjective | None) 
     return jax.tree.map(trace, objective, is_leaf=lambda leaf: isinstance(leaf, OfPodium))
 
 
-@functools.partial(StoredProgram, arrays_only=True, words="the design with its derivatives")
+@functools.partial(StoredProgram, arrays_only=True, description="the design with its derivatives")
 def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
     """Return the Jacobians of the values and of every target's margins, and the result of `problem`."""
 

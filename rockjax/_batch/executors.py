@@ -117,7 +117,7 @@ _on_one = StoredProgram(
     advance,
     donate=[0],
     compiler_options=_COMPILER_OPTIONS["cpu"],
-    words="the program for batches of this kind of scene",
+    description="the program for batches of this kind of scene",
 )
 
 

@@ -22,13 +22,13 @@ CHUNK = 16  # number of scenes that are solved together
 
 
 @StoredProgram
-def _chunk(leaves, systems, options, *, structure, axes, history: int):
+def _chunk(leaves, systems, options, *, structure, axes, capacity: int):
     """Return the answers of secondary systems on the floors of a chunk of scenes."""
 
     def solve_scene(*leaves):
         podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
         structures = podium.without_elevation(), systems
-        return on_floors(structures, excitation, initial, t_end, options, history=history)
+        return on_floors(structures, excitation, initial, t_end, options, capacity=capacity)
 
     return jax.vmap(solve_scene, in_axes=axes)(*leaves)
 
@@ -57,15 +57,15 @@ def answers_on_floors(
     pending, answers = deque(range(0, scenes.total, CHUNK)), {}
 
     def solve(first: int) -> Any:
-        count, history = min(CHUNK, scenes.total - first), options.history
+        count, capacity = min(CHUNK, scenes.total - first), options.history
         leaves = scenes.part(SceneIndices(first, 1, count), CHUNK)
         while True:
-            static = {"structure": scenes.structure, "axes": scenes.axes, "history": history}
+            static = {"structure": scenes.structure, "axes": scenes.axes, "capacity": capacity}
             answer = jax.tree.map(np.asarray, _chunk(leaves, systems, options, **static))
             is_full = np.any(answer[1][1][:count] == results.HISTORY_FULL)
-            if not is_full or history >= options.max_steps + 2:
+            if not is_full or capacity >= options.max_steps + 2:
                 return jax.tree.map(lambda y: y[:count] if y.ndim else np.full(count, y), answer)
-            history *= 4
+            capacity *= 4
 
     with bar_of(scenes.total, "scenes with floors", progress, unit_scale=True) as bar:
 

@@ -39,7 +39,7 @@ def solve(
     initial: State,
     t_end: Array | None,
     options: Options,
-    history: int | None = None,
+    capacity: int | None = None,
 ) -> tuple[tuple[dict[str, Array], Any], tuple[dict[str, Array], Any]]:
     """Solve one scene.
 
@@ -47,7 +47,7 @@ def solve(
     - `initial`: initial state
     - `t_end`: end of the scene [s]; None for the default
     - `options`: options of the solver
-    - `history`: number of steps to store; None stores none
+    - `capacity`: number of steps to store; None stores none
 
     Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). Stored
     programs are used if all values are concrete, also inside `jax.grad` and `jax.jvp` of concrete values.
@@ -57,12 +57,12 @@ def solve(
     arguments = podium, excitation, initial, t_end, options
     leaves = jax.tree.leaves(arguments)
     if options.engine != "flat" or not all(map(is_concrete, leaves)):
-        return PROGRAM(*arguments, history=history)
+        return PROGRAM(*arguments, capacity=capacity)
     arguments = podium, excitation.common_form(), initial, t_end, as_compiled(podium, options)
     if any(isinstance(y, Tracer) for y in leaves):
         leaves, structure = jax.tree.flatten(arguments)
-        return differentiable(PROGRAM, SLOPES, structure, history)(*leaves)
-    return PROGRAM(*arguments, history=history)
+        return differentiable(PROGRAM, SLOPES, structure, capacity)(*leaves)
+    return PROGRAM(*arguments, capacity=capacity)
 
 
 def solve_with_slopes(
@@ -79,7 +79,7 @@ def solve_with_slopes(
     podium = podium if options.of_joints else podium.without_elevation()
     arguments = podium, excitation.common_form(), initial, t_end, as_compiled(podium, options)
     indices = scalar_positions(jax.tree.leaves(arguments[:2]))
-    ((floats, _), _), (slopes, _) = SLOPES(*arguments, leaf_indices=indices, history=None)
+    ((floats, _), _), (slopes, _) = SLOPES(*arguments, leaf_indices=indices, capacity=None)
     return floats, slopes, indices
 
 
@@ -90,19 +90,19 @@ def _answers(
     t_end: Array | None,
     options: Options,
     *,
-    history: int | None,
+    capacity: int | None,
     reversible: bool,
 ):
     """Do the work of `solve`, with the same arguments and results. `reversible` selects the form of the loop
     for derivatives with respect to arrays."""
-    plan = plan_for(podium, options, history is not None)
+    plan = plan_for(podium, options, capacity is not None)
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)
     if options.engine == "segments":
         from .segments import run_segments
 
-        state, nodes = run_segments(scene, plan, state, options, history)
+        state, nodes = run_segments(scene, plan, state, options, capacity)
         return _with_nodes(answers(scene, plan, state), nodes)
-    state, final, nodes = solve_scene(scene, plan, state, options.max_steps, history, reversible)
+    state, final, nodes = solve_scene(scene, plan, state, options.max_steps, capacity, reversible)
     return _with_nodes(answers(scene, plan, state, final), nodes)
 
 

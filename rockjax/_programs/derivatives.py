@@ -75,17 +75,17 @@ def with_derivatives(function: Callable) -> Callable:
     """Give a function of a scene the derivative rule of `_with_jacobian_rule`.
 
     - `function`: function of the scene's arguments, of which the last is the options of the solver, with the
-      keywords `history` and `reversible`. It returns (floats, integers). With `reversible` its loops can be
+      keywords `capacity` and `reversible`. It returns (floats, integers). With `reversible` its loops can be
       differentiated in reverse mode
 
-    Returns a function of the same arguments and `history`.
+    Returns a function of the same arguments and `capacity`.
     """
 
     @functools.wraps(function)
-    def evaluate(*arguments, history: int | None = None):
+    def evaluate(*arguments, capacity: int | None = None):
         leaves, structure = jax.tree.flatten(arguments)
         plain, reversible = (
-            _take_leaves(function, structure, history=history, reversible=y) for y in (False, True)
+            _take_leaves(function, structure, capacity=capacity, reversible=y) for y in (False, True)
         )
         return _with_jacobian_rule(plain, reversible, arguments[-1].engine == "flat")(*leaves)
 
@@ -102,9 +102,9 @@ def with_slopes(function: Callable) -> Callable:
     """
 
     @functools.wraps(function)
-    def evaluate(*arguments, leaf_indices: tuple[int, ...], history: int | None = None):
+    def evaluate(*arguments, leaf_indices: tuple[int, ...], capacity: int | None = None):
         leaves, structure = jax.tree.flatten(arguments)
-        of_leaves = _take_leaves(function, structure, history=history, reversible=False)
+        of_leaves = _take_leaves(function, structure, capacity=capacity, reversible=False)
         floats, jacobian, integers = _with_jacobian(of_leaves, leaves, leaf_indices)
         return (floats, integers), jacobian
 
@@ -232,27 +232,27 @@ def value_of(leaf: Any) -> Any:
 
 
 @functools.cache
-def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: Any, history: int | None):
+def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: Any, capacity: int | None):
     """Return a differentiable function from the leaves of a scene to its answers.
 
     - `program`: program that computes the answers
     - `slopes_of`: program that computes the answers and their derivatives, see `with_slopes`
     - `structure`: tree structure of the arguments
-    - `history`: number of steps to store; None to store no steps
+    - `capacity`: number of steps to store; None to store no steps
     """
 
     @jax.custom_jvp
     def evaluate(*leaves):
-        return program(*jax.tree.unflatten(structure, leaves), history=history)
+        return program(*jax.tree.unflatten(structure, leaves), capacity=capacity)
 
     def rule(primals, tangents):
         varied = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, SymbolicZero)]
         podium, excitation, *_ = structure.children()
         leaf_indices = scalar_positions(primals[: podium.num_leaves + excitation.num_leaves])
         if not set(varied) <= set(leaf_indices) or any(isinstance(y, Tracer) for y in primals):
-            return _differentiate_traced(program, structure, history, primals, tangents, varied)
+            return _differentiate_traced(program, structure, capacity, primals, tangents, varied)
         scene = jax.tree.unflatten(structure, primals)
-        answer, slopes = slopes_of(*scene, leaf_indices=leaf_indices, history=history)
+        answer, slopes = slopes_of(*scene, leaf_indices=leaf_indices, capacity=capacity)
         directions = {leaf_indices.index(i): tangents[i] for i in varied}
         _, integers = answer
         floats_dot = jax.tree.map(lambda slope: directional_derivative(np.asarray(slope), directions), slopes)
@@ -287,10 +287,10 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
 
 
 def _differentiate_traced(
-    program: StoredProgram, structure: Any, history: int | None, primals, tangents, varied
+    program: StoredProgram, structure: Any, capacity: int | None, primals, tangents, varied
 ):
     """Differentiate the program through `jax.jit`: with respect to arrays, such as samples, with respect to
     initial states, and inside other transformations."""
-    traced = lambda *leaves: program.through_jit(*jax.tree.unflatten(structure, leaves), history=history)
+    traced = lambda *leaves: program.through_jit(*jax.tree.unflatten(structure, leaves), capacity=capacity)
     of_varied = _restrict(traced, primals, varied)
     return jax.jvp(of_varied, [primals[i] for i in varied], [tangents[i] for i in varied])

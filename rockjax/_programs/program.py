@@ -57,7 +57,7 @@ class StoredProgram:
     - `arrays_only`: True if Python numbers are static as well
     - `compiler_options`: options of XLA
     - `name`: name of the program in its key; by default the full name of the function
-    - `words`: name of the program in progress bars
+    - `description`: name of the program in progress bars
 
     For concrete arguments on a single CPU, the program is loaded from the store if it is there, without
     tracing and compiling, and gives bitwise identical results. All other arguments, such as tracers, are
@@ -72,11 +72,11 @@ class StoredProgram:
         arrays_only: bool = False,
         compiler_options: dict[str, Any] | None = None,
         name: str | None = None,
-        words: str = "the program for this kind of scene",
+        description: str = "the program for this kind of scene",
     ):
         functools.update_wrapper(self, function)
         self.name = name or f"{function.__module__}.{function.__qualname__}"
-        self._words, self._function, self._donate = words, function, tuple(donate)
+        self._description, self._function, self._donate = description, function, tuple(donate)
         self._options = compiler_options or {}
         self._passed = ARRAYS if arrays_only else ARRAYS | bool | int | float
         self._jits: dict[_StaticInputs, Any] = {}
@@ -166,7 +166,7 @@ class StoredProgram:
         loaded = _load(key) if key else None
         if loaded is not None:
             return loaded
-        with compiling(self._words):
+        with compiling(self._description):
             with _tracing():
                 lowered = self._jit(static).lower(*passed)
             if uses_store and not key:  # the lowered program identifies user-defined classes and functions

@@ -37,8 +37,8 @@ from .floor_course import NEVER_LIFTS, FloorCourse, end_with_oscillators, floor_
 from .floor_end import bound_after_end, ratio_after_end
 
 BOTTOM = 0  # index of the bottom joint, between a block and the floor
-UNREACHABLE = 1e300  # a rest velocity that columns never exceed after a velocity jump of the floor
-OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, whose displacements are small at short periods
+UNREACHABLE = 1e300  # rest velocity so large that no velocity jump of the floor starts the columns
+OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, because short periods have small displacements
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,8 +46,8 @@ class JoltFriction(AbstractOutput):
     """The largest friction demand of a block at velocity jumps of the floor, (L15). Jumps below the rest
     velocity do not count.
 
-    The accumulator is tan(φ/4) for the angle φ of the impulse. The note is 1 if a jump started the block,
-    else 0.
+    The accumulator is tan(φ/4) for the angle φ of the impulse from the vertical. The note is 1 if a jump
+    started the block, else 0.
     """
 
     name = "jolt_friction"
@@ -64,13 +64,15 @@ class JoltFriction(AbstractOutput):
         jolt, state, c = present(end.jolt), end.step.state, end.step.c
         jump: Any = jolt.jump
         s, cos = sincos(jolt.side * c.alpha - end.x[0])
-        turn = jnp.where(jolt.sigma == 0, 0.0, 0.5 * c.two_R * jolt.change[0])
-        demand = jnp.abs(quarter_tangent(jump.horizontal + turn * cos, jump.vertical + turn * s))
-        # The direction of a jump below the rest velocity depends on how the structure comes to rest.
+        velocity_from_rotation = jnp.where(jolt.sigma == 0, 0.0, 0.5 * c.two_R * jolt.change[0])
+        horizontal = jump.horizontal + velocity_from_rotation * cos
+        vertical = jump.vertical + velocity_from_rotation * s
+        demand = jnp.abs(quarter_tangent(horizontal, vertical))
+        # Smaller jumps do not count: their direction depends on how the structure comes to rest.
         size = jnp.abs(jump.horizontal) + jnp.abs(jump.vertical)
-        raises = end.accepted & (size > c.two_R * end.step.scene.rest_speed) & (demand > accumulator)
+        is_larger = end.accepted & (size > c.two_R * end.step.scene.rest_speed) & (demand > accumulator)
         started = end.accepted & jolt.lifts & ~state.uplifted
-        return jnp.where(raises, demand, accumulator), jnp.where(started, 1.0, note)
+        return jnp.where(is_larger, demand, accumulator), jnp.where(started, 1.0, note)
 
     def answer(self, ended: Ended, accumulator: Value, note: Any) -> dict[str, Any]:
         return {self.name: friction_of(accumulator), "started_by_impulse": note}
@@ -79,11 +81,12 @@ class JoltFriction(AbstractOutput):
 def _rock(
     block: Contents, g: Value, weights: Values, course: FloorCourse, options: Options, reversible: bool
 ):
-    """Return the answers of a block in two dicts by name: floats, and integers and flags.
+    """Return the answers of a block in two dicts by name, the first with floats, the second with integers and
+    flags.
 
     - `block`, `g`: the block, and the acceleration of gravity [m/s²]
-    - `weights`: weights of the bodies in the horizontal and in the vertical motion of the floor, (2, bodies)
-    - `course`, `options`: motion of the bodies, and options of the scene
+    - `weights`: as returned by `_weights_of`, (2, modes + 2)
+    - `course`, `options`: motion of modes and beam, and options of the scene
     - `reversible`: whether reverse mode can differentiate the loop
     """
     outputs = "peak_rotation", "margin", "peak_friction", JoltFriction()
@@ -106,10 +109,12 @@ def _vibrate(
 ):
     """Return the answers of an oscillator, with arguments and results as for `_rock`.
 
-    The oscillator is solved as a massless superstructure on a podium that never lifts: its columns are almost
-    flat, and its rest velocity is unreachable.
+    The oscillator is solved as a massless superstructure on a podium that never lifts, because its columns
+    are so wide and its rest velocity is so large.
     """
-    flat = Podium(NEVER_LIFTS, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g)
+    fixed_podium = Podium(
+        NEVER_LIFTS, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g
+    )
     outputs = "peak_rotation", "peak_deformation", "peak_shear"
     finer = options.replace(
         outputs=outputs,
@@ -118,19 +123,19 @@ def _vibrate(
         atol=jnp.maximum(OSCILLATOR_ATOL * options.atol, 1e-17),
     )
     motion = course.motion(weights[DIRECTIONS.index(oscillator.direction)])
-    floats, integers, (x, rate) = _solve(flat, motion, course.end, finer, reversible)
+    floats, integers, (x, rate) = _solve(fixed_podium, motion, course.end, finer, reversible)
     omega, zeta = 2 * jnp.pi / oscillator.period, oscillator.damping
-    modes, is_vertical = weights[0, :-2], oscillator.direction == "vertical"
-    remaining_impulse = bound_after_end(course.ending, modes, zeta, is_vertical)
-    # On a floor that rests for good, the next turning point counts as well.
+    mode_weights, is_vertical = weights[0, :-2], oscillator.direction == "vertical"
+    remaining_impulse = bound_after_end(course.ending, mode_weights, zeta, is_vertical)
+    # On a floor that rests for good, the next turning point of the free vibration counts as well.
     rests = course.ending.rests & (remaining_impulse == 0)
-    turns = next_turns(oscillator.period, zeta, x[1], rate[1])
+    at_next_turn = next_turns(oscillator.period, zeta, x[1], rate[1])
     so_far = floats["peak_deformation"], g * floats["peak_shear"]
     displacement, acceleration = (
-        jnp.where(rests, jnp.maximum(a, b), a) for a, b in zip(so_far, turns, strict=True)
+        jnp.where(rests, jnp.maximum(a, b), a) for a, b in zip(so_far, at_next_turn, strict=True)
     )
     envelope = jnp.hypot(rate[1] / omega, x[1])
-    later = jnp.where(rests, jnp.minimum(turns[0], displacement), envelope + remaining_impulse / omega)
+    later = jnp.where(rests, jnp.minimum(at_next_turn[0], displacement), envelope + remaining_impulse / omega)
     return {
         "relative_displacement": displacement,
         "pseudo_acceleration": omega**2 * displacement,
@@ -140,8 +145,8 @@ def _vibrate(
 
 
 def _solve(structure: Podium, motion: AbstractExcitation, end: Value, options: Options, reversible: bool):
-    """Solve a structure on a floor up to the time `end` [s]. Return the answers, as floats and as integers
-    and flags, and the positions and velocities at the end."""
+    """Solve a structure on a floor up to the time `end` [s]. Return three results: the floats by name; the
+    integers and flags by name; and (positions, velocities) at the end."""
     structure = structure.split_rows()
     plan = without_fast_forwards(plan_for(structure, options, history=True))
     scene, state = prepare(structure, motion, REST, end, options, plan)
@@ -149,8 +154,7 @@ def _solve(structure: Podium, motion: AbstractExcitation, end: Value, options: O
     return *answers(scene, plan, state, final), (state.x, state.v)
 
 
-# For each class of secondary systems on floors: the function that computes the answers, and the class of the
-# answers.
+# For each class of secondary systems: the function that computes the answers, and the class of the answers.
 KINDS: dict[type, tuple[Any, type]] = {
     Contents: (_rock, ContentsAnswer),
     Oscillator: (_vibrate, OscillatorAnswer),
@@ -160,12 +164,12 @@ KINDS: dict[type, tuple[Any, type]] = {
 SecondarySystems = Sequence[Contents | Oscillator] | Contents | Oscillator
 
 
-def _on_floors(structures, excitation, initial, t_end, options: Options, *, history: int, reversible: bool):
+def _on_floors(structures, excitation, initial, t_end, options: Options, *, capacity: int, reversible: bool):
     """Return the answers of secondary systems on the floors of a scene.
 
     - `structures`: the podium, and the systems on its floors
     - `excitation`, `initial`, `t_end`, `options`: the scene
-    - `history`: number of steps that the history of the floors can hold
+    - `capacity`: number of steps that the history of the floors can hold
     - `reversible`: whether reverse mode can differentiate the loops
 
     The result is (floats, (integers, code)): the floats and the integers of each system by name, and the
@@ -175,7 +179,7 @@ def _on_floors(structures, excitation, initial, t_end, options: Options, *, hist
     if t_end is None:
         periods = [system.period for system in systems if isinstance(system, Oscillator)]
         t_end = end_with_oscillators(podium, excitation, functools.reduce(jnp.maximum, periods, 0.0))
-    course, code = floor_course(podium, excitation, initial, t_end, options, history, reversible)
+    course, code = floor_course(podium, excitation, initial, t_end, options, capacity, reversible)
     groups: dict[Any, list[int]] = {}  # systems of the same class and direction are solved together
     for k, system in enumerate(systems):
         groups.setdefault((type(system), getattr(system, "direction", None)), []).append(k)
@@ -192,8 +196,8 @@ def _on_floors(structures, excitation, initial, t_end, options: Options, *, hist
 
 
 on_floors = with_derivatives(_on_floors)
-PROGRAM = StoredProgram(on_floors, words="the program for secondary systems on floors")
-SLOPES = StoredProgram(with_slopes(_on_floors), words="the program for secondary systems on floors")
+PROGRAM = StoredProgram(on_floors, description="the program for secondary systems on floors")
+SLOPES = StoredProgram(with_slopes(_on_floors), description="the program for secondary systems on floors")
 
 
 def _solve_group(
@@ -211,18 +215,18 @@ def _solve_group(
 
 
 def _weights_of(podium: Podium, system: Any) -> Values:
-    """Return the weights of the bodies in the motion of the floor under a system, horizontally and
-    vertically, shape (2, bodies). The vertical weights are zero for contents that ignore the vertical
-    motion."""
-    modes = with_beam(jnp.asarray(floor_weights("on_floors", podium, system.level)))
-    horizontal, vertical = (in_direction(modes, direction) for direction in DIRECTIONS)
+    """Return the weights with which the modes, the horizontal and the vertical motion of the beam (along the
+    last axis) contribute to the horizontal and the vertical motion of the floor under a system, shape
+    (2, modes + 2). The vertical weights are zero for contents that ignore the vertical motion."""
+    with_beam_weight = with_beam(jnp.asarray(floor_weights("on_floors", podium, system.level)))
+    horizontal, vertical = (in_direction(with_beam_weight, direction) for direction in DIRECTIONS)
     return jnp.stack([horizontal, float(getattr(system, "vertical", True)) * vertical])
 
 
 def _stackable(system: Any) -> Any:
-    """Return a system with the same static fields as all systems of this class, so that they can be stacked.
-    `level` and `vertical` are not needed, since the weights contain them; a restitution factor replaces a
-    restitution law."""
+    """Return a system with static fields that all systems of its class share, so that `jnp.stack` can stack
+    them. `level` and `vertical` become constants, since the weights contain their effect; a restitution
+    factor replaces a restitution law."""
     system = dataclasses.replace(system, level=DECK)
     if isinstance(system, Contents):
         e = GivenRestitution(system.block(jnp.ones(())).restitution_factor)
@@ -247,12 +251,12 @@ def answers_on_floors(
     podium = podium.without_elevation().split_rows().without_idle_restrainers()
     options, capacity = floor_options(options), options.history
     arguments = (podium, systems), excitation.common_form(), initial, t_end, options
-    leaves, structure = jax.tree.flatten(arguments)
+    leaves, treedef = jax.tree.flatten(arguments)
     while True:
         if any(isinstance(y, Tracer) for y in leaves) and all(map(is_concrete, leaves)):
-            answer = differentiable(PROGRAM, SLOPES, structure, capacity)(*leaves)
+            answer = differentiable(PROGRAM, SLOPES, treedef, capacity)(*leaves)
         else:
-            answer = PROGRAM(*arguments, history=capacity)
+            answer = PROGRAM(*arguments, capacity=capacity)
         floats, (integers, code) = answer
         if concrete(code) != results.HISTORY_FULL or capacity >= options.max_steps + 2:
             return as_answers(systems, floats, integers)
@@ -260,7 +264,8 @@ def answers_on_floors(
 
 
 def floor_options(options: Options) -> Options:
-    """Return the options for the history of the floors: the flat engine, without the requested outputs."""
+    """Return options for the history of the floors: with the flat engine, and only the cheap output
+    `"peak_rotation"`."""
     method = options.method if options.engine == "flat" else "dopri8"
     return options.replace(outputs=("peak_rotation",), engine="flat", method=method)
 
@@ -268,14 +273,14 @@ def floor_options(options: Options) -> Options:
 def as_answers(systems: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
     """Convert the answers of systems to `ContentsAnswer` and `OscillatorAnswer`.
 
-    - `systems`: the systems; `floats`, `integers`: their answers by name
+    - `systems`: the systems; `floats`, `integers`: for each system, its answers by name
     """
     answers = []
-    for system, values, counts in zip(systems, floats, integers, strict=True):
+    for system, floats_of, integers_of in zip(systems, floats, integers, strict=True):
         answer_class = KINDS[type(system)][1]
         fields = {field.name for field in dataclasses.fields(answer_class)}
-        flags = {name: y for name, y in counts.items() if name in fields}
-        answers.append(answer_class(**values, **flags, result=results.named(counts["code"])))
+        own_integers = {name: y for name, y in integers_of.items() if name in fields}
+        answers.append(answer_class(**floats_of, **own_integers, result=results.named(integers_of["code"])))
     return tuple(answers)
 
 

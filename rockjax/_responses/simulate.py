@@ -126,9 +126,9 @@ def _used_nodes(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
     return nodes, as_array(np.sort(np.asarray(nodes.impact_time))[: int(impacts)])
 
 
-def _solve(podium, excitation, initial, t_end, options, history):
-    """Return floats and integers by name, and the nodes of the history (None if `history` is None)."""
-    (floats, nodes), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, history)
+def _solve(podium, excitation, initial, t_end, options, capacity):
+    """Return floats and integers by name, and the nodes of the history (None if `capacity` is None)."""
+    (floats, nodes), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, capacity)
     if nodes is not None:
         nodes = nodes._replace(piece=node_integers[0], used=node_integers[1])
     return floats, integers, nodes

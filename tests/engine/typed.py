@@ -92,7 +92,7 @@ def main() -> None:
     for name in ("two modes", "building with devices"):
         for what in ("peaks", "margin", "history"):
             options, history = OPTIONS[what]
-            scene = lambda p, m, o=options, h=history: _solve(p, m, REST, None, o, history=h)
+            scene = lambda p, m, o=options, h=history: _solve(p, m, REST, None, o, capacity=h)
             jax.eval_shape(scene, FURTHER_PODIUMS[name].split_rows(), PAIR)
             print(what, name, flush=True)
     for what, (options, history) in OPTIONS.items():
@@ -100,7 +100,7 @@ def main() -> None:
             for kind, motion in MOTIONS.items():
                 of_all = kind == "record" and name != "block"
                 if of_all or (what == "peaks" and name == "elastic") or (what, kind) == ("peaks", "pulse"):
-                    scene = lambda p, m, o=options, h=history: _solve(p, m, REST, None, o, history=h)
+                    scene = lambda p, m, o=options, h=history: _solve(p, m, REST, None, o, capacity=h)
                     jax.eval_shape(scene, podium, motion)
                     print(what, name, kind, flush=True)
     jax.eval_shape(jax.jacfwd(rotation, argnums=(0, 1)), PODIUMS["elastic"], MOTIONS["pulse"])
