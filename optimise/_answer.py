@@ -117,8 +117,8 @@ def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
     variables = [["variable", "value", "unit", "bounds"]]
     for name, value in design.variables.items():
         low, high = design.bounds[name]
-        remark = " (at bound)" if min(value - low, high - value) <= 1e-6 * (high - low) else ""
-        variables.append([name, f"{value:.6g}", design.units[name], f"{low:g} … {high:g}{remark}"])
+        bound_remark = " (at bound)" if min(value - low, high - value) <= 1e-6 * (high - low) else ""
+        variables.append([name, f"{value:.6g}", design.units[name], f"{low:g} … {high:g}{bound_remark}"])
     targets = [["target", "worst margin", "margins", "shadow price"]]
     for name, margins in design.margins.items():
         price = float(np.sum(design.multipliers[name]))
@@ -136,11 +136,11 @@ def table(design: Design) -> str:
     """Return a design as text: variables, worst margins and shadow prices of targets, cost of the search."""
     check_design("table", design)
     headline, variables, targets = _tabulate(design)
-    text = [f"Design: {headline}"]
+    lines = [f"Design: {headline}"]
     for rows in (variables, targets):
-        text += aligned(rows)
-    text += [f"  {sentence}" for sentence in _remarks(design)]
-    return "\n".join(text)
+        lines += aligned(rows)
+    lines += [f"  {sentence}" for sentence in _remarks(design)]
+    return "\n".join(lines)
 
 
 def aligned(rows: list[list[str]]) -> list[str]:
@@ -204,7 +204,8 @@ class SearchResult(NamedTuple):
     """Result of a search.
 
     - `ends`: end of every start; `evaluations`: verified evaluations at the ends
-    - `margin_counts`: name of a target → number of its margins; `scale`: unit of the objective in the search
+    - `margin_counts`: target → number of its margins; `scale`: number by which the search divides the
+      objective
     - `history`: iterates of all starts; `effort`: cost of the search
     """
 
@@ -226,7 +227,7 @@ def build_design(
     """Return the design at the end of the best start, with the outcomes of all starts.
 
     - `original`: the structure as the user passed it; `variables`: the design variables
-    - `objective`: the minimised objective, None for the nearest design
+    - `objective`: the minimised objective, None for the design nearest to the start
     - `search`: result of the search
     - `estimate_samples`: function that returns the estimates from independent samples at scaled variables
       (n,)

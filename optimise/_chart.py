@@ -71,7 +71,7 @@ def design_chart(
             f"{owner}: vary must be a pair (name, (lowest, highest)) "
             f'such as ("alpha", (0.1, 0.3)), got {vary!r}'
         ) from None
-    make_variables(podium, {name: (low, high)}, owner)
+    make_variables(podium, {name: (low, high)}, owner)  # raises for an unknown name and invalid bounds
     pulse = as_pulse(owner, pulse)
     require_instance(owner, "options", options, rj.Options, "rockjax.Options")
     periods, amplitudes = _check_axes(owner, T_p, a_p)
@@ -120,12 +120,13 @@ def design_chart(
 
 
 def _smallest_safe_value(boundaries: np.ndarray, starts_surviving: np.ndarray, low: float) -> np.ndarray:
-    """Return the smallest safe value at each period: the last boundary, `low` without boundaries, or NaN."""
+    """Return the smallest safe value at each period: the last boundary, `low` if there is no boundary, or
+    NaN if the upper bound overturns."""
     counts = np.sum(np.isfinite(boundaries), axis=1)
-    # An odd number of changes means that survival differs between the two ends of the range.
+    # An odd number of boundaries means that survival differs between the two ends of the range.
     survives_at_end = starts_surviving ^ (counts % 2 == 1)
-    last = boundaries[np.arange(len(counts)), np.maximum(counts - 1, 0)]
-    return np.where(survives_at_end, np.where(counts > 0, last, low), np.nan)
+    last_boundary = boundaries[np.arange(len(counts)), np.maximum(counts - 1, 0)]
+    return np.where(survives_at_end, np.where(counts > 0, last_boundary, low), np.nan)
 
 
 def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:

@@ -68,8 +68,9 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
     worst_motions = []
     for target, margins in zip(problem.targets, design.margins.values(), strict=True):
         if isinstance(target, AbstractResponseTarget) and margins.size % len(target.suite) == 0:
-            worst = margins.reshape(len(target.suite), -1).min(axis=1)
-            worst_motions.append((worst.min(), target.suite.motion(int(np.argmin(worst)))))
+            worst_margins = margins.reshape(len(target.suite), -1).min(axis=1)  # of each motion
+            motion = target.suite.motion(int(np.argmin(worst_margins)))
+            worst_motions.append((worst_margins.min(), motion))
     if worst_motions:
         return min(worst_motions, key=lambda pair: pair[0])[1]
     return motions[int(np.nanargmin(Suite.of(motions).overturning_margins(design.podium, problem.options)))]

@@ -16,7 +16,7 @@ from ._results import CONVERGED, INFEASIBLE, STALLED
 
 
 class Evaluation(NamedTuple):
-    """Evaluation of a design point, in scaled variables.
+    """Evaluation of a design point, in scaled variables (0 and 1 are the bounds).
 
     - `f`: values of the objective (k,); `c`: margins of all targets (m,) [–]
     - `f_slope`, `c_slope`: their Jacobians, (k, n) and (m, n)
@@ -47,7 +47,7 @@ class Evaluation(NamedTuple):
 class Rules(NamedTuple):
     """Settings of a descent.
 
-    - `scale`: unit of the objective in the descent; `shift`: least margin that the descent aims at [–]
+    - `scale`: number by which the descent divides the objective; `shift`: least margin aimed at [–]
     - `radius`: first radius of the trust region, in scaled variables
     - `tolerance`: largest residual of the optimality conditions at convergence; `max_iterations`: largest
       number of iterations
@@ -61,7 +61,7 @@ class Rules(NamedTuple):
 
     @property
     def accepted_violation(self) -> float:
-        """Largest accepted shortfall from the margin aimed at; the targets themselves then still hold [–]."""
+        """Largest accepted shortfall from `shift` [–]; small enough that the targets still hold."""
         return 0.5 * self.shift
 
 
@@ -74,7 +74,7 @@ class Iterate(NamedTuple):
     - `residual`: residual of the optimality conditions (NaN for gradient steps)
     - `radius`: radius of the trust region (for gradient steps, the factor on the step)
     - `penalty`: penalty ν of the violation (for gradient steps, ρ of the augmented Lagrangian)
-    - `step`: largest entry of the step; `accepted`: whether the step was accepted
+    - `step`: largest absolute entry of the step; `accepted`: whether the step was accepted
     """
 
     start: int

@@ -53,7 +53,7 @@ def design(
 ) -> Design:
     """Find the structure that satisfies all targets and minimises an objective; outside jit.
 
-    - `podium`: the first start, a `rockjax.Podium` or an `optimise.Dimensions`, whose masses can vary too.
+    - `podium`: the first starting point, a `rockjax.Podium`, or an `optimise.Dimensions` to vary masses too.
       All parameters that are not varied keep their values
     - `vary`: name → (lowest, highest) in the unit of the parameter. Names are parameters of the structure,
       for a `Podium` for instance `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
@@ -64,12 +64,12 @@ def design(
     - `targets`: targets to satisfy; targets on the same motions share their simulations
     - `method`: `"sqp"`, sequential quadratic programming; or an `optax.GradientTransformation`, with `"adam"`
       short for `optax.adam(0.02)`. A transformation takes `max_iterations` steps on an augmented Lagrangian
-      in scaled variables, and `"sqp"` continues from the best point. `FreshSamples` in place of
-      suites need a transformation, and `"sqp"` does not follow
+      in scaled variables, and `"sqp"` continues from the best point. `FreshSamples` in place of suites need
+      a transformation, which is then the whole search
     - `starts`: number of starting points, ≥ 1: `podium` and a Latin hypercube drawn at random from `seed`
-    - `options`: options of the simulations; `outputs` and `throw` are replaced as needed
-    - `tolerance`: tolerance of the optimality conditions, in scaled variables, and margin aimed at, in
-      [1e-10, 1e-2]; at least 1e-4 if a target is a `FailureProbability` [–]
+    - `options`: options of the simulations; their `outputs` and `throw` are ignored
+    - `tolerance`: tolerance of the optimality conditions, in scaled variables, and least margin aimed at, in
+      [1e-10, 1e-2]; raised to 1e-4 if a target is a `FailureProbability` [–]
     - `max_iterations`: limit for every start, by default 60 for `"sqp"`, 100 steps of a gradient
       transformation, or 300 with `FreshSamples`
     - `progress`: `True` for a progress bar, or any object with a method `update(iterations)`
@@ -89,7 +89,7 @@ def design(
         )
     targets = tuple(targets)
     require_whole("design", "seed", seed, 0)
-    _check(starts, tolerance, max_iterations, targets, minimise)
+    _check_arguments(starts, tolerance, max_iterations, targets, minimise)
     variables = make_variables(podium, vary)
     objective = (
         minimise if isinstance(minimise, AbstractObjective) or minimise is None else OfPodium(minimise)
@@ -105,7 +105,7 @@ def design(
     if max_iterations is None:
         default = MAX_ITERATIONS if transformation is None else GRADIENT_STEPS
         max_iterations = FRESH_ITERATIONS if has_fresh_samples else default
-    points = _points(variables, starts, seed)
+    points = _starting_points(variables, starts, seed)
     # The bar counts the first evaluation, every iteration and the verification.
     with bar_of(max_iterations + 2, "evaluations", progress) as bar:
         evaluate = Evaluator(problem, sampled_targets, options, points, tolerance, bar)
@@ -213,7 +213,7 @@ class DescentSearch:
             evaluations = self.evaluate(self.end_points)
             if not self.evaluate.sampled_targets.targets:
                 return evaluations
-            is_new, _ = self.evaluate.sampled_targets.check(self.end_points[_best(evaluations)])
+            is_new, _ = self.evaluate.sampled_targets.check(self.end_points[_best_index(evaluations)])
             if not is_new:
                 return evaluations
         return self.evaluate(self.end_points)
@@ -224,7 +224,7 @@ class DescentSearch:
         The search stops after `MAX_CORRECTIONS` rounds.
         """
         for _ in range(MAX_CORRECTIONS if self.evaluate.sampled_targets.targets else 0):
-            best = _best(self.evaluate(self.end_points))
+            best = _best_index(self.evaluate(self.end_points))
             _, differs = self.evaluate.sampled_targets.check(self.end_points[best])
             if not differs:
                 return
@@ -292,7 +292,7 @@ def _check_fresh(
         )
 
 
-def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
+def _check_arguments(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
     """Raise `ValueError` for invalid arguments of `design`."""
     require_whole("design", "starts", starts, 1)
     if max_iterations is not None:
@@ -311,7 +311,7 @@ def _check(starts, tolerance, max_iterations, targets: tuple, minimise) -> None:
         raise ValueError("design: there is nothing to do; give minimise, targets or both")
 
 
-def _points(variables: Variables, starts: int, seed: int) -> np.ndarray:
+def _starting_points(variables: Variables, starts: int, seed: int) -> np.ndarray:
     """Return the starting points: the user's structure and a Latin hypercube."""
     rng = np.random.default_rng(seed)
     n = len(variables.names)
@@ -322,7 +322,7 @@ def _points(variables: Variables, starts: int, seed: int) -> np.ndarray:
     return np.concatenate([np.asarray(variables.start())[None], sample])
 
 
-def _best(evaluations: list[Evaluation]) -> int:
+def _best_index(evaluations: list[Evaluation]) -> int:
     """Return the index of the best evaluation: least violation, then least objective."""
     keys = [rank(e) if e.is_finite else (np.inf, np.inf) for e in evaluations]
     return min(range(len(keys)), key=keys.__getitem__)

@@ -239,8 +239,8 @@ class Evaluator:
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Return the evaluations at points (starts, n).
 
-        `count` is the number of points added to `evaluations`, by default all. If `accurate` is
-        set, simulations use the tolerances of verification, and targets their own widths.
+        `count` is the number of points added to `evaluations`, by default all. If `accurate` is True,
+        simulations use the tolerances of verification, and targets the widths that the user gave.
         """
         options = verification_options(self.options) if self.accurate else self.options
         problem = self.full_problem if self.accurate else self.problem
@@ -250,8 +250,8 @@ class Evaluator:
                 targets[k] = _with_records(self.problem.targets[k], source.draw(self.draw_count))
             problem = dataclasses.replace(problem, targets=tuple(targets))
             self.draw_count += 1
-        slopes, values = _evaluate_points(problem, options_as_arrays(options), as_float(points))
-        (f, margins, overturned), (f_slope, slopes) = jax.tree.map(np.asarray, (values, slopes))
+        jacobians, values = _evaluate_points(problem, options_as_arrays(options), as_float(points))
+        (f, margins, overturned), (f_slope, slopes) = jax.tree.map(np.asarray, (values, jacobians))
         margins, slopes = self._insert_sampled(points, margins, slopes)
         for k in self.sampled_targets.targets:
             overturned = np.insert(overturned, k, 0, axis=1)

@@ -54,7 +54,8 @@ TIME_AFTER = 12.0  # time drawn after the end of the motion, in units of 1/p
 _WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch
 PIXEL_RATIO = 2  # width of the PNG divided by its width on the page, for high-resolution screens
 SLIDER_POSITIONS = 500  # approximate number of positions of a slider
-MAX_REFINEMENTS = 3  # a slider step is divided by 10 at most as often, to reach the initial value
+# How many times a slider step may be divided by 10, so that the initial value is a position.
+MAX_REFINEMENTS = 3
 
 
 class Explorer:
@@ -63,7 +64,7 @@ class Explorer:
     - `widget`: widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
     - `values`: name → value in the unit of the parameter; exactly the initial value until the slider moves
     - `structure`, `podium`, `excitation`, `peak`: structure, motion and peak response for these values
-    - `picture`: picture of the response as PNG, twice as wide as on the page
+    - `picture`: picture of the response as PNG, with twice as many pixels a row as on the page
     """
 
     def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):
@@ -71,11 +72,13 @@ class Explorer:
 
         self._study = _Study(numbers_as_arrays(structure), excitation, tuple(vary))
         self._options = jax.tree.map(lambda y: jnp.asarray(y, float), options)
-        present = {name: self._study.present_value(name) for name in vary}
-        self._initial_values = {name: value for name, (value, _) in present.items()}
+        initial_pairs = {name: self._study.initial_value_and_unit(name) for name in vary}
+        self._initial_values = {name: value for name, (value, _) in initial_pairs.items()}
         self._values = dict(self._initial_values)
-        self._grids = {name: _Grid.containing(*bounds, present[name][0]) for name, bounds in vary.items()}
-        self.sliders = {name: _slider(name, self._grids[name], *present[name]) for name in vary}
+        self._grids = {
+            name: _Grid.containing(*bounds, self._initial_values[name]) for name, bounds in vary.items()
+        }
+        self.sliders = {name: _slider(name, self._grids[name], *initial_pairs[name]) for name in vary}
         self._text = ipywidgets.HTML()
         self._image = ipywidgets.Image(format="png", layout={"width": "100%", "object_fit": "contain"})
         left = ipywidgets.VBox(
@@ -152,8 +155,8 @@ def explore(
       are not varied keep their values
     - `vary`: name → (lowest, highest) in the unit of the parameter. Names are those of the structure, as in
       [`optimise.design`][], and scalar fields of the motion, such as `a_p` and `T_p` of a pulse or `scale` of
-      a record. A name that both have means the parameter of the structure
-    - `options`: options of the simulations; `outputs` and `throw` are replaced as needed
+      a record. If the structure and the motion share a name, it means the parameter of the structure
+    - `options`: options of the simulations; their `outputs` and `throw` are ignored
 
     The picture shows the initial response in grey and the present one in colour. Only the first picture
     compiles a program. Raises `ValueError` for unknown names, and for ranges that are invalid or do not
@@ -173,7 +176,7 @@ def explore(
     motion_names = _motion_names(structure, excitation, tuple(vary))
     structure_bounds = {name: bounds for name, bounds in vary.items() if name not in motion_names}
     if structure_bounds:
-        make_variables(structure, structure_bounds, "explore")
+        make_variables(structure, structure_bounds, "explore")  # raises for unknown names and invalid bounds
     study = _Study(structure, excitation, tuple(vary))
     for name, pair in vary.items():
         try:
@@ -182,7 +185,7 @@ def explore(
             raise ValueError(
                 f"explore: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}"
             ) from None
-        value, _ = study.present_value(name)
+        value, _ = study.initial_value_and_unit(name)
         if not low <= value <= high or not low < high:
             raise ValueError(
                 f"explore: vary[{name!r}] must be a range that contains the present value {value:g}, got "
@@ -232,8 +235,8 @@ class _Study(Module):
         structure = with_variables(self.structure, structure_values) if structure_values else self.structure
         return structure, dataclasses.replace(self.excitation, **motion_values)
 
-    def present_value(self, name: str) -> tuple[float, str]:
-        """Return the present value of a parameter and its unit."""
+    def initial_value_and_unit(self, name: str) -> tuple[float, str]:
+        """Return the initial value of a parameter and its unit."""
         if name in _motion_names(self.structure, self.excitation, self.names):
             return float(getattr(self.excitation, name)), displayed(motion_parameter(name).unit)
         value: Any = value_of(self.structure, name)
@@ -241,13 +244,13 @@ class _Study(Module):
 
 
 class _Simulation(Module):
-    """Peaks of a scene, and curves over time t: θ/α, deformation of the superstructure [m], ground [g]."""
+    """Peaks of a scene, and curves over time t: θ/α, deformation of the superstructure [m], ü_g [g]."""
 
     peak: rj.Peak
     t: Float[Array, " n"]
     rotation: Float[Array, " n"]
     deformation: Float[Array, " n"]
-    ground: Float[Array, " n"]
+    ground_acceleration: Float[Array, " n"]
 
 
 @eqx.filter_jit
@@ -261,14 +264,13 @@ def _simulate(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options
     peak = rj.Peak(
         **{field.name: getattr(response, field.name) for field in dataclasses.fields(AbstractPeak)}
     )
-    ground = excitation.horizontal if isinstance(excitation, rj.GroundMotion) else excitation
-    return _Simulation(
-        peak, t, response(t).theta / podium.alpha, _deformation(response, podium, t), ground(t) / podium.g
-    )
+    ground_acceleration = excitation.horizontal if isinstance(excitation, rj.GroundMotion) else excitation
+    rotation, deformation = response(t).theta / podium.alpha, _deformation(response, podium, t)
+    return _Simulation(peak, t, rotation, deformation, ground_acceleration(t) / podium.g)
 
 
 def _deformation(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the deformation (n,) of the superstructure: at the roof of a building, else of mode 1 [m]."""
+    """Return the deformation (n,) of the superstructure [m]: at the roof of a building, else in mode 1."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return jnp.sum(response.drift(t), axis=-1)
     deformation = response.deformation(t)
@@ -296,19 +298,20 @@ class _Grid(NamedTuple):
         The step is divided by 10 until `value` is a position, at most `MAX_REFINEMENTS` times.
         """
         rough_step = (high - low) / SLIDER_POSITIONS
-        power = 10.0 ** math.floor(math.log10(rough_step))
-        step = power * next(factor for factor in (1, 2, 5, 10) if factor * power >= 0.999 * rough_step)
-        finer = (cls(low, high, float(f"{step / 10**k:.12g}")) for k in range(MAX_REFINEMENTS + 1))
-        return next((grid for grid in finer if grid.holds(value)), cls(low, high, step / 10**MAX_REFINEMENTS))
+        unit = 10.0 ** math.floor(math.log10(rough_step))
+        step = unit * next(factor for factor in (1, 2, 5, 10) if factor * unit >= 0.999 * rough_step)
+        grids = [cls(low, high, float(f"{step / 10**k:.12g}")) for k in range(MAX_REFINEMENTS + 1)]
+        finest = cls(low, high, step / 10**MAX_REFINEMENTS)
+        return next((grid for grid in grids if grid.has_position(value)), finest)
 
-    def holds(self, value: float) -> bool:
+    def has_position(self, value: float) -> bool:
         """Return whether a value is a position."""
         position = (value - self.low) / self.step
         return abs(position - round(position)) < 1e-6
 
     def read(self, shown_value: float, initial_value: float) -> float:
         """Return the shown value, or the initial value if the slider shows the position nearest to it."""
-        if not self.holds(shown_value):
+        if not self.has_position(shown_value):
             return shown_value
         shown_value = float(f"{shown_value:.12g}")  # browsers compute positions in floating point
         return initial_value if abs(shown_value - initial_value) <= 0.5001 * self.step else shown_value
@@ -341,9 +344,9 @@ class _Drawing:
 
         podium = as_podium(structure)
         rows = [
-            (lambda a: np.asarray(a.rotation), ROTATION, COLOURS[2]),
-            (lambda a: MM_PER_M * np.asarray(a.deformation), _deformation_label(podium), COLOURS[3]),
-            (lambda a: np.asarray(a.ground), r"$\ddot u_g$ [g]", COLOURS[0]),
+            (lambda s: np.asarray(s.rotation), ROTATION, COLOURS[2]),
+            (lambda s: MM_PER_M * np.asarray(s.deformation), _deformation_label(podium), COLOURS[3]),
+            (lambda s: np.asarray(s.ground_acceleration), r"$\ddot u_g$ [g]", COLOURS[0]),
         ]
         if not podium.vibrates:
             del rows[1]
@@ -407,10 +410,10 @@ def _peak_table(initial: rj.Peak, present: rj.Peak) -> str:
     rows += [("result", _describe_end(initial), _describe_end(present))]
     cell = '<td style="padding: 1px 6px; text-align: left">'
     heading = "".join(f"{cell}<b>{title}</b></td>" for title in ("", "initial", "now"))
-    lines = ["".join(f"{cell}{text}</td>" for text in row) for row in rows]
+    rows_of_cells = ["".join(f"{cell}{text}</td>" for text in row) for row in rows]
     return (
         '<table style="line-height: 1.4">'
-        + "".join(f"<tr>{line}</tr>" for line in (heading, *lines))
+        + "".join(f"<tr>{cells}</tr>" for cells in (heading, *rows_of_cells))
         + "</table>"
     )
 

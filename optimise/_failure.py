@@ -40,13 +40,14 @@ class FailureProbability(AbstractTarget):
       which the failure surface is followed, ≥ 8; `seed`: seed of the random numbers, ≥ 0
     - `name`: name in reports
 
-    The margin is ln k. If the standard normal variables u of the motion are multiplied by k, the probability
-    equals `at_most`; without a pulse, this multiplies the motions by k. During the search k comes from rays
-    through failing samples of the first structure, with derivatives by the implicit function theorem. All
-    structures use the same rays, and an allowance covers the scatter between two samples. A design is
-    verified by subset simulation with another seed; this independent sample gives the margin and is stored
-    in `Design.probabilities`. If the sample has not converged in 10 million scenes, the margin is NaN and
-    the design is not satisfied, with the result `unverified`.
+    The margin is ln k, where k is the factor on the standard normal variables u of the motion for which the
+    probability equals `at_most`; for motions without a pulse, this is a factor on the motion. During the
+    search k comes from rays through failing samples of the first structure, with derivatives by the implicit
+    function theorem. All structures use the same rays, and the search aims below `at_most` to allow for the
+    scatter between two samples. A design is verified by subset simulation with another seed; this
+    independent sample gives the margin and is stored in `Design.probabilities`. If the sample has not
+    converged in 10 million scenes, the margin is NaN and the design is not satisfied, with the result
+    `unverified`.
     """
 
     at_most: float = eqx.field(static=True)
@@ -129,7 +130,7 @@ class RayTarget:
         self.target, self.scenes = target, 0
         self.samples: list[_IndependentSample] = []
         self.is_verifying = False
-        limit = self._limit(podium)
+        limit = self._limit_state(podium)
         try:
             self.rays = sample_rays(limit, target.at_most, target.rays, target.cov, target.seed)
         except ValueError as error:
@@ -137,12 +138,12 @@ class RayTarget:
         self.scenes += limit.scenes
         self.factor = 1.0
 
-    def _limit(self, podium: rj.Podium):
+    def _limit_state(self, podium: rj.Podium):
         return limit_state("FailureProbability", podium, self.target.motion, self.target.limit)
 
     def at(self, podium: rj.Podium, names: tuple[str, ...]) -> MarginAndSlopes:
         """Return the margin of a structure, with slopes for `names`."""
-        limit = self._limit(podium)
+        limit = self._limit_state(podium)
         solution = solve_factor(limit, self.rays, self._target_probability(podium), names, self.factor)
         self.factor = min(max(solution.factor, 0.1), 10.0)  # where the next root search starts
         self.scenes += limit.scenes
@@ -174,18 +175,18 @@ class RayTarget:
         """
         if self.checked_estimate(podium) is not None:
             return None
-        before = self._ratio(podium)
+        old_ratio = self._ratio(podium)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the design reports missing convergence
             estimate = self.target.probability(podium, seed=self.target.seed + 1 + len(self.samples))
         self.scenes += estimate.scenes
-        ratio = before
+        ratio = old_ratio
         if estimate.converged:
-            limit = self._limit(podium)
+            limit = self._limit_state(podium)
             ratio = estimate.probability / max(probability_at(limit, self.rays, 1.0), 1e-300)
             self.scenes += limit.scenes
         self.samples.append(_IndependentSample(_parameters(podium), estimate, ratio))
-        return math.log(ratio / before)
+        return math.log(ratio / old_ratio)
 
     def checked_estimate(self, podium: rj.Podium) -> rj.FailureProbability | None:
         """Return the estimate of the independent sample at this structure, None if there is none."""

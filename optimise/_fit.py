@@ -28,7 +28,9 @@ from ._variables import Structure, Variables, as_podium, make_variables
 
 WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # successive windows, as fractions of the duration of strong rotation
 STRONG_RATIO = 0.1  # rotation is strong above this fraction of its peak
-EDGE = 1e-3  # smallest distance of starts from the bounds, where the transformation is flat
+MIN_BOUND_DISTANCE = (
+    1e-3  # smallest distance of starts from the bounds, where the slope of the transformation is zero
+)
 MAX_STEPS = 40  # steps of the solver in each window
 DRAWS_PER_START = 16  # random points for each start; the one with the least cost on the first window is used
 
@@ -146,11 +148,15 @@ def fit(
     windows = [_window_weights(times, theta, fraction) for fraction in WINDOWS]
     draw_costs = np.asarray(_costs(scene, jnp.asarray(draws), jnp.asarray(windows[0]), peak))
     # The first start begins at the user's structure, every other start at its draw with the least cost.
-    chosen = [
+    best_draws = [
         k * DRAWS_PER_START + int(np.argmin(draw_costs[k * DRAWS_PER_START : (k + 1) * DRAWS_PER_START]))
         for k in range(starts)
     ]
-    z = _from_unit_interval(jnp.clip(jnp.asarray(draws[chosen]).at[0].set(user_point), EDGE, 1 - EDGE))
+    z = _from_unit_interval(
+        jnp.clip(
+            jnp.asarray(draws[best_draws]).at[0].set(user_point), MIN_BOUND_DISTANCE, 1 - MIN_BOUND_DISTANCE
+        )
+    )
     has_converged = None
     for window in windows:
         z, has_converged = _solve_window(scene, z, jnp.asarray(window), peak, jnp.asarray(tolerance))

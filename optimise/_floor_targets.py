@@ -33,7 +33,7 @@ class AbstractFloorTarget(AbstractTarget):
         return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
     def limited_value(self, answer: Any) -> Values:
-        """Return the quantity that `limit` bounds, from the responses of one secondary system (k,)."""
+        """Return the quantity (k,) that `limit` bounds, from the responses of one secondary system."""
         raise NotImplementedError
 
     @property
@@ -65,8 +65,8 @@ class ContentsRotation(AbstractFloorTarget):
     - `contents`: one or several [`rockjax.Contents`][]; `name`: name of the target in reports
 
     A block with rotation φ and slenderness angle α_c has the margin (limit − s)/limit with s = max|φ|/α_c, or
-    s = 1 − M if the block overturns, with its overturning margin M < 0. If the columns overturn, margins are
-    at most the overturning margin of the columns. Raises `ValueError` for an invalid limit or contents.
+    s = 1 − M if the block overturns, where M < 0 is its overturning margin. If the columns overturn, margins
+    are at most the overturning margin of the columns. Raises `ValueError` for an invalid limit or contents.
     """
 
     limit: Any

@@ -13,7 +13,7 @@ import rockjax as rj
 from rockjax._risk.structure import records_from_samples
 from rockjax.internal import AnyMotions, format_value, require_whole, single_motions
 
-STEP, SAMPLE = 1, 2  # random streams: for the batches of a search and for independent samples
+STEP_STREAM, SAMPLE_STREAM = 1, 2  # random streams: for the batches of a search and for independent samples
 
 
 class FreshSamples:
@@ -68,11 +68,11 @@ class FreshSamples:
 
     def draw(self, k: int) -> rj.Records:
         """Return the batch of step k."""
-        return self._draw(STEP, k)
+        return self._draw(STEP_STREAM, k)
 
     def sample(self, k: int) -> list[rj.Records]:
         """Return the k-th independent sample, in batches."""
-        return [self._draw(SAMPLE, k, index) for index in range(self.verify // self.batch)]
+        return [self._draw(SAMPLE_STREAM, k, index) for index in range(self.verify // self.batch)]
 
     def _draw(self, *stream: int) -> rj.Records:
         """Return the batch of the random stream that a sequence of integers identifies."""

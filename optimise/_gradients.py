@@ -1,14 +1,14 @@
 """Steps of an Optax gradient transformation on an augmented Lagrangian, for all starts in one batch.
 
-With the largest objective value f, margins c above the margins aimed at and multipliers μ, the
-transformation follows the gradient of
+The transformation follows the gradient of
 
     f + Σ_j (max(0, μ_j − ρ_j c_j)² − μ_j²)/(2ρ_j),
 
-where ρ_j is ρ divided by a running mean of |∇c_j|², so that steep and flat margins have equal weight. In
-each step μ_j moves a tenth of the way to max(0, μ_j − ρ_j c_j). After the first eighth of a search, the
-length of step t decreases as 1/√t. Points are projected onto the bounds. Values of different steps are never
-compared, because the motions may differ from step to step.
+where f is the largest objective value, c_j a margin minus the margin aimed at, μ_j its multiplier, and ρ_j
+is ρ divided by a running mean of |∇c_j|², so that margins of any slope have equal weight. In each step μ_j
+moves a tenth of the way to max(0, μ_j − ρ_j c_j). After the first eighth of a search, the length of step t
+decreases as 1/√t. Points are projected onto the bounds. Values of different steps are never compared, because
+the motions may differ from step to step.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 MAX_ITERATIONS = 100
 RHO = 10.0  # ρ of the augmented Lagrangian
-SMOOTHING = 0.1  # factor of the running means of multipliers and slopes
+SMOOTHING = 0.1  # weight of a new value in the running means of multipliers and squared slopes
 STEP_DECAY = 8  # steps shrink after the first 1/STEP_DECAY of a search
 MAX_STEP = 0.25  # largest entry of a step in scaled variables
 MIN_SLOPE = 1e-2  # lower limit of the root-mean-square slope |∇c_j| in ρ_j

@@ -66,7 +66,7 @@ class AbstractWorst(AbstractObjective, AbstractResponses):
 class WorstRotation(AbstractWorst):
     """The largest peak rotation max|θ|/α under a motion or a list of motions [–].
 
-    Where the columns overturn, the value is overturn_ratio − M with the overturning margin M < 0.
+    Where the columns overturn, the value is overturn_ratio − M, where M < 0 is the overturning margin.
     """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
@@ -87,7 +87,7 @@ class WorstPeak(AbstractWorst):
     - `output`: name of an output of `rockjax.Options.outputs` that is a peak, such as `"peak_shear"`, or an
       instance of [`rockjax.AbstractOutput`][]; `excitations`: a motion or a list of motions
 
-    Where the columns overturn, the peak until overturning underestimates the response. It is therefore
+    Where the columns overturn, the peak until overturning underestimates the response. This peak is therefore
     multiplied by (1 − M), where M < 0 is the overturning margin. To exclude such designs, add a target such
     as [`optimise.NoOverturning`][]. Raises `ValueError` for other outputs and, when evaluated, for a podium
     that does not have the output.

@@ -9,7 +9,7 @@ import numpy as np
 from ._descent import Evaluation
 from ._quadratic import Model, Vector, solve
 
-NEAR_DISTANCE = 1e-3  # models of other points within this distance describe kinks at a point
+NEAR_DISTANCE = 1e-3  # points within this distance of x, in scaled variables, describe kinks at x
 EvaluatedPoints = list[tuple[Vector, Evaluation]]
 
 
@@ -19,8 +19,8 @@ class Optimality(NamedTuple):
     They belong to the step that minimises the merit of linear models plus half the squared step length.
 
     - `multipliers`: multipliers of the margins (m,)
-    - `residual`: largest entry of this step, comparable to the norm of a projected gradient; 0 exactly where
-      the merit is stationary within the bounds
+    - `residual`: largest absolute entry of this step, comparable to the norm of a projected gradient; 0
+      exactly where the merit is stationary within the bounds
     - `violation`: modelled violation after this step [–]
     """
 

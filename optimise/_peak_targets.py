@@ -26,7 +26,7 @@ class PeakRotation(AbstractResponseTarget):
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them; `name`: name in reports
 
     The margin is (limit − s)/limit with s = max|θ|/α. Where the columns overturn, s is overturn_ratio − M,
-    with the overturning margin M < 0. Raises `ValueError` for other limits; for a limit of 1 use
+    where M < 0 is the overturning margin. Raises `ValueError` for other limits; for a limit of 1 use
     [`optimise.NoOverturning`][].
     """
 
@@ -55,9 +55,9 @@ class PeakLimit(AbstractResponseTarget):
       reports
 
     Every mode, story, floor or joint has its own margin, (limit − peak)/limit. Where the columns overturn,
-    the peak covers only the time until then, and the margin is at most the overturning margin, which is
-    negative. Raises `ValueError` for other limits and outputs, and during evaluation for a podium without the
-    output.
+    the peak covers only the time until overturning, and the margin is at most the overturning margin, which
+    is negative. Raises `ValueError` for other limits and outputs, and during evaluation for a podium without
+    the output.
     """
 
     output: AbstractOutput = eqx.field(static=True)
@@ -87,7 +87,7 @@ class PeakLimit(AbstractResponseTarget):
 
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
-    """Return an output, given as itself or by name. Raises `ValueError` for an output that is not a peak."""
+    """Return an output, given as an instance or by name. Raises `ValueError` if it is not a peak."""
     instance = output if isinstance(output, AbstractOutput) else REGISTRY.get(output)
     if instance is None or not _is_peak(instance):
         peaks = [name for name, registered in REGISTRY.items() if _is_peak(registered)]
@@ -133,8 +133,8 @@ def limited_by_overturning(margins: Values, peaks: rj.Peak) -> Values:
 
 
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Return two vectors for `count` values: whether the scene overturned, and −M > 0 with the overturning
-    margin M (1 where the scene did not overturn) [–]."""
+    """Return two vectors (count,): whether the scene of each value overturned, and its depth −M [–], where
+    M < 0 is the overturning margin (1 where the scene did not overturn)."""
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     repeat = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
     return repeat(peaks.overturned), repeat(depth)

@@ -36,7 +36,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
 
     ax = ax or plt.figure(figsize=(7.5, 4), layout="constrained").add_subplot()
     others = [start for start in range(len(design.starts)) if start != design.best]
-    entries = []
+    legend_entries = []
     for k, start in reversed(list(enumerate([design.best, *others]))):
         rows = [row for row in design.history if row.start == start]
         if not rows:
@@ -64,19 +64,23 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
                 zorder=line_style["zorder"],
             )
         label = f"start {start}" + (", the design" if k == 0 and others else "")
-        entries.append(Line2D([], [], marker=marker, ms=4.5, label=label, **line_style))
-    del entries[: max(0, len(entries) - MAX_STARTS)]
-    entries = entries[::-1]
-    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", label="targets satisfied"))
-    entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="not satisfied"))
+        legend_entries.append(Line2D([], [], marker=marker, ms=4.5, label=label, **line_style))
+    del legend_entries[: max(0, len(legend_entries) - MAX_STARTS)]
+    legend_entries = legend_entries[::-1]
+    legend_entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", label="targets satisfied"))
+    legend_entries.append(
+        Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", mfc="white", label="not satisfied")
+    )
     objective_label = f"design: {design.objective:.4g}"
-    entries.append(ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=objective_label))
+    legend_entries.append(
+        ax.axhline(design.objective, color="0.5", lw=0.8, ls=(0, (1, 3)), label=objective_label)
+    )
     parameter = find_parameter(design.minimised) or DIMENSIONS.get(design.minimised)
     unit = displayed(parameter.unit) if parameter else ""
     ax.set(xlabel="iteration", ylabel=f"{design.minimised} [{unit}]" if unit else design.minimised)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(alpha=0.3)
-    ax.legend(handles=entries, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    ax.legend(handles=legend_entries, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return ax
 
 

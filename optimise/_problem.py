@@ -80,10 +80,10 @@ WORST: dict[str, Any] = {
     "peak-floor-acceleration": WorstFloorAcceleration,
 }
 Positive = models.Positive
-_SET = "Name of a set of motions."
-_WIDTH = "Narrowest overturning window that is found, divided by the range searched [–]."
-_HAZARD = "File of a hazard curve, relative to the folder of this file."
-_HIGHEST = "Highest intensity searched, in SI units of the hazard."
+_SET_TEXT = "Name of a set of motions."
+_WIDTH_TEXT = "Narrowest overturning window that is found, divided by the range searched [–]."
+_HAZARD_TEXT = "File of a hazard curve, relative to the folder of this file."
+_MAX_INTENSITY_TEXT = "Highest intensity searched, in SI units of the hazard."
 
 
 # Kinds of `[[targets]]`, whose keys are in `rockjax/_report/kinds`: kind → class.
@@ -114,7 +114,7 @@ class Quantity(models.Keys):
     """Objective: a parameter of the podium, or a peak under motions."""
 
     quantity: str = key(..., f"A parameter of the podium, or one of {', '.join(WORST)}.")
-    motions: str | None = key(None, _SET)
+    motions: str | None = key(None, _SET_TEXT)
 
 
 class LossKeys(models.Keys):
@@ -125,10 +125,10 @@ class LossKeys(models.Keys):
         ..., "Cost for each unit of some parameters."
     )
     loss: Positive = key(..., "Loss by one overturning, in the unit of the cost.")
-    hazard: str = key(..., _HAZARD)
-    motions: str = key(..., _SET)
-    max_intensity: Positive | None = key(None, _HIGHEST)
-    width: Positive | None = key(None, _WIDTH)
+    hazard: str = key(..., _HAZARD_TEXT)
+    motions: str = key(..., _SET_TEXT)
+    max_intensity: Positive | None = key(None, _MAX_INTENSITY_TEXT)
+    width: Positive | None = key(None, _WIDTH_TEXT)
 
 
 def _objective_tag(table: Any) -> str:

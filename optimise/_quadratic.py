@@ -3,7 +3,7 @@
     minimise    w·max_i(f_i + ∇f_i·d) + ν v + ½ dᵀB d        over d, v
     subject to  c_j + ∇c_j·d ≥ −v,   v ≥ 0,   lower ≤ d ≤ upper
 
-The solver sees the maximum as a further variable with lower bounds f_i + ∇f_i·d (epigraph form). Because
+In the solver, the maximum is a further variable with lower bounds f_i + ∇f_i·d (epigraph form). Because
 violations up to v are allowed at the price ν v, a solution always exists.
 """
 
@@ -47,7 +47,7 @@ class Model(NamedTuple):
 class Step(NamedTuple):
     """Solution of the subproblem.
 
-    - `d`: the step (n,); `violation`: modelled violation after it [–]
+    - `d`: the step (n,); `violation`: modelled violation after the step [–]
     - `value_multipliers` (k,): multipliers of the modelled values, which sum to the weight w
     - `margin_multipliers` (m,): multipliers of the modelled margins
     """
@@ -58,7 +58,7 @@ class Step(NamedTuple):
     margin_multipliers: Vector
 
 
-ON_BOUND = 1e-10  # a step that is closer to a bound than this is moved onto the bound
+BOUND_DISTANCE = 1e-10  # a step that is closer to a bound than this is moved onto the bound
 _SUCCESSES = ("Solved", "AlmostSolved")
 
 
@@ -76,7 +76,7 @@ def solve(
     quadratic = sparse.block_diag([np.triu(curvature), sparse.csc_matrix((2, 2))], format="csc")
     linear = np.concatenate([np.zeros(n), [weight, penalty]])
     identity, zeros = np.eye(n), np.zeros
-    rows = np.block(
+    constraints = np.block(
         [
             [model.f_slope, -np.ones((k, 1)), zeros((k, 1))],
             [-model.c_slope, zeros((m, 1)), -np.ones((m, 1))],
@@ -93,7 +93,7 @@ def solve(
     solver = _clarabel.DefaultSolver(
         quadratic,
         linear,
-        sparse.csc_matrix(rows),
+        sparse.csc_matrix(constraints),
         right_side,
         [_clarabel.NonnegativeConeT(len(right_side))],
         settings,
@@ -105,6 +105,6 @@ def solve(
         return None
     d = np.asarray(solution.x[:n])
     # An interior-point solution stays slightly inside its bounds.
-    d = np.where(d - lower < ON_BOUND, lower, np.where(upper - d < ON_BOUND, upper, d))
+    d = np.where(d - lower < BOUND_DISTANCE, lower, np.where(upper - d < BOUND_DISTANCE, upper, d))
     multipliers = np.maximum(np.asarray(solution.z), 0.0)
     return Step(d, model.violation(d), multipliers[:k], multipliers[k : k + m])

@@ -18,7 +18,7 @@ from ._quadratic import Vector
 from ._targets import AbstractTarget
 from ._variables import Variables
 
-SMALLEST = 1e-9  # replaces parameters that are 0, which have no logarithm
+ZERO_REPLACEMENT = 1e-9  # replaces parameters that are 0, which have no logarithm
 
 
 class MarginSlope(NamedTuple):
@@ -48,8 +48,8 @@ class _StructureParameters:
         is_varied = slope.any(axis=1)
         podium = self.variables.podium(jnp.asarray(x))
         zeros = [name for name, is_zero in zip(self.names, is_varied & (y == 0), strict=True) if is_zero]
-        podium = with_values(podium, dict.fromkeys(zeros, SMALLEST)) if zeros else podium
-        y = np.where(y == 0, SMALLEST, y)
+        podium = with_values(podium, dict.fromkeys(zeros, ZERO_REPLACEMENT)) if zeros else podium
+        y = np.where(y == 0, ZERO_REPLACEMENT, y)
         log_slopes = dict(zip(self.names, slope / y[:, None], strict=True))
         return podium, {
             name: log_slopes[name] for name, varied in zip(self.names, is_varied, strict=True) if varied

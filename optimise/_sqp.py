@@ -5,9 +5,9 @@ Where no point satisfies all margins, the merit leads to a point with the least 
 
 Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning).
 The linear models of a rejected trial are stored as cuts: if the function is the maximum of several branches,
-the cut models the branch that takes over. Objective cuts are lowered and margin cuts raised until they agree
-with the values at the present point. Cuts far from this point are dropped. Every rejected step shrinks the
-region, so a descent at a jump ends with the result `stalled`.
+the cut models the branch that takes over. At the current point, objective cuts are lowered to the objective
+if they exceed it, and margin cuts are raised to the margin if they are below it. Cuts far from this point are
+dropped. Every rejected step shrinks the trust region, so a descent at a jump ends with the result `stalled`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LARGEST_PENALTY = 1e6
 MAX_CUTS = 12
 MAX_AXIS_SEARCHES = 4  # searches along the axes from the end of a descent
 AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # distances from this end, in scaled variables
-NOISE = 1e-11  # smaller relative decreases of the merit are rounding errors
+ROUNDING = 1e-11  # smaller relative decreases of the merit are rounding errors
 
 
 def descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: int = 0) -> Descent:
@@ -135,11 +135,11 @@ class _DescentState:
         self.is_initial = True  # the curvature is still the identity, not an update
 
     def end(self, result: int) -> End:
-        """Return the end of the descent at the present point."""
+        """Return the end of the descent at the current point."""
         return End(self.x, self.multipliers, result, self.iteration, self.current)
 
     def record(self, step: float, accepted: bool) -> None:
-        """Append an iterate to the history; `step`: largest entry of the step."""
+        """Append an iterate to the history; `step`: largest absolute entry of the step."""
         margin = float(np.min(self.current.c, initial=np.inf)) + self.rules.shift
         value = float(np.max(self.current.f)) * self.rules.scale
         radius, penalty = self.merit.radius, self.merit.penalty
@@ -207,15 +207,15 @@ class _DescentState:
         self.merit = self.merit._replace(penalty=penalty)
         if step is None:
             return self.reset_curvature()
-        predicted, slack = self.prediction(step)
-        length = float(np.max(np.abs(step.d)))
-        if (length <= 1e-2 * self.rules.tolerance and not self.is_violated) or predicted <= slack:
-            self.record(length, False)
+        predicted, rounding = self.predict_decrease(step)
+        step_size = float(np.max(np.abs(step.d)))
+        if (step_size <= 1e-2 * self.rules.tolerance and not self.is_violated) or predicted <= rounding:
+            self.record(step_size, False)
             return self.drop_distant_cuts()
-        trial = yield from self.try_step(step, predicted, slack)
+        trial = yield from self.try_step(step, predicted, rounding)
         accepted = trial.ratio >= ACCEPT_RATIO
-        self.record(length, accepted)
-        return self.accept(trial, step, length) if accepted else self.reject(trial, length)
+        self.record(step_size, accepted)
+        return self.accept(trial, step, step_size) if accepted else self.reject(trial, step_size)
 
     @property
     def region(self) -> tuple[Vector, Vector]:
@@ -223,41 +223,43 @@ class _DescentState:
         return np.maximum(-self.x, -self.merit.radius), np.minimum(1 - self.x, self.merit.radius)
 
     def reset_curvature(self) -> int | None:
-        """Reset the curvature, because the subproblem has no solution; stall if it is reset already."""
+        """Reset the curvature to the identity, because the solver failed; stall if it is the identity."""
         if np.array_equal(self.merit.curvature, np.eye(len(self.x))):
             return STALLED
         self.merit = self.merit._replace(curvature=np.eye(len(self.x)))
         return None
 
     def drop_distant_cuts(self) -> int | None:
-        """Drop distant cuts, because no step decreases the merit; end the descent if there are none."""
+        """Drop distant cuts, because no step decreases the merit; end the descent if no cut is distant."""
         if len(self.near_points) < len(self.cuts):
             self.merit = self.merit._replace(radius=0.25 * self.merit.radius)
             self.cuts = self.near_points
             return None
         return result_at_rest(self.current, self.residual, self.rules)
 
-    def prediction(self, step: Step) -> tuple[float, float]:
+    def predict_decrease(self, step: Step) -> tuple[float, float]:
         """Return the predicted decrease of the merit and a bound of its rounding error."""
         merit, d = self.merit, step.d
-        present = self.current.merit(merit.weight, merit.penalty)
+        current = self.current.merit(merit.weight, merit.penalty)
         quadratic_term = 0.5 * float(d @ merit.curvature @ d)
-        predicted = merit.weight * self.model.value(d) + merit.penalty * step.violation + quadratic_term
-        return present - predicted, NOISE * max(1.0, abs(present))
+        modelled = merit.weight * self.model.value(d) + merit.penalty * step.violation + quadratic_term
+        return current - modelled, ROUNDING * max(1.0, abs(current))
 
-    def ratio(self, evaluation: Evaluation, predicted: float, slack: float) -> float:
+    def decrease_ratio(self, evaluation: Evaluation, predicted: float, rounding: float) -> float:
         """Return the actual decrease of the merit divided by the predicted one."""
         if not evaluation.is_finite:
             return -np.inf
         weights = self.merit.weight, self.merit.penalty
-        return (self.current.merit(*weights) - evaluation.merit(*weights) + slack) / (predicted + slack)
+        return (self.current.merit(*weights) - evaluation.merit(*weights) + rounding) / (predicted + rounding)
 
-    def try_step(self, step: Step, predicted: float, slack: float) -> Generator[Vector, Evaluation, _Trial]:
+    def try_step(
+        self, step: Step, predicted: float, rounding: float
+    ) -> Generator[Vector, Evaluation, _Trial]:
         """Try a step; if it violates the margins by more than modelled, try a second-order correction."""
         d = step.d
         x = np.clip(self.x + d, 0.0, 1.0)
         evaluation = scale_evaluation((yield x), self.rules)
-        trial = _Trial(x, evaluation, self.ratio(evaluation, predicted, slack))
+        trial = _Trial(x, evaluation, self.decrease_ratio(evaluation, predicted, rounding))
         exceeds_model = evaluation.violation > step.violation + self.rules.accepted_violation
         if not (evaluation.is_finite and trial.ratio < ACCEPT_RATIO and exceeds_model):
             return trial
@@ -271,12 +273,12 @@ class _DescentState:
         self.cuts.append((x, evaluation))
         corrected_x = np.clip(self.x + corrected.d, 0.0, 1.0)
         corrected_evaluation = scale_evaluation((yield corrected_x), self.rules)
-        corrected_ratio = self.ratio(corrected_evaluation, predicted, slack)
+        corrected_ratio = self.decrease_ratio(corrected_evaluation, predicted, rounding)
         if corrected_ratio < ACCEPT_RATIO:
             return trial
         return _Trial(corrected_x, corrected_evaluation, corrected_ratio)
 
-    def accept(self, trial: _Trial, step: Step, length: float) -> None:
+    def accept(self, trial: _Trial, step: Step, step_size: float) -> None:
         """Move to the trial point, and update curvature, radius and cuts."""
         merit, ratio = self.merit, trial.ratio
         change = _lagrangian_slope(trial.evaluation, step, self.current) - _lagrangian_slope(
@@ -284,20 +286,20 @@ class _DescentState:
         )
         curvature, self.is_initial = _update_bfgs(merit.curvature, trial.x - self.x, change, self.is_initial)
         radius = merit.radius
-        if ratio > GOOD_RATIO and length > 0.8 * radius:
+        if ratio > GOOD_RATIO and step_size > 0.8 * radius:
             radius = min(2 * radius, 1.0)
         elif ratio < 0.25:
-            radius = 0.5 * length
+            radius = 0.5 * step_size
         if ratio < 0.25:
             self.cuts.append((self.x, self.current))
         self.merit = merit._replace(curvature=curvature, radius=radius)
         self.x, self.current = trial.x, trial.evaluation
 
-    def reject(self, trial: _Trial, length: float) -> int | None:
-        """Store the trial point as a cut and shrink the region; end the descent if it is tiny."""
+    def reject(self, trial: _Trial, step_size: float) -> int | None:
+        """Store the trial point as a cut and shrink the region; end the descent if the region is tiny."""
         if trial.evaluation.is_finite:
             self.cuts.append((trial.x, trial.evaluation))
-        self.merit = self.merit._replace(radius=(0.5 if trial.ratio > -1 else 0.25) * length)
+        self.merit = self.merit._replace(radius=(0.5 if trial.ratio > -1 else 0.25) * step_size)
         if self.merit.radius > 0.1 * self.rules.tolerance:
             return None
         self.iteration += 1

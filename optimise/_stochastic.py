@@ -88,7 +88,9 @@ class FreshSearch:
     def move_to_means(self) -> None:
         """Move every start to the mean of its last steps."""
         pairs = zip(self.steps.x, self.steps.last_steps, strict=True)
-        self.x = np.stack([np.mean([y for y, _ in tail], axis=0) if tail else x for x, tail in pairs])
+        self.x = np.stack(
+            [np.mean([y for y, _ in last_steps], axis=0) if last_steps else x for x, last_steps in pairs]
+        )
         self.steps.x = self.x
 
     def verify(self) -> None:
@@ -122,8 +124,12 @@ class FreshSearch:
         standard_errors = np.zeros(offsets[-1])
         for index, estimate in self.estimates[k].items():
             standard_errors[offsets[index] : offsets[index + 1]] = estimate.errors
-        tail = self.steps.last_steps[k]
-        margins = np.stack([evaluation.c for _, evaluation in tail]) if tail else np.zeros((1, offsets[-1]))
+        last_steps = self.steps.last_steps[k]
+        margins = (
+            np.stack([evaluation.c for _, evaluation in last_steps])
+            if last_steps
+            else np.zeros((1, offsets[-1]))
+        )
         mean_error = margins.std(axis=0) / np.sqrt(len(margins))
         return np.where(standard_errors > 0, np.hypot(standard_errors, mean_error), 0.0)
 
@@ -137,10 +143,10 @@ class FreshSearch:
         for k, evaluation in enumerate(self.evaluations):
             if steps.is_excluded[k] or not evaluation.is_finite:
                 continue
-            safety = np.maximum(SAFETY_FACTOR * self.errors(k), self.tolerance)
+            allowance = np.maximum(SAFETY_FACTOR * self.errors(k), self.tolerance)
             is_active = steps.multipliers[k] > 1e-3 * np.max(steps.multipliers[k], initial=0.0)
-            is_corrected = (evaluation.c < 0) | (is_first & is_active & (evaluation.c > 2 * safety))
-            steps.target_margins[k] += np.where(is_corrected, safety - evaluation.c, 0.0)
+            is_corrected = (evaluation.c < 0) | (is_first & is_active & (evaluation.c > 2 * allowance))
+            steps.target_margins[k] += np.where(is_corrected, allowance - evaluation.c, 0.0)
             continuing[k] = bool(is_corrected.any())
         return continuing
 
@@ -150,12 +156,14 @@ class FreshSearch:
 
     def end(self, k: int) -> End:
         """Return the end of a start, with multipliers from the mean slopes of its last steps."""
-        evaluation, steps, tail = self.evaluations[k], self.steps, self.steps.last_steps[k]
+        evaluation, steps, last_steps = self.evaluations[k], self.steps, self.steps.last_steps[k]
         count = sum(row.start == k for row in steps.history)
-        if steps.is_excluded[k] or not tail:
+        if steps.is_excluded[k] or not last_steps:
             code = INTERRUPTED if self.is_interrupted and not steps.is_excluded[k] else NOT_FINITE
             return End(self.x[k], np.full(len(evaluation.c), np.nan), code, count, evaluation)
-        mean = Evaluation(*(np.mean(values, axis=0) for values in zip(*(e for _, e in tail), strict=True)))
+        mean = Evaluation(
+            *(np.mean(values, axis=0) for values in zip(*(e for _, e in last_steps), strict=True))
+        )
         c = mean.c - steps.target_margins[k]
         current = Evaluation(mean.f / steps.scale, c, mean.f_slope / steps.scale, mean.c_slope)
         multipliers = optimality(self.x[k], current, [], 1.0, EXACT_PENALTY, self.tolerance).multipliers

@@ -52,8 +52,8 @@ class Suite(Module):
             if isinstance(motion, rj.Record):
                 indices_by_type.setdefault(rj.Record, []).append(k)
                 continue
-            leaves, structure = jax.tree.flatten(motion)
-            type_and_shapes = structure, tuple(jnp.shape(y) for y in leaves)
+            leaves, treedef = jax.tree.flatten(motion)
+            type_and_shapes = treedef, tuple(jnp.shape(y) for y in leaves)
             indices_by_type.setdefault(type_and_shapes, []).append(k)
         indices = list(indices_by_type.values())
         groups = tuple(_stack_motions([motions[k] for k in group]) for group in indices)
@@ -79,9 +79,9 @@ class Suite(Module):
 
     def _indices(self) -> list[list[int]]:
         """Return the indices of the motions in each group."""
-        by_order = sorted(range(len(self)), key=self.order.__getitem__)
+        concatenated = sorted(range(len(self)), key=self.order.__getitem__)
         ends = np.cumsum([_size(group) for group in self.groups])
-        return [by_order[end - _size(group) : end] for group, end in zip(self.groups, ends, strict=True)]
+        return [concatenated[end - _size(group) : end] for group, end in zip(self.groups, ends, strict=True)]
 
     def map_motions(self, function) -> Any:
         """Return `function(motion)` of every motion, stacked in the order of the motions."""
@@ -168,8 +168,8 @@ def _vmap_axes(group: rj.AbstractExcitation) -> Any:
     """Return the vmap axes of a group. Records share one table, so only `which` and `scale` are mapped."""
     if not isinstance(group, rj.Records):
         return 0
-    none = jax.tree.map(lambda _: None, group)
-    return eqx.tree_at(lambda g: (g.which, g.scale), none, (0, 0), is_leaf=lambda y: y is None)
+    unmapped = jax.tree.map(lambda _: None, group)
+    return eqx.tree_at(lambda g: (g.which, g.scale), unmapped, (0, 0), is_leaf=lambda y: y is None)
 
 
 def _size(group: rj.AbstractExcitation) -> int:

@@ -75,8 +75,8 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
 
 
 def severity(peaks: rj.Peak, options: rj.Options) -> Values:
-    """Return max|θ|/α; where the columns overturn, overturn_ratio − M with the overturning margin M < 0,
-    which increases with the speed of the fall [–]."""
+    """Return max|θ|/α [–]; where the columns overturn, overturn_ratio − M, where M < 0 is the overturning
+    margin. This value increases with the speed of the fall."""
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
@@ -119,7 +119,7 @@ class OverturningAcceleration(AbstractTarget):
     - `pulse`: class of the pulse, such as `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
     - `max_acceleration_ratio`: largest searched amplitude [g tan α], above `at_least`; if no searched
       amplitude overturns, a_ov is this amplitude, with zero derivative
-    - `width`: verification finds every overturning window below a_ov that is wider than this fraction of the
+    - `width`: verification misses no overturning window below a_ov that is wider than this fraction of the
       searched range [–]
 
     The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for arguments out of range.
@@ -327,8 +327,8 @@ class OverturningProbability(AbstractResponseTarget):
     - `smoothing`: bandwidth h > 0 of the smoothed probability P = mean Φ(−M/h) over overturning margins M [–]
 
     The overturned fraction of n motions jumps by 1/n and has no useful derivative; P is smooth. The margin is
-    the quantile m of the smoothed margins with mean Φ((m − M)/h) = at_most. It has the sign of at_most − P
-    and changes even where P is almost 0 or 1. Motions with |M| < h bias P; `exact` counts overturned scenes
+    the number m for which mean Φ((m − M)/h) = at_most. It has the sign of at_most − P, and its derivative is
+    useful even where P is almost 0 or 1. Motions with |M| < h bias P; `exact` counts overturned scenes
     instead. Raises `ValueError` for arguments out of range.
     """
 

@@ -151,22 +151,23 @@ class Variables(Module):
 
     def values(self, x: Float[Array, " n"] | np.ndarray) -> Float[Array, " n"]:
         """Return the unscaled variables (n,); x = 0 and x = 1 give exactly the bounds."""
-        is_log, numpy = np.asarray(self.logarithmic), array_module(self, x)
-        lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
-        low, high = (numpy.log(numpy.where(is_log, bound, 1.0)) for bound in (lower, upper))
-        values = numpy.where(is_log, numpy.exp(low * (1 - x) + high * x), lower * (1 - x) + upper * x)
+        is_log, xp = np.asarray(self.logarithmic), array_module(self, x)
+        lower, upper = xp.asarray(self.lower), xp.asarray(self.upper)
+        log_lower, log_upper = (xp.log(xp.where(is_log, bound, 1.0)) for bound in (lower, upper))
+        exponential = xp.exp(log_lower * (1 - x) + log_upper * x)
+        values = xp.where(is_log, exponential, lower * (1 - x) + upper * x)
         # Rounding may move values out of the bounds. Differentiating the clip would halve slopes at a bound.
-        clipped = numpy.clip(values, lower, upper)
-        return clipped if numpy is np else values + jax.lax.stop_gradient(clipped - values)
+        clipped = xp.clip(values, lower, upper)
+        return clipped if xp is np else values + jax.lax.stop_gradient(clipped - values)
 
     def scaled(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Return the scaled variables (n,) of unscaled values, which are clipped to the bounds."""
-        is_log, numpy = np.asarray(self.logarithmic), array_module(self, values)
-        lower, upper = numpy.asarray(self.lower), numpy.asarray(self.upper)
-        values = numpy.clip(values, lower, upper)
-        low, high, value = (numpy.log(numpy.where(is_log, v, 1.0)) for v in (lower, upper, values))
-        width = numpy.where(is_log, high - low, upper - lower)
-        return numpy.where(is_log, value - low, values - lower) / width
+        is_log, xp = np.asarray(self.logarithmic), array_module(self, values)
+        lower, upper = xp.asarray(self.lower), xp.asarray(self.upper)
+        values = xp.clip(values, lower, upper)
+        log_lower, log_upper, logs = (xp.log(xp.where(is_log, v, 1.0)) for v in (lower, upper, values))
+        span = xp.where(is_log, log_upper - log_lower, upper - lower)
+        return xp.where(is_log, logs - log_lower, values - lower) / span
 
     def structure(self, x: Float[Array, " n"] | np.ndarray) -> Structure:
         """Return the structure at scaled variables, in the form of `base`."""
@@ -191,8 +192,8 @@ def make_variables(
     - `base`: the structure; `vary`: name → (lowest, highest), unscaled
     - `owner`: name of the public function, for error messages
 
-    Raises `ValueError` for unknown or conflicting names, and for bounds that are not a range or do not define
-    a podium.
+    Raises `ValueError` for unknown names, for two names of the same quantity, and for bounds that are not a
+    range or do not define a podium.
     """
     if not isinstance(base, Structure):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium or an optimise.Dimensions, got {base!r}")
@@ -329,7 +330,7 @@ def parameter(base: Structure, name: str) -> Parameter:
 
 
 def _row_entry(name: str) -> tuple[Parameter | None, int]:
-    """Return the row of dimensions and the position that a name such as `story_mass_2` denotes.
+    """Return the row of dimensions that a name such as `story_mass_2` denotes, and the position in this row.
 
     Return (None, 0) for a name that denotes no position in a row.
     """
