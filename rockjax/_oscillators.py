@@ -173,7 +173,7 @@ def _series(length: np.ndarray, terms: np.ndarray) -> np.ndarray:
         [factorials[k] / factorials[j + k + 1] for j in range(SERIES_TERMS)] for k in range(terms.shape[1])
     ]
     powers = polynomial.polyvander(length, SERIES_TERMS - 1)
-    return powers * np.stack([EXPONENTIAL + 0 * powers, -length[:, None] * (terms @ np.array(weights))])
+    return np.stack([powers * EXPONENTIAL, powers * -length[:, None] * (terms @ np.array(weights))])
 
 
 class _States(NamedTuple):

@@ -74,11 +74,11 @@ def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: boo
     - `damping`: damping ratios ζ of the oscillators
     - `is_vertical`: whether the oscillators move vertically
 
-    The result has the shape of `damping`.
+    The result has the shape of `damping`, or is a scalar if the oscillators move vertically.
     """
     xp = array_module(ending, weights, damping)
     if is_vertical:
-        return xp.where(ending.rests, 0.0, xp.inf) + 0.0 * damping
+        return xp.where(ending.rests, 0.0, xp.inf)
     sizes = xp.abs(weights)
     # A mode without damping has an infinite integral, but does not move a floor in which its weight is 0.
     at_rest = xp.sum(sizes * xp.where(sizes > 0, ending.modes, 0.0))

@@ -282,14 +282,14 @@ def test_derivatives_with_respect_to_samples_agree_with_differences():
 def test_nothing_acts_back_and_batches_agree_with_single_scenes():
     """Fact 23: the podium's answers are bitwise identical; mirrored motions and another order change
     nothing."""
-    systems = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5, vertical=False)
-    amplitudes = np.array([[2.0, 3.2], [-3.2, 9.0]])
-    batch = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0, on_floors=systems)
-    plain = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0)
+    systems = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5)
+    pulses = rj.Ricker(np.array([[2.0, 3.2], [-3.2, 9.0]]), 1.0)
+    batch = rj.peak_responses(FRAME, pulses, t_end=6.0, on_floors=systems)
+    plain = rj.peak_responses(FRAME, pulses, t_end=6.0)
     assert np.array_equal(batch.peak_rotation, plain.peak_rotation)
     assert plain.on_floors == ()
     for index in ((0, 0), (0, 1), (1, 1)):
-        pulse = rj.Ricker(amplitudes[index], 1.0)
+        pulse = rj.Ricker(pulses.a_p[index], 1.0)
         single = rj.peak_response(FRAME, pulse, t_end=6.0, on_floors=systems)
         assert float(single.peak_rotation) == float(rj.peak_response(FRAME, pulse, t_end=6.0).peak_rotation)
         for one, many in zip(single.on_floors, batch.on_floors, strict=True):
@@ -299,7 +299,7 @@ def test_nothing_acts_back_and_batches_agree_with_single_scenes():
     np.testing.assert_allclose(blocks.peak_rotation[1, 0], blocks.peak_rotation[0, 1], rtol=1e-9)
     assert batch.overturned[1, 1]
     assert list(blocks.until_overturning.ravel()) == [False, False, False, True]
-    turned = rj.peak_responses(FRAME, rj.Ricker(amplitudes, 1.0), t_end=6.0, on_floors=systems[::-1])
+    turned = rj.peak_responses(FRAME, pulses, t_end=6.0, on_floors=systems[::-1])  # the same program
     for one, other in zip(batch.on_floors, turned.on_floors[::-1], strict=True):
         for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
             assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
@@ -328,13 +328,16 @@ def test_modes_without_mass_and_split_modes_change_nothing():
 
 
 def test_histories_and_records_have_things_on_floors():
-    record = shaking(n=300)
-    peak = rj.peak_response(FRAME, record, on_floors=BLOCK).on_floors[0]
-    response = rj.simulate(FRAME, record, on_floors=(BLOCK,))
+    """Outside jit the history of the floors grows until it holds all 660 steps."""
+    block = rj.Contents(0.12, 2.0)
+    record, large, small = shaking(n=300), rj.Options(history=1024), rj.Options(history=256)
+    peak = rj.peak_response(FRAME, record, options=large, on_floors=block).on_floors[0]
+    response = rj.simulate(FRAME, record, options=large, on_floors=(block,))
     np.testing.assert_allclose(response.on_floors[0].peak_rotation, peak.peak_rotation, rtol=1e-9)
-    capacity = rj.Options(history=256)  # outside jit the history grows
-    grown = rj.peak_response(FRAME, record, options=capacity, on_floors=BLOCK).on_floors[0]
-    np.testing.assert_allclose(grown.peak_rotation, peak.peak_rotation, rtol=1e-12)
+    grown = rj.peak_response(FRAME, record, options=small, on_floors=block).on_floors[0]
+    assert float(grown.peak_rotation) == float(peak.peak_rotation)
+    assert 0.01 < float(peak.peak_rotation) < 1
+    assert 256 < int(response.nodes.used) < 1024
 
 
 def test_a_floor_that_falls_faster_than_gravity_is_named():

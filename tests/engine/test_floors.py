@@ -254,6 +254,15 @@ def test_floors_refuse_other_bad_input(free):
         free.floor().to_record(0.0)
 
 
+def test_the_deck_keeps_the_vertical_acceleration_of_the_ground_in_full_contact():
+    pair = rj.GroundMotion(rj.OneSine(0.5, 0.8), rj.OneSine(2.0, 0.5))
+    deck = rj.simulate(FRAME, pair, options=FINE).floor()
+    t = np.linspace(0.01, 0.49, 7)
+    np.testing.assert_allclose(deck.vertical_acceleration(t), pair.vertical(t), rtol=1e-12)
+    np.testing.assert_allclose(deck.acceleration(t), pair.horizontal(t), rtol=1e-12)
+    assert np.abs(pair.vertical(t)).max() > 1
+
+
 def test_a_record_in_full_contact_moves_the_deck():
     record = shaking(peak=0.5)
     deck = rj.simulate(FRAME, record).floor()

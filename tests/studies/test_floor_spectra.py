@@ -10,7 +10,7 @@ import rockjax as rj
 from rockjax import plots
 from rockjax._oscillators import Load, largest
 from rockjax._responses.floor import PieceMotions, Pieces, in_direction, load_of, with_beam
-from rockjax._responses.floor_end import Ending, bound_after_end
+from rockjax._responses.floor_end import Ending, bound_after_end, ratio_after_end
 from rockjax._responses.floor_slopes import Slopes, slope_of_load
 from tests import restrained
 from tests.reference_contents import oscillators_on_floors
@@ -114,6 +114,8 @@ def test_bounds_after_the_end_have_closed_forms():
     elastic = bound_after_end(rocks._replace(restitution=1.0), free, damping, False)
     np.testing.assert_allclose(elastic, [np.inf, damped], rtol=1e-12)
     assert np.all(bound_after_end(rocks, free, damping, True) == np.inf)
+    ratios = ratio_after_end(np.array([0.01, 0.02, 0.0]), np.array([0.04, 0.0, 0.0]))
+    np.testing.assert_allclose(ratios, [0.25, np.inf, 0.0], rtol=1e-12)
 
 
 def test_an_elastic_top_in_full_contact_has_its_closed_form():
