@@ -329,14 +329,14 @@ def test_modes_without_mass_and_split_modes_change_nothing():
 
 def test_histories_and_records_have_things_on_floors():
     """Outside jit the history of the floors grows until it holds all 660 steps."""
-    block = rj.Contents(0.12, 2.0)
+    block = rj.Contents(0.13, 10.0)
     record, large, small = shaking(n=300), rj.Options(history=1024), rj.Options(history=256)
     peak = rj.peak_response(FRAME, record, options=large, on_floors=block).on_floors[0]
     response = rj.simulate(FRAME, record, options=large, on_floors=(block,))
     np.testing.assert_allclose(response.on_floors[0].peak_rotation, peak.peak_rotation, rtol=1e-9)
     grown = rj.peak_response(FRAME, record, options=small, on_floors=block).on_floors[0]
     assert float(grown.peak_rotation) == float(peak.peak_rotation)
-    assert 0.01 < float(peak.peak_rotation) < 1
+    assert 0.1 < float(peak.peak_rotation) < 1
     assert 256 < int(response.nodes.used) < 1024
 
 
