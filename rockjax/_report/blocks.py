@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 from .tables import Column, Formula, Link, Quantity, Table, Text, Word, checked_text
 from .units import unit_of_kind
 
-# Result of a check → state of the word, and sign on the page.
+# Result of a check → state of its `Word`, and symbol on the page.
 RESULTS = {
     "PASS": ("pass", "✓"),
     "FAIL": ("fail", "✗"),
@@ -47,7 +47,7 @@ class Paragraph:
 
 @dataclasses.dataclass(frozen=True)
 class Verbatim:
-    """A text with its line breaks and spaces, such as a problem file."""
+    """A text shown with its line breaks and spaces, such as a problem file."""
 
     text: str
 
@@ -115,20 +115,21 @@ class Pair:
 class Limit:
     """The limit of a check.
 
-    - `sign`: "≤" (at most) or "≥" (at least)
+    - `comparison`: "≤" (at most) or "≥" (at least)
     - `quantity`: the limit [SI]
-    - `unit`: unit of the limit in the file, which is shown if the page has another unit; None for SI
-    - `note`: source of the limit, such as a key of the file
+    - `unit`: unit of the limit in the problem file, None if the file gives no unit; if the page uses another
+      unit, the limit is shown in both
+    - `note`: source of the limit, such as a key of the problem file
     """
 
-    sign: str
+    comparison: str
     quantity: Quantity
     unit: str | None = None
     note: Text = ""
 
     def __post_init__(self) -> None:
-        if self.sign not in ("≤", "≥"):
-            raise ValueError(f"Limit: sign must be '≤' or '≥', got {self.sign!r}")
+        if self.comparison not in ("≤", "≥"):
+            raise ValueError(f"Limit: comparison must be '≤' or '≥', got {self.comparison!r}")
         if self.unit is not None:
             unit = unit_of_kind(self.unit, self.quantity.kind, owner="Limit.unit")
             object.__setattr__(self, "unit", unit)
@@ -140,18 +141,18 @@ class SummaryRow:
 
     - `id`: id of the check, such as "C1"
     - `name`: quantity that is checked
-    - `scope`: set and statistic, such as "design, largest of 11"
+    - `scope`: set of motions and statistic, such as "design, largest of 11"
     - `value`: value with the numerical error, or a word that replaces it
     - `limit`: the limit, or a word if there is none
     - `utilisation`: U, of kind "utilisation", or a word such as "> 1" or "no value"
     - `result`: one of `RESULTS`
     - `governs`: governing motion, story and time
     - `sensitivities`: the largest d ln U/d ln y of inputs y
-    - `spread`: range of U when each input is decreased or increased by the spread of the file
+    - `spread`: range of U when each input is decreased or increased by the spread given in the problem file
     - `reason`: why there is no value; replaces `governs`, `sensitivities` and `spread`
-    - `section`: number of the section with the details, 1 … 13
+    - `section`: number of the section with the details
     - `assumptions`: names of the violated assumptions, such as "A7", which are anchors in section 10
-    - `flags`: other short marks beside the result
+    - `flags`: other short links beside the result
     - `clause`: clause that asks for the check
     - `is_target`: whether it is a design target
 
@@ -188,7 +189,7 @@ class SummaryRow:
 
     @property
     def state(self) -> str:
-        """State of the word of the result, one of `tables.STATES`."""
+        """State of the `Word` that shows the result, one of `tables.STATES`."""
         return RESULTS[self.result][0]
 
     @property
@@ -197,8 +198,8 @@ class SummaryRow:
         return check_anchor(self.id)
 
     @property
-    def sign(self) -> str:
-        """Sign of the result on the page."""
+    def symbol(self) -> str:
+        """Symbol of the result on the page."""
         return RESULTS[self.result][1]
 
 
@@ -226,7 +227,7 @@ class Summary:
 
 def _cells(row: SummaryRow) -> tuple[Quantity | Word, ...]:
     """Return a row of the summary as cells of a table."""
-    none = Word("not made" if row.reason else "none given", "none")
+    no_text = Word("not made" if row.reason else "none given", "none")
     reasons = [*row.assumptions, *(flag.text for flag in row.flags)]
     reason = row.reason or ", ".join(reasons)
     return (
@@ -234,14 +235,14 @@ def _cells(row: SummaryRow) -> tuple[Quantity | Word, ...]:
         Word(row.name),
         Word(row.scope),
         row.value,
-        Word({"≤": "at most", "≥": "at least"}[row.limit.sign])
+        Word({"≤": "at most", "≥": "at least"}[row.limit.comparison])
         if isinstance(row.limit, Limit)
         else row.limit,
         row.limit.quantity if isinstance(row.limit, Limit) else row.limit,
         row.utilisation,
         Word(row.result, row.state),
         Word(reason) if reason else Word("none", "none"),
-        *(Word(text) if text else none for text in (row.governs, row.sensitivities, row.spread)),
+        *(Word(text) if text else no_text for text in (row.governs, row.sensitivities, row.spread)),
         Word(row.clause) if row.clause.strip() else Word("none given", "none"),
     )
 
@@ -251,9 +252,9 @@ Block: TypeAlias = Paragraph | Verbatim | Equations | Figure | Pair | Summary | 
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """A section of the page. The anchor is "s" with the number.
+    """A section of the page, with the anchor "s" and its number, such as "s4".
 
-    - `number`: 1 … 13
+    - `number`: number of the section, from 1
     - `title`: heading
     - `blocks`: at least one block
     - `is_numbered`: whether the heading shows the number
@@ -289,8 +290,8 @@ class Page:
     - `origin`: label → text below `head`, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages
 
-    Raises `ValueError` if two sections, tables, rows or parts of figures share a number, name or id, for
-    links without a target, and for empty texts.
+    Raises `ValueError` for a repeated number of a section, name of a table, or id of a row or of a part of a
+    figure, for links without a target, and for empty texts.
     """
 
     title: str
@@ -324,8 +325,8 @@ class Page:
         for noun, values in {"names of tables": names, "anchors": [*anchors, *figure_ids]}.items():
             if repeated := sorted(name for name, times in Counter(values).items() if times > 1):
                 raise ValueError(f"Page: {noun} must differ, got {', '.join(repeated[:5])} more than once")
-        if dead := sorted(set(_targets(self)) - set(anchors)):
-            raise ValueError(f"Page: no section, check or row has the anchor {', '.join(dead)}")
+        if missing := sorted(set(_targets(self)) - set(anchors)):
+            raise ValueError(f"Page: no section, check or row has the anchor {', '.join(missing)}")
 
     def blocks(self) -> Iterator[Block]:
         """Yield the blocks of all sections."""

@@ -31,17 +31,19 @@ from .tables import (
 )
 from .units import Units
 
-# Classes of page.css by tone.
-CLASSES: Final[dict[Tone, str]] = {"plain": "", "good": "good", "bad": "bad", "open": "miss"}
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffe\uffff\ud800-\udfff]")
+# Tone → class of page.css.
+CLASSES: Final[dict[Tone, str]] = {"plain": "", "good": "good", "bad": "bad", "unverified": "unverified"}
+_FORBIDDEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffe\uffff\ud800-\udfff]")
 # Start of the element around a table, which scrolls sideways on narrow screens.
-SCROLLS = Markup('<div class="scroll" tabindex="0" role="group" aria-label="table, scrolls sideways">')
+SCROLL_BOX_START = Markup(
+    '<div class="scroll" tabindex="0" role="group" aria-label="table, scrolls sideways">'
+)
 
 
-def safe(text: str) -> Markup:
+def safe(string: str) -> Markup:
     """Return a string as HTML, with Unix line ends and U+FFFD for characters that HTML does not allow."""
-    lines = text.replace("\r\n", "\n").replace("\r", "\n")
-    return escape(_CONTROL.sub("\N{REPLACEMENT CHARACTER}", lines))
+    string = string.replace("\r\n", "\n").replace("\r", "\n")
+    return escape(_FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", string))
 
 
 def text(content: Text, units: Units) -> Markup:
@@ -68,10 +70,9 @@ def _part(part: Part, units: Units) -> Markup:
 
 def emphasised(content: Markup, tone: Tone) -> Markup:
     """Return HTML in bold and in the colour of a tone."""
-    name = CLASSES[tone]
-    return (
-        Markup('<b class="{}">{}</b>').format(name, content) if name else Markup("<b>{}</b>").format(content)
-    )
+    css_class = CLASSES[tone]
+    attributes = Markup(' class="{}"').format(css_class) if css_class else Markup("")
+    return Markup("<b{}>{}</b>").format(attributes, content)
 
 
 def formula(part: Formula) -> Markup:
@@ -79,15 +80,15 @@ def formula(part: Formula) -> Markup:
     return Markup(formulas.mathml(part.name).replace("&ApplyFunction;", "\N{FUNCTION APPLICATION}"))
 
 
-def small(content: Text, units: Units) -> Markup:
+def second_line(content: Text, units: Units) -> Markup:
     """Return a text as HTML for the second line of a cell; empty for an empty text."""
     return Markup("<small>{}</small>").format(text(content, units)) if content else Markup("")
 
 
-def value(cell: Cell, units: Units, *, unit: bool = True) -> Markup:
-    """Return the content of a cell: its first line, its error and its note.
+def value(cell: Cell, units: Units, *, shows_unit: bool = True) -> Markup:
+    """Return the content of a cell as HTML: number or text, error and note.
 
-    `unit`: whether to add the unit to a number; False in columns whose heading has the unit
+    `shows_unit`: whether to add the unit to a number; False in columns whose heading has the unit
     """
     if isinstance(cell, Formula):
         return formula(cell)
@@ -95,46 +96,50 @@ def value(cell: Cell, units: Units, *, unit: bool = True) -> Markup:
         first = text(cell.text, units)
         if cell.tone != "plain":
             first = emphasised(first, cell.tone)
-        return first + small(cell.note, units)
+        return first + second_line(cell.note, units)
     if isinstance(cell, Series):
         digits, error = shown_series(cell, units), Markup("")
     else:
         digits, error = shown(cell, units), shown_error(cell, units)
         error = Markup("<small>± {}</small>").format(error) if error else Markup("")
-    return safe(with_unit(digits, cell.kind, units) if unit else digits) + error + small(cell.note, units)
+    return (
+        safe(with_unit(digits, cell.kind, units) if shows_unit else digits)
+        + error
+        + second_line(cell.note, units)
+    )
 
 
 def table(content: Table, units: Units) -> Markup:
     """Return a table as HTML, with a caption and with units in the headings of columns."""
-    is_number = [
+    is_number = [  # for each column
         all(isinstance(row[k], Quantity) for row in content.rows) or column.kind is not None
         for k, column in enumerate(content.columns)
     ]
     heads = Markup("").join(
         Markup('<th scope="col"{}>{}{}</th>').format(
-            _alignment(right), safe(head(column, units)), small(column.note, units)
+            _alignment(is_right_aligned), safe(head(column, units)), second_line(column.note, units)
         )
-        for column, right in zip(content.columns, is_number, strict=True)
+        for column, is_right_aligned in zip(content.columns, is_number, strict=True)
     )
-    rows = Markup("\n").join(_row(content, number, is_number, units) for number in range(len(content.rows)))
+    rows = Markup("\n").join(_row(content, index, is_number, units) for index in range(len(content.rows)))
     return Markup("<table><caption>{}</caption><thead><tr>{}</tr></thead><tbody>{}</tbody></table>").format(
         text(content.caption, units), heads, rows
     )
 
 
-def _row(content: Table, number: int, is_number: list[bool], units: Units) -> Markup:
-    anchor = Markup(' id="{}"').format(content.ids[number]) if content.ids else Markup("")
-    if number in content.governing:
-        anchor += Markup(' class="gov"')
+def _row(content: Table, index: int, is_number: list[bool], units: Units) -> Markup:
+    attributes = Markup(' id="{}"').format(content.ids[index]) if content.ids else Markup("")
+    if index in content.governing:
+        attributes += Markup(' class="gov"')
     cells = Markup("").join(
         _cell(cell, column, k, is_number[k], units)
-        for k, (cell, column) in enumerate(zip(content.rows[number], content.columns, strict=True))
+        for k, (cell, column) in enumerate(zip(content.rows[index], content.columns, strict=True))
     )
-    return Markup("<tr{}>{}</tr>").format(anchor, cells)
+    return Markup("<tr{}>{}</tr>").format(attributes, cells)
 
 
 def _cell(cell: Cell, column: Column, k: int, is_number: bool, units: Units) -> Markup:
-    shown_value = value(cell, units, unit=column.kind is None)
+    shown_value = value(cell, units, shows_unit=column.kind is None)
     if k == 0 and not isinstance(cell, Formula):
         return Markup('<th scope="row">{}</th>').format(shown_value)
     attributes = Markup(' class="eq"') if isinstance(cell, Formula) else _alignment(is_number)

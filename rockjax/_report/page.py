@@ -55,7 +55,7 @@ def render(page: Page, units: Units) -> str:
         font=_font(),
         footer=Markup(css_string(page.footer or page.title)),
         colours=COLOURS,
-        scrolls=markup.SCROLLS,
+        scroll_box_start=markup.SCROLL_BOX_START,
         formula=markup.formula,
         kind_of=lambda block: type(block).__name__,
         **in_units,
@@ -63,21 +63,21 @@ def render(page: Page, units: Units) -> str:
 
 
 def css_string(text: str) -> str:
-    """Return a text as a string of CSS; all characters but letters, digits and spaces are code points."""
+    """Return a text as a CSS string; all characters but letters, digits, "_" and spaces are escaped."""
     return re.sub(r"[^\w ]", lambda match: f"\\{ord(match[0]) or 0xFFFD:06x} ", text)
 
 
 def _limit(limit: Limit | Word, units: Units) -> Markup:
-    """Return the limit of a check, in the unit of the page and, if another, in that of the problem file."""
+    """Return the limit of a check in the unit of the page, and in that of the problem file if they differ."""
     if isinstance(limit, Word):
         return markup.value(limit, units)
     quantity = limit.quantity
     digits = with_unit(shown(quantity, units), quantity.kind, units)
-    content = Markup("{}{}{}").format(limit.sign, SPACE, _breakable(digits))
+    content = Markup("{}{}{}").format(limit.comparison, SPACE, _breakable(digits))
     if limit.unit is not None and limit.unit != units.unit(quantity.kind):
         given = f"{in_unit(quantity.value, limit.unit, quantity.kind, units.g):.6g} {limit.unit}"
         content += Markup("<small>given as {}</small>").format(given)
-    return content + markup.small(limit.note, units)
+    return content + markup.second_line(limit.note, units)
 
 
 def _value(cell: Quantity | Word, units: Units) -> Markup:
@@ -94,10 +94,10 @@ def _utilisation(cell: Quantity | Word, units: Units) -> Markup:
     """Return a utilisation after a bar with a mark at 1, or a word without a bar."""
     if isinstance(cell, Word):
         return Markup('<span class="nb">{}</span>').format(markup.text(cell.text, units))
-    share = 100 * min(max(cell.value, 0.0), _LARGEST_U) / _LARGEST_U
-    name = ' class="above"' if cell.value > 1 else ""
+    percent = 100 * min(max(cell.value, 0.0), _LARGEST_U) / _LARGEST_U
+    attributes = ' class="above"' if cell.value > 1 else ""
     bar = Markup('<span class="bar"><i{} style="width:{:.0f}%"></i><b></b></span>').format(
-        Markup(name), share
+        Markup(attributes), percent
     )
     return Markup('<span class="u">{}<span>{}</span></span>').format(bar, shown(cell, units))
 
@@ -110,7 +110,7 @@ def _template() -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        finalize=lambda shown: shown if isinstance(shown, Markup | int | float) else markup.safe(str(shown)),
+        finalize=lambda value: value if isinstance(value, Markup | int | float) else markup.safe(str(value)),
     )
     return environment.from_string(_read("page.html.jinja"))
 

@@ -6,8 +6,8 @@ import io
 import itertools
 import math
 import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import escape
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colours of figures → variables of page.css, which differ in the light and the dark theme.
 COLUMN, BEAM = "#cfd8e3", "#e6e9ee"
+# Colour of figures → variable of page.css, whose value differs between the light and the dark theme.
 VARIABLES = {
     "#d55e00": "--c-red",
     "#0072b2": "--c-blue",
@@ -37,13 +37,15 @@ VARIABLES = {
     BEAM: "--beam",
 }
 # Parts of matplotlib's SVG that `to_svg` removes or replaces.
-_PREAMBLE = re.compile(r"^.*?<svg\b[^>]*viewBox=\"([^\"]*)\"[^>]*>", re.DOTALL)
-_METADATA = re.compile(r"\s*<metadata>.*?</metadata>|\s*<style\b.*?</style>|\s*<defs>\s*</defs>", re.DOTALL)
-_FAMILY = re.compile(r"font-family: [^;\"]*")
-_REFERENCE = re.compile(r'(\bid="|url\(#|\bxlink:href="#)')
+_SVG_START = re.compile(r"^.*?<svg\b[^>]*viewBox=\"([^\"]*)\"[^>]*>", re.DOTALL)
+_REMOVED_ELEMENTS = re.compile(
+    r"\s*<metadata>.*?</metadata>|\s*<style\b.*?</style>|\s*<defs>\s*</defs>", re.DOTALL
+)
+_FONT_FAMILY = re.compile(r"font-family: [^;\"]*")
+_ID_OR_REFERENCE = re.compile(r'(\bid="|url\(#|\bxlink:href="#)')
 _COLOUR = re.compile(r"\b(fill|stroke): (#[0-9a-f]{6})(?:; \1-opacity: ([0-9.]+))?")
 _DECIMALS = {"m": 2, "cm": 1, "mm": 0}  # decimals of dimensions in drawings
-_MARKED_FLOORS = 12  # largest number of floors that are all marked with their masses
+_MARKED_FLOORS = 12  # up to this number of floors, every floor is marked with its mass
 
 
 def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
@@ -53,9 +55,9 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
     - `prefix`: start of all ids in the SVG, unique on the page: lower-case letters, digits and "-"
     - `title`: short title; `description`: text for readers who cannot see the figure
 
-    Text stays text; black becomes the colour of the page's text and greys become shades of it; the colours of
-    `VARIABLES` become variables of its style. Equal figures give equal strings. Raises `ValueError` for an
-    invalid prefix.
+    Text stays text, not outlines. Black becomes the text colour of the page, greys become this colour with an
+    opacity, and the colours of `VARIABLES` become variables of page.css. Equal figures give equal strings.
+    Raises `ValueError` for an invalid prefix.
     """
     import matplotlib.pyplot as plt
 
@@ -68,14 +70,14 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
     finally:
         plt.close(figure)
     content = target.getvalue()
-    match = _PREAMBLE.match(content)
+    match = _SVG_START.match(content)
     assert match is not None
-    content = _METADATA.sub("", content[match.end() :])
+    content = _REMOVED_ELEMENTS.sub("", content[match.end() :])
     content = re.sub(r"<!--.*?-->\s*", "", content, flags=re.DOTALL)
-    content = _REFERENCE.sub(rf"\1{prefix}-", content).replace("xlink:href", "href")
-    content = _FAMILY.sub("font-family: var(--sans)", content)
-    content = _COLOUR.sub(_themed, content)
-    content = re.sub(r'\bd="[^"]*"', _rounded, content)
+    content = _ID_OR_REFERENCE.sub(rf"\1{prefix}-", content).replace("xlink:href", "href")
+    content = _FONT_FAMILY.sub("font-family: var(--sans)", content)
+    content = _COLOUR.sub(_apply_theme, content)
+    content = re.sub(r'\bd="[^"]*"', _round_coordinates, content)
     head = (
         f'<svg role="img" aria-labelledby="{prefix}-title {prefix}-desc" viewBox="{match[1]}" '
         'xmlns="http://www.w3.org/2000/svg" fill="currentColor" '
@@ -86,7 +88,7 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
     return head + content.strip()
 
 
-def _themed(match: re.Match[str]) -> str:
+def _apply_theme(match: re.Match[str]) -> str:
     """Replace a colour of a figure by a variable of the page, or by the text's colour with an opacity."""
     name, colour, opacity = match[1], match[2], float(match[3] or 1)
     red, green, blue = colour[1:3], colour[3:5], colour[5:]
@@ -97,16 +99,16 @@ def _themed(match: re.Match[str]) -> str:
     return f"{name}: {colour}" + (f"; {name}-opacity: {opacity:g}" if opacity != 1 else "")
 
 
-def _rounded(match: re.Match[str]) -> str:
-    """Return the path of an SVG with coordinates rounded to 0.01 pt, on one line."""
+def _round_coordinates(match: re.Match[str]) -> str:
+    """Return the `d` attribute of an SVG path with coordinates rounded to 0.01 pt, on one line."""
     path = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), match[0])
     return re.sub(r"\s*\n", " ", path)
 
 
 def elevation_caption(units: Units) -> str:
     """Return the caption of `elevation_drawing` with its units."""
-    lengths, detail = units.unit("length"), units.unit("displacement")
-    return f"Elevation to scale, lengths in {lengths} (column at the right: in {detail})."
+    unit, column_unit = units.unit("length"), units.unit("displacement")
+    return f"Elevation to scale, lengths in {unit} (column at the right: in {column_unit})."
 
 
 def elevation_drawing(
@@ -118,14 +120,15 @@ def elevation_drawing(
     rotation: float | None = None,
     label: str = "",
 ) -> Figure:
-    """Return a drawing of the structure to scale, with dimensions and masses, and of one rotated column.
+    """Return a drawing to scale: the structure with dimensions and masses, and beside it one rotated column.
 
-    - `podium`: a single podium. Distances of columns have no dimensions without an elevation; stories have
-      none without heights
+    - `podium`: a single podium. Without an elevation, distances of columns have no dimension lines; without
+      heights, stories have none
     - `units`: units of the numbers
     - `column_mass`: mass of one column [kg]; None omits all masses
     - `columns`: number of columns N of a podium without an elevation
-    - `rotation`: rotation of the single column [rad], drawn at most as α; None for an upright column
+    - `rotation`: rotation of the column beside the structure [rad], drawn as α if larger; None for an upright
+      column
     - `label`: source of the rotation, such as "motion 9"
     """
     import matplotlib.pyplot as plt
@@ -143,13 +146,13 @@ def elevation_drawing(
 
 
 def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float | None, columns: int) -> None:
-    """Draw ground, columns, beam and floors, their dimensions at the left and their masses at the right."""
+    """Draw ground, columns, beam and floors, with heights at the left and masses at the right."""
     width, height = float(podium.width), float(podium.height)
-    lines, count, has_positions = _lines(podium, width, height, columns)
+    positions, count, has_positions = _column_positions(podium, width, height, columns)
     depth = float(podium.elevation.beam_depth) if podium.elevation is not None else 0.0  # pyright: ignore
     has_beam = podium.superstructure is not None or float(podium.gamma) > 0  # a solitary block has none
     drawn_depth = (depth or 0.12 * height) if has_beam else 0.0
-    left, right = lines[0] - 0.9 * width, lines[-1] + 0.9 * width
+    left, right = positions[0] - 0.9 * width, positions[-1] + 0.9 * width
     levels, masses, has_heights = _floors(podium, height, count * (column_mass or 0.0))
     levels = height + drawn_depth + levels
     top = max([height + drawn_depth, *levels])
@@ -158,44 +161,47 @@ def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float |
     ax.plot([left - 3 * gap, right + 3 * gap], [0, 0], color="#000000", ls="-", lw=1.6)
     for x in np.arange(left - 3 * gap, right + 3 * gap, gap):
         ax.plot([x, x - 0.4 * gap], [0, -0.5 * gap], color="#000000", ls="-", lw=0.5)
-    for x in lines:
-        _rectangle(ax, x - width / 2, 0, width, height, COLUMN)
+    for x in positions:
+        _draw_rectangle(ax, x - width / 2, 0, width, height, COLUMN)
     if has_beam:
-        _rectangle(ax, left, height, right - left, drawn_depth, BEAM)
+        _draw_rectangle(ax, left, height, right - left, drawn_depth, BEAM)
     slab = 0.006 * top
     for below, level in itertools.pairwise([height + drawn_depth, *levels]):
-        for x in lines:
+        for x in positions:
             ax.plot([x, x], [below, level], color="#000000", ls="-", lw=0.8)
-        _rectangle(ax, left, level - slab, right - left, 2 * slab, BEAM)
+        _draw_rectangle(ax, left, level - slab, right - left, 2 * slab, BEAM)
 
     if column_mass is not None:
-        write = lambda mass: plain_part(Quantity(float(mass), "mass", is_input=True), units)
-        _note(ax, right + gap, height / 2, f"{count} × {write(column_mass)}")
+        mass_text = lambda mass: plain_part(Quantity(float(mass), "mass", is_input=True), units)
+        _draw_text(ax, right + gap, height / 2, f"{count} × {mass_text(column_mass)}")
         if beam_mass := float(podium.gamma) * count * column_mass:
-            _note(ax, right + gap, height + drawn_depth / 2, write(_rounded_mass(beam_mass)))
-        for level, text in _mass_notes(levels.tolist(), [write(_rounded_mass(mass)) for mass in masses]):
-            _note(ax, right + gap, level, text)
+            _draw_text(ax, right + gap, height + drawn_depth / 2, mass_text(_rounded_mass(beam_mass)))
+        floor_masses = [mass_text(_rounded_mass(mass)) for mass in masses]
+        for level, text in _mass_notes(levels.tolist(), floor_masses):
+            _draw_text(ax, right + gap, level, text)
 
-    length = lambda value: _dimension_text(value, "length", units)
-    heights = [(0.0, height, length(height))]
+    length_text = lambda value: _dimension_text(value, "length", units)
+    heights = [(0.0, height, length_text(height))]
     if depth:
-        heights.append((height, height + depth, length(depth)))
+        heights.append((height, height + depth, length_text(depth)))
     if has_heights:
-        heights += _runs(height + drawn_depth, levels, length)
+        heights += _story_dimensions(height + drawn_depth, levels, length_text)
     for start, end, text in heights:
-        line = left - 1.6 * gap
-        _dimension(ax, (line, start), (line, end), text, is_short=end - start < 1.5 * gap)
+        x = left - 1.6 * gap
+        _draw_dimension(ax, (x, start), (x, end), text, is_short=end - start < 1.5 * gap)
     if has_heights and depth:
-        _dimension(ax, (left - 4.2 * gap, 0), (left - 4.2 * gap, top), length(top))
+        _draw_dimension(ax, (left - 4.2 * gap, 0), (left - 4.2 * gap, top), length_text(top))
     if has_positions:
-        for start, end in itertools.pairwise(lines):
-            _dimension(ax, (start, -2 * gap), (end, -2 * gap), length(end - start))
+        for start, end in itertools.pairwise(positions):
+            _draw_dimension(ax, (start, -2 * gap), (end, -2 * gap), length_text(end - start))
     ax.set(aspect="equal", xlim=(left - 5.6 * gap, right + 5.5 * gap), ylim=(-3.8 * gap, top + gap))
 
 
-def _lines(podium: Podium, width: float, height: float, columns: int) -> tuple[np.ndarray, int, bool]:
-    """Return positions of the lines of columns [m], the number of columns, and whether the podium has
-    positions."""
+def _column_positions(
+    podium: Podium, width: float, height: float, columns: int
+) -> tuple[np.ndarray, int, bool]:
+    """Return the distinct positions x of columns [m], the number of columns, and whether the positions come
+    from the podium."""
     if podium.elevation is None:
         spacing = max(0.9 * height, 2.5 * width)
         return spacing * (np.arange(columns) - 0.5 * (columns - 1)), columns, False
@@ -204,8 +210,9 @@ def _lines(podium: Podium, width: float, height: float, columns: int) -> tuple[n
     return positions[is_new], positions.size, True
 
 
-def _floors(podium: Podium, height: float, columns_mass: float) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return heights of the floors above the beam [m], their masses [kg], and whether the podium has heights.
+def _floors(podium: Podium, height: float, total_column_mass: float) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return heights of the floors above the beam [m], their masses [kg], and whether the heights come from
+    the podium.
 
     A superstructure that is not a `ShearBuilding` is drawn as one mass.
     """
@@ -213,16 +220,16 @@ def _floors(podium: Podium, height: float, columns_mass: float) -> tuple[np.ndar
     if superstructure is None:
         return np.zeros(0), np.zeros(0), False
     if isinstance(superstructure, ShearBuilding):
-        masses = np.asarray(superstructure.masses, float) * columns_mass
+        masses = np.asarray(superstructure.masses, float) * total_column_mass
         has_heights = superstructure.heights is not None
-        stories = (
+        story_heights = (
             np.asarray(superstructure.heights, float) if has_heights else np.full(masses.size, 0.6 * height)
         )
-        return np.cumsum(stories), masses, has_heights
+        return np.cumsum(story_heights), masses, has_heights
     level = 0.0
     if podium.elevation is not None:
         level = float(np.max(np.asarray(podium.elevation.top_height, float)))  # pyright: ignore
-    mass = float(np.asarray(superstructure.mass_ratio)) * columns_mass
+    mass = float(np.asarray(superstructure.mass_ratio)) * total_column_mass
     return np.array([level or 0.8 * height]), np.array([mass]), level > 0
 
 
@@ -232,38 +239,41 @@ def _rounded_mass(mass: float) -> float:
 
 
 def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[float, str]]:
-    """Return heights and texts of masses; among many floors, a run of equal masses has one text."""
+    """Return heights and texts of masses. Among more than 12 floors, a run of equal masses has one text."""
     if len(masses) <= _MARKED_FLOORS:
         return list(zip(levels, masses, strict=True))
     notes, start = [], 0
     for mass, run in itertools.groupby(masses):
-        times = len(list(run))
-        middle = 0.5 * (levels[start] + levels[start + times - 1])
-        notes.append((middle, mass if times == 1 else f"{times} × {mass}"))
-        start += times
+        count = len(list(run))
+        middle = 0.5 * (levels[start] + levels[start + count - 1])
+        notes.append((middle, mass if count == 1 else f"{count} × {mass}"))
+        start += count
     return notes
 
 
-def _runs(base: float, levels: np.ndarray, length: Any) -> list[tuple[float, float, str]]:
-    """Return ends and texts of the dimensions of stories; a run of equal stories has one dimension."""
+def _story_dimensions(
+    base: float, levels: np.ndarray, length_text: Callable[[float], str]
+) -> list[tuple[float, float, str]]:
+    """Return ends and texts of the dimension lines of stories; a run of equal stories has one line."""
     ends = [base, *map(float, levels)]
-    stories = [length(upper - lower) for lower, upper in itertools.pairwise(ends)]
-    runs, start = [], 0
-    for text, run in itertools.groupby(stories):
-        times = len(list(run))
-        lower, upper = ends[start], ends[start + times]
-        runs.append((lower, upper, text if times == 1 else f"{times} × {text} = {length(upper - lower)}"))
-        start += times
-    return runs
+    heights = [length_text(upper - lower) for lower, upper in itertools.pairwise(ends)]
+    dimensions, start = [], 0
+    for height, run in itertools.groupby(heights):
+        count = len(list(run))
+        lower, upper = ends[start], ends[start + count]
+        text = height if count == 1 else f"{count} × {height} = {length_text(upper - lower)}"
+        dimensions.append((lower, upper, text))
+        start += count
+    return dimensions
 
 
 def _draw_column(ax: Axes, podium: Podium, units: Units, rotation: float | None, label: str) -> None:
     """Draw a column upright and rotated about its right edge, with its dimensions."""
-    alpha, size = float(podium.alpha), float(podium.R)
+    alpha, R = float(podium.alpha), float(podium.R)
     width, height = float(podium.width), float(podium.height)
     angle = min(abs(rotation or 0.0), alpha)
     gap = 0.07 * height
-    detail = lambda value: _dimension_text(value, "displacement", units)
+    length_text = lambda value: _dimension_text(value, "displacement", units)
     ax.plot([-gap, width + 2.5 * gap], [0, 0], color="#000000", ls="-", lw=1.6)
     upright = np.array([(0, 0), (width, 0), (width, height), (0, height)])
     pivot = np.array([width, 0])
@@ -274,47 +284,47 @@ def _draw_column(ax: Axes, podium: Podium, units: Units, rotation: float | None,
 
         ax.plot(*np.vstack([upright, upright[:1]]).T, color="#000000", ls="--", lw=0.8)
         ax.add_patch(Polygon(corners, closed=True, facecolor=COLUMN, edgecolor="#000000", lw=1.0, alpha=0.9))
-        u_top = 2 * size * (math.sin(alpha) - math.sin(alpha - angle))
-        rise = 2 * size * (math.cos(alpha - angle) - math.cos(alpha))
-        _dimension(ax, (0, height + rise + gap), (u_top, height + rise + gap), detail(u_top))
-        write = lambda value, kind: plain_part(Quantity(value, kind), units)
-        lines = [
+        u_top = 2 * R * (math.sin(alpha) - math.sin(alpha - angle))
+        rise = 2 * R * (math.cos(alpha - angle) - math.cos(alpha))
+        _draw_dimension(ax, (0, height + rise + gap), (u_top, height + rise + gap), length_text(u_top))
+        quantity_text = lambda value, kind: plain_part(Quantity(value, kind), units)
+        texts = [
             "column at its largest rotation",
-            f"θ = {write(angle, 'angle')} = {write(angle / alpha, 'number')} α",
+            f"θ = {quantity_text(angle, 'angle')} = {quantity_text(angle / alpha, 'number')} α",
             *([f"({label})"] if label else []),
-            f"top displaced by {write(u_top, 'displacement')},",
-            f"raised by {write(rise, 'displacement')};",
+            f"top displaced by {quantity_text(u_top, 'displacement')},",
+            f"raised by {quantity_text(rise, 'displacement')};",
             "true to scale",
         ]
     else:
-        _rectangle(ax, 0, 0, width, height, COLUMN)
-        lines = ["column at rest"]
-    _dimension(ax, (-gap, 0), (-gap, height), f"2H = {detail(height)}")
-    _dimension(ax, (0, -gap), (width, -gap), f"2B = {detail(width)}")
-    ax.text(width / 2, -2.2 * gap, "\n".join(lines), ha="center", va="top", fontsize=9)
+        _draw_rectangle(ax, 0, 0, width, height, COLUMN)
+        texts = ["column at rest"]
+    _draw_dimension(ax, (-gap, 0), (-gap, height), f"2H = {length_text(height)}")
+    _draw_dimension(ax, (0, -gap), (width, -gap), f"2B = {length_text(width)}")
+    ax.text(width / 2, -2.2 * gap, "\n".join(texts), ha="center", va="top", fontsize=9)
     ax.set(aspect="equal", xlim=(-4 * gap, width + 4 * gap), ylim=(-8 * gap, height + 3 * gap))
 
 
 def _dimension_text(value: float, kind: str, units: Units) -> str:
-    """Return a length [m] as drawings show it: two decimals of metres, whole millimetres."""
+    """Return a length [m] as text in the unit of its kind, with the decimals of `_DECIMALS`."""
     return f"{units.show(value, kind):.{_DECIMALS[units.unit(kind)]}f}"
 
 
-def _rectangle(ax: Axes, x: float, y: float, width: float, height: float, colour: str) -> None:
+def _draw_rectangle(ax: Axes, x: float, y: float, width: float, height: float, colour: str) -> None:
     from matplotlib.patches import Rectangle
 
     ax.add_patch(Rectangle((x, y), width, height, facecolor=colour, edgecolor="#000000", lw=0.8, zorder=2))
 
 
-def _note(ax: Axes, x: float, y: float, text: str) -> None:
+def _draw_text(ax: Axes, x: float, y: float, text: str) -> None:
     ax.text(x, y, text, ha="left", va="center", fontsize=9)
 
 
-def _dimension(
+def _draw_dimension(
     ax: Axes, start: tuple[float, float], end: tuple[float, float], text: str, *, is_short: bool = False
 ) -> None:
-    """Draw a dimension line with oblique ticks. The text is above a horizontal line, and left of a vertical
-    one, along the line unless it is short."""
+    """Draw a dimension line with oblique ticks, and its text above a horizontal or left of a vertical line.
+    The text of a vertical line runs along the line, unless `is_short`."""
     (x0, y0), (x1, y1) = start, end
     is_vertical = x0 == x1
     ax.plot([x0, x1], [y0, y1], color="#000000", ls="-", lw=0.6, marker=(2, 2, -45), ms=7)

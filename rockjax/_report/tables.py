@@ -14,24 +14,25 @@ from typing import Any, Literal, TypeAlias
 from . import formulas
 from .units import KINDS, NO_UNIT, Units
 
-# State of a word → tone in which it is shown: good, bad, open (not verified, missing), or plain.
-Tone: TypeAlias = Literal["plain", "good", "bad", "open"]
+# Colour of a text; "unverified" stands for results and inputs that are missing or not verified.
+Tone: TypeAlias = Literal["plain", "good", "bad", "unverified"]
+# State of a `Word` → its tone.
 STATES: dict[str, Tone] = {
     "text": "plain",  # names, sources and other texts
     "pass": "good",
     "fail": "bad",
-    "undecided": "open",
-    "not valid": "open",
-    "not made": "open",
-    "by others": "open",
+    "undecided": "unverified",
+    "not valid": "unverified",
+    "not made": "unverified",
+    "by others": "unverified",
     "overturned": "bad",
     "joint opens": "bad",
     "violated": "bad",
     "holds": "good",
-    "not tested": "open",
+    "not tested": "unverified",
     "unsafe": "bad",
-    "unanswered": "open",  # the solver gave no answer
-    "no source": "open",
+    "unanswered": "unverified",  # the solver gave no answer
+    "no source": "unverified",
     "not asked": "plain",
     "none": "plain",  # "no impact", "no derivative"
 }
@@ -69,7 +70,7 @@ class Quantity:
             object.__setattr__(self, "error", _finite(self.error, "error"))
             if self.error < 0:
                 raise ValueError(f"Quantity: error must not be negative, got error = {self.error}")
-        object.__setattr__(self, "note", checked_text(self.note, "Quantity.note", empty=True))
+        object.__setattr__(self, "note", checked_text(self.note, "Quantity.note", may_be_empty=True))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +90,7 @@ class Word:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "text", checked_text(self.text, "Word.text"))
-        object.__setattr__(self, "note", checked_text(self.note, "Word.note", empty=True))
+        object.__setattr__(self, "note", checked_text(self.note, "Word.note", may_be_empty=True))
         if self.state not in STATES:
             raise ValueError(f"Word: state must be one of {', '.join(STATES)}, got {self.state!r}")
 
@@ -120,7 +121,7 @@ class Series:
         object.__setattr__(self, "values", tuple(Quantity(value, self.kind).value for value in self.values))
         if not self.values:
             raise ValueError("Series: values must not be empty")
-        object.__setattr__(self, "note", checked_text(self.note, "Series.note", empty=True))
+        object.__setattr__(self, "note", checked_text(self.note, "Series.note", may_be_empty=True))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -188,7 +189,7 @@ class Column:
         checked_text(self.head, "Column.head")
         if self.kind is not None and self.kind not in KINDS:
             raise ValueError(f"Column: kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
-        object.__setattr__(self, "note", checked_text(self.note, "Column.note", empty=True))
+        object.__setattr__(self, "note", checked_text(self.note, "Column.note", may_be_empty=True))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,8 +203,8 @@ class Table:
     - `governing`: indices of highlighted rows
     - `ids`: an anchor for every row, such as "A7", of letters, digits, "-" and "."; empty for no anchors
 
-    Raises `ValueError` for a table without rows, a row of another length, a quantity of another kind than the
-    column, and invalid cells.
+    Raises `ValueError` for a table without rows, a row with more or fewer cells than columns, a quantity of
+    another kind than its column, and invalid cells.
     """
 
     name: str
@@ -221,15 +222,15 @@ class Table:
         rows = tuple(tuple(_cell(cell) for cell in row) for row in self.rows)
         if not rows or not columns:
             raise ValueError(f"Table {self.name}: needs at least one row and one column")
-        for number, row in enumerate(rows):
+        for index, row in enumerate(rows):
             if len(row) != len(columns):
                 raise ValueError(
-                    f"Table {self.name}: row {number} has {len(row)} cells for {len(columns)} columns"
+                    f"Table {self.name}: row {index} has {len(row)} cells for {len(columns)} columns"
                 )
             for cell, column in zip(row, columns, strict=True):
                 if column.kind and isinstance(cell, Quantity | Series) and cell.kind != column.kind:
                     raise ValueError(
-                        f"Table {self.name}: row {number} has {KINDS[cell.kind].article} {cell.kind} in the "
+                        f"Table {self.name}: row {index} has {KINDS[cell.kind].article} {cell.kind} in the "
                         f"column {column.head!r} of kind {column.kind}"
                     )
         if self.ids and len(self.ids) != len(rows):
@@ -238,7 +239,7 @@ class Table:
             raise ValueError(
                 f"Table {self.name}: ids must have letters, digits, '-' and '.', got {', '.join(self.ids)}"
             )
-        if not all(0 <= number < len(rows) for number in self.governing):
+        if not all(0 <= index < len(rows) for index in self.governing):
             raise ValueError(f"Table {self.name}: governing must be numbers of rows, got {self.governing}")
         for name, value in {"caption": caption, "columns": columns, "rows": rows}.items():
             object.__setattr__(self, name, value)
@@ -276,8 +277,8 @@ class Table:
 def shown(quantity: Quantity, units: Units) -> str:
     """Return the digits of a quantity in the units of a page, without unit and error.
 
-    Numbers have four significant digits, or fewer if the error is larger; inputs have no
-    trailing zeros; utilisations have two decimals, or as many as distinguish them from 1.
+    Numbers have four significant digits, fewer if the error affects earlier digits. Inputs have no trailing
+    zeros. Utilisations have two decimals, or as many more as distinguish them from 1.
     """
     value = units.show(quantity.value, quantity.kind)
     digits = KINDS[quantity.kind].digits
@@ -292,7 +293,7 @@ def shown(quantity: Quantity, units: Units) -> str:
 
 
 def shown_error(quantity: Quantity, units: Units) -> str:
-    """Return the error of a quantity with one digit, without unit; an empty string if there is none."""
+    """Return the error of a quantity with one digit, without unit; "" if the error is None."""
     if quantity.error is None:
         return ""
     return _signed(_significant(units.show(quantity.error, quantity.kind), 1))
@@ -313,7 +314,7 @@ def shown_series(series: Series, units: Units) -> str:
             runs[-1] = runs[-1][0] + 1, number
         else:
             runs.append((1, number))
-    return ", ".join(number if times == 1 else f"{times} × {number}" for times, number in runs)
+    return ", ".join(number if count == 1 else f"{count} × {number}" for count, number in runs)
 
 
 def head(column: Column, units: Units) -> str:
@@ -341,14 +342,14 @@ def plain_part(part: Part, units: Units) -> str:
     return part if isinstance(part, str) else part.text
 
 
-def plain_cell(cell: Cell, units: Units, *, unit: bool = True) -> str:
-    """Return a cell as text, with its unit or without, and without its note."""
+def plain_cell(cell: Cell, units: Units, *, shows_unit: bool = True) -> str:
+    """Return a cell as text without its note, and without its unit unless `shows_unit`."""
     if isinstance(cell, Word):
         return plain(cell.text, units)
     if isinstance(cell, Formula):
         return plain_part(cell, units)
     digits = shown(cell, units) if isinstance(cell, Quantity) else shown_series(cell, units)
-    return with_unit(digits, cell.kind, units) if unit else digits
+    return with_unit(digits, cell.kind, units) if shows_unit else digits
 
 
 def _significant(value: float, digits: int, error: float | None = None) -> str:
@@ -369,7 +370,11 @@ def _exponent(value: float, digits: int) -> int:
 
 
 def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
-    """Return `decimal`, or the number as a power of ten if it is very large or small: "1.609·10⁻⁴"."""
+    """Return `decimal`, or for a very large or small number a power of ten such as "1.609·10⁻⁴".
+
+    - `value`: the number; `decimal`: its decimal form
+    - `decimals`: decimals before the power of ten; None for five without trailing zeros
+    """
     if value == 0 or 1e-3 <= abs(value) < 1e6:
         return decimal
     mantissa, _, exponent = (f"{value:.5e}" if decimals is None else f"{value:.{decimals}e}").partition("e")
@@ -379,7 +384,7 @@ def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
 
 
 def _utilisation(value: float) -> str:
-    """Return a utilisation with two decimals, or as many as distinguish it from 1."""
+    """Return a utilisation with two decimals, or as many more as distinguish it from 1."""
     if abs(value) >= 1e3:
         return _significant(value, 4)
     decimals = 2
@@ -411,8 +416,8 @@ def _finite(value: Any, name: str) -> float:
     return number
 
 
-def checked_text(text: Any, owner: str, *, empty: bool = False) -> Text:
-    """Return a text after checking that its parts are valid and, unless `empty`, that it is not empty.
+def checked_text(text: Any, owner: str, *, may_be_empty: bool = False) -> Text:
+    """Return a text after checking that its parts are valid and, unless `may_be_empty`, that it is not empty.
 
     Raises `ValueError`, which names the owner.
     """
@@ -425,7 +430,7 @@ def checked_text(text: Any, owner: str, *, empty: bool = False) -> Text:
         )
     else:
         raise ValueError(f"{owner} must be a string or a tuple of parts, got {text!r}")
-    if _EMPTY.fullmatch(visible) and not (empty and not text):
+    if _EMPTY.fullmatch(visible) and not (may_be_empty and not text):
         raise ValueError(f"{owner} must be a word, not empty, a dash, nan, inf or None; got {text!r}")
     return text
 

@@ -293,7 +293,7 @@ def test_the_printed_report_has_every_row(browser, folder, report):
     missing = []
     for name, table in report.tables.items():
         for row in table.rows if name != "summary" else ():  # the summary has bars and symbols instead
-            text = " ".join(plain_cell(cell, report.units, unit=False) for cell in row)
+            text = " ".join(plain_cell(cell, report.units, shows_unit=False) for cell in row)
             words = unicodedata.normalize("NFKC", text).split()
             if not any(all(word in page for word in words) for page in pages):
                 missing.append((name, words))

@@ -158,7 +158,7 @@ def test_rows_of_the_summary_are_complete():
         "spread": "0.41 … 0.62",
     }
     made = blocks.SummaryRow(**row)
-    assert (made.state, made.sign) == ("pass", "✓")
+    assert (made.state, made.symbol) == ("pass", "✓")
     for change, message in (
         ({"id": " "}, r"SummaryRow\.id must be a word"),
         ({"result": "OK"}, "result must be one of PASS, FAIL"),

@@ -56,7 +56,7 @@ def _main(cells: list[Cell], column: Column, units: Units) -> tuple[str, list[Nu
     return name, [
         Number(units.show(cell.value, cell.kind), shown(cell, units))
         if isinstance(cell, Quantity)
-        else plain_cell(cell, units, unit=False)
+        else plain_cell(cell, units, shows_unit=False)
         for cell in cells
     ]
 

@@ -54,35 +54,35 @@ def document(page: Page, g: float) -> dict[str, Any]:
     - `g`: gravity [m/s²]
 
     The keys are `schema`, `title`, `subject`, `head`, `origin`, `verdict`, `is_verified`, `notices`, `checks`
-    (a list with an entry for each row of the summary, whose `is_target` states whether it is a design
-    target), `tables` (by name) and `sections`. A number is {"value", "unit"} and, if known, "error"; a word
-    that replaces a number is {"text", "state"}; texts with numbers are lists of strings and numbers.
+    (an entry for each row of the summary; its `is_target` states whether the check is a design target),
+    `tables` (by name) and `sections`. A number is {"value", "unit"} and, if known, "error"; a word that
+    replaces a number is {"text", "state"}; texts with numbers are lists of strings and numbers.
     """
-    writer = _Writer(Units.si(g))
+    converter = _Converter(Units.si(g))
     summaries = [block for block in page.blocks() if isinstance(block, Summary)]
     return {
         "schema": SCHEMA,
         "title": page.title,
         "subject": page.subject,
-        "head": {term: writer.text(content) for term, content in page.head.items()},
-        "origin": {term: writer.text(content) for term, content in page.origin.items()},
+        "head": {term: converter.text(content) for term, content in page.head.items()},
+        "origin": {term: converter.text(content) for term, content in page.origin.items()},
         "verdict": page.verdict,
         "is_verified": page.is_verified,
-        "notices": [writer.text(notice) for notice in page.notices],
-        "checks": [writer.check(row) for summary in summaries for row in summary.rows],
-        "tables": {block.name: writer.table(block) for block in page.blocks() if isinstance(block, Table)},
+        "notices": [converter.text(notice) for notice in page.notices],
+        "checks": [converter.check(row) for summary in summaries for row in summary.rows],
+        "tables": {block.name: converter.table(block) for block in page.blocks() if isinstance(block, Table)},
         "sections": [
             {
                 "number": section.number,
                 "title": section.title,
-                "blocks": [writer.block(block) for block in section.blocks],
+                "blocks": [converter.block(block) for block in section.blocks],
             }
             for section in page.sections
         ],
     }
 
 
-class _Writer:
+class _Converter:
     """Conversion of the parts of a page to JSON values, in SI units."""
 
     def __init__(self, units: Units):
@@ -145,7 +145,7 @@ class _Writer:
         if isinstance(limit, Word):
             return self.cell(limit)
         note = {"note": self.text(limit.note)} if limit.note else {}
-        sense = {"≤": "at most", "≥": "at least"}[limit.sign]
+        sense = {"≤": "at most", "≥": "at least"}[limit.comparison]
         given = {} if limit.unit is None else {"given_in": limit.unit}
         return {"sense": sense, **self.cell(limit.quantity), **given, **note}
 

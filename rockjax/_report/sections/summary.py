@@ -32,9 +32,9 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
     scope = check.kind.scope(check.entry, evaluation.problem)
     limit: Limit | Word = Word("none given", "none")
     if check.kind.has_limit:
-        sign = "≥" if check.kind.is_minimum else "≤"
+        comparison = "≥" if check.kind.is_minimum else "≤"
         quantity = Quantity(check.limit, check.entry.quantity, is_input=True)
-        limit = Limit(sign, quantity, check.entry.keys.unit)
+        limit = Limit(comparison, quantity, check.entry.keys.unit)
     if check.values is None:
         state = "by others" if check.result == "BY OTHERS" else "not made"
         return SummaryRow(
