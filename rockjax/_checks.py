@@ -1,8 +1,7 @@
 """Checks of arguments and their conversion to arrays.
 
-Only concrete values are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad` traces cannot be checked; if
-one is invalid, the `result` of the scene reports the problem. All messages begin with `owner`, a class or
-function.
+Only concrete values are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad` traces cannot be checked;
+invalid ones are reported by the `result` of the scene. All messages begin with `owner`, a class or function.
 """
 
 import functools

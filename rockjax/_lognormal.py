@@ -20,7 +20,7 @@ from rockjax._checks import array_module
 MIN_DISPERSION = 1e-4  # capacities with a smaller dispersion have no fit
 # Counts with a larger dispersion have no fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
 MAX_DISPERSION = 3.0
-MIN_RISE = 1e-9  # if the share of events rises less with the level, the rise counts as rounding
+MIN_RISE = 1e-9  # a smaller rise of the share of events with the level counts as rounding
 
 
 class Lognormal(NamedTuple):
@@ -34,9 +34,9 @@ class Lognormal(NamedTuple):
 
     def probability(self, x: Float[ArrayLike, "*n"]) -> Float[Array, "*n"]:
         """Return the probability P(capacity ≤ x) [–]."""
-        numpy = array_module(self, x)
-        z = numpy.divide(numpy.log(numpy.divide(x, self.median)), self.dispersion)
-        return ndtr(z) if numpy is np else norm.cdf(z)
+        xp = array_module(self, x)
+        z = xp.divide(xp.log(xp.divide(x, self.median)), self.dispersion)
+        return ndtr(z) if xp is np else norm.cdf(z)
 
 
 def fit_capacities(

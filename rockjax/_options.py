@@ -153,18 +153,20 @@ class Options(Module):
 
 
 def as_compiled(podium: Podium, options: Options) -> Options:
-    """Return the options with defaults for everything that does not affect the compiled program, so that
-    equivalent requests share one program: for the order of outputs, outputs that do not apply to the podium,
-    `history` and `throw`."""
-    parameters, structure = jax.tree.flatten(options)
+    """Return options that compile to the same program, so that equivalent requests share it.
+
+    `history` and `throw` have their defaults, outputs are in the order of the registry, and outputs that do
+    not apply to the podium are removed.
+    """
+    parameters, treedef = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
-    return jax.tree.unflatten(_as_compiled(structure, applicable), parameters)
+    return jax.tree.unflatten(_as_compiled(treedef, applicable), parameters)
 
 
 @functools.lru_cache(maxsize=256)
-def _as_compiled(structure, applicable: frozenset[str]):
+def _as_compiled(treedef, applicable: frozenset[str]):
     """Return the tree structure of the options that `as_compiled` returns."""
-    options = jax.tree.unflatten(structure, [1e-3] * structure.num_leaves)
+    options = jax.tree.unflatten(treedef, [1e-3] * treedef.num_leaves)
     user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
     select = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
     outputs = select(options.outputs) or (() if user_outputs else options.outputs)

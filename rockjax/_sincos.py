@@ -81,8 +81,8 @@ _PI = (3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21)
 def sin(x: Value) -> Value:
     """Return sin x for any x. The error is about two rounding errors of the result, or one rounding error
     of x."""
-    turns, sign = _half_turns(x)
-    s, _ = sincos(_subtract_half_turns(x, turns))
+    half_turns, sign = _half_turns(x)
+    s, _ = sincos(_subtract_half_turns(x, half_turns))
     return sign * s
 
 
@@ -91,8 +91,8 @@ def sin(x: Value) -> Value:
 def cos(x: Value) -> Value:
     """Return cos x for any x, as accurately as `sin`, except that the absolute error near the zeros of cos x
     is one rounding error of the number 1."""
-    turns, sign = _half_turns(x)
-    _, c = sincos(_subtract_half_turns(x, turns))
+    half_turns, sign = _half_turns(x)
+    _, c = sincos(_subtract_half_turns(x, half_turns))
     return sign * c
 
 
@@ -109,13 +109,13 @@ def _cos_jvp(primals, tangents):
 
 
 def _half_turns(x: Value) -> tuple[Value, Value]:
-    """Return x/π rounded to a whole number of half turns, and the sign (−1)^turns."""
-    turns = jnp.round(x * (1 / math.pi))
-    return turns, 1.0 - 2.0 * (turns - 2.0 * jnp.floor(0.5 * turns))
+    """Return x/π rounded to a whole number of half turns, and the sign (−1)^half_turns."""
+    half_turns = jnp.round(x * (1 / math.pi))
+    return half_turns, 1.0 - 2.0 * (half_turns - 2.0 * jnp.floor(0.5 * half_turns))
 
 
-def _subtract_half_turns(x: Value, turns: Value) -> Value:
-    """Return x − π·turns without loss of digits."""
+def _subtract_half_turns(x: Value, half_turns: Value) -> Value:
+    """Return x − π·half_turns without loss of digits."""
     for term in _PI:
-        x = x - turns * term
+        x = x - half_turns * term
     return x

@@ -9,7 +9,7 @@ import typer
 import typer.core
 
 from ._context import COMMAND
-from ._run import INTERRUPTED, NO_ANSWER, WRONG_INPUT, unwrap_docstring
+from ._run import FAILED, INTERRUPTED, WRONG_INPUT, unwrap_docstring
 from ._terminal import terminal
 
 
@@ -48,8 +48,8 @@ def about(
     A structure and its ground motion are given by options, by a problem file (TOML), or by both; options
     override the file. Units are SI and radians. `rockjax COMMAND --help` has examples.
 
-    Exit status: 0 success; 1 some scenes did not finish, no design satisfies the targets, no curve
-    fits, or a file could not be written; 2 wrong input; 130 interrupted.
+    Exit status: 0 success; 1 some scenes did not finish, no design satisfies the targets, a check of the
+    report fails, no curve fits, or a file could not be written; 2 wrong input; 130 interrupted.
     """
     del version
 
@@ -70,4 +70,4 @@ def main() -> None:
             raise SystemExit(WRONG_INPUT) from None
         except (OSError, RuntimeError, ImportError) as error:
             typer.echo(f"rockjax: {error}", err=True)
-            raise SystemExit(NO_ANSWER) from None
+            raise SystemExit(FAILED) from None

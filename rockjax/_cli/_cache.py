@@ -8,12 +8,12 @@ from typing import Annotated
 from rockjax._problem.models import OUTPUT
 
 from ._options import option
-from ._run import Report, command
+from ._run import Console, command
 
 
 @command(jax=False)
 def cache(
-    report: Report,
+    console: Console,
     clear: Annotated[bool, option("--clear", panel=OUTPUT, help="Remove all stored programs.")] = False,
 ) -> None:
     """Show or clear the cache of compiled programs: folder, number of programs and size.
@@ -31,18 +31,18 @@ def cache(
     folder = store.folder()
     if clear:
         removed = store.clear()
-        report.say(f"removed {removed} programs from {folder}")
-        report.facts |= {"removed": removed}
+        console.say(f"removed {removed} programs from {folder}")
+        console.facts |= {"removed": removed}
     entries = store.entries()
     size, limit = sum(entry.size for entry in entries) / 2**20, store.limit() / 2**20
     reason_unused = store.reason_unused()
-    report.say(f"{len(entries)} programs, {size:.1f} of at most {limit:.0f} MiB, in {folder}")
+    console.say(f"{len(entries)} programs, {size:.1f} of at most {limit:.0f} MiB, in {folder}")
     if entries and not clear:
         days = (time.time() - entries[0].used) / 86400
-        report.say(f"the least recently used program was used {days:.1f} days ago")
+        console.say(f"the least recently used program was used {days:.1f} days ago")
     if reason_unused:
-        report.say(f"the cache is not in use: {reason_unused}")
-    report.facts |= {
+        console.say(f"the cache is not in use: {reason_unused}")
+    console.facts |= {
         "folder": str(folder),
         "programs": len(entries),
         "MiB": round(size, 1),

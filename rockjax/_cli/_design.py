@@ -5,14 +5,16 @@ from __future__ import annotations
 from rockjax._problem import models
 
 from ._joints import joint_warnings
-from ._options import Output, accuracy, options_of, structure_options
+from ._options import Output, accuracy_options, options_of, structure_options
 from ._outputs import parse_outputs
 from ._request import Request
-from ._run import INTERRUPTED, Report, command
+from ._run import INTERRUPTED, Console, command
 
 
-@command(structure_options(), options_of(models.Problem, "starts", "seed", "friction"), accuracy(rtol=None))
-def design(request: Request, report: Report, output: Output = "rockjax-design") -> None:
+@command(
+    structure_options(), options_of(models.Problem, "starts", "seed", "friction"), accuracy_options(rtol=None)
+)
+def design(request: Request, console: Console, output: Output = "rockjax-design") -> None:
     """Design a podium: minimise an objective over bounded variables, subject to targets.
 
     Prints the variables, and the targets with their margins and shadow prices. Writes OUTPUT.json,
@@ -32,16 +34,18 @@ def design(request: Request, report: Report, output: Output = "rockjax-design") 
     if request.path is None:
         raise ValueError("rockjax design needs a problem file (TOML), or --example column")
     files = parse_outputs(output, "rockjax-design").check(("convergence", "response"), ".json")
-    problem = optimise.problem_of(request.merged, request.path, request.reader.set_by_options)
-    best, written, interrupt = optimise.design_command(problem, files.prefix, report.quiet, files.format)
-    report.say(str(best))
+    problem = optimise.problem_of(request.tables, request.path, request.reader.set_by_options)
+    best, written, interrupt = optimise.design_command(problem, files.prefix, console.quiet, files.format)
+    console.say(str(best))
     peaks = optimise.joint_peaks(problem, best)
     for line in joint_warnings(best.podium, peaks, request.problem.friction):
-        report.say(line)
+        console.say(line)
     for path in written:
-        report.add_file(path)
-    report.facts |= {name: value for name, value in optimise.design_record(best).items() if name != "history"}
+        console.add_file(path)
+    console.facts |= {
+        name: value for name, value in optimise.design_record(best).items() if name != "history"
+    }
     if interrupt is not None:
-        report.error(f"{interrupt}; the best design so far is saved", INTERRUPTED)
+        console.error(f"{interrupt}; the best design so far is saved", INTERRUPTED)
     elif not best.satisfied:
-        report.error("no design satisfies the targets; widen [vary], relax the targets or raise starts")
+        console.error("no design satisfies the targets; widen [vary], relax the targets or raise starts")

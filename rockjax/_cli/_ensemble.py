@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy_options, options_of, structure_options
 from ._outputs import parse_outputs
 from ._request import Request
-from ._run import Report, command
+from ._run import Console, command
 
 
 @command(
@@ -15,9 +15,9 @@ from ._run import Report, command
     options_of(models.Pulses, **PULSE_DEFAULTS),
     options_of(models.Record),
     options_of(models.Ensemble),
-    accuracy(rtol=1e-8, overturn_ratio=1.0, method="dopri8"),
+    accuracy_options(rtol=1e-8, overturn_ratio=1.0, method="dopri8"),
 )
-def ensemble(request: Request, report: Report, output: Output = "rockjax-ensemble") -> None:
+def ensemble(request: Request, console: Console, output: Output = "rockjax-ensemble") -> None:
     """Estimate distributions of the peaks of random structures under random motions, with confidence bounds.
 
     The table [ensemble.spread] of the problem file has the distributions of parameters. From a set of
@@ -41,7 +41,7 @@ def ensemble(request: Request, report: Report, output: Output = "rockjax-ensembl
     pictures = {name: name.replace("_", "-") for name in variables_of(options.outputs)}
     files = parse_outputs(output, "rockjax-ensemble").check(pictures.values())
     spread = {name: distribution_of(entry) for name, entry in settings.spread.items()}
-    with report.progress(settings.n, "scenes") as bar, request.reader.at("ensemble"):
+    with console.progress(settings.n, "scenes") as bar, request.reader.at("ensemble"):
         result = rj.ensemble(
             podium,
             request.motion_or_set(podium),
@@ -51,20 +51,20 @@ def ensemble(request: Request, report: Report, output: Output = "rockjax-ensembl
             options=options,
             progress=bar,
         )
-    report.write(files.data(), result.data)
+    console.write(files.data(), result.data)
     share, low, high = result.overturning_probability()
-    report.facts |= result.counts | {
+    console.facts |= result.counts | {
         "overturning": share,
         "overturning_interval": [low, high],
         "quantiles": {},
     }
     for name in (name for name in pictures if name in result.answers):
-        report.draw(files.picture(pictures[name]), "ensemble", result, output=name)
+        console.draw(files.picture(pictures[name]), "ensemble", result, output=name)
         quantiles = result.quantiles(name)
-        report.facts["quantiles"][name] = {
+        console.facts["quantiles"][name] = {
             f"{float(q):g}": [float(quantiles[y][k]) for y in ("quantile", "lower", "upper")]
             for k, q in enumerate(quantiles["probability"])
         }
-    report.say(repr(result))
+    console.say(repr(result))
     if result.unanswered.any():
-        report.error(explain_failures(result.data["result"]))
+        console.error(explain_failures(result.data["result"]))

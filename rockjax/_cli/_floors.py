@@ -6,10 +6,10 @@ from typing import Any
 
 from rockjax._problem import models
 
-from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
-from ._outputs import parse_outputs
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy_options, options_of, structure_options
+from ._outputs import SINGLE_PICTURE, parse_outputs
 from ._request import Request
-from ._run import Report, command
+from ._run import Console, command
 
 
 @command(
@@ -17,9 +17,9 @@ from ._run import Report, command
     options_of(models.Pulses, **PULSE_DEFAULTS),
     options_of(models.Record),
     options_of(models.Floors),
-    accuracy(rtol=1e-8, method="dopri8"),
+    accuracy_options(rtol=1e-8, method="dopri8"),
 )
-def floors(request: Request, report: Report, output: Output = "rockjax-floors") -> None:
+def floors(request: Request, console: Console, output: Output = "rockjax-floors") -> None:
     """Compute floor response spectra of deck and stories, of the ground, and of the building on a fixed base.
 
     Writes OUTPUT.nc and OUTPUT.png, which shows medians for a set of several motions.
@@ -35,7 +35,7 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
 
     import rockjax as rj
 
-    files = parse_outputs(output, "rockjax-floors").check(("",))
+    files = parse_outputs(output, "rockjax-floors").check(SINGLE_PICTURE)
     podium, settings = request.podium(), request.settings
     motion = request.motion_or_set(podium)
     superstructure = podium.superstructure
@@ -44,7 +44,7 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
     levels: Any = settings.levels or ["deck", *range(1, stories + 1)]
     levels = [int(y) if str(y).isdigit() else y for y in levels]
     periods = np.geomspace(settings.periods[0], settings.periods[1], settings.points)
-    with report.progress(len(motion) if isinstance(motion, list | rj.Motions) else 1, "motions") as bar:
+    with console.progress(len(motion) if isinstance(motion, list | rj.Motions) else 1, "motions") as bar:
         data = rj.floor_spectrum(
             podium,
             motion,
@@ -58,11 +58,11 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
             options=request.options(),
             progress=bar,
         )
-    report.write(files.data(), data)
-    report.draw(files.picture(), "floor_spectrum", data)
+    console.write(files.data(), data)
+    console.draw(files.picture(), "floor_spectrum", data)
     g, overturned = float(podium.g), np.atleast_1d(data["overturned"].values)
-    note = f"; {int(overturned.sum())} of {overturned.size} scenes overturned, with values until overturning"
-    report.say(f"{overturned.size} scenes{note if overturned.any() else ''}; largest values:")
+    note = f"; {int(overturned.sum())} overturned, and their values cover only the time before overturning"
+    console.say(f"{overturned.size} scenes{note if overturned.any() else ''}; largest values:")
     facts = {}
     for level in data["level"].values.tolist():
         at_level = data.sel(level=level)
@@ -70,7 +70,7 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
         spectrum = spectrum.max([dim for dim in spectrum.dims if dim != "period"])
         k = int(spectrum.argmax("period"))
         peak, jump = (float(at_level[name].max()) for name in ("peak_acceleration", "peak_velocity_jump"))
-        report.say(
+        console.say(
             f"  {level:<6} acceleration {peak / g:.4g} g, velocity jump {jump:.4g} m/s, spectrum "
             f"{float(spectrum[k]) / g:.4g} g at {periods[k]:.3g} s"
         )
@@ -81,5 +81,5 @@ def floors(request: Request, report: Report, output: Output = "rockjax-floors") 
         }
     may_grow = ~(data["remaining_ratio"].values <= 1)
     if may_grow.any():
-        report.say(f"  {may_grow.mean():.0%} of the values may still grow after the end of their scene")
-    report.facts |= {"scenes": overturned.size, "overturned": float(overturned.mean()), "levels": facts}
+        console.say(f"  {may_grow.mean():.0%} of the values may still grow after the end of their scene")
+    console.facts |= {"scenes": overturned.size, "overturned": float(overturned.mean()), "levels": facts}

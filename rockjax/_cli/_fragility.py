@@ -9,10 +9,18 @@ from rockjax._problem import models
 from rockjax._problem.models import MOTION
 
 from ._joints import joint_warnings, request_joints
-from ._options import SINGLE_DEFAULTS, Output, accuracy, argument, option, options_of, structure_options
+from ._options import (
+    SINGLE_DEFAULTS,
+    Output,
+    accuracy_options,
+    argument,
+    option,
+    options_of,
+    structure_options,
+)
 from ._outputs import Outputs, parse_outputs
 from ._request import Request, read_records
-from ._run import Report, command
+from ._run import Console, command
 
 if TYPE_CHECKING:
     import xarray
@@ -27,11 +35,11 @@ FILE_KEYS = ("units", "dt", "component", "pattern", "paired")  # options that ap
     structure_options(**SINGLE_DEFAULTS),
     options_of(models.Suite, *FILE_KEYS),
     options_of(models.Fragility),
-    accuracy(rtol=1e-9, overturn_ratio=1.0),
+    accuracy_options(rtol=1e-9, overturn_ratio=1.0),
 )
 def fragility(
     request: Request,
-    report: Report,
+    console: Console,
     inputs: Annotated[
         list[Path] | None,
         argument(
@@ -74,11 +82,11 @@ def fragility(
     suite = _suite(request, synthetic, inputs or [])
     measure = _measure(settings, suite)
     levels = levels_of(podium, suite, measure, settings.intensity, settings.levels)
-    report.note(
+    console.note(
         f"{len(suite)} records of up to {max(map(len, suite))} samples at {levels.size} levels; then the "
         "least overturning intensity of each record"
     )
-    with report.progress(None, "scenes") as bar:  # the number of scenes is not known in advance
+    with console.progress(None, "scenes") as bar:  # the number of scenes is not known in advance
         analysis = rj.incremental_dynamic_analysis(
             podium,
             suite,
@@ -104,13 +112,13 @@ def fragility(
                 options=options,
                 progress=bar,
             )
-    _report_curves(report, files, analysis, settings, curves)
+    _report_curves(console, files, analysis, settings, curves)
     for line in joint_warnings(podium, analysis, settings.friction):
-        report.say(line)
+        console.say(line)
 
 
 def _report_curves(
-    report: Report,
+    console: Console,
     files: Outputs,
     analysis: xarray.Dataset,
     settings: models.Fragility,
@@ -130,59 +138,59 @@ def _report_curves(
     low, high = (float(analysis["intensity"][k]) for k in (0, -1))
     count, overturning = analysis.sizes["record"], int(analysis["capacity"].notnull().sum())
     failed = int((analysis["result"] > OVERTURNED).sum())
-    report.say(
+    console.say(
         f"{count} records at "
         f"{analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{unit_suffix}: "
         f"{analysis.attrs['scenes']} scenes, {overturning} of the records overturn"
     )
-    report.facts |= {
+    console.facts |= {
         "records": count,
         "overturning_records": overturning,
         "scenes": analysis.attrs["scenes"],
         "measure": name,
     }
-    curve = _curve(report, analysis, settings)
+    curve = _curve(console, analysis, settings)
     groups = {} if contents is None else {"contents": contents}
     if contents is not None:
-        _report_contents(report, contents, unit_suffix)
-        report.draw(files.picture("contents"), "contents_fragility", contents)
+        _report_contents(console, contents, unit_suffix)
+        console.draw(files.picture("contents"), "contents_fragility", contents)
     if curve is None:
         # Save the analysis: it is expensive and shows which levels would be better.
-        report.write(files.data(), analysis, groups)
-        report.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
+        console.write(files.data(), analysis, groups)
+        console.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
         return
-    report.write(files.data(), curve, {"analysis": analysis} | groups)
-    report.draw(files.picture("fragility"), "fragility", curve)
-    report.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
+    console.write(files.data(), curve, {"analysis": analysis} | groups)
+    console.draw(files.picture("fragility"), "fragility", curve)
+    console.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
     median, dispersion = float(curve["median_capacity"]), float(curve["dispersion"])
     median_note = dispersion_note = ""
-    report.facts |= {"units": unit or "1", "median": median, "dispersion": dispersion}
+    console.facts |= {"units": unit or "1", "median": median, "dispersion": dispersion}
     if "interval" in curve:
         median_bounds, dispersion_bounds = np.asarray(curve["interval"].transpose("quantity", "bound"))
         interval = f", {settings.confidence:.0%} interval"
         median_note = f"{interval} {median_bounds[0]:.4g} to {median_bounds[1]:.4g}"
         dispersion_note = f"{interval} {dispersion_bounds[0]:.3f} to {dispersion_bounds[1]:.3f}"
-        report.facts |= {
+        console.facts |= {
             "median_interval": list(median_bounds),
             "dispersion_interval": list(dispersion_bounds),
             "confidence": settings.confidence,
         }
-    report.say(f"median overturning {name}: {median:.4g}{unit_suffix}{median_note}")
-    report.say(f"dispersion: {dispersion:.3f}{dispersion_note}")
+    console.say(f"median overturning {name}: {median:.4g}{unit_suffix}{median_note}")
+    console.say(f"dispersion: {dispersion:.3f}{dispersion_note}")
     if "median_sensitivity" in curve:
         slopes = dict(
             zip(curve["parameter"].values.tolist(), curve["median_sensitivity"].values.tolist(), strict=True)
         )
         for parameter, value in slopes.items():
-            report.say(f"d ln(median)/d ln {parameter}: {value:.4g}")
-        report.facts["median_sensitivity"] = slopes
+            console.say(f"d ln(median)/d ln {parameter}: {value:.4g}")
+        console.facts["median_sensitivity"] = slopes
     if failed:
         from rockjax._results import explain_failures
 
-        report.error(explain_failures(analysis["result"]))
+        console.error(explain_failures(analysis["result"]))
 
 
-def _report_contents(report: Report, data: xarray.Dataset, unit_suffix: str) -> None:
+def _report_contents(console: Console, data: xarray.Dataset, unit_suffix: str) -> None:
     """Print a table of the fragility curves of contents; `unit_suffix`: a space and the unit of intensity."""
     from rockjax._text.tables import align_rows
 
@@ -195,11 +203,11 @@ def _report_contents(report: Report, data: xarray.Dataset, unit_suffix: str) -> 
             rows.append([name, f"{state:g}" if state else "rocks", f"{median:.4g}", f"{dispersion:.3f}"])
             facts.append({"name": name, "damage_state": state, "median": median, "dispersion": dispersion})
     for line in align_rows(rows):
-        report.say(line)
-    report.facts["contents"] = facts
+        console.say(line)
+    console.facts["contents"] = facts
 
 
-def _curve(report: Report, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:
+def _curve(console: Console, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:
     """Return the fragility curve; without confidence intervals if these fail, None if no curve fits."""
     import rockjax as rj
 
@@ -209,9 +217,9 @@ def _curve(report: Report, analysis: xarray.Dataset, settings: models.Fragility)
         try:
             curve = rj.fragility(analysis, method=settings.method, confidence=None)
         except ValueError:
-            report.error(f"no curve: {error}")
+            console.error(f"no curve: {error}")
             return None
-        report.error(str(error))
+        console.error(str(error))
         return curve
 
 

@@ -47,13 +47,13 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     if peaks is None:
         return
     overturned = np.asarray(peaks.overturned)
-    is_used = ~overturned if overturned.ndim else np.ones((), bool)
+    survives = ~overturned if overturned.ndim else np.ones((), bool)
 
     def extreme(name: str, sign: int) -> np.ndarray:
         """Return the larger (sign 1) or smaller (−1) value of the two joints in each scene."""
         values = getattr(peaks, name)
         joint_axis = values.dims.index("joint") if hasattr(values, "dims") else -1
-        return sign * np.max(sign * np.asarray(values), axis=joint_axis)[is_used]
+        return sign * np.max(sign * np.asarray(values), axis=joint_axis)[survives]
 
     axial_force, impulse_share = extreme("least_axial_force", -1), extreme("least_impulse_share", -1)
     if axial_force.size == 0:

@@ -13,7 +13,7 @@ from rockjax._problem.models import MOTION, OUTPUT
 from ._options import argument, option, options_of
 from ._outputs import parse_outputs, require_writable
 from ._request import read_records
-from ._run import Report, command
+from ._run import Console, command
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,7 +35,7 @@ def motions(
     paths: Annotated[
         list[Path], argument("Files, folders, tables of files (suite.csv), or one problem file (.toml).")
     ],
-    report: Report,
+    console: Console,
     output: Annotated[
         str | None,
         option(
@@ -61,7 +61,7 @@ def motions(
         --R 1.5 -o measures
     """
     if any(path.suffix.lower() == ".toml" for path in paths):
-        list_problem(paths, reader.set_by_options, report)
+        list_problem(paths, reader.set_by_options, console)
         return
     files = None if output is None else parse_outputs(output, "rockjax-motions").check()
     from rockjax._motions.intensity import intensity_measures
@@ -90,7 +90,7 @@ def motions(
             data["velocity_ratio"],
         )
     _show(
-        report,
+        console,
         [
             {"name": name} | {heading: float(y.values[k]) for heading, y in columns.items()}
             for k, name in enumerate(suite.names)
@@ -98,15 +98,15 @@ def motions(
         numbers=True,
     )
     if files is not None:
-        report.write(files.data(), data)
+        console.write(files.data(), data)
 
 
-def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], report: Report) -> None:
+def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], console: Console) -> None:
     """List the motions of a problem file, with the numbers by which `--number` selects them.
 
     - `paths`: the problem file; several paths are an error
     - `options`: options on the command line: name → (flag, value)
-    - `report`: receives the table
+    - `console`: prints the table
 
     Raises `ValueError` for several paths, for options that apply to files of records, and for a file without
     motions.
@@ -134,18 +134,18 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], repo
         for name in problem.motions
         for number, member in enumerate(reader.members(problem.motions, name, podium), 1)
     ]
-    _show(report, facts)
+    _show(console, facts)
 
 
-def _show(report: Report, facts: list[dict[str, Any]], numbers: bool = False) -> None:
+def _show(console: Console, facts: list[dict[str, Any]], numbers: bool = False) -> None:
     """Print a table of motions with headings; `numbers`: align all columns but the first to the right."""
     from rockjax._text.tables import align_rows
 
     for line in align_rows(
         [tuple(facts[0]), *(tuple(map(_cell, row.values())) for row in facts)], numbers=numbers
     ):
-        report.say(line)
-    report.facts["motions"] = facts
+        console.say(line)
+    console.facts["motions"] = facts
 
 
 def _motion_row(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
@@ -193,7 +193,7 @@ def _cell(value: Any) -> str:
 @command(options_of(models.Synthetic), jax=False)
 def synthetic(
     reader: Any,
-    report: Report,
+    console: Console,
     pulse: Annotated[
         tuple[float, float, float, float] | None,
         option(
@@ -235,11 +235,11 @@ def synthetic(
         motion.save(output / f"{motion.name}.AT2")
         writer.writerow([f"{motion.name}.AT2", motion.name, *(motion.metadata[key] for key in parameters)])
     # The table is written last, after all motions in it.
-    report.add_file(
+    console.add_file(
         write_atomically(
             output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")
         )
     )
-    report.say(repr(suite))
-    report.say(f"wrote {len(suite)} motions and suite.csv into {output}")
-    report.facts["motions"] = suite.names
+    console.say(repr(suite))
+    console.say(f"wrote {len(suite)} motions and suite.csv into {output}")
+    console.facts["motions"] = suite.names

@@ -130,7 +130,7 @@ def structure_options(**defaults: Any) -> dict[str, Option]:
     return {name: entry for model in structures for name, entry in options_of(model, **defaults).items()}
 
 
-def accuracy(**defaults: Any) -> dict[str, Option]:
+def accuracy_options(**defaults: Any) -> dict[str, Option]:
     """Return the accuracy options named in `defaults`, with these default values."""
     return options_of(models.Options, *defaults, **defaults)
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 PICTURES = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 DATA = (".nc", ".json")  # formats of data files
+SINGLE_PICTURE = ("",)  # names of the pictures of a command that draws only OUTPUT.png
 # Formats that commands do not write. A name with such a suffix is an error, not a prefix.
 UNSUPPORTED = (
     ".csv",
@@ -42,7 +43,7 @@ class Outputs(NamedTuple):
         return Path(f"{self.prefix}{'-' if name else ''}{name}{self.format}")
 
     def check(self, pictures: Iterable[str] = (), suffix: str = ".nc") -> Outputs:
-        """Return this object; raise `OSError` if its data file or one of the pictures cannot be written."""
+        """Return this object; raise `OSError` if its data file or one of the `pictures` cannot be written."""
         for path in (self.data(suffix), *map(self.picture, pictures)):
             require_writable(path)
         return self

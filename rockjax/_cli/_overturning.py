@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._options import PANEL_DEFAULTS, Output, Resume, accuracy, options_of, structure_options
+from ._options import PANEL_DEFAULTS, Output, Resume, accuracy_options, options_of, structure_options
 from ._outputs import parse_outputs
 from ._panels import combine_panels, make_pulse, report_minima
 from ._request import Request
-from ._run import Report, command, save_interrupted
+from ._run import Console, command, save_interrupted
 
 
-@command(structure_options(**PANEL_DEFAULTS), options_of(models.Overturning), accuracy(rtol=1e-11))
+@command(structure_options(**PANEL_DEFAULTS), options_of(models.Overturning), accuracy_options(rtol=1e-11))
 def overturning(
-    request: Request, report: Report, output: Output = "rockjax-overturning", resume: Resume = False
+    request: Request, console: Console, output: Output = "rockjax-overturning", resume: Resume = False
 ) -> None:
     """Compute overturning boundaries against pulse frequency, with survival windows above the first boundary.
 
@@ -46,8 +46,8 @@ def overturning(
     spectra: list = (
         _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else [None] * len(podiums)
     )
-    report.note(f"{len(podiums)} podiums × {settings.points} frequencies")
-    with report.progress(len(podiums), "podiums") as bar:
+    console.note(f"{len(podiums)} podiums × {settings.points} frequencies")
+    with console.progress(len(podiums), "podiums") as bar:
         for k, podium in enumerate(podiums):
             if spectra[k] is not None:
                 check_overturning_resumes(spectra[k], podium, pulse, x, max_ratio, parameters, options)
@@ -65,18 +65,18 @@ def overturning(
                     raise save_interrupted(
                         files.prefix, spectra, f"stopped with {k} of {len(podiums)} podiums solved"
                     ) from None
-                report.note(f"podium {k + 1}: {spectra[k].attrs['scenes']} scenes")
+                console.note(f"podium {k + 1}: {spectra[k].attrs['scenes']} scenes")
             bar.update()
     try:
         panels = combine_panels(spectra, ratios, periods, zeta)
-        report.write(files.data(), panels)
+        console.write(files.data(), panels)
     except KeyboardInterrupt:
         raise save_interrupted(files.prefix, spectra) from None
     for suffix, draw in zip(pictures, ("overturning_boundaries", "sensitivities"), strict=False):
-        report.draw(files.picture(suffix), draw, panels)
+        console.draw(files.picture(suffix), draw, panels)
     _checkpoint.path_of(files.prefix).unlink(missing_ok=True)
-    report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods)
-    frequency_count = int((panels["boundaries"].count("boundary") > 1).sum())
+    report_minima(console, panels["minimum"].min("frequency_ratio"), ratios, periods)
+    frequencies_with_windows = int((panels["boundaries"].count("boundary") > 1).sum())
     scenes = int(sum(data.attrs["scenes"] for data in spectra))
-    report.say(f"{scenes} scenes; windows of survival at {frequency_count} frequencies")
-    report.facts |= {"scenes": scenes, "frequencies_with_windows_of_survival": frequency_count}
+    console.say(f"{scenes} scenes; windows of survival at {frequencies_with_windows} frequencies")
+    console.facts |= {"scenes": scenes, "frequencies_with_windows_of_survival": frequencies_with_windows}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ._run import Report
+from ._run import Console
 
 if TYPE_CHECKING:
     import xarray
@@ -31,7 +31,7 @@ def combine_panels(datasets: list, ratios: list[float], periods: list[float], ze
     import xarray
 
     next_spectra = iter(datasets)
-    # Spectra with fewer boundaries are filled up.
+    # Spectra with fewer boundaries are padded.
     concat_options = {
         "combine_attrs": "drop_conflicts",
         "join": "outer",
@@ -59,14 +59,14 @@ def combine_panels(datasets: list, ratios: list[float], periods: list[float], ze
 
 
 def report_minima(
-    report: Report,
+    console: Console,
     lowest: xarray.DataArray,
     ratios: list[float],
     periods: list[float],
 ) -> None:
     """Report the least overturning acceleration of each panel.
 
-    - `report`: receives the lines
+    - `console`: prints the lines
     - `lowest`: least a_p/(g tan α) over `eta_over_gamma` and `T_s`
     - `ratios`: mass ratios η/γ [–]
     - `periods`: periods T_s [s]
@@ -74,8 +74,8 @@ def report_minima(
     values = lowest.transpose("eta_over_gamma", "T_s").values
     for ratio, row in zip(ratios, values, strict=True):
         line = ", ".join(f"T_s = {T:g} s: {value:.4f}" for T, value in zip(periods, row, strict=True))
-        report.say(f"least overturning a_p/(g tan α), η/γ = {ratio:g}: {line}")
-    report.facts["least_overturning"] = [
+        console.say(f"least overturning a_p/(g tan α), η/γ = {ratio:g}: {line}")
+    console.facts["least_overturning"] = [
         {"eta_over_gamma": ratio, "T_s": T, "acceleration_ratio": value}
         for ratio, row in zip(ratios, values.tolist(), strict=True)
         for T, value in zip(periods, row, strict=True)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 from rockjax._problem import models
 
 from ._joints import joint_warnings
-from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
-from ._outputs import parse_outputs
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy_options, options_of, structure_options
+from ._outputs import SINGLE_PICTURE, parse_outputs
 from ._request import Request
-from ._run import Report, command
+from ._run import Console, command
 
 if TYPE_CHECKING:
     import xarray
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     options_of(models.Pulses, **PULSE_DEFAULTS),
     options_of(models.Record),
     options_of(models.Peaks),
-    accuracy(rtol=1e-8, overturn_ratio=1.0, method="dopri8"),
+    accuracy_options(rtol=1e-8, overturn_ratio=1.0, method="dopri8"),
 )
-def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") -> None:
+def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") -> None:
     """Compute peaks of rotation, building and joints under each motion of a set, with estimated errors.
 
     Prints a row for each motion; if a motion overturns the columns, peaks are those until overturning.
@@ -47,7 +47,7 @@ def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") ->
     from rockjax._results import explain_failures
     from rockjax._text.tables import align_rows
 
-    files = parse_outputs(output, "rockjax-peaks").check(("",))
+    files = parse_outputs(output, "rockjax-peaks").check(SINGLE_PICTURE)
     podium, settings = request.podium(), request.settings
     motions = request.motion_or_set(podium)
     motion, labels = labelled_motion("peaks", motions)
@@ -58,7 +58,7 @@ def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") ->
     for name in options.outputs:
         if isinstance(name, str) and name in REGISTRY and not REGISTRY[name].applies(podium):
             raise ValueError(f"peaks.outputs: this structure has no {name}; leave it out")
-    with report.progress(len(labels), "motions") as bar:
+    with console.progress(len(labels), "motions") as bar:
         result = rj.peak_responses(
             podium, motion.scaled(settings.factor), t_end=settings.t_end, options=options, progress=bar
         )
@@ -74,19 +74,19 @@ def peaks(request: Request, report: Report, output: Output = "rockjax-peaks") ->
             **describe_options(options),
         },
     )
-    report.write(files.data(), data)
-    report.draw(files.picture(), "peaks", data)
-    report.facts |= report.say_scenes(data, len(labels))
+    console.write(files.data(), data)
+    console.draw(files.picture(), "peaks", data)
+    console.facts |= console.say_scenes(data, len(labels))
     rows = _rows(data)
     for line in align_rows(
         [tuple(rows[0]), *(tuple(map(_cell, row.values())) for row in rows)], numbers=True
     ):
-        report.say(f"  {line}")
-    report.facts["motions"] = rows
+        console.say(f"  {line}")
+    console.facts["motions"] = rows
     for line in joint_warnings(podium, result if "least_axial_force" in data else None, settings.friction):
-        report.say(f"  {line}")
+        console.say(f"  {line}")
     if message := explain_failures(data["result"]):
-        report.error(message)
+        console.error(message)
 
 
 def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:

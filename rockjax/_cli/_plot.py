@@ -9,13 +9,13 @@ from rockjax._problem.models import OUTPUT
 
 from ._options import argument, option
 from ._outputs import Outputs, parse_outputs, require_writable
-from ._run import Report, command
+from ._run import Console, command
 
 
 @command()
 def plot(
     file: Annotated[Path, argument("A netCDF file that a rockjax command has written.")],
-    report: Report,
+    console: Console,
     output: Annotated[
         str | None,
         option(
@@ -54,4 +54,4 @@ def plot(
     for path in redraw(
         file, files.prefix, [name.strip() for name in kind.split(",") if name.strip()], files.format
     ):
-        report.add_file(path)
+        console.add_file(path)

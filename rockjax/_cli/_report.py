@@ -11,7 +11,7 @@ from rockjax._problem.models import OUTPUT
 from ._context import COMMAND
 from ._options import option, structure_options
 from ._request import Request
-from ._run import NO_ANSWER, Report, command
+from ._run import FAILED, Console, command
 
 
 class _Progress:
@@ -29,7 +29,7 @@ class _Progress:
 @command(structure_options())
 def report(
     request: Request,
-    report: Report,
+    console: Console,
     output: Annotated[
         Path, option("--output", "-o", metavar="FILE.html", panel=OUTPUT, help="The page to write.")
     ] = Path("rockjax-report.html"),
@@ -72,24 +72,24 @@ def report(
 
         require_library()
     skipped = tuple(name.strip() for name in skip.split(",") if name.strip())
-    problem = problem_of(request.merged, request.path)
-    with report.progress(None, "scenes") as bar:
+    problem = problem_of(request.tables, request.path)
+    with console.progress(None, "scenes") as bar:
         written_report = make_report(
             problem, output, units=units, skip=skipped, progress=_Progress(bar), command=_command(request)
         )
     for path in written_report.written:
-        report.add_file(path)
+        console.add_file(path)
     for path in () if csv is None else written_report.to_csv(csv):
-        report.add_file(path)
+        console.add_file(path)
     if xlsx is not None:
-        report.add_file(written_report.to_xlsx(xlsx))
-    report.say(repr(written_report))
-    report.facts |= {
+        console.add_file(written_report.to_xlsx(xlsx))
+    console.say(repr(written_report))
+    console.facts |= {
         "verdict": written_report.evaluation.verdict,
         "checks": {check.id: check.result for check in written_report.evaluation.checks},
     }
     if not written_report.verified:
-        report.status = NO_ANSWER
+        console.status = FAILED
 
 
 def _command(request: Request) -> str:

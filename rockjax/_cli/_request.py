@@ -66,15 +66,15 @@ class Request:
         self.reader = reading.Reader(path, explicit)
         # keys of the command's table in the problem file
         self.keys = getattr(models, command.title(), models.Keys).model_fields
-        self.merged = self._merged(values)
-        self.problem = self.reader.check(models.Problem, self.merged)
+        self.tables = self._merge(values)
+        self.problem = self.reader.check(models.Problem, self.tables)
         self.settings: Any = getattr(self.problem, command, None)
 
     def chosen(self, names: Iterable[str]) -> dict[str, Any]:
         """Return the values of these keys that are set on the command line."""
         return {name: self.values[name] for name in names if name in self.flags}
 
-    def _merged(self, option_names: Iterable[str]) -> dict[str, Any]:
+    def _merge(self, option_names: Iterable[str]) -> dict[str, Any]:
         """Return the tables of the problem file, overridden by the options."""
         merged = dict(self.file_tables)
         if self.command in models.Problem.model_fields:

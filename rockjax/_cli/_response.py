@@ -9,10 +9,10 @@ from rockjax._problem import models
 
 from ._context import MASSES
 from ._joints import joint_warnings, request_joints
-from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy, options_of, structure_options
-from ._outputs import parse_outputs
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy_options, options_of, structure_options
+from ._outputs import SINGLE_PICTURE, parse_outputs
 from ._request import Request
-from ._run import Report, command
+from ._run import Console, command
 
 if TYPE_CHECKING:
     import rockjax as rj
@@ -32,9 +32,9 @@ def residual_share(podium: rj.Podium) -> float:
     options_of(models.Pulses, **PULSE_DEFAULTS),
     options_of(models.Record),
     options_of(models.Response),
-    accuracy(rtol=1e-8, method="dopri8"),
+    accuracy_options(rtol=1e-8, method="dopri8"),
 )
-def response(request: Request, report: Report, output: Output = "rockjax-response") -> None:
+def response(request: Request, console: Console, output: Output = "rockjax-response") -> None:
     """Compute one time history: rotation, deformation, ground acceleration, and the peaks.
 
     Writes OUTPUT.nc and OUTPUT.png, with forces and friction in the joints if the structure has an elevation,
@@ -52,7 +52,7 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
     """
     import rockjax as rj
 
-    files = parse_outputs(output, "rockjax-response").check(("",))
+    files = parse_outputs(output, "rockjax-response").check(SINGLE_PICTURE)
     podium = request.podium()
     excitation, options = request.motion(podium), request_joints(podium, request.options())
     contents, oscillators = request.contents(), request.oscillators()
@@ -61,32 +61,32 @@ def response(request: Request, report: Report, output: Output = "rockjax-respons
     data = history.dataset()
     labels_by_dim = {"contents": list(contents), "oscillator": list(oscillators)}
     data = data.assign_coords({dim: labels for dim, labels in labels_by_dim.items() if labels})
-    report.say(repr(history))
+    console.say(repr(history))
     for line in _describe_inputs(data.attrs | MASSES.get({})):
-        report.say(f"  {line}")
+        console.say(f"  {line}")
     for line in joint_warnings(podium, history, request.settings.friction):
-        report.say(f"  {line}")
+        console.say(f"  {line}")
     share = residual_share(podium)
     if share > 0:
-        report.say(
+        console.say(
             f"  {share:.0%} of the mass of the superstructure is in no mode; shear and floor accelerations "
             "do not include its impulses at impacts"
         )
-    report.write(files.data(), data)
-    report.draw(files.picture(), "response", data)
+    console.write(files.data(), data)
+    console.draw(files.picture(), "response", data)
     from rockjax import _results as results
     from rockjax._responses.peak import all_variables
 
     code = int(results.code_of(history.result))
     peaks = {name: getattr(history, name) for name in all_variables() if name != "margin"}
-    report.facts |= {"result": results.NAMES[code], **peaks, "inputs": dict(data.attrs)}
-    report.facts |= {
+    console.facts |= {"result": results.NAMES[code], **peaks, "inputs": dict(data.attrs)}
+    console.facts |= {
         str(name): dict(zip(labels_by_dim[str(y.dims[-1])], y.values.tolist(), strict=True))
         for name, y in data.data_vars.items()
         if y.dims and y.dims[-1] in labels_by_dim
     }
     if code > results.OVERTURNED:
-        report.error(f"the scene did not finish. {results.explain(code)}")
+        console.error(f"the scene did not finish. {results.explain(code)}")
 
 
 def _describe_inputs(attrs: Mapping[str, Any]) -> Iterator[str]:

@@ -9,11 +9,11 @@ from rockjax._problem import models
 from ._options import Output, options_of
 from ._outputs import parse_outputs
 from ._request import Request
-from ._run import Report, command
+from ._run import Console, command
 
 
 @command(options_of(models.Risk))
-def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> None:
+def risk(request: Request, console: Console, output: Output = "rockjax-risk") -> None:
     """Compute the mean annual frequency of overturning from a fragility curve and the hazard of a site.
 
     Prints frequency, return period, probability in a given time, and sensitivities of the frequency if the
@@ -43,30 +43,30 @@ def risk(request: Request, report: Report, output: Output = "rockjax-risk") -> N
         )
     annual = rj.annual_frequency(fragility, hazard)
     contributions = rj.disaggregation(fragility, hazard)
-    report.say(repr(hazard))
+    console.say(repr(hazard))
     median, dispersion = contributions.attrs["median"], contributions.attrs["dispersion"]
-    report.say(f"fragility: median {median:.4g} {hazard.units}, dispersion {dispersion:.3g}")
+    console.say(f"fragility: median {median:.4g} {hazard.units}, dispersion {dispersion:.3g}")
     frequency, return_period = float(annual.frequency), float(annual.return_period)
-    report.say(f"mean annual frequency of overturning: {frequency:.4g}, once in {return_period:.4g} years")
+    console.say(f"mean annual frequency of overturning: {frequency:.4g}, once in {return_period:.4g} years")
     probability = float(annual.probability(settings.years))
-    report.say(f"probability in {settings.years:g} years: {probability:.4g}")
+    console.say(f"probability in {settings.years:g} years: {probability:.4g}")
     slopes = {name: float(y) for name, y in annual.sensitivities.items()}
     for name, value in slopes.items():
-        report.say(f"d ln λ_f/d{'β' if name == 'dispersion' else f' ln {name}'}: {value:.4g}")
+        console.say(f"d ln λ_f/d{'β' if name == 'dispersion' else f' ln {name}'}: {value:.4g}")
     share = float(annual.extrapolated)
     if share > MIN_EXTRAPOLATED:
-        report.say(
+        console.say(
             f"{share:.0%} of the frequency comes from intensities beyond the points of the hazard curve"
         )
-    report.facts |= {"frequency_per_year": frequency, "return_period_years": return_period}
-    report.facts |= {
+    console.facts |= {"frequency_per_year": frequency, "return_period_years": return_period}
+    console.facts |= {
         "years": settings.years,
         "probability": probability,
         "extrapolated": share,
         "sensitivities": slopes,
     }
-    report.write(files.data(), contributions)
-    report.draw(files.picture("risk"), "risk", contributions)
+    console.write(files.data(), contributions)
+    console.draw(files.picture("risk"), "risk", contributions)
 
 
 def _path(request: Request, name: str) -> Path:

@@ -20,10 +20,10 @@ from ._options import Example, Json, Option, ProblemFile, Quiet, Verbose
 if TYPE_CHECKING:
     import xarray
 
-NO_ANSWER, WRONG_INPUT, INTERRUPTED = 1, 2, 130  # exit statuses
+FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130  # exit statuses
 
 
-class Report:
+class Console:
     """Output of a command: a summary or a JSON object on stdout, progress and remarks on stderr.
 
     - `facts`: contents of the JSON object
@@ -48,7 +48,7 @@ class Report:
         if self.verbose:
             typer.echo(line, err=True)
 
-    def error(self, line: str, status: int = NO_ANSWER) -> None:
+    def error(self, line: str, status: int = FAILED) -> None:
         """Print why results are missing or incomplete, and set the exit status."""
         typer.echo(f"rockjax: {line}", err=True)
         self.status = status
@@ -112,7 +112,7 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
     - `groups`: options from the models of problem files, by key
     - `jax`: True to configure JAX's cache of compiled programs and logging before the call
 
-    The function takes `report` and its own options. It may also take `request`, which has the problem file
+    The function takes `console` and its own options. It may also take `request`, which has the problem file
     and the options of `groups`, or `reader`, which checks these options without a problem file.
     """
     options = {name: entry for group in groups for name, entry in group.items()}
@@ -129,17 +129,17 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
         options_by_name |= {
             name: (hints[name], p.default)
             for name, p in accepted.items()
-            if name not in ("request", "reader", "report")
+            if name not in ("request", "reader", "console")
         }
         options_by_name |= {"quiet": (Quiet, False), "verbose": (Verbose, False), "json": (Json, False)}
 
         @functools.wraps(function)
         def run(ctx: typer.Context, **values: Any) -> None:
-            report = Report(*(values.pop(name) for name in ("quiet", "verbose", "json")))
+            console = Console(*(values.pop(name) for name in ("quiet", "verbose", "json")))
 
             def call() -> None:
                 if jax:
-                    prepare(report)
+                    prepare(console)
                 chosen = values | {
                     name: entry.convert(entry.flag, values[name])
                     for name, entry in options.items()
@@ -157,9 +157,9 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
                     from rockjax._problem.reading import Reader
 
                     chosen["reader"] = Reader(None, explicit)
-                function(**{name: chosen[name] for name in accepted if name != "report"}, report=report)
+                function(**{name: chosen[name] for name in accepted if name != "console"}, console=console)
 
-            _finish(report, call)
+            _finish(console, call)
 
         wrapped: Any = run
         parameters = [
@@ -186,7 +186,7 @@ def _take_problem(values: dict[str, Any]) -> Path | None:
     return problems[0] if problems else None
 
 
-def _finish(report: Report, call: Callable[[], None]) -> None:
+def _finish(console: Console, call: Callable[[], None]) -> None:
     """Run a command, print its warnings as lines, and exit with its status."""
     from rockjax._unit_warnings import PlausibilityWarning
 
@@ -197,13 +197,13 @@ def _finish(report: Report, call: Callable[[], None]) -> None:
         try:
             call()
         except KeyboardInterrupt as interrupt:
-            paths = ", ".join(map(str, report.written))
+            paths = ", ".join(map(str, console.written))
             saved = f"written so far: {paths}" if paths else "no results were saved"
             typer.echo(f"\nrockjax: {str(interrupt) or 'stopped'}; {saved}", err=True)
             raise typer.Exit(INTERRUPTED) from None
-    report.close()
-    if report.status:
-        raise typer.Exit(report.status)
+    console.close()
+    if console.status:
+        raise typer.Exit(console.status)
 
 
 def unwrap_docstring(function: Callable[..., None]) -> str:
@@ -223,7 +223,7 @@ def _show_warning(message, category, filename, lineno, file=None, line=None) -> 
     typer.echo(f"rockjax: warning: {message}", err=True)
 
 
-def prepare(report: Report) -> None:
+def prepare(console: Console) -> None:
     """Configure JAX's cache of compiled programs, and logging."""
     import jax
 
@@ -235,10 +235,10 @@ def prepare(report: Report) -> None:
         # version of rockjax has its own folder.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
-    if report.quiet:
+    if console.quiet:
         logging.getLogger("rockjax").setLevel(logging.ERROR)
-    if report.verbose:
-        report.note(f"{COMMAND.get()}: jax {jax.__version__} on {jax.default_backend()}")
+    if console.verbose:
+        console.note(f"{COMMAND.get()}: jax {jax.__version__} on {jax.default_backend()}")
 
 
 def _describe_programs() -> str:

@@ -8,12 +8,12 @@ from typing import Annotated
 from rockjax._problem.models import OUTPUT
 
 from ._options import option
-from ._run import Report, command
+from ._run import Console, command
 
 
 @command(jax=False)
 def schema(
-    report: Report,
+    console: Console,
     output: Annotated[Path | None, option("--output", "-o", panel=OUTPUT, help="File to write.")] = None,
 ) -> None:
     """Write the JSON schema of problem files, for completion and checks in editors.
@@ -30,6 +30,6 @@ def schema(
 
     text = json.dumps(extension("design").problem_schema(), indent=1) + "\n"
     if output is None:
-        report.say(text)
+        console.say(text)
     else:
-        report.add_file(write_atomically(output, lambda name: Path(name).write_text(text, encoding="utf-8")))
+        console.add_file(write_atomically(output, lambda name: Path(name).write_text(text, encoding="utf-8")))

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._options import PANEL_DEFAULTS, Output, Resume, accuracy, options_of, structure_options
+from ._options import PANEL_DEFAULTS, Output, Resume, accuracy_options, options_of, structure_options
 from ._outputs import parse_outputs
 from ._panels import combine_panels, make_pulse, report_minima
 from ._request import Request
-from ._run import Report, command, save_interrupted
+from ._run import Console, command, save_interrupted
 
 
 @command(
     structure_options(**PANEL_DEFAULTS),
     options_of(models.Spectrum),
-    accuracy(rtol=1e-8, method="dopri8"),
+    accuracy_options(rtol=1e-8, method="dopri8"),
 )
 def spectrum(
-    request: Request, report: Report, output: Output = "rockjax-spectrum", resume: Resume = False
+    request: Request, console: Console, output: Output = "rockjax-spectrum", resume: Resume = False
 ) -> None:
     """Compute rocking spectra: peak rotation and overturning against pulse frequency and acceleration.
 
@@ -57,14 +57,14 @@ def spectrum(
     x, y = (np.linspace(low, high, settings.points) for low, high in ranges)
     total = len(podiums) * settings.points**2
     require_memory("--points", total)
-    report.note(
+    console.note(
         f"{len(podiums)} podiums × {settings.points} frequencies × {settings.points} accelerations: "
         f"{total} scenes"
     )
     checkpoint = _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else None
     spectra = []
     try:
-        with report.progress(total, "scenes") as bar:
+        with console.progress(total, "scenes") as bar:
             arguments = {
                 "options": options,
                 "progress": bar,
@@ -74,20 +74,20 @@ def spectrum(
             spectra = rj.rocking_spectra(podiums, pulse, x, y, **arguments)
         spectra = with_boundaries(spectra, podiums, pulse, options=options)
         panels = combine_panels(spectra, ratios, periods, zeta)
-        report.write(files.data(), panels)
+        console.write(files.data(), panels)
     except rj.Interrupted as stopped:
         raise save_interrupted(files.prefix, stopped.partial, str(stopped)) from None
     except KeyboardInterrupt:
         raise save_interrupted(files.prefix, spectra) from None
-    report.draw(files.picture("rotation"), "spectra", panels)
-    report.draw(files.picture("overturning"), "overturning_curves", panels)
+    console.draw(files.picture("rotation"), "spectra", panels)
+    console.draw(files.picture("overturning"), "overturning_curves", panels)
     if parameters:
-        report.draw(files.picture("sensitivity"), "sensitivity_spectra", panels)
+        console.draw(files.picture("sensitivity"), "sensitivity_spectra", panels)
     _checkpoint.path_of(files.prefix).unlink(missing_ok=True)
-    facts = report.say_scenes(panels, total)
-    report_minima(report, panels["minimum"].min("frequency_ratio"), ratios, periods)
-    report.facts |= facts
+    facts = console.say_scenes(panels, total)
+    report_minima(console, panels["minimum"].min("frequency_ratio"), ratios, periods)
+    console.facts |= facts
     if facts["without_answer"]:
         from rockjax._results import explain_failures
 
-        report.error(explain_failures(panels["result"]))
+        console.error(explain_failures(panels["result"]))

@@ -14,10 +14,10 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import GRID, MACHINES, OUTPUT
 
-from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, accuracy, option, options_of, structure_options
+from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, accuracy_options, option, options_of, structure_options
 from ._outputs import store_path
 from ._request import Request
-from ._run import INTERRUPTED, Report, command
+from ._run import INTERRUPTED, Console, command
 
 
 @command(
@@ -25,11 +25,11 @@ from ._run import INTERRUPTED, Report, command
     options_of(models.Pulses, **PULSE_DEFAULTS),
     options_of(models.Record),
     options_of(models.Sweep),
-    accuracy(rtol=1e-8, method="dopri8"),
+    accuracy_options(rtol=1e-8, method="dopri8"),
 )
 def sweep(
     request: Request,
-    report: Report,
+    console: Console,
     axis: Annotated[
         list[str],
         option(
@@ -94,29 +94,29 @@ def sweep(
     options = request.options(outputs=tuple(request.settings.outputs))
     with request.reader.at("sweep.axes"):
         scenes = rj.grid(podium, request.motion_or_set(podium), **axes)
-    report.note(repr(scenes))
+    console.note(repr(scenes))
     arguments: dict[str, Any] = {
         "store": store,
         "options": options,
         "chunk": request.settings.chunk,
-        "progress": not report.quiet,
+        "progress": not console.quiet,
     }
     with _client(workers, scheduler) as client:
         if dry_run:
             plan: Any = rj.sweep(*scenes, **arguments, client=client, dry_run=True)
-            report.say(repr(plan))
-            report.facts |= dataclasses.asdict(plan)
+            console.say(repr(plan))
+            console.facts |= dataclasses.asdict(plan)
             return
         try:
             data: Any = rj.sweep(*scenes, **arguments, client=client)
         except rj.Interrupted as interrupt:
             typer.echo(f"\nrockjax: {interrupt}", err=True)
             raise typer.Exit(INTERRUPTED) from None
-    report.add_file(store)
-    report.facts |= report.say_scenes(data, scenes.size)
-    failed = report.facts["without_answer"]
+    console.add_file(store)
+    console.facts |= console.say_scenes(data, scenes.size)
+    failed = console.facts["without_answer"]
     if failed:
-        report.error(
+        console.error(
             f"{failed} of {scenes.size} scenes did not finish; the variable 'result' names the cause of each"
         )
 

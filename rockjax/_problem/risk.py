@@ -57,10 +57,10 @@ def check_structure(curve: Any, podium: Podium, name: str) -> None:
         return
     for key, value in describe_podium(podium).items():
         other = attrs.get(key)
-        equal = (
+        is_equal = (
             other == value if isinstance(value, str) or other is None else np.isclose(other, value, 1e-9, 0)
         )
-        if key != "elevation" and not equal:
+        if key != "elevation" and not is_equal:
             raise ValueError(
                 f"{name} is for another structure: {key} is {other} there and {value} here; compute the "
                 "curve again with `rockjax fragility`"

@@ -63,9 +63,9 @@ def contents_fragility(
       if it overturns
     - `overturned`: `"drop"` leaves out scenes in which the podium overturns, so that the curves hold for a
       standing podium; `"exceed"` counts such scenes as reaching every damage state
-    - `at`: intensities at which the curves are evaluated, shape (x,), > 0; by default 200 up to the highest
-      level
-    - `confidence`: confidence level of the intervals and bands, in (0, 1); None for curves without both
+    - `at`: intensities at which the curves are evaluated, shape (x,), > 0; by default 200 equally spaced
+      values up to the highest level
+    - `confidence`: confidence level of the intervals and bands, in (0, 1); None omits both
     - `options`: options of the scenes
 
     Returns a Dataset. `median_capacity` and `dispersion` (dims `contents`, `damage_state`) have the
@@ -75,7 +75,7 @@ def contents_fragility(
     the share of the counted records that reach the damage state. The answers of the podium, such as
     `overturned`, have the dims `record` and `intensity`, and those of the blocks, such as
     `contents_peak_rotation`, also `contents`. Curves that the counts do not determine are NaN. A
-    `RuntimeWarning` names them, and another one is issued for fewer than five records. A single curve,
+    `RuntimeWarning` names them; a second warning is issued for fewer than five records. A single curve,
     `data.sel(contents="cabinet", damage_state=1.0)`, is valid for [`rockjax.annual_frequency`][].
 
     Raises `ValueError` for invalid inputs.
@@ -185,7 +185,7 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     counted = counted.transpose("contents", "record", "intensity")
     reached = (reached & counted).transpose(*order)
     count = counted.sum("record")
-    data["counted"] = count.assign_attrs(units="1", long_name="records that count")
+    data["counted"] = count.assign_attrs(units="1", long_name="number of counted records")
     share = (reached.sum("record") / count).assign_attrs(
         units="1", long_name="share of the counted records that reach the damage state"
     )
@@ -232,8 +232,8 @@ def _fit_and_refit(
     - `levels`: intensities, shape (m,)
     - `reached`, `counted`: 1 where a record reaches the damage state, and where it is counted, shape (n, m)
     """
-    omitted = lambda y: y.sum(axis=0) - np.concatenate([np.zeros((1, levels.size)), y])
-    fits = jax.tree.map(np.asarray, fit_each_counts(levels, omitted(reached), omitted(counted)))
+    leave_one_out = lambda y: y.sum(axis=0) - np.concatenate([np.zeros((1, levels.size)), y])
+    fits = jax.tree.map(np.asarray, fit_each_counts(levels, leave_one_out(reached), leave_one_out(counted)))
     return Lognormal(*(y[0] for y in fits)), Lognormal(*(y[1:] for y in fits))
 
 

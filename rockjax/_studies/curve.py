@@ -37,30 +37,29 @@ def fragility(
     """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood.
 
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
-    - `method`: `"capacities"` fits the least overturning intensities; for a record that does not overturn, it
-      uses only that this intensity is above the highest level (censoring). `"stripes"` fits the counts of
-      overturned records at the levels, including survivals above the first overturning. By default
-      `"capacities"`; with `limit`, the default and only valid method is `"stripes"`
-    - `at`: intensities at which the curve is evaluated, shape (x,), > 0; by default 200 up to the highest
-      level
-    - `confidence`: confidence level of the intervals and the band, in (0, 1); None for a curve without both
+    - `method`: `"capacities"` fits the least overturning intensities; for a record that does not overturn,
+      this method uses only that its capacity is above the highest level (censoring). `"stripes"` fits the
+      counts of overturned records at each level; a record may survive levels above its first overturning. By
+      default `"capacities"`; with `limit`, the default and only valid method is `"stripes"`
+    - `at`: intensities at which the curve is evaluated, shape (x,), > 0; by default 200 equally spaced
+      values up to the highest level
+    - `confidence`: confidence level of the intervals and the band, in (0, 1); None omits both
     - `limit`: limit state in addition to overturning: (name, value) of a peak of the analysis, such as
       `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium overturns, if the
       peak exceeds the value, or if a `least_…` variable is below the value, in at least one mode, story,
-      floor or joint. The `options` of the analysis must request this output
+      floor or joint. The `options` of the analysis must request the output that contains this peak
 
     Returns a Dataset. The scalars `median_capacity` and `dispersion` have the confidence intervals `interval`
     (dims `quantity`, `bound`; with the number of records as an attribute). `probability` and the band from
     `lower` to `upper` have the dim `at`; `observed`, the share of records that fail, has `intensity`.
-    Intervals and band are omitted if `confidence` is None. If the analysis has sensitivities and `method` is
-    `"capacities"`, `median_sensitivity` and `dispersion_sensitivity` (dim `parameter`) are
-    d ln(median)/d ln y and d(dispersion)/d ln y.
+    If the analysis has sensitivities and `method` is `"capacities"`, `median_sensitivity` and
+    `dispersion_sensitivity` (dim `parameter`) are d ln(median)/d ln y and d(dispersion)/d ln y.
 
     Intervals of `"capacities"` use the profile likelihood of lognormal capacities. Without censored records
     they are exact for median and dispersion; with censored records their coverage differs from `confidence`
-    by some per cent. Intervals of `"stripes"` come from the jackknife, which fits without each record in
-    turn. A `RuntimeWarning` is issued if there are fewer than five records that overturn (`"capacities"`), or
-    fewer than five records (`"stripes"`).
+    by some per cent. Intervals of `"stripes"` come from the jackknife, which repeats the fit without each
+    record in turn. A `RuntimeWarning` is issued if there are fewer than five records that overturn
+    (`"capacities"`), or fewer than five records (`"stripes"`).
 
     Raises `ValueError` for invalid arguments, and if no curve or no interval can be fitted.
     """
@@ -85,20 +84,22 @@ def fragility(
         # d(capacity)/d ln y, shape (parameters, records with a capacity)
         capacity_slopes = analysis["sensitivity"].values[:, has_capacity] * data.capacity[has_capacity]
         fit_slopes = _slopes(data.capacity, data.censor_limit)
-        symbols = {
+        long_names = {
             "median_sensitivity": "d ln(median)/d ln y",
             "dispersion_sensitivity": "d(dispersion)/d ln y",
         }
-        for (name, symbol), slope in zip(symbols.items(), fit_slopes, strict=True):
+        for (name, long_name), slope in zip(long_names.items(), fit_slopes, strict=True):
             values = capacity_slopes @ np.asarray(slope)[has_capacity]
-            curve[name] = ("parameter", values, {"units": "1", "long_name": symbol})
+            curve[name] = ("parameter", values, {"units": "1", "long_name": long_name})
         curve = curve.assign_coords(parameter=analysis["parameter"])
     return curve
 
 
 def checked_intensities(owner: str, at, levels: np.ndarray) -> np.ndarray:
-    """Return the intensities of a curve, by default 200 up to the highest level. Raises `ValueError` unless
-    they are a one-dimensional array of values > 0."""
+    """Return the intensities `at`, by default 200 equally spaced values up to the highest level.
+
+    Raises `ValueError` unless `at` is a one-dimensional array of values > 0.
+    """
     x = np.linspace(0, levels[-1], 201)[1:] if at is None else np.asarray(as_float(at, f"{owner}: at"))
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"{owner}: at must be a 1-D array of intensities, got shape {x.shape}")
@@ -154,8 +155,8 @@ def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Da
         overturned=failed.assign_attrs(long_name=f"whether {name} is beyond {value:g}"),
         capacity=levels.where(failed).min("intensity"),
     )
-    sign = "<" if name.startswith("least_") else ">"
-    return changed.assign_attrs(limit_state=f"{name} {sign} {value:g}")
+    comparison = "<" if name.startswith("least_") else ">"
+    return changed.assign_attrs(limit_state=f"{name} {comparison} {value:g}")
 
 
 def _check(analysis: xarray.Dataset, method: str | None, confidence: float | None) -> None:
@@ -272,9 +273,9 @@ def _intervals_of_stripes(
     undetermined = int(np.sum(~np.isfinite(reduced_fits.median)))
     if undetermined:
         raise ValueError(
-            f"fragility: the intervals need a fit that omits each record once, but without "
-            f"{undetermined} of the {len(reduced_counts)} records the counts do not determine the "
-            "dispersion; use more records or closer levels, or confidence=None for the curve alone"
+            f"fragility: the intervals need {len(reduced_counts)} fits that each omit one record, but "
+            f"{undetermined} of these fits do not determine the dispersion; use more "
+            "records or closer levels, or confidence=None for the curve alone"
         )
     return stripe_bounds(fit, reduced_fits, x, confidence)
 

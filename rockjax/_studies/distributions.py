@@ -43,7 +43,7 @@ def draw(owner: str, name: str, given: Any, n: int, seed: int, allowed: Range) -
 
     Raises `ValueError` if `given` has another type or shape, or if a draw is outside `allowed`.
     """
-    what = f"{owner}: spread[{name!r}]"
+    argument = f"{owner}: spread[{name!r}]"
     is_frozen = hasattr(given, "rvs") and hasattr(given, "dist")
     try:
         values = given.rvs(size=n, random_state=generator(seed, name)) if is_frozen else given
@@ -53,15 +53,15 @@ def draw(owner: str, name: str, given: Any, n: int, seed: int, allowed: Range) -
     if drawn is None or drawn.shape not in ((), (n,)):
         got = format_value(given) if drawn is None else f"an array of shape {drawn.shape}"
         raise ValueError(
-            f"{what} must be a frozen distribution such as scipy.stats.norm(0.15, 0.01), a number, or {n} "
-            f"draws, got {got}"
+            f"{argument} must be a frozen distribution such as scipy.stats.norm(0.15, 0.01), a number, or "
+            f"{n} draws, got {got}"
         )
     drawn = np.broadcast_to(drawn, (n,))
     outside = ~(np.isfinite(drawn) & allowed.holds(drawn))
     if outside.any():
         accepted = allowed.words if allowed.words.startswith("in") else f"finite and {allowed.words}"
         raise ValueError(
-            f"{what} must be {accepted.removesuffix(' and ')}, but {outside.sum()} of {n} draws are not "
+            f"{argument} must be {accepted.removesuffix(' and ')}, but {outside.sum()} of {n} draws are not "
             f"(the first is {drawn[outside][0]:.6g}); use a truncated distribution (scipy.stats.truncnorm)"
         )
     return drawn

@@ -12,8 +12,8 @@ class Sample(NamedTuple):
     """Independent values of a scalar, some of which may be unknown.
 
     - `values`: values, shape (n,); ±inf is allowed
-    - `is_open`: True where a value is unknown, shape (n,). There, estimates use the entry of `values`, and
-      confidence bounds hold for any value
+    - `is_open`: True where a value is unknown, shape (n,). Estimates use the entry of `values` in its place;
+      confidence bounds hold for any unknown value
     """
 
     values: np.ndarray
@@ -115,7 +115,7 @@ class Comparison(NamedTuple):
     - `statistic`: D, the largest distance between the empirical distribution functions [–]
     - `at`: value at which the functions have the distance D
     - `p_value`: approximate probability that two samples from one distribution have a distance ≥ D [–]; with
-      unknown values, ≥ the smallest D that any such values give. Too large for distributions with steps
+      unknown values, D is here the least distance that they allow. Too large for discontinuous distributions
     - `lower`, `upper`: confidence interval of the largest distance between the true distributions, from the
       bands of both samples, (E3) [–]; if `lower` > 0, the distributions differ
     - `confidence`: confidence level of the interval [–]
@@ -135,7 +135,8 @@ def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
     - `first`, `second`: the samples
     - `confidence`: confidence level of the interval, in (0, 1)
 
-    Values at +∞ count as equal. The band of each sample gets half of the error probability.
+    Values at +∞ count as equal. The error probability 1 − confidence is shared equally between the bands of
+    the samples.
     """
     from scipy.stats import kstwo
 

@@ -44,7 +44,7 @@ from rockjax._structures import Podium
 if TYPE_CHECKING:
     import xarray
 
-# Variables of the dataset: name → (unit, description). Variables of SPECTRA and PER_OSCILLATOR have the dims
+# Variables of the dataset: name → (unit, meaning). Variables of SPECTRA and PER_OSCILLATOR have the dims
 # level, damping and period, those of PER_LEVEL only level, and those of PER_SCENE none of the three.
 SPECTRA = {
     "pseudo_acceleration": ("m s-2", "pseudo-acceleration ω² max|x|"),
@@ -53,7 +53,7 @@ SPECTRA = {
 }
 PER_OSCILLATOR = {
     "peak_time": ("s", "time at which the displacement is largest"),
-    "remaining_ratio": ("1", "bound of later displacements divided by the largest; final if at most 1"),
+    "remaining_ratio": ("1", "bound of |x| after the end divided by max|x|; final if at most 1"),
 }
 PER_LEVEL = {
     "peak_acceleration": ("m s-2", "largest acceleration of the floor without velocity jumps"),
@@ -97,8 +97,8 @@ def floor_spectrum(
     - `weights`: weights of the modes that define a floor, (L2), shape (modes,) [–]; they replace `level`
     - `direction`: `"horizontal"` or `"vertical"`
     - `initial`, `options`: initial state and options of the scenes
-    - `t_end`: end of the scenes [s]; by default the later of the default of `simulate`, and 5 times the
-      longest period after the ground motion
+    - `t_end`: end of the scenes [s]; by default the default of `simulate` or, if this is later, 5 times the
+      longest T_e after the end of the ground motion
     - `fixed_base`: also compute the spectra of the ground, `ground_pseudo_acceleration` …, and of the same
       floors on a base that never lifts, `fixed_base_pseudo_acceleration` …
     - `sensitivities`: parameters y for which y ∂/∂y of the spectra is computed as well, (L8), as in
@@ -110,8 +110,8 @@ def floor_spectrum(
     - `pseudo_acceleration`: ω² max|x| [m/s²]
     - `absolute_acceleration`: largest absolute acceleration of the oscillator [m/s²]
     - `relative_displacement`: max|x| [m]; `peak_time`: time at which max|x| is first reached [s]
-    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by max|x|. The spectrum is
-      final where this ratio is at most 1; inf if there is no bound
+    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by max|x|; inf without a
+      bound. The spectrum is final where this ratio is at most 1
     - `pseudo_acceleration_sensitivity` …: sensitivities, with the further dim `parameter`
 
     Other variables describe floors, with the dims (motion, level), and scenes, with the dim motion:
@@ -147,26 +147,26 @@ def floor_spectrum(
     request = _Request(weights_by_level, stories, T, zeta, direction, tuple(sensitivities))
     labels = None if not is_suite else list(range(1, len(members) + 1)) if names is None else names
 
-    scenes = [(podium, options, request)]
+    cases = [(podium, options, request)]
     if fixed_base:
         fixed_podium = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
         # Under the fixed podium, spectra of the deck are those of the ground.
         weights_with_deck = {DECK: 0 * next(iter(weights_by_level.values()))} | weights_by_level
         fixed_request = request._replace(weights=weights_with_deck, stories={}, names=())
-        scenes.append((fixed_podium, options.replace(overturn_ratio=1.0), fixed_request))
-    spectra: list[list[_Spectrum]] = [[] for _ in scenes]
+        cases.append((fixed_podium, options.replace(overturn_ratio=1.0), fixed_request))
+    spectra: list[list[_Spectrum]] = [[] for _ in cases]
     with bar(len(members), "motions", progress) as counter:
         for member in members:
-            for found, (structure, settings, requested) in zip(spectra, scenes, strict=True):
+            for case_spectra, (structure, settings, requested) in zip(spectra, cases, strict=True):
                 scene_end = end
                 if scene_end is None:
                     scene_end = float(_default_end(structure.split_rows(), member.common_form(), T.max()))
                 response = simulate(structure, member, initial=initial, t_end=scene_end, options=settings)
-                found.append(_spectrum(response, start, scene_end, requested))
+                case_spectra.append(_spectrum(response, start, scene_end, requested))
             counter.update(1)
     data = _dataset(request, labels, spectra[0])
     if fixed_base:
-        fixed = _dataset(scenes[1][2], labels, spectra[1])
+        fixed = _dataset(cases[1][2], labels, spectra[1])
         for name in SPECTRA:
             data[f"ground_{name}"] = fixed[name].sel(level=DECK, drop=True)
             data[f"fixed_base_{name}"] = fixed[name].sel(level=list(weights_by_level))
@@ -266,14 +266,14 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
         ]
         rests = bool(ended.rests) and not np.any(remaining_impulse) and not has_fallen
         peaks = largest(load, period, damping, rests, tuple(load_slopes))
-        size = peaks.displacement
-        later = np.minimum(peaks.later, size) if rests else peaks.envelope + remaining_impulse / omega
-        ratio = ratio_after_end(later, size)
-        load_values = omega**2 * size, peaks.acceleration, size, peaks.time, ratio
-        slopes_of_load = omega**2 * peaks.slopes[0], peaks.slopes[1], peaks.slopes[0]
-        for name, value in zip(values, load_values, strict=True):
+        displacement = peaks.displacement
+        later = np.minimum(peaks.later, displacement) if rests else peaks.envelope + remaining_impulse / omega
+        ratio = ratio_after_end(later, displacement)
+        spectrum_values = omega**2 * displacement, peaks.acceleration, displacement, peaks.time, ratio
+        slope_values = omega**2 * peaks.slopes[0], peaks.slopes[1], peaks.slopes[0]
+        for name, value in zip(values, spectrum_values, strict=True):
             values[name].append(value.reshape(shape))
-        for name, value in zip(sensitivities, slopes_of_load, strict=True):
+        for name, value in zip(sensitivities, slope_values, strict=True):
             sensitivities[name].append(np.moveaxis(value, 0, -1).reshape(*shape, -1))
         per_level["peak_acceleration"].append(largest_acceleration(load))
         per_level["peak_velocity_jump"].append(float(np.abs(load.kick).max()))
@@ -293,16 +293,22 @@ def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -
 
     motion_dims = () if labels is None else ("motion",)
     dims = (*motion_dims, "level", "damping", "period")
-    slopes = {slope_name(name): (unit, f"y ∂/∂y of the {words}") for name, (unit, words) in SPECTRA.items()}
+    slopes = {
+        slope_name(name): (unit, f"y ∂/∂y of the {meaning}") for name, (unit, meaning) in SPECTRA.items()
+    }
     data = {}
-    for name, (unit, words) in (SPECTRA | PER_OSCILLATOR | slopes).items():
+    for name, (unit, meaning) in (SPECTRA | PER_OSCILLATOR | slopes).items():
         if name in spectra[0].values:
-            more = ("parameter",) if name in slopes else ()
-            data[name] = (*dims, *more), joined([y.values[name] for y in spectra]), _attributes(unit, words)
-    for name, (unit, words) in PER_LEVEL.items():
-        data[name] = dims[:-2], joined([y.per_level[name] for y in spectra]), _attributes(unit, words)
-    for name, (unit, words) in PER_SCENE.items():
-        data[name] = motion_dims, joined([y.per_scene[name] for y in spectra]), _attributes(unit, words)
+            parameter_dim = ("parameter",) if name in slopes else ()
+            data[name] = (
+                (*dims, *parameter_dim),
+                joined([y.values[name] for y in spectra]),
+                _attributes(unit, meaning),
+            )
+    for name, (unit, meaning) in PER_LEVEL.items():
+        data[name] = dims[:-2], joined([y.per_level[name] for y in spectra]), _attributes(unit, meaning)
+    for name, (unit, meaning) in PER_SCENE.items():
+        data[name] = motion_dims, joined([y.per_scene[name] for y in spectra]), _attributes(unit, meaning)
     coords: dict[str, Any] = {
         "level": list(request.weights),
         "damping": ("damping", request.damping, _attributes("1", "damping ratio of the oscillator ζ")),
@@ -313,8 +319,8 @@ def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -
     return xarray.Dataset(data, coords=coords)
 
 
-def _attributes(unit: str, words: str) -> dict[str, str]:
-    return {"units": unit, "long_name": words}
+def _attributes(unit: str, meaning: str) -> dict[str, str]:
+    return {"units": unit, "long_name": meaning}
 
 
 def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:

@@ -79,8 +79,8 @@ def levels_of(
     """Return equally spaced intensity levels.
 
     - `podium`, `suite`, `measure`: structure, ground motions and intensity measure
-    - `ends`: lowest and highest level. By default the highest is the value of `measure` for a PGA of
-      6 g tan α, by the median ratio of the suite, and the lowest is the highest divided by `count`
+    - `ends`: lowest and highest level. By default the highest level is 6 g tan α times the median ratio
+      of `measure` to the PGA in the suite, and the lowest is the highest divided by `count`
     - `count`: number of levels
     """
     if ends is None:
@@ -168,8 +168,8 @@ def incremental_dynamic_analysis(
     - `sensitivities`: parameters y of the podium for which d ln(capacity)/d ln y is computed
     - `width`: the search for the capacity misses no interval of overturning intensities that is wider than
       this share of the highest level, in (0, 0.1]
-    - `resolution`: number of equal intervals up to the highest level whose ends are evaluated; it determines
-      which boundaries above the capacity are found
+    - `resolution`: number of equal intervals between 0 and the highest level, whose ends are evaluated. More
+      intervals show more boundaries above the capacity
     - `options`: options of the scenes. With `overturn_ratio` < 1 the limit state is |θ|/α = `overturn_ratio`
       instead of overturning
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
@@ -180,7 +180,7 @@ def incremental_dynamic_analysis(
     - `capacity`: the least intensity that overturns; NaN if no intensity up to the highest level does
     - `boundaries` (additional dim `boundary`): intensities at which the outcome changes between survival and
       overturning, ascending. They are exact to about 1e-9. Above the capacity their number grows with
-      `resolution` without limit, because rocking through many impacts creates ever narrower windows
+      `resolution` without limit, because rocking through many impacts creates ever narrower survival windows
     - `certain_width`: largest width that a missed interval of overturning intensities below the capacity can
       have
     - `sensitivity` (additional dim `parameter`): d ln(capacity)/d ln y
@@ -211,7 +211,7 @@ def incremental_dynamic_analysis(
     indices, search_range = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, indices, search_range, options, width)
     peaks = peak_responses(*plane(indices[:, None], levels), options=options, progress=progress)
-    # "below" omits a refinement that finds ever narrower windows above the capacity.
+    # "below" omits a refinement that finds ever narrower survival windows above the capacity.
     search = scan(
         plane, indices, search_range, resolution, options, progress, refine="below", width=width, dips=False
     )

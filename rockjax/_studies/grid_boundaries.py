@@ -28,7 +28,7 @@ from .spectra import boundary_axis, group_by_structure, stack_podiums
 if TYPE_CHECKING:
     import xarray
 
-HALVINGS = 14  # number of halvings of a grid interval, which end at 6e-5 of its length
+HALVINGS = 14  # bisections of a grid interval, to 6e-5 of its length
 
 
 def with_boundaries(
@@ -88,7 +88,7 @@ def _outcome_function(
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Return a function of acceleration ratios, shape (n,), that tells which scenes overturn, shape (n,).
 
-    - `podiums`, `spectra`: podiums of one structure and their spectra
+    - `podiums`, `spectra`: podiums whose pytrees have the same structure, and their spectra
     - `pulse`, `options`, `progress`: as for `with_boundaries`
     - `podium_index`, `column`: indices of the podium and the frequency for each interval, shape (n,)
     """

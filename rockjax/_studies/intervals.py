@@ -100,17 +100,17 @@ def _inverse_mills_ratio(z):
     return np.exp(-0.5 * z * z - 0.5 * math.log(2 * math.pi) - log_ndtr(z))
 
 
-def _first_outside(condition: Callable, start: np.ndarray, sign: int) -> np.ndarray:
+def _first_outside(condition: Callable, start: np.ndarray, direction: int) -> np.ndarray:
     """Step away from `start`, doubling the distance, until an elementwise condition is false.
 
-    `sign` is the direction, 1 or −1. The search ends after at most `_MAX_DOUBLINGS` steps.
+    `direction` is 1 or −1. The search ends after at most `_MAX_DOUBLINGS` steps.
     """
     point, step = start, 0.5
     for _ in range(_MAX_DOUBLINGS):
         is_inside = condition(point)
         if not np.any(is_inside):
             break
-        point, step = np.where(is_inside, start + sign * step, point), 2 * step
+        point, step = np.where(is_inside, start + direction * step, point), 2 * step
     return point
 
 
@@ -138,10 +138,10 @@ def profile_intervals(capacities: Capacities, median, dispersion, at, confidence
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
     maximum = capacities.log_likelihood(1 / dispersion, mu / dispersion)
-    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # fall of twice the log-likelihood
+    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # largest fall of twice the log-likelihood
 
     def bounds(excess: Callable, start) -> np.ndarray:
-        ends = (_first_outside(lambda y: excess(y) > 0, start, sign) for sign in (-1, 1))
+        ends = (_first_outside(lambda y: excess(y) > 0, start, direction) for direction in (-1, 1))
         return np.stack([_find_zero(excess, start, end) for end in ends])
 
     def dispersion_bound(p):

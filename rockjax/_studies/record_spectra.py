@@ -62,9 +62,9 @@ def record_spectrum(
     - `peak_rotation`, `overturned`: max|θ|/α, and whether the structure overturns, under the unscaled records
     - `top_displacement`: max|u_b| = 2R [sin α − sin(α − max|θ|)], Eq. (13), the displacement of the column
       tops relative to the ground under the unscaled records [m]; NaN where the structure overturns. Far from
-      overturning it is almost independent of the size
+      overturning, this displacement is almost independent of the size
 
-    Raises `ValueError` for invalid inputs, and `RuntimeError` if no scene of a record and size finishes.
+    Raises `ValueError` for invalid inputs, and `RuntimeError` if for some record and size no scene finishes.
     """
     owner = "record_spectrum"
     check_types(owner, podium, options)
@@ -81,12 +81,12 @@ def record_spectrum(
     R = 0.75 * float(podium.g) / sizes**2  # Eq. (25)
 
     def plane(x, y):
-        """Return the scenes of cells x under records scaled by y."""
+        """Return the scenes of cells x, pairs of record and size, with the records scaled by y."""
         record, size = np.divmod(np.asarray(x).astype(np.int32), sizes.size)
         return podium.replace(R=R[size]), records.pick_scaled(record, y)
 
     import_in_background(*TABLES)
-    cells = np.arange(count * sizes.size)  # one for each record and size
+    cells = np.arange(count * sizes.size)
     scale_range = (0.0, float(max_scale))
     precompile_scan(plane, cells, scale_range, options, width)
     peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)

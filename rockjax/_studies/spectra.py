@@ -104,7 +104,7 @@ def rocking_spectra(
     - `podiums`: podiums with scalar parameters
     - `pulse`, `frequency_ratio`, `acceleration_ratio`, `options`, `progress`, `sensitivities`: as for
       [`rockjax.rocking_spectrum`][]
-    - `resume`: an incomplete spectrum, whose missing scenes are solved, or None for each podium
+    - `resume`: for each podium an incomplete spectrum, whose missing scenes are solved, or None
 
     Returns a spectrum for each podium, as from [`rockjax.rocking_spectrum`][]. Raises `ValueError` as that
     function does.
@@ -215,7 +215,7 @@ def stack_podiums(podiums: Sequence[Podium], per_podium: Callable[[np.ndarray], 
 
 def boundary_axis(table: np.ndarray) -> tuple[str, np.ndarray, dict[str, str]]:
     """Return the coordinate along the columns of a table of boundaries."""
-    return "boundary", np.arange(1, table.shape[1] + 1), {"long_name": "boundaries from below"}
+    return "boundary", np.arange(1, table.shape[1] + 1), {"long_name": "number of the boundary, from below"}
 
 
 def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarray]:
@@ -350,9 +350,10 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
 
 def minimum_overturning(dataset: xarray.Dataset) -> xarray.DataArray:
-    """Return the least acceleration ratio of a rocking spectrum that overturns at each frequency.
+    """Return the least overturning acceleration ratio of a rocking spectrum at each frequency.
 
-    NaN where no ratio of the grid overturns. Raises `ValueError` if `dataset` is not a rocking spectrum.
+    The ratio is NaN where no ratio of the grid overturns. Raises `ValueError` if `dataset` is not a rocking
+    spectrum.
     """
     if getattr(dataset, "attrs", {}).get("kind") != "rocking-spectrum":
         raise ValueError(

@@ -31,7 +31,7 @@ class Job(NamedTuple):
     fingerprint: str  # hash of the identity of the sweep
     skeleton: Any  # (structures, excitations, initial, t_end) with names in place of their values
     options: Options
-    precision: bool  # True for float64
+    is_float64: bool  # precision of the scenes: float64, otherwise float32
     sensitivities: tuple[str, ...] = ()  # parameters of the sensitivities
 
     def solve(self, k: int, threads: int | None, devices: Devices) -> ChunkRow:
@@ -47,7 +47,7 @@ class Job(NamedTuple):
         if (row := store.row(k)) is not None:
             return row
         start_time = time.perf_counter()
-        with precision(self.precision):
+        with precision(self.is_float64):
             arguments = scene_arrays.in_box(store.layout.box(k))
             peaks = solve_scenes(arguments, self.options, threads, devices, self.sensitivities)
         variables = data_variables(peaks, self.options.outputs, ())

@@ -23,8 +23,8 @@ class ChunkLayout(NamedTuple):
 
     @classmethod
     def of(cls, shape: Sequence[int], chunk: int) -> ChunkLayout:
-        """Return a layout with chunks of at most `chunk` scenes: the last axes in full, then a part of one
-        axis, and length 1 along the first axes."""
+        """Return a layout whose chunks have at most `chunk` scenes: the last axes in full, a part of the axis
+        before them, and length 1 along the first axes."""
         chunk_shape, remaining = [], max(1, chunk)
         for n in reversed(shape):
             chunk_shape.append(min(n, remaining))

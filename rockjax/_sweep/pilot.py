@@ -22,8 +22,8 @@ SCENES_PER_SAMPLE = 50  # scenes of the sweep for each sampled scene, within the
 # Shortest and longest wall time of a chunk [s]. Writing the files of shorter chunks would take a large share
 # of the time; longer chunks would lose more work after a failure.
 CHUNK_SECONDS = 2.5, 10.0
-# Smallest number of chunks per core, unless chunks would be too short. With more chunks, fewer cores are idle
-# at the end.
+# Smallest number of chunks per core, unless chunks would be shorter than `CHUNK_SECONDS`. With more chunks,
+# fewer cores are idle at the end.
 CHUNKS_PER_CORE = 8
 
 
@@ -32,7 +32,7 @@ class Pilot(NamedTuple):
 
     scenes: np.ndarray  # flat indices of the sampled scenes
     steps: np.ndarray  # number of trial steps of each scene
-    core_seconds: float  # time of one core for one trial step [s]
+    step_seconds: float  # time of one core for one trial step [s]
     variables: dict[str, Any]  # arrays of results, by name
     scene_bytes: float  # size of a scene in the store [bytes]
     memory: int  # peak memory of the process that solved the sample [bytes]
@@ -44,7 +44,7 @@ class Pilot(NamedTuple):
         - `cores`: number of cores that solve the sweep
         - `cores_of_chunk`: number of cores that solve one chunk
         """
-        scene_seconds = max(1e-9, self.core_seconds * float(self.steps.mean()))
+        scene_seconds = max(1e-9, self.step_seconds * float(self.steps.mean()))
         low, high = CHUNK_SECONDS
         seconds = min(high, max(low, scenes * scene_seconds / (CHUNKS_PER_CORE * cores)))
         return max(1, round(seconds * cores_of_chunk / scene_seconds))
@@ -74,7 +74,7 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     rng = np.random.default_rng(0)
     edges = np.linspace(0, scene_arrays.size, count + 1).astype(np.int64)
     scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
-    with precision(spec.precision):
+    with precision(spec.is_float64):
         names = spec.sensitivities
         solve = lambda indices: solve_scenes(scene_arrays.at(indices), options, threads, devices, names)
         solve(scenes[:: max(1, count // low)])  # compiles the programs before the measurement
@@ -85,17 +85,17 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     results = data_variables(peaks, options.outputs, ())
     variables = {name: variable_for(values, attrs, dims) for name, (dims, values, attrs) in results.items()}
     arrays = {name: values.astype(variables[name].dtype) for name, (_, values, _) in results.items()}
-    per_step = seconds / steps.sum() * min(count_cores(devices, threads), -(-count // LANES))
-    return Pilot(scenes, steps, per_step, variables, compressed_size(arrays) / count, _resident_memory())
+    step_seconds = seconds / steps.sum() * min(count_cores(devices, threads), -(-count // LANES))
+    return Pilot(scenes, steps, step_seconds, variables, compressed_size(arrays) / count, _resident_memory())
 
 
 def _resident_memory() -> int:
-    """Return the peak memory of this process; the present memory on systems other than Linux [bytes]."""
+    """Return the peak memory of this process; on systems other than Linux, its current memory [bytes]."""
     import psutil
 
-    present = psutil.Process().memory_info().rss
+    current = psutil.Process().memory_info().rss
     if sys.platform != "linux":
-        return present
+        return current
     import resource
 
-    return max(present, 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    return max(current, 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)

@@ -137,7 +137,7 @@ def _first_line(error: BaseException) -> str:
 
 
 class ChunkProgress:
-    """Progress bar that counts expected steps, accepted and rejected, because chunks differ in cost."""
+    """Progress bar in expected trial steps (accepted and rejected), because chunks differ in cost."""
 
     def __init__(self, store: Store, unsolved: np.ndarray, solved: np.ndarray, progress: bool):
         from tqdm.auto import tqdm  # a widget in notebooks
@@ -165,7 +165,7 @@ class ChunkProgress:
         return f"{self.done} of {self.count} chunks"
 
     def advance(self, k: int) -> None:
-        """Count chunk k as solved. The minimum keeps rounding errors within the total."""
+        """Count chunk k as solved. The minimum prevents rounding errors from exceeding the total."""
         self.done += 1
         self.bar.set_description_str(self._describe(), refresh=False)
         self.bar.update(min(float(self.expected[k]), self.bar.total - self.bar.n))

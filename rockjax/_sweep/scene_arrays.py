@@ -39,17 +39,17 @@ class SceneArrays(NamedTuple):
         Raises `ValueError` for arrays that do not broadcast or contain no scene.
         """
         arguments = (structures, excitations, initial, t_end)
-        paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
+        paths, treedef = jax.tree_util.tree_flatten_with_path(arguments)
         names = [GROUPS[path[0].idx] + jax.tree_util.keystr(path[1:]) for path, _ in paths]
         leaves = [np.asarray(y) for _, y in paths]
-        batch_shapes, shape = axes_of(owner, leaves, own_dimensions(structure, excitations))
+        batch_shapes, shape = axes_of(owner, leaves, own_dimensions(treedef, excitations))
         if not shape:  # a single scene becomes a grid of shape (1,)
             shape, batch_shapes[0], leaves[0] = (1,), (1,), leaves[0][None]
         arrays = {
             name: y.reshape((1,) * (len(shape) - len(batch)) + y.shape) if batch else y
             for name, y, batch in zip(names, leaves, batch_shapes, strict=True)
         }
-        return cls(arrays, jax.tree.unflatten(structure, names), shape)
+        return cls(arrays, jax.tree.unflatten(treedef, names), shape)
 
     @property
     def size(self) -> int:

@@ -31,7 +31,7 @@ class SweepSpec(NamedTuple):
     dims: tuple[str, ...]  # names of the axes
     labels: dict[str, np.ndarray]  # labels along the axes, by name
     options: Options
-    precision: bool  # True for float64
+    is_float64: bool  # precision of the scenes: float64, otherwise float32
     sensitivities: tuple[str, ...] = ()  # parameters of the sensitivities
 
     @property
@@ -51,7 +51,7 @@ class SweepSpec(NamedTuple):
         entries = {
             "format": FORMAT,
             **{name: text for name, text in describe_versions().items() if name != "diffrax_version"},
-            "precision": "float64" if self.precision else "float32",
+            "precision": "float64" if self.is_float64 else "float32",
             "pytree": str(jax.tree.structure(self.scene_arrays.skeleton)),
             "dims": list(self.dims),
             "shape": list(self.shape),
@@ -62,12 +62,12 @@ class SweepSpec(NamedTuple):
                 name: y if isinstance(y, str) else repr(_to_python_number(y)) for name, y in values.items()
             },
             "sensitivities": list(self.sensitivities),
-            "user_outputs": [_source_of(type(y)) for y in self.options.outputs if not isinstance(y, str)],
+            "user_outputs": [_source_digest(type(y)) for y in self.options.outputs if not isinstance(y, str)],
         }
         return entries | {"fingerprint": fingerprint(entries)}
 
 
-def _source_of(output_class: type) -> str:
+def _source_digest(output_class: type) -> str:
     """Return a digest of the source of a user's output and of its base classes, to notice changed code.
 
     Return "" for classes without a source file.
@@ -131,7 +131,7 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
 
 
 def check_same(store: Store, spec: SweepSpec, chunk: int | None) -> None:
-    """Raise `ValueError` unless a store contains this sweep, in chunks of `chunk` scenes if this is given."""
+    """Raise `ValueError` unless a store contains this sweep, in chunks of `chunk` scenes (None: any size)."""
     layout = store.layout if chunk is None else ChunkLayout.of(spec.shape, chunk)
     differences = list(_differences(store.identity, spec.identity(layout)))
     if differences:

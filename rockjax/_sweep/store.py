@@ -105,7 +105,7 @@ class Store:
     def open(cls, path: str | Path) -> Store | None:
         """Return the store at a path; None if the path does not exist or is an empty folder.
 
-        Raises `ValueError` if the path is a file or another folder, or if metadata of the store are damaged.
+        Raises `ValueError` for a file, for a folder with other contents, and for damaged metadata of a store.
         """
         path = expand_path(path)
         if is_local(path) and not Path(path).exists():
@@ -282,7 +282,7 @@ def _read_identity(group: zarr.Group) -> dict[str, Any]:
 
 
 def _input_chunks(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
-    """Return the shape of the chunks of an input: along the axes of the grid that of the results.
+    """Return the chunk shape of an input, equal to that of the results along the axes of the grid.
 
     An input without the axes of the grid is one chunk.
     """
@@ -359,7 +359,7 @@ def require_zarr() -> None:
 
 
 def _zarr() -> Any:
-    """Return the package zarr, which sweeps alone import."""
+    """Return the package zarr, which is imported only for sweeps."""
     import zarr
 
     return zarr

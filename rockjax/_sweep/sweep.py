@@ -1,7 +1,7 @@
 """Sweeps: any number of scenes, solved in chunks on one or several machines and saved in a zarr store.
 
-Each chunk is one batch. With a Dask cluster, Dask distributes the chunks and repeats them after the failure
-of a worker.
+A scene is one structure under one ground motion. Each chunk is one batch. With a Dask cluster, Dask
+distributes the chunks and repeats them after the failure of a worker.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def sweep(
     progress: bool = True,
     dry_run: bool = False,
 ) -> xarray.Dataset | SweepPlan:
-    """Compute peak responses of any number of scenes and save them in a zarr store, in chunks; outside jit.
+    """Compute peak responses of any number of scenes in chunks, and save them in a zarr store; outside jit.
 
     Scenes are defined as for [`rockjax.peak_responses`][]: the parameters of `structures`, `excitations`,
     `initial` and `t_end` may be arrays, which broadcast to the shape of the sweep. [`rockjax.grid`][] returns
@@ -108,7 +108,7 @@ def sweep(
             return _plan(spec, layout, pilot, open_store, runner, expand_path(store))
         open_store = _create_store(store, spec, layout, pilot, chunk, describe_motions(excitations))
     fingerprint, skeleton = open_store.identity["fingerprint"], spec.scene_arrays.skeleton
-    job = Job(open_store.path, fingerprint, skeleton, spec.options, spec.precision, spec.sensitivities)
+    job = Job(open_store.path, fingerprint, skeleton, spec.options, spec.is_float64, spec.sensitivities)
     unsolved, solved = _find_unsolved(open_store, progress)
     with ChunkProgress(open_store, unsolved, solved, progress) as bar:
         interrupt = runner.run(job, unsolved, bar)
@@ -240,7 +240,7 @@ def _plan(
     is_solved = np.zeros(layout.chunk_count, bool) if store is None else np.isfinite(store.rows()[:, 0])
     sizes = layout.sizes()
     steps = float(expected[~is_solved].sum())
-    core_seconds = steps * pilot.core_seconds
+    core_seconds = steps * pilot.step_seconds
     parameter_bytes = sum(y.itemsize for y in spec.scene_arrays.varying().values())
     return SweepPlan(
         scenes=spec.scenes,

@@ -23,16 +23,16 @@ def format_call(module: eqx.Module) -> str:
     )
 
 
-def card(module: eqx.Module, headings: Mapping[str, str] | None = None) -> str:
+def card(module: eqx.Module, meanings: Mapping[str, str] | None = None) -> str:
     """Return a structure, motion or options as an HTML table of names, values and meanings with units.
 
-    `headings` maps names to meanings, for fields that are not in the tables of parameters and for properties.
-    The properties are listed after the fields.
+    `meanings`: name → meaning, for properties, and for fields that are not in the tables of parameters. The
+    properties are listed after the fields.
     """
-    meanings, rows = dict(headings or {}), []
+    other_meanings, rows = dict(meanings or {}), []
     for name, value, meaning in _rows(module):
-        rows.append((name, value, meanings.pop(name, meaning)))
-    rows += [(name, _value(getattr(module, name)), meaning) for name, meaning in meanings.items()]
+        rows.append((name, value, other_meanings.pop(name, meaning)))
+    rows += [(name, _value(getattr(module, name)), meaning) for name, meaning in other_meanings.items()]
     return tables.html(rows, caption=type(module).__name__, heads="column")
 
 

@@ -10,7 +10,7 @@ Rows = Sequence[Sequence[str]]
 
 
 def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
-    """Return rows as lines with aligned columns: all on the left, or with `numbers` only the first."""
+    """Return rows as lines with columns aligned left; with `numbers`, all but the first aligned right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(

@@ -121,7 +121,7 @@ def _ffmpeg() -> str:
         ) from None
 
 
-def _displacement(data: xarray.Dataset) -> np.ndarray:
+def _ground_displacement(data: xarray.Dataset) -> np.ndarray:
     """Return the ground displacement at the times of a history [m], from rest at the start."""
     from scipy.integrate import cumulative_trapezoid
 
@@ -147,7 +147,7 @@ class _Stage:
             if self.floors
             else np.zeros((0, times.size))
         )
-        self.ground = at_frames(_displacement(data)) if moving_ground else np.zeros_like(times)
+        self.ground = at_frames(_ground_displacement(data)) if moving_ground else np.zeros_like(times)
         self.ratio = np.interp(times, t, theta) / self.alpha
         spacing = max(0.9 * self.height, 2.5 * self.width)
         self.foot_positions = spacing * (np.arange(columns) - 0.5 * (columns - 1))
@@ -202,7 +202,7 @@ class _Stage:
         x = max(self.half_beam + max_shift + 0.1 * self.height, 0.55 * (highest + soil))
         # The soil ends outside the picture, even when the ground moves; hatching makes the motion visible.
         soil_end = x + float(np.max(np.abs(self.ground)))
-        self.corners = np.array([(-soil_end, 0), (soil_end, 0), (soil_end, -soil), (-soil_end, -soil)])
+        self.soil_corners = np.array([(-soil_end, 0), (soil_end, 0), (soil_end, -soil), (-soil_end, -soil)])
         self.soil = add_polygon("0.93", edgecolor="0.4", hatch="///")
         ax.set(xlim=(-x, x), ylim=(-soil, 1.12 * highest), aspect="equal", xlabel="[m]", ylabel="[m]")
 
@@ -233,7 +233,7 @@ class _Stage:
         if self.box is not None:
             self.box.set_xy(_box(beam_x, base, 0.8 * self.half_beam, 0.45 * self.height))
         self._show_floors(k, beam_x, base)
-        self.soil.set_xy(self.corners + np.array([ground, 0]))
+        self.soil.set_xy(self.soil_corners + np.array([ground, 0]))
         self.clock.set_text(f"t = {self.times[k]:6.2f} s")
         self.cursor.set_data([self.times[k]], [self.ratio[k]])
         return [*self.columns, self.beam, self.soil, self.clock, self.cursor]

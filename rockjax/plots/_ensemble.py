@@ -78,9 +78,9 @@ def quantile_quantile(
     - `output`, `component`: as for `Ensemble.quantiles`
     - `confidence`: confidence level of the intervals of the marked quantiles
 
-    Ensembles with the same distribution follow the dotted diagonal. The curve ends where the quantile of one
-    ensemble is an overturned scene. Raises `ValueError` unless there are two ensembles, and as
-    `Ensemble.quantiles` does.
+    Ensembles with the same distribution follow the dotted diagonal. The curve ends where the quantile of
+    either ensemble is infinite (an overturned scene). Raises `ValueError` unless there are two ensembles, and
+    as `Ensemble.quantiles` does.
     """
     assert ax is not None
     if not isinstance(ensembles, Mapping) or hasattr(ensembles, "data_vars") or len(ensembles) != 2:

@@ -197,13 +197,14 @@ def _legend(ax: Axes) -> None:
     entries: list[tuple[Any, str]] = []
     marks: dict[Any, str] = {}
     for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
-        if isinstance(handle, Line2D) and (shape := handle.get_marker()) != "None":
-            marks[shape] = max(marks.get(shape, ""), text, key=len)
+        if isinstance(handle, Line2D) and (marker := handle.get_marker()) != "None":
+            marks[marker] = max(marks.get(marker, ""), text, key=len)
         elif isinstance(handle, Line2D) and text.endswith("band"):
             entries.append(((Patch(facecolor=handle.get_color(), alpha=BAND), handle), text))
         else:
             entries.append((handle, text))
     entries += [
-        (Line2D([], [], color="0.3", marker=shape, mfc="none", ls=""), text) for shape, text in marks.items()
+        (Line2D([], [], color="0.3", marker=marker, mfc="none", ls=""), text)
+        for marker, text in marks.items()
     ]
     ax.legend([handle for handle, _ in entries], [text for _, text in entries], **ABOVE)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 TIME = "time [s]"
 MAX_COLOURS = 6  # largest number of curves with distinct colours; more curves use a colour scale
 MAX_LEGEND_ROWS = 10
-# σ → name and colour, from light to dark, so that they also differ in greyscale.
+# Contact mode (0, or the sign of θ) → name and colour, from light to dark, to differ in greyscale as well.
 _PHASES = {0: ("full contact", "#E4E4E4"), -1: ("rocking left", "#F2B872"), 1: ("rocking right", "#3B7FB0")}
 
 
@@ -114,8 +114,8 @@ def _draw_phases(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
     """Draw a strip of full contact and rocking along the lower edge, with names in the legend."""
     starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     stops = np.append(starts[1:], t.size - 1)
-    for sigma, (name, colour) in _PHASES.items():
-        spans = [(t[i], t[j] - t[i]) for i, j in zip(starts, stops, strict=True) if mode[i] == sigma]
+    for contact_mode, (name, colour) in _PHASES.items():
+        spans = [(t[i], t[j] - t[i]) for i, j in zip(starts, stops, strict=True) if mode[i] == contact_mode]
         if spans:
             ax.broken_barh(
                 spans, (0, 0.045), transform=ax.get_xaxis_transform(), facecolor=colour, lw=0, label=name
@@ -263,7 +263,7 @@ def saddle_rotation(podium: Podium) -> float:
 
 @on_axes
 def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the restoring moment, `Response.restoring_moment`, divided by its value at uplift against θ/α.
+    """Plot the restoring moment (`Response.restoring_moment`), divided by its value at uplift, against θ/α.
 
     In full contact (θ = 0) the ratio is −q/q_up ∈ [−1, 1], Eq. (9). In rocking it is the sum of three moments
     about the edges: of the weights, sin ψ/sin α (1 at θ = 0, 0 at θ = α), of the vertical inertia, Eq. (15),

@@ -27,7 +27,7 @@ def risk(dataset: xarray.Dataset) -> Figure:
     `dataset` is from [`rockjax.disaggregation`][].
     """
     x, density = dataset["intensity"].values, dataset["density"].values
-    # Intensities below `low` and above `high` contribute a thousandth of the rate each.
+    # Intensities below `low` contribute a thousandth of the rate, and so do those above `high`.
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
     low, high = np.interp([1e-3, 1 - 1e-3], integral / integral[-1], x)
     figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")

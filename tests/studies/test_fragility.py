@@ -429,7 +429,7 @@ def test_an_interval_that_is_none_is_refused():
     fails."""
     few = stripe_analysis([0.4, 0.8, 0.9, 1.1, 1.2, 1.3], [0.5, 1.0])
     with pytest.raises(
-        ValueError, match=r"omits each record once, but without \d of the 6 records .* confidence=None"
+        ValueError, match=r"6 fits that each omit one record, but \d of these fits .* confidence=None"
     ):
         rj.fragility(few, method="stripes")
     assert "interval" not in rj.fragility(few, method="stripes", confidence=None)

@@ -26,7 +26,7 @@ STATISTICS, CURVE, HAZARD, MACHINES = "Statistics", "Fragility", "Hazard", "Mach
 
 
 class Flag(NamedTuple):
-    """A command-line option for a key: `panel`, its heading in the help, and a `name` unless that is the key.
+    """A command-line option for a key: its heading `panel` in the help, and its `name`, by default the key.
 
     A `Flag` is stored as `json_schema_extra` of a field. Pydantic calls it with the JSON schema of the field,
     which the call leaves unchanged.
@@ -48,14 +48,14 @@ def key(default: Any, meaning: str, panel: str = "", name: str = "") -> Any:
     return Field(default, description=meaning, json_schema_extra=Flag(panel, name) if panel else None)
 
 
-def described_as(words: str) -> WrapValidator:
-    """Return a validator whose errors read "must be {words}"."""
+def described_as(accepted: str) -> WrapValidator:
+    """Return a validator whose errors read "must be {accepted}"."""
 
     def check(value: Any, handler: Any) -> Any:
         try:
             return handler(value)
         except ValidationError:
-            raise PydanticCustomError("words", "must be {words}", {"words": words}) from None
+            raise PydanticCustomError("rejected", "must be {accepted}", {"accepted": accepted}) from None
 
     return WrapValidator(check)
 
@@ -127,7 +127,7 @@ class Keys(BaseModel):
 
 def require_one(given: Mapping[str, Any], *names: str) -> str:
     """Return which of the keys `names` is given. Raises `ValueError` unless exactly one is given."""
-    present = [name for name in names if given.get(name) is not None]
-    if len(present) != 1:
-        raise ValueError(f"needs {' or '.join(names)}" + (", not both" if present else ""))
-    return present[0]
+    found = [name for name in names if given.get(name) is not None]
+    if len(found) != 1:
+        raise ValueError(f"needs {' or '.join(names)}" + (", not both" if found else ""))
+    return found[0]

@@ -39,12 +39,12 @@ def type_of(entry: registry.Parameter) -> Any:
     number = Annotated[float, Field(**limits)]
     if entry.name == "restitution":
         return Annotated[Literal["paper", "compatible"] | number, described_as(_LAW)]
-    words = f"a number {entry.range.words}".rstrip()
-    return Annotated[number, described_as(f"{words}; {entry.note}" if entry.note else words)]
+    accepted = f"a number {entry.range.words}".rstrip()
+    return Annotated[number, described_as(f"{accepted}; {entry.note}" if entry.note else accepted)]
 
 
 _LAW = "'paper', 'compatible' or a factor in [0, 1]"
-# What the description of a key adds to the heading in the table of parameters.
+# Additions to the headings of the table of parameters, in the descriptions of keys.
 _NOTES = {
     "alpha": ", instead of tan_alpha",
     "restitution": ": paper, Eq. (27); compatible, with Eq. (26); or a number",
