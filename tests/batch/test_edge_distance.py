@@ -5,7 +5,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._batch.batch import bare_responses
-from rockjax._batch.edge_distance import MAX_MARGIN
+from rockjax._batch.edge_distance import MARGIN_USED_BELOW
 
 COUNT = 150
 STEP = 1e-7  # change of the scale for differences
@@ -39,7 +39,7 @@ def test_the_edge_distance_is_that_of_the_margin_or_of_another_turning_point(mot
     floats, integers = at
     assert np.all(np.isinf(floats["edge_distance"][~integers["uplifted"]]))
     # If the edge distance is short, derivatives change within a step.
-    counts = integers["uplifted"] & (floats["margin"] < MAX_MARGIN) & (floats["edge_distance"] > 1000 * STEP)
+    counts = integers["uplifted"] & (floats["margin"] < MARGIN_USED_BELOW) & (floats["edge_distance"] > 1000 * STEP)
     for _, same in (above, below):  # the number of impacts stays the same
         counts &= ~same["overturned"] & (same["impacts"] == integers["impacts"])
     assert counts.sum() >= 15
