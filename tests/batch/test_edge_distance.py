@@ -39,7 +39,11 @@ def test_the_edge_distance_is_that_of_the_margin_or_of_another_turning_point(mot
     floats, integers = at
     assert np.all(np.isinf(floats["edge_distance"][~integers["uplifted"]]))
     # If the edge distance is short, derivatives change within a step.
-    counts = integers["uplifted"] & (floats["margin"] < MARGIN_USED_BELOW) & (floats["edge_distance"] > 1000 * STEP)
+    counts = (
+        integers["uplifted"]
+        & (floats["margin"] < MARGIN_USED_BELOW)
+        & (floats["edge_distance"] > 1000 * STEP)
+    )
     for _, same in (above, below):  # the number of impacts stays the same
         counts &= ~same["overturned"] & (same["impacts"] == integers["impacts"])
     assert counts.sum() >= 15
