@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
-from rockjax._options import PEAKS
+from rockjax._options import DEFAULT_OUTPUTS
 from rockjax._parameters.registry import STRUCTURE, motion_parameter
 from rockjax._responses.peak import AbstractPeak
 from rockjax._units import MM_PER_M
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-OUTPUTS = (*PEAKS, "margin")
+OUTPUTS = (*DEFAULT_OUTPUTS, "margin")
 POINTS = 1001  # points of each curve
 TIME_AFTER = 12.0  # time drawn after the end of the motion, in units of 1/p
 _WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import diffrax
 
 OUTPUTS = tuple(REGISTRY)
-PEAKS = tuple(name for name, output in REGISTRY.items() if output.by_default)
+DEFAULT_OUTPUTS = tuple(name for name, output in REGISTRY.items() if output.by_default)
 LEAST_ATOL = 1e-17  # smallest accepted `atol`
 HISTORY = 4096  # default of `history`
 
@@ -71,7 +71,9 @@ class Options(Module):
     overturn_ratio: float = 1.0
     rest_velocity: float | None = None
     max_steps: int = eqx.field(static=True, default=1_000_000)
-    outputs: tuple[str | AbstractOutput, ...] = eqx.field(static=True, default=PEAKS, converter=_names)
+    outputs: tuple[str | AbstractOutput, ...] = eqx.field(
+        static=True, default=DEFAULT_OUTPUTS, converter=_names
+    )
     history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
     # Factor on the longest step. It is below 1 in the second solution, which estimates errors and in which
@@ -170,6 +172,6 @@ def _as_compiled(treedef, applicable: frozenset[str]):
     user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
     select = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)
     outputs = select(options.outputs) or (() if user_outputs else options.outputs)
-    if outputs == select(PEAKS):
-        outputs = PEAKS
+    if outputs == select(DEFAULT_OUTPUTS):
+        outputs = DEFAULT_OUTPUTS
     return jax.tree.structure(options.replace(outputs=(*outputs, *user_outputs), history=HISTORY, throw=True))

@@ -97,7 +97,7 @@ class Brackets(NamedTuple):
     b: np.ndarray  # ends with values ≤ 0
     at_a: np.ndarray  # values at a
     at_b: np.ndarray  # values at b
-    more_at_b: np.ndarray  # second output of `evaluate` at b
+    output_at_b: np.ndarray  # outputs of `evaluate` at b
 
 
 def narrow_brackets(
@@ -109,7 +109,7 @@ def narrow_brackets(
     """Narrow brackets to the relative width `close`, in at most 64 rounds, with NumPy.
 
     - `brackets`: brackets to narrow
-    - `evaluate`: (indices of brackets (m,), points (m, k)) ↦ (values, second output), both of shape (m, k).
+    - `evaluate`: (indices of brackets (m,), points (m, k)) ↦ (values, outputs), both of shape (m, k).
       NaN counts as > 0
     - `close`: width to reach, divided by the larger absolute value of the two ends
     - `lanes`: number of points that are evaluated together
@@ -118,7 +118,7 @@ def narrow_brackets(
     that follows from the error of the previous root. If this distance is large, for example because the
     function jumps, the bracket is divided evenly.
     """
-    a, b, at_a, at_b, more_at_b = brackets = Brackets(*map(np.array, brackets))
+    a, b, at_a, at_b, output_at_b = brackets = Brackets(*map(np.array, brackets))
     offset = np.full(a.size, FIRST_OFFSET)
     for _ in range(MAX_ROUNDS):
         size = np.maximum(np.abs(a), np.abs(b))
@@ -134,12 +134,12 @@ def narrow_brackets(
         )
         fractions = np.where(offset[wide, None] <= MAX_OFFSET, fractions, _even_fractions(count))
         points = start[:, None] + length[:, None] * fractions
-        values, more = evaluate(wide, points)
+        values, outputs = evaluate(wide, points)
         row, first = np.arange(wide.size), np.argmax(np.append(values, at_b[wide, None], axis=1) <= 0, axis=1)
         root = _secant_root(*(y[wide] for y in brackets[:4]))
         for ends, inner in ((a, points), (at_a, np.nan_to_num(values, nan=1.0))):
             ends[wide] = np.append(ends[wide, None], inner, axis=1)[row, first]
-        for ends, inner in ((b, points), (at_b, values), (more_at_b, more)):
+        for ends, inner in ((b, points), (at_b, values), (output_at_b, outputs)):
             ends[wide] = np.append(inner, ends[wide, None], axis=1)[row, first]
         error = np.abs(_secant_root(*(y[wide] for y in brackets[:4])) - root)
         offset[wide] = OFFSET_FACTOR * error * np.abs((b - a)[wide]) / length**2

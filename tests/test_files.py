@@ -54,7 +54,7 @@ def test_a_full_disk_is_reported_and_leaves_no_half_file(tmp_path):
         from rockjax._cli import main
         import rockjax.plots
         from rockjax._cli import _run
-        _run.prepare = lambda report: resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))
+        _run.configure_jax = lambda console: resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))
         flags = ["--points", "12", "--T-s", "0", "--eta-over-gamma", "1", "-q", "-o", "out"]
         sys.argv = ["rockjax", "spectrum", *flags]
         main()

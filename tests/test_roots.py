@@ -38,7 +38,7 @@ def search(margin, roots, places=200):
     a = np.floor(roots / step) * step
     b, ones = a + step, np.ones(roots.size, int)
     found = narrow_brackets(Brackets(a, b, margin(a, roots), margin(b, roots), ones), evaluate, CLOSE, 128)
-    return 0.5 * (found.a + found.b), found.more_at_b, rounds
+    return 0.5 * (found.a + found.b), found.output_at_b, rounds
 
 
 @pytest.mark.parametrize("margin", [smooth, jump, kink])

@@ -169,7 +169,7 @@ def scan(
         brackets = Brackets(y[survivor], y[other], margin[survivor], margin[other], finished.impacts[other])
         tolerance = max(BRACKET_TOLERANCE, NOISE * float(options.rtol))
         brackets = narrow_brackets(brackets, evaluate, tolerance, LANES * min(2, workers()))
-        crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.more_at_b)
+        crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.output_at_b)
     gaps = widest_gaps(solved, spacing, y_range[1])
     return Scan(crossings, starts_surviving, least_dip(finished), gaps, scenes)
 

@@ -72,8 +72,8 @@ def overturning(
         console.write(files.data(), panels)
     except KeyboardInterrupt:
         raise save_interrupted(files.prefix, spectra) from None
-    for suffix, draw in zip(pictures, ("overturning_boundaries", "sensitivities"), strict=False):
-        console.draw(files.picture(suffix), draw, panels)
+    for suffix, plot in zip(pictures, ("overturning_boundaries", "sensitivities"), strict=False):
+        console.draw(files.picture(suffix), plot, panels)
     _checkpoint.path_of(files.prefix).unlink(missing_ok=True)
     report_minima(console, panels["minimum"].min("frequency_ratio"), ratios, periods)
     frequencies_with_windows = int((panels["boundaries"].count("boundary") > 1).sum())

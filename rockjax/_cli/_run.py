@@ -68,16 +68,16 @@ class Console:
         data.attrs |= {"command": COMMAND.get()} | MASSES.get({})
         self.add_file(write_dataset(path, data, groups))
 
-    def draw(self, path: str | Path, draw: str, data: Any, **arguments: Any) -> None:
-        """Write the picture `rockjax.plots.<draw>(data, **arguments)`."""
+    def draw(self, path: str | Path, plot: str, data: Any, **arguments: Any) -> None:
+        """Write the picture `rockjax.plots.<plot>(data, **arguments)`."""
         os.environ["MPLBACKEND"] = "Agg"  # works without a screen
         from rockjax import plots
         from rockjax._files import write_figure
 
-        self.add_file(write_figure(path, getattr(plots, draw)(data, **arguments).figure))
+        self.add_file(write_figure(path, getattr(plots, plot)(data, **arguments).figure))
 
     def say_scenes(self, data: xarray.Dataset, total: int) -> dict[str, Any]:
-        """Print how many of `total` scenes overturned and failed; return these numbers by name."""
+        """Print how many of `total` scenes overturned or did not finish; return these numbers by name."""
         from rockjax._responses.peak import UNTIL_OVERTURNING
         from rockjax._results import OVERTURNED
 
@@ -139,27 +139,30 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
 
             def call() -> None:
                 if jax:
-                    prepare(console)
-                chosen = values | {
+                    configure_jax(console)
+                converted = values | {
                     name: entry.convert(entry.flag, values[name])
                     for name, entry in options.items()
                     if values[name] is not None
                 }
                 flags = {name: options[name].flag if name in options else f"--{name}" for name in values}
-                explicit = {name: (flags[name], chosen[name]) for name in values if _is_explicit(ctx, name)}
+                explicit = {
+                    name: (flags[name], converted[name]) for name in values if _is_explicit(ctx, name)
+                }
                 if takes_file:
                     from ._request import Request, problem_file
 
-                    path = problem_file(_take_problem(chosen), values["example"])
-                    keys = {name: chosen[name] for name in options}
-                    chosen["request"] = Request(function.__name__, path, keys, explicit)
+                    path = problem_file(_take_problem(converted), values["example"])
+                    keys = {name: converted[name] for name in options}
+                    converted["request"] = Request(function.__name__, path, keys, explicit)
                 if "reader" in accepted:
                     from rockjax._problem.reading import Reader
 
-                    chosen["reader"] = Reader(None, explicit)
-                function(**{name: chosen[name] for name in accepted if name != "console"}, console=console)
+                    converted["reader"] = Reader(None, explicit)
+                arguments = {name: converted[name] for name in accepted if name != "console"}
+                function(**arguments, console=console)
 
-            _finish(console, call)
+            _run_and_exit(console, call)
 
         wrapped: Any = run
         parameters = [
@@ -186,7 +189,7 @@ def _take_problem(values: dict[str, Any]) -> Path | None:
     return problems[0] if problems else None
 
 
-def _finish(console: Console, call: Callable[[], None]) -> None:
+def _run_and_exit(console: Console, call: Callable[[], None]) -> None:
     """Run a command, print its warnings as lines, and exit with its status."""
     from rockjax._unit_warnings import PlausibilityWarning
 
@@ -223,7 +226,7 @@ def _show_warning(message, category, filename, lineno, file=None, line=None) -> 
     typer.echo(f"rockjax: warning: {message}", err=True)
 
 
-def prepare(console: Console) -> None:
+def configure_jax(console: Console) -> None:
     """Configure JAX's cache of compiled programs, and logging."""
     import jax
 

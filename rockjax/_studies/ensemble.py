@@ -125,10 +125,10 @@ def ensemble(
             **describe_options(options),
         },
     )
-    answer = Ensemble(data, peaks, variants)
+    result = Ensemble(data, peaks, variants)
     if message is not None:
-        raise Interrupted(message, answer) from None
-    return answer
+        raise Interrupted(message, result) from None
+    return result
 
 
 def _find_parameter(podium: Podium, name: str) -> Parameter:

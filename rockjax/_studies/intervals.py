@@ -1,10 +1,11 @@
 """Confidence intervals of the median, dispersion and probability of a fitted fragility curve.
 
-For capacities, the intervals follow from the profile likelihood. As a function of θ = 1/σ and δ = μ/σ, with μ
-and σ the mean and standard deviation of ln(capacity), the log-likelihood is concave (Olsen 1978), so its
-profiles have one maximum. Without censored records, the profile of the median is a function of Student's t
-statistic, and the profile of the dispersion is a function of the χ² statistic. Bounds at the quantiles of
-t and χ² are therefore exact. With censored records the same quantiles are used.
+For capacities, the intervals follow from the profile likelihood: the largest likelihood for each value of the
+bounded quantity. As a function of θ = 1/σ and δ = μ/σ, with μ and σ the mean and standard deviation of
+ln(capacity), the log-likelihood is concave (Olsen 1978), so its profiles have one maximum. Without censored
+records, the profile of the median is a function of Student's t statistic, and the profile of the dispersion
+is a function of the χ² statistic. Bounds at the quantiles of t and χ² are therefore exact. With censored
+records the same quantiles are used.
 
 For counts, the jackknife over records is used, because counts at different levels come from the same records
 and are not independent.
@@ -27,7 +28,7 @@ _MAX_DOUBLINGS = 60  # largest number of doublings of the first step
 
 
 class Intervals(NamedTuple):
-    """Bounds (first axis: lower, upper) of ln(median), ln(dispersion) and the probit of the curve."""
+    """Bounds (first axis: lower, upper) of ln(median), ln(dispersion) and the probit Φ⁻¹(probability)."""
 
     log_median: np.ndarray
     log_dispersion: np.ndarray

@@ -139,15 +139,15 @@ class _Stage:
         attributes, t = data.attrs, data["time"].values
         self.times, self.alpha, self.R = times, attributes["alpha_rad"], attributes["R_m"]
         self.width, self.height = 2 * self.R * np.sin(self.alpha), 2 * self.R * np.cos(self.alpha)
-        at_frames = lambda values: exaggerate * np.interp(times, t, values)
+        exaggerated = lambda values: exaggerate * np.interp(times, t, values)
         theta = data["theta"].values
-        self.theta, self.floors = at_frames(theta), _floors(data, self.height)
+        self.theta, self.floors = exaggerated(theta), _floors(data, self.height)
         self.floor_shifts = (
-            np.stack([at_frames(floor.shift) for floor in self.floors])
+            np.stack([exaggerated(floor.shift) for floor in self.floors])
             if self.floors
             else np.zeros((0, times.size))
         )
-        self.ground = at_frames(_ground_displacement(data)) if moving_ground else np.zeros_like(times)
+        self.ground = exaggerated(_ground_displacement(data)) if moving_ground else np.zeros_like(times)
         self.ratio = np.interp(times, t, theta) / self.alpha
         spacing = max(0.9 * self.height, 2.5 * self.width)
         self.foot_positions = spacing * (np.arange(columns) - 0.5 * (columns - 1))

@@ -32,7 +32,11 @@ TIME = "time [s]"
 MAX_COLOURS = 6  # largest number of curves with distinct colours; more curves use a colour scale
 MAX_LEGEND_ROWS = 10
 # Contact mode (0, or the sign of θ) → name and colour, from light to dark, to differ in greyscale as well.
-_PHASES = {0: ("full contact", "#E4E4E4"), -1: ("rocking left", "#F2B872"), 1: ("rocking right", "#3B7FB0")}
+_CONTACT_MODES = {
+    0: ("full contact", "#E4E4E4"),
+    -1: ("rocking left", "#F2B872"),
+    1: ("rocking right", "#3B7FB0"),
+}
 
 
 def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
@@ -81,7 +85,7 @@ def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None
             time, np.interp(time, t, ratio), "^", color=COLOURS[3], ms=6, label=f"first uplift, {time:.3g} s"
         )
     _mark_peak(data, ax)
-    _draw_phases(t, data["mode"].values, ax)
+    _draw_contact_modes(t, data["mode"].values, ax)
     ax.set(xlabel=TIME, ylabel=ROTATION, xlim=time_limits(data))
     low, high = ax.get_ylim()
     ax.set_ylim(low - 0.08 * (high - low), high + 0.32 * (high - low))  # room for the strip and the legend
@@ -110,11 +114,11 @@ def _mark_peak(data: xarray.Dataset, ax: Axes) -> None:
     ax.plot(time, sign * peak, "o", mfc="none", color=COLOURS[0], label=rf"peak {peak:.3g} $\alpha$")
 
 
-def _draw_phases(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
+def _draw_contact_modes(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
     """Draw a strip of full contact and rocking along the lower edge, with names in the legend."""
     starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     stops = np.append(starts[1:], t.size - 1)
-    for contact_mode, (name, colour) in _PHASES.items():
+    for contact_mode, (name, colour) in _CONTACT_MODES.items():
         spans = [(t[i], t[j] - t[i]) for i, j in zip(starts, stops, strict=True) if mode[i] == contact_mode]
         if spans:
             ax.broken_barh(
