@@ -38,7 +38,7 @@ def parameters_table() -> str:
         *(pair for pair in registry.MOTION.items() if pair[0] not in of_structure),
         *registry.INITIAL.items(),
     ]:
-        lines.append(f"| `{name}` | {y.symbol} | {displayed(y.unit)} | {y.range.words} | {y.meaning} |")
+        lines.append(f"| `{name}` | {y.symbol} | {displayed(y.unit)} | {y.range.text} | {y.meaning} |")
     return "\n".join(lines)
 
 

@@ -17,7 +17,7 @@ class Range(NamedTuple):
     """Interval of valid values of a parameter.
 
     - `low`, `high`: ends of the interval; `closed`: whether each end belongs to the interval
-    - `unit`: unit of the ends, which the property `words` appends
+    - `unit`: unit of the ends, which the property `text` appends
     """
 
     low: float = -math.inf
@@ -32,8 +32,8 @@ class Range(NamedTuple):
         return above & below
 
     @property
-    def words(self) -> str:
-        """The range in words, such as `> 0` or `in [0, 1]`; empty if every number is valid."""
+    def text(self) -> str:
+        """The range as text, such as `> 0` or `in [0, 1]`; empty if every number is valid."""
         low, high = (_SYMBOLS.get(end, f"{end:g}") for end in (self.low, self.high))
         if math.isinf(self.high):
             return "" if math.isinf(self.low) else f"{'>=' if self.closed[0] else '>'} {low}"
@@ -76,7 +76,7 @@ class Parameter(NamedTuple):
 
     @property
     def heading(self) -> str:
-        """Meaning, symbol and unit in words."""
+        """Meaning, symbol and unit as text."""
         symbol = f"{self.symbol} = {self.formula}" if self.formula else self.symbol
         return f"{self.meaning[:1].upper()}{self.meaning[1:]} {symbol} [{displayed(self.unit)}]"
 
@@ -97,25 +97,28 @@ def _ratio(name: str, symbol: str, meaning: str, path: str, formula: str = "", n
 
 WIDTH_AND_HEIGHT = ("width", "height")  # dimensions of a column, which together determine alpha and R
 _SLENDER = "slenderness of the columns"
-_COLUMN = ("alpha", "tan_alpha", "R")
-_PERIOD, _RIGID = "period of the superstructure", "without it the superstructure is rigid"
+_COLUMN_NAMES = ("alpha", "tan_alpha", "R")
+_PERIOD, _RIGID_NOTE = "period of the superstructure", "without it the superstructure is rigid"
 _TENDON, _DAMPER, _INERTER = "restrainers.Tendon.", "restrainers.Damper.", "restrainers.Inerter."
-_STORIES, _UNIFORM = "number of stories of a building whose stories are alike", "superstructure.stories"
+_STORIES_MEANING, _STORIES_PATH = (
+    "number of stories of a building whose stories are alike",
+    "superstructure.stories",
+)
 _HEIGHT = "height of the superstructure above the beam"
 _RESIDUAL_HEIGHT = "height of the residual mass above the beam"
-_LINEAR = "1 is a linear damper"
-_ROUND = "less than H; not with restrainers"
+_LINEAR_NOTE = "1 is a linear damper"
+_ROUND_NOTE = "less than H; not with restrainers"
 
 # Parameters of a podium. The podium stores those with an `attribute_path`; variants.py computes the others.
 STRUCTURE = _by_name(
     Parameter("alpha", "α", "rad", ANGLE, _SLENDER, "alpha"),
     Parameter("tan_alpha", "tan α", "1", POSITIVE, _SLENDER, formula="B/H", instead_of=("alpha",)),
     Parameter("R", "R", "m", POSITIVE, "half diagonal of a column", "R"),
-    Parameter("width", "2B", "m", POSITIVE, "full width of a column", instead_of=_COLUMN),
-    Parameter("height", "2H", "m", POSITIVE, "full height of a column", instead_of=_COLUMN),
+    Parameter("width", "2B", "m", POSITIVE, "full width of a column", instead_of=_COLUMN_NAMES),
+    Parameter("height", "2H", "m", POSITIVE, "full height of a column", instead_of=_COLUMN_NAMES),
     _ratio("gamma", "γ", "mass ratio of the beam", "gamma", "m_b/(N m_c)", "0 is a solitary block"),
     _ratio("eta", "η", "mass ratio of the superstructure", "superstructure.eta", "m_t/(N m_c)"),
-    Parameter("T_s", "T_s", "s", POSITIVE, _PERIOD, "superstructure.T_s", note=_RIGID),
+    Parameter("T_s", "T_s", "s", POSITIVE, _PERIOD, "superstructure.T_s", note=_RIGID_NOTE),
     _ratio("zeta", "ζ", "damping ratio of the superstructure", "superstructure.zeta"),
     _ratio("lam", "λ", "inertia factor of a column", "lam", "I_c/(m_c R²)"),
     Parameter("restitution", "e", "1", FACTOR, "velocity factor of an impact", "restitution.e"),
@@ -123,7 +126,7 @@ STRUCTURE = _by_name(
     _ratio("prestress", "τ", "initial force of a tendon", _TENDON + "prestress", "P₀/(m_c g)"),
     _ratio("stiffness", "κ", "stiffness of a tendon", _TENDON + "stiffness", "K R/(m_c g)"),
     _ratio("coefficient", "δ", "damper coefficient", _DAMPER + "coefficient", "C(Rp)^ν/(m_c g)"),
-    Parameter("exponent", "ν", "1", POWER, "damper exponent", _DAMPER + "exponent", note=_LINEAR),
+    Parameter("exponent", "ν", "1", POWER, "damper exponent", _DAMPER + "exponent", note=_LINEAR_NOTE),
     _ratio("inertance_ratio", "μ", "inertance", _INERTER + "inertance", "b/m_c"),
     Parameter("beam_depth", "D", "m", NOT_NEGATIVE, "depth of the beam", "elevation.beam_depth"),
     Parameter("top_height", "h", "m", ANY, _HEIGHT, "elevation.top_height"),
@@ -152,7 +155,15 @@ OVERALL = _by_name(
 
 # Parameters of a building with equal stories.
 BUILDING = _by_name(
-    Parameter("stories", "n", "1", Range(1.0, closed=(True, False)), _STORIES, _UNIFORM, is_integer=True)
+    Parameter(
+        "stories",
+        "n",
+        "1",
+        Range(1.0, closed=(True, False)),
+        _STORIES_MEANING,
+        _STORIES_PATH,
+        is_integer=True,
+    )
 )
 
 
@@ -174,7 +185,7 @@ DIMENSIONS = _by_name(
     Parameter("beam_mass", "m_b", "kg", NOT_NEGATIVE, "mass of the beam"),
     Parameter("columns", "N", "1", Range(1.0, closed=(True, False)), "number of columns", is_integer=True),
     Parameter("top_mass", "m_t", "kg", NOT_NEGATIVE, "mass of the superstructure"),
-    Parameter("period", "T_s", "s", POSITIVE, _PERIOD, note=_RIGID),
+    Parameter("period", "T_s", "s", POSITIVE, _PERIOD, note=_RIGID_NOTE),
     _ratio("damping", "ζ", "damping ratio of the superstructure", ""),
     STRUCTURE["lam"],
     STRUCTURE["restitution"],
@@ -182,9 +193,9 @@ DIMENSIONS = _by_name(
     Parameter("tendon_force", "P₀", "N", NOT_NEGATIVE, "initial force of the tendon of a column"),
     Parameter("tendon_stiffness", "K", "N m-1", NOT_NEGATIVE, "stiffness of the tendon of a column"),
     Parameter("damper_coefficient", "C", "N (s/m)^ν", NOT_NEGATIVE, "coefficient of the damper of a column"),
-    Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note=_LINEAR),
+    Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note=_LINEAR_NOTE),
     Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
-    Parameter("end_radius", "r_c", "m", NOT_NEGATIVE, "radius of round ends of a column", note=_ROUND),
+    Parameter("end_radius", "r_c", "m", NOT_NEGATIVE, "radius of round ends of a column", note=_ROUND_NOTE),
 )
 # Arguments with one value for each story or column. Names are numbered from 1, such as `story_mass_2`.
 ROWS_OF_DIMENSIONS = _by_name(

@@ -65,7 +65,7 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
     path, _, field = entry.attribute_path.partition(".")
     holder = getattr(podium, path)
     if field not in getattr(holder, "rows", ()) or (
-        entry.attribute_path == _HEIGHTS and not _has_rows(podium)
+        entry.attribute_path == _HEIGHTS_PATH and not _has_several_heights(podium)
     ):
         return ()
     values = getattr(holder, field)
@@ -73,7 +73,7 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
     return row if isinstance(row, tuple) else ()
 
 
-def _has_rows(podium: Podium) -> bool:
+def _has_several_heights(podium: Podium) -> bool:
     """Return whether the superstructure has several modes or floors, each with a height.
 
     With a single mass, several heights mean a batch of structures.
@@ -82,13 +82,13 @@ def _has_rows(podium: Podium) -> bool:
     return superstructure is not None and superstructure.height_count is not None
 
 
-_HEIGHTS = STRUCTURE["top_height"].attribute_path
+_HEIGHTS_PATH = STRUCTURE["top_height"].attribute_path
 
 
 def has_parameter(podium: Podium, parameter: Parameter) -> bool:
     """Return whether this podium has a parameter; every podium has derived ones."""
-    if parameter.attribute_path == _HEIGHTS:
-        return podium.elevation is not None and not _has_rows(podium)
+    if parameter.attribute_path == _HEIGHTS_PATH:
+        return podium.elevation is not None and not _has_several_heights(podium)
     try:
         _stored_value(podium, parameter.attribute_path)
     except AttributeError:
@@ -144,8 +144,8 @@ def check_values(owner: str, values: Mapping[str, Any]) -> None:
     """Raise `ValueError` for parameters of a structure or a pulse that are out of range."""
     for name, value in values.items():
         allowed = (MOTION.get(name) or find_parameter(name) or STRUCTURE[name]).range
-        words = allowed.words if allowed.words.startswith("in") else f"finite and {allowed.words}"
-        require(owner, name, value, allowed.holds, words.removesuffix(" and "))
+        condition = allowed.text if allowed.text.startswith("in") else f"finite and {allowed.text}"
+        require(owner, name, value, allowed.holds, condition.removesuffix(" and "))
 
 
 def pulse_acceleration(podium: Podium, acceleration_ratio: Any) -> Any:
@@ -177,7 +177,7 @@ def _stored_value(holder: Any, path: str) -> Any:
         elif isinstance(holder, tuple):
             holder = holder[_index_of_class(holder, step)]
         else:
-            rows = [] if path == _HEIGHTS else getattr(holder, "rows", ())
+            rows = [] if path == _HEIGHTS_PATH else getattr(holder, "rows", ())
             holder = getattr(holder, step)
             if step in rows and path.endswith(step) and split_unless_scalar(holder) is not holder:
                 raise AttributeError(f"{step} is a row of numbers")
@@ -209,10 +209,12 @@ def _for_all_modes(podium: Podium, path: str, value: Any) -> Any:
 
     Otherwise the axis of podiums would be taken for the axis of modes.
     """
-    top, field = podium.superstructure, path.removeprefix("superstructure.")
-    if field == path or top is None or field not in top.rows or isinstance(getattr(top, field), tuple):
+    superstructure, field = podium.superstructure, path.removeprefix("superstructure.")
+    if field == path or superstructure is None or field not in superstructure.rows:
         return value
-    return array_module(value).repeat(value[..., None], top.count, -1) if np.ndim(value) else value
+    if isinstance(getattr(superstructure, field), tuple) or not np.ndim(value):
+        return value
+    return array_module(value).repeat(value[..., None], superstructure.count, -1)
 
 
 def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
@@ -223,20 +225,22 @@ def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
     by_step: dict[str, dict[tuple[str, ...], Any]] = {}
     for (step, *rest), value in changes.items():
         by_step.setdefault(step, {})[tuple(rest)] = value
-    new: dict[str, Any] = {}
-    for step, inner in by_step.items():
-        if () in inner:
-            new[step] = inner[()]
-        elif all(len(rest) == 1 and rest[0].isdecimal() for rest in inner):
-            new[step] = _with_members(getattr(holder, step), {int(k): y for (k,), y in inner.items()})
+    new_values: dict[str, Any] = {}
+    for step, inner_changes in by_step.items():
+        if () in inner_changes:
+            new_values[step] = inner_changes[()]
+        elif all(len(rest) == 1 and rest[0].isdecimal() for rest in inner_changes):
+            new_values[step] = _with_members(
+                getattr(holder, step), {int(k): y for (k,), y in inner_changes.items()}
+            )
         else:
-            new[step] = _with_changes(_stored_value(holder, step), inner)
+            new_values[step] = _with_changes(_stored_value(holder, step), inner_changes)
     if isinstance(holder, tuple):
-        members = {_index_of_class(holder, step): value for step, value in new.items()}
+        members = {_index_of_class(holder, step): value for step, value in new_values.items()}
         return tuple(members.get(k, member) for k, member in enumerate(holder))
     if any(isinstance(getattr(holder, field), tuple) for field in getattr(holder, "rows", ())):
-        return with_fields(holder, new)  # in a program, rows are split into tuples of scalars
-    return dataclasses.replace(holder, **new)
+        return with_fields(holder, new_values)  # in a program, rows are split into tuples of scalars
+    return dataclasses.replace(holder, **new_values)
 
 
 def _with_members(values: Any, changes: Mapping[int, Any]) -> Any:

@@ -29,8 +29,8 @@ class AnnualFrequency:
     """Mean annual frequency of reaching a limit state.
 
     - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)| [1/year]
-    - `extrapolated`: share of `frequency` from intensities outside the points of the hazard curve or, for an
-      incremental dynamic analysis, above its highest level [–]
+    - `extrapolated`: share of `frequency` from intensities outside the points of the hazard curve and, for an
+      incremental dynamic analysis, from those above its highest level [–]
     - `sensitivities`: d ln λ_f/d ln y for y = `median` and for every structural parameter y whose
       sensitivities the fragility contains; d ln λ_f/dβ for y = `dispersion`. Empty for an incremental
       dynamic analysis
@@ -131,15 +131,15 @@ def read_limits(curve: xarray.Dataset) -> integral.Limits:
     """Return the limits of a fragility curve, applied in the order of OpenQuake's engine.
 
     Intensities are first clipped to the range from `min_intensity` to `max_intensity`; then P = 0 up to
-    `no_damage_limit`. If `min_intensity` is larger, `no_damage_limit` has no effect.
+    `no_damage_limit`, which has no effect if `min_intensity` is larger.
     """
     no_damage, lowest, highest = (
         float(curve[name]) if name in curve else None
         for name in ("no_damage_limit", "min_intensity", "max_intensity")
     )
-    is_clipped_above_zero = (lowest or 0.0) > (no_damage or 0.0)
+    has_larger_minimum = (lowest or 0.0) > (no_damage or 0.0)
     return integral.Limits(
-        None if is_clipped_above_zero else no_damage, lowest if is_clipped_above_zero else None, highest
+        None if has_larger_minimum else no_damage, lowest if has_larger_minimum else None, highest
     )
 
 
@@ -152,10 +152,10 @@ def _limited_probability(
     the hazard curve.
     """
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
-    share = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
+    probability = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
     if limits.constant_below is not None:
-        return np.where(x < np.minimum(first, low), 0.0, share)
-    return np.where(x <= (limits.zero_below or 0.0), 0.0, share)
+        return np.where(x < np.minimum(first, low), 0.0, probability)
+    return np.where(x <= (limits.zero_below or 0.0), 0.0, probability)
 
 
 def _integrate_with_slopes(curve: Lognormal, hazard: Hazard, limits: integral.Limits):
@@ -172,8 +172,8 @@ def _integrate_with_slopes(curve: Lognormal, hazard: Hazard, limits: integral.Li
     )
     is_positive = frequency > 0
     divisor = jnp.where(is_positive, frequency, 1.0)
-    share = jnp.where(is_positive, (contributions.below + contributions.above) / divisor, 0.0)
-    return frequency, share, {"median": slopes[0] / divisor, "dispersion": slopes[1] / divisor}
+    extrapolated = jnp.where(is_positive, (contributions.below + contributions.above) / divisor, 0.0)
+    return frequency, extrapolated, {"median": slopes[0] / divisor, "dispersion": slopes[1] / divisor}
 
 
 _frequency_and_slopes = StoredProgram(_integrate_with_slopes)
@@ -202,18 +202,20 @@ def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -
 
 def _frequency_of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
     """Return the frequency from the shares of overturned records at the levels of an analysis."""
-    levels, share = analysis["intensity"].values, analysis["overturned"].values.mean(axis=0)
+    levels, overturned_share = analysis["intensity"].values, analysis["overturned"].values.mean(axis=0)
     if levels.size < 2:
         raise ValueError(f"{owner}: curve must have at least two levels of intensity, got {levels.size}")
-    if share[0] > 0:
+    if overturned_share[0] > 0:
         raise ValueError(
-            f"{owner}: {share[0]:.0%} of the records overturn at the lowest level, {levels[0]:g}, so the "
-            "curve is unknown below it; add lower levels, or give the fitted curve of rockjax.fragility"
+            f"{owner}: {overturned_share[0]:.0%} of the records overturn at the lowest level, {levels[0]:g}, "
+            "so the curve is unknown below it; add lower levels, or give the fitted curve of "
+            "rockjax.fragility"
         )
-    parts = integral.integrate_piecewise_linear(*hazard.logarithms, jnp.asarray(levels), jnp.asarray(share))
-    total = parts.total
-    outside = jnp.where(total > 0, (parts.below + parts.above) / jnp.where(total > 0, total, 1.0), 0.0)
-    return AnnualFrequency(total, outside)
+    contributions = integral.integrate_piecewise_linear(
+        *hazard.logarithms, jnp.asarray(levels), jnp.asarray(overturned_share)
+    )
+    total, outside = contributions.total, contributions.below + contributions.above
+    return AnnualFrequency(total, jnp.where(total > 0, outside / jnp.where(total > 0, total, 1.0), 0.0))
 
 
 def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -> xarray.Dataset:
@@ -248,9 +250,9 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     log_x, log_rate = hazard.logarithms
     segment = np.clip(np.searchsorted(np.asarray(log_x), np.log(x)) - 1, 0, log_x.size - 2)
     rate = np.asarray(hazard(jnp.asarray(x)))
-    share = _limited_probability(curve, x, limits, float(hazard.intensity[0]))
+    fragility = _limited_probability(curve, x, limits, float(hazard.intensity[0]))
     slope = np.asarray(integral.segment_slopes(log_x, log_rate))[segment]
-    density = share * slope * rate / float(answer.frequency)
+    density = fragility * slope * rate / float(answer.frequency)
     axis_attrs = {"units": hazard.units, "long_name": hazard.measure}
     return xarray.Dataset(
         {
@@ -265,7 +267,7 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
                 np.asarray(hazard.annual_rate),
                 {"units": "year-1", "long_name": "rates at the points of the hazard curve"},
             ),
-            "fragility": ("intensity", share, {"units": "1", "long_name": "probability of overturning"}),
+            "fragility": ("intensity", fragility, {"units": "1", "long_name": "probability of overturning"}),
         },
         coords={
             "intensity": ("intensity", x, axis_attrs),

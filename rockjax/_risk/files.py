@@ -28,21 +28,21 @@ MAX_DEVIATIONS = 7.0
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
     """Return the arguments of `Hazard` from a file; `site` is the row of an OpenQuake file, or None."""
-    text = read_text(path).splitlines()
-    rows = [_Row.of(number, line, _delimiter(text)) for number, line in enumerate(text, 1)]
+    lines = read_text(path).splitlines()
+    rows = [_Row.of(number, line, _delimiter(lines)) for number, line in enumerate(lines, 1)]
     rows = [row for row in rows if any(row.cells)]
     comments = [row for row in rows if row.is_comment]
     rows = [row for row in rows if not row.is_comment]
     if not rows:
         raise ValueError(f"{path}: the file is empty; expected a hazard curve")
     if sum(cell.startswith("poe-") for cell in rows[0].cells) > 1:
-        return _openquake(path, rows, comments, site)
+        return _read_openquake(path, rows, comments, site)
     if site is not None:
         raise ValueError(
             f"{path}: site applies only to OpenQuake's files of several sites, but this file has one curve; "
             "leave it out"
         )
-    return _two_columns(path, rows, comments)
+    return _read_two_columns(path, rows, comments)
 
 
 class _Row(NamedTuple):
@@ -92,18 +92,18 @@ def _as_number(cell: str) -> float | None:
         return None
 
 
-def _two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> dict[str, Any]:
+def _read_two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> dict[str, Any]:
     """Return the arguments of `Hazard` from a table with a column of intensities and one of rates."""
     data_rows = [k for k, row in enumerate(rows) if row.has_numbers]
     first = data_rows[0] if data_rows else len(rows)
-    texts = _headings(
+    heading_texts = _headings(
         [row.cells for row in rows[:first]] or [_uncommented(row) for row in comments[-1:]], rows
     )
-    headings = [parse_heading(str(path), text) for text in texts]
+    headings = [parse_heading(str(path), text) for text in heading_texts]
     columns = [k for k, heading in enumerate(headings) if heading.kind not in ("index", "time")]
     rate_columns = [k for k in columns if headings[k].kind in ("probability", "rate", "return period")]
     intensity_columns = [k for k in columns if k not in rate_columns]
-    heading_text = ", ".join(repr(text) for text in texts) or repr(rows[0].text[:60])
+    heading_text = ", ".join(repr(text) for text in heading_texts) or repr(rows[0].text[:60])
     if len(rate_columns) != 1 or len(intensity_columns) != 1 or headings[intensity_columns[0]].unit is None:
         raise ValueError(
             f"{path}: expected two columns, whose headings name the measure with its unit, and how often it "
@@ -115,7 +115,7 @@ def _two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> di
     values = np.array(
         [[row.number(path, k) for k in (intensity_columns[0], rate_columns[0])] for row in rows[first:]]
     )
-    levels, rates = _rates(path, rate_heading, values.reshape(-1, 2), _years(comments))
+    levels, rates = _annual_rates(path, rate_heading, values.reshape(-1, 2), _years(comments))
     measure = intensity_heading.quantity
     return {"intensity": levels * factor, "annual_rate": rates, "measure": measure, "units": units}
 
@@ -166,7 +166,7 @@ def _years(comments: list[_Row]) -> float | None:
     return None if match is None else float(match[1])
 
 
-def _rates(
+def _annual_rates(
     path: str | Path, heading: Heading, table: np.ndarray, years: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return intensities and annual rates, from a table (n, 2) and the heading of its second column."""
@@ -213,7 +213,9 @@ def _rates_of_probabilities(
     return x[is_usable], -np.log1p(-poe[is_usable]) / years
 
 
-def _openquake(path: str | Path, rows: list[_Row], comments: list[_Row], site: int | None) -> dict[str, Any]:
+def _read_openquake(
+    path: str | Path, rows: list[_Row], comments: list[_Row], site: int | None
+) -> dict[str, Any]:
     """Return the arguments of `Hazard` from one row of a hazard-curve CSV of OpenQuake."""
     columns = [k for k, cell in enumerate(rows[0].cells) if cell.startswith("poe-")]
     years = _years(comments)
@@ -396,7 +398,7 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
     import xarray
 
     measure, units = _measure(path, imls.get("imt", ""))
-    factor, si = UNITS[units].factor, unit_of_measure(measure)
+    factor, si_unit = UNITS[units].factor, unit_of_measure(measure)
     if (stated := imls.get("imlUnit")) is not None and unit_of(stated) != units:
         raise ValueError(
             f"{path}: {name}: imlUnit must be {units!r}, OpenQuake's unit of {measure}, got {stated!r}"
@@ -406,10 +408,12 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
         raise ValueError(f"{path}: {name}: mean and stddev must be > 0, got {mean:g} and {deviation:g}")
     dispersion = math.sqrt(math.log1p((deviation / mean) ** 2))
     median = mean * math.exp(-0.5 * dispersion**2) * factor
-    limits = {key: ((), limit * factor, {"units": si}) for key, limit in _limits(path, name, imls).items()}
+    limits = {
+        key: ((), limit * factor, {"units": si_unit}) for key, limit in _limits(path, name, imls).items()
+    }
     return xarray.Dataset(
         {
-            "median_capacity": ((), median, {"units": si, "long_name": f"median overturning {measure}"}),
+            "median_capacity": ((), median, {"units": si_unit, "long_name": f"median overturning {measure}"}),
             "dispersion": (
                 (),
                 dispersion,
@@ -417,5 +421,5 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
             ),
             **limits,
         },
-        attrs={"title": "Fragility", "kind": "fragility", "measure": measure, "units": si},
+        attrs={"title": "Fragility", "kind": "fragility", "measure": measure, "units": si_unit},
     )

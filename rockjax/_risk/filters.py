@@ -1,4 +1,4 @@
-"""Additional filters for Gaussian ground motions, which follow those of Kanai–Tajimi and Clough–Penzien."""
+"""Filters of Gaussian ground motions, applied after those of Kanai–Tajimi and Clough–Penzien."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Filter(Module):
 
         - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
         """
-        omega, zeta = _oscillator("high_pass", omega, zeta)
+        omega, zeta = _as_positive("high_pass", omega, zeta)
         return cls(jnp.array([1.0, 0.0, 0.0]), _denominator(omega, zeta))
 
     @classmethod
@@ -51,7 +51,7 @@ class Filter(Module):
 
         - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
         """
-        omega, zeta = _oscillator("low_pass", omega, zeta)
+        omega, zeta = _as_positive("low_pass", omega, zeta)
         return cls(jnp.array([0.0, 0.0, 1.0]) * omega**2, _denominator(omega, zeta))
 
     @classmethod
@@ -62,13 +62,13 @@ class Filter(Module):
 
         - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
         """
-        omega, zeta = _oscillator("layer", omega, zeta)
+        omega, zeta = _as_positive("layer", omega, zeta)
         denominator = _denominator(omega, zeta)
         return cls(jnp.pad(denominator, (1, 0)), denominator)
 
 
-def _oscillator(name: str, omega: Any, zeta: Any) -> tuple[Array, Array]:
-    """Return frequency and damping as arrays. Raises `ValueError` unless both are > 0."""
+def _as_positive(name: str, omega: Any, zeta: Any) -> tuple[Array, Array]:
+    """Return frequency and damping ratio as arrays. Raises `ValueError` unless both are > 0."""
     omega, zeta = as_float(omega), as_float(zeta)
     require_positive(f"Filter.{name}", omega=omega, zeta=zeta)
     return omega, zeta
@@ -79,22 +79,22 @@ def _denominator(omega: Array, zeta: Array) -> Array:
 
 
 def in_series(
-    rates: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
+    dynamics: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
     """Return A and C of the system ṡ = A s with output C s, extended by filters of the output.
 
-    - `rates`: A (m, m); `output`: C (m,); `filters`: filters in the order in which the output passes them
+    - `dynamics`: A (m, m); `output`: C (m,); `filters`: filters in the order in which the output passes them
 
     Each filter adds two states, x and ẋ of ẍ + a₁ẋ + a₀x = input.
     """
     size = len(output)
     added = 2 * len(filters)
-    rates, output = jnp.pad(rates, (0, added)), jnp.pad(output, (0, added))
+    dynamics, output = jnp.pad(dynamics, (0, added)), jnp.pad(output, (0, added))
     for k, stage in enumerate(filters):
         x, v = size + 2 * k, size + 2 * k + 1
         (b_2, b_1, b_0), (a_1, a_0) = stage.numerator, stage.denominator
         acceleration = output.at[jnp.array([x, v])].add(jnp.stack([-a_0, -a_1]))
-        rates = rates.at[x, v].set(1.0).at[v].set(acceleration)
+        dynamics = dynamics.at[x, v].set(1.0).at[v].set(acceleration)
         output = b_2 * acceleration
         output = output.at[jnp.array([x, v])].add(jnp.stack([b_0, b_1]))
-    return rates, output
+    return dynamics, output

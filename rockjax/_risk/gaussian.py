@@ -72,7 +72,8 @@ class Envelope(Module):
 class RandomPulse(Module):
     """A near-fault pulse of random amplitude, period and phase (Mavroeidis & Papageorgiou 2003).
 
-    The pulse is added to the noise. The last three entries of u determine it by inverse transform sampling.
+    The pulse is added to the noise. Its amplitude, period and phase follow from the last three entries of u
+    by inverse transform sampling.
 
     - `amplitude`: velocity amplitude A, a [`rockjax.Lognormal`][] [m/s]
     - `period`: period T_p = 1/f_p, a [`rockjax.Lognormal`][] [s]
@@ -174,17 +175,18 @@ class GaussianMotion(Module):
             raise ValueError(f"GaussianMotion: u must have shape (…, {self.dimension}), got {u.shape}")
         return _acceleration(self, u)
 
-    def _single(self, u: Float[Array, " d"]) -> Float[Array, " n"]:
+    def _motion_of_one(self, u: Float[Array, " d"]) -> Float[Array, " n"]:
         """Return ü_g (n,) for one u (d,)."""
-        step, gain, out = self._filter()
+        transition, gain, output = self._discrete_filters()
 
         def advance(state, w):
-            return step @ state + w * gain, out @ state
+            return transition @ state + w * gain, output @ state
 
-        _, motion = jax.lax.scan(advance, jnp.zeros(len(out), u.dtype), u[: self.n] * self._strength())
+        noise = u[: self.n] * self._noise_deviation()
+        _, motion = jax.lax.scan(advance, jnp.zeros(len(output), u.dtype), noise)
         return motion if self.pulse is None else motion + self.pulse(u[self.n :], self.t)
 
-    def _strength(self) -> Float[Array, " n"]:
+    def _noise_deviation(self) -> Float[Array, " n"]:
         """Return the standard deviation of the noise w at every sample (n,) [m/s²]."""
         return self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
 
@@ -192,7 +194,7 @@ class GaussianMotion(Module):
         """Return the motion that u determines as a record; batched if u has batch axes."""
         return Record(self.acceleration(u), self.dt)
 
-    def _filter(self) -> tuple[Float[Array, "k k"], Float[Array, " k"], Float[Array, " k"]]:
+    def _discrete_filters(self) -> tuple[Float[Array, "k k"], Float[Array, " k"], Float[Array, " k"]]:
         """Return (Φ, Γ, C) of the filters in discrete time.
 
         The states s are (x, ẋ, y, ẏ) and two for each further filter. They advance by Φ s + Γ w, which is
@@ -201,30 +203,31 @@ class GaussianMotion(Module):
         zero, one = jnp.zeros(()), jnp.ones(())
         stiff_g, damp_g = self.omega_g**2, 2 * self.zeta_g * self.omega_g
         stiff_f, damp_f = self.omega_f**2, 2 * self.zeta_f * self.omega_f
-        out = jnp.stack([-stiff_g, -damp_g, -stiff_f, -damp_f])
-        rates = jnp.stack(
+        output = jnp.stack([-stiff_g, -damp_g, -stiff_f, -damp_f])
+        dynamics = jnp.stack(
             [
                 jnp.stack([zero, one, zero, zero]),
                 jnp.stack([-stiff_g, -damp_g, zero, zero]),
                 jnp.stack([zero, zero, zero, one]),
-                out,
+                output,
             ]
         )
-        rates, out = in_series(rates, out, self.filters)
-        size = len(out)
-        block = jnp.zeros((size + 1, size + 1)).at[:size, :size].set(rates).at[1, size].set(-1.0)
+        dynamics, output = in_series(dynamics, output, self.filters)
+        size = len(output)
+        block = jnp.zeros((size + 1, size + 1)).at[:size, :size].set(dynamics).at[1, size].set(-1.0)
         # If a filter is much faster than dt, the matrix has large entries and needs many squarings.
         block = jax.scipy.linalg.expm(block * self.dt, max_squarings=MAX_SQUARINGS)
-        return block[:size, :size], block[:size, size], out
+        return block[:size, :size], block[:size, size], output
 
     def standard_deviation(self) -> Float[Array, " n"]:
         """Return the exact standard deviation of ü_g at every sample (n,), without the pulse [m/s²]."""
-        step, gain, out = self._filter()
+        transition, gain, output = self._discrete_filters()
 
         def advance(covariance, s):
-            return step @ covariance @ step.T + s**2 * jnp.outer(gain, gain), out @ covariance @ out
+            added = s**2 * jnp.outer(gain, gain)
+            return transition @ covariance @ transition.T + added, output @ covariance @ output
 
-        _, variance = jax.lax.scan(advance, jnp.zeros_like(step), self._strength())
+        _, variance = jax.lax.scan(advance, jnp.zeros_like(transition), self._noise_deviation())
         return jnp.sqrt(variance)
 
     def scaled(self, factor) -> Self:
@@ -285,7 +288,7 @@ class GaussianMotion(Module):
 
 def _filtered(motion: GaussianMotion, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
     """Return ü_g for a batch of u."""
-    return jnp.vectorize(motion._single, signature="(d)->(n)")(u)
+    return jnp.vectorize(motion._motion_of_one, signature="(d)->(n)")(u)
 
 
 _acceleration = StoredProgram(_filtered)

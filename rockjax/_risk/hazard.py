@@ -98,9 +98,9 @@ class Hazard(Module):
 
         - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or a CSV with two columns. One
           column has the intensity, with measure and unit in its heading (`PGA [g]`, `Sa(1 s), %g`). The other
-          gives how often it is exceeded: `annual_rate`, `return period [years]`, or a probability with its
-          investigation time (`PoE in 50 years`, `annual probability of exceedance`). Probabilities p in t
-          years become rates −ln(1 − p)/t; points with p = 0 or 1 are left out
+          gives how often this intensity is exceeded: `annual_rate`, `return period [years]`, or a probability
+          with its investigation time (`PoE in 50 years`, `annual probability of exceedance`). Probabilities
+          p in t years become rates −ln(1 − p)/t; points with p = 0 or 1 are left out
         - `site`: row of an OpenQuake file, from 0; needed if the file has several rows
 
         Raises `ValueError` for headings that are not understood (the message quotes them), for probabilities

@@ -92,7 +92,7 @@ def integrate_lognormal(
     lower = constant_below if zero_below is None else zero_below
     log_limits = [x for x in (lower, upper) if x is not None]
     if not log_limits:
-        return _unlimited(log_x, log_rate, k, median, dispersion)
+        return _integrate_without_limits(log_x, log_rate, k, median, dispersion)
     points = jnp.sort(jnp.concatenate([log_x, jnp.stack(log_limits)]))
     middle = 0.5 * (points[:-1] + points[1:])
     segment = jnp.clip(jnp.searchsorted(log_x, middle) - 1, 0, log_x.size - 2)
@@ -100,21 +100,21 @@ def integrate_lognormal(
     def rate(s):
         return jnp.exp(log_rate_at(log_x, log_rate, s))
 
-    def share(s):
+    def F(s):
         return norm.cdf((s - jnp.log(median)) / dispersion)
 
-    below, pieces, above = _unlimited(
+    below, pieces, above = _integrate_without_limits(
         points, log_rate_at(log_x, log_rate, points), k[segment], median, dispersion
     )
     constant = jnp.zeros(())
     if lower is not None:
         below, pieces = jnp.zeros(()), jnp.where(middle > lower, pieces, 0.0)
     if constant_below is not None:
-        constant += share(constant_below) * jnp.maximum(rate(log_x[0]) - rate(constant_below), 0.0)
+        constant += F(constant_below) * jnp.maximum(rate(log_x[0]) - rate(constant_below), 0.0)
     if upper is not None:
         rate_above = rate(jnp.maximum(upper, log_x[-1]))
-        above, pieces = share(upper) * rate_above, jnp.where(middle < upper, pieces, 0.0)
-        constant += share(upper) * (rate(upper) - rate_above)
+        above, pieces = F(upper) * rate_above, jnp.where(middle < upper, pieces, 0.0)
+        constant += F(upper) * (rate(upper) - rate_above)
     is_below, is_above = middle < log_x[0], middle > log_x[-1]
     return Contributions(
         below + jnp.sum(jnp.where(is_below, pieces, 0.0)),
@@ -123,7 +123,7 @@ def integrate_lognormal(
     )
 
 
-def _unlimited(
+def _integrate_without_limits(
     log_x: Float[Array, " n"],
     log_rate: Float[Array, " n"],
     k: Float[Array, " n-1"],
@@ -132,19 +132,19 @@ def _unlimited(
 ) -> Contributions:
     """Return the contributions to ∫ F |dλ| without limits; `k`: slope of each segment."""
     z = (log_x - jnp.log(median)) / dispersion
-    share, rate = norm.cdf(z), jnp.exp(log_rate)
+    F, rate = norm.cdf(z), jnp.exp(log_rate)
     # ln(k₀ m^(−k) e^(k²β²/2)), with k₀ from the left end of each segment.
-    level = log_rate[:-1] + k * (log_x[:-1] - jnp.log(median)) + 0.5 * (k * dispersion) ** 2
+    log_factor = log_rate[:-1] + k * (log_x[:-1] - jnp.log(median)) + 0.5 * (k * dispersion) ** 2
     shift = k * dispersion
     between = (
-        jnp.exp(level + _log_difference(z[:-1] + shift, z[1:] + shift))
-        - (share * rate)[1:]
-        + (share * rate)[:-1]
+        jnp.exp(log_factor + _log_difference(z[:-1] + shift, z[1:] + shift))
+        - (F * rate)[1:]
+        + (F * rate)[:-1]
     )
-    below = jnp.exp(level[0] + norm.logcdf(z[0] + shift[0])) - share[0] * rate[0]
-    above = jnp.exp(level[-1] + norm.logsf(z[-1] + shift[-1])) + share[-1] * rate[-1]
+    below = jnp.exp(log_factor[0] + norm.logcdf(z[0] + shift[0])) - F[0] * rate[0]
+    above = jnp.exp(log_factor[-1] + norm.logsf(z[-1] + shift[-1])) + F[-1] * rate[-1]
     return Contributions(
-        jnp.maximum(below, 0.0), jnp.maximum(between, 0.0), jnp.where(k[-1] > 0, above, share[-1] * rate[-1])
+        jnp.maximum(below, 0.0), jnp.maximum(between, 0.0), jnp.where(k[-1] > 0, above, F[-1] * rate[-1])
     )
 
 

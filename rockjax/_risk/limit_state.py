@@ -33,25 +33,25 @@ class AbstractLimitState(abc.ABC):
         self.scenes += len(u)
         if len(u) == 0:
             return np.zeros(0)
-        return self._checked(u, np.asarray(self._values(u), float))
+        return self._require_no_nan(u, np.asarray(self._values(u), float))
 
     def gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return G (m,) and ∇G (m, d) at the rows of u (m, d)."""
         self.scenes += len(u)
         self.gradients_taken += len(u)
         value, slope = self._gradients(u)
-        return self._checked(u, np.asarray(value, float)), np.asarray(slope, float)
+        return self._require_no_nan(u, np.asarray(value, float)), np.asarray(slope, float)
 
     def with_sensitivities(
         self, u: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]] | None:
-        """Return G (m,), ∇G (m, d), and ∂G/∂y (m,) for every named parameter y of the limit state; None if it
-        has no named parameters."""
+        """Return G (m,), ∇G (m, d), and ∂G/∂y (m,) for every named parameter y of the limit state; None if
+        there are no named parameters."""
         del u
         return None
 
     @staticmethod
-    def _checked(u: np.ndarray, value: np.ndarray) -> np.ndarray:
+    def _require_no_nan(u: np.ndarray, value: np.ndarray) -> np.ndarray:
         """Return `value`. Raises `ValueError` if an entry is NaN."""
         is_nan = np.isnan(value)
         if is_nan.any():
@@ -90,19 +90,19 @@ class FunctionLimitState(AbstractLimitState):
 
     def __init__(self, G: Callable, dimension: int):
         super().__init__(dimension)
-        self._value = jax.jit(lambda u: (jax.vmap(G)(u),))
+        self._jitted_value = jax.jit(lambda u: (jax.vmap(G)(u),))
         self._value_and_grad = jax.vmap(jax.value_and_grad(G))
-        self._slope = jax.jit(self._value_and_grad)
+        self._jitted_value_and_grad = jax.jit(self._value_and_grad)
 
     def _values(self, u):
-        return evaluate_padded(u, self._value)[0]
+        return evaluate_padded(u, self._jitted_value)[0]
 
     def _gradients(self, u):
-        value, slope = evaluate_padded(u, self._slope)
+        value, slope = evaluate_padded(u, self._jitted_value_and_grad)
         # The derivative of `jnp.min` looks for the entry that equals the minimum. Compiled code may round the
         # entries differently and find none; then the derivative is zero. Outside jit, the entry is found.
-        is_flat = ~slope.any(axis=1)
-        if is_flat.any():
-            exact = self._value_and_grad(jnp.asarray(u[is_flat]))
-            value[is_flat], slope[is_flat] = (np.asarray(y) for y in exact)
+        is_zero = ~slope.any(axis=1)
+        if is_zero.any():
+            outside_jit = self._value_and_grad(jnp.asarray(u[is_zero]))
+            value[is_zero], slope[is_zero] = (np.asarray(y) for y in outside_jit)
         return value, slope

@@ -52,17 +52,17 @@ class LineCrossings(NamedTuple):
 
 
 class _Intervals(NamedTuple):
-    """Intervals (k,) between positions `a` < `b` on lines, with G at both ends."""
+    """Intervals (k,) between positions `a` < `b` on lines, with G at both ends: `G_a`, `G_b`."""
 
     line: np.ndarray
     a: np.ndarray
     b: np.ndarray
-    at_a: np.ndarray
-    at_b: np.ndarray
+    G_a: np.ndarray
+    G_b: np.ndarray
 
     def with_crossing(self) -> _Intervals:
         """Return the intervals with one surviving and one failing end."""
-        return self.select((self.at_a <= 0) != (self.at_b <= 0))
+        return self.select((self.G_a <= 0) != (self.G_b <= 0))
 
     def select(self, rows: np.ndarray) -> _Intervals:
         """Return the intervals with these indices, or where a mask is True."""
@@ -70,7 +70,7 @@ class _Intervals(NamedTuple):
 
     def inner_points(self, division: Division) -> np.ndarray:
         """Return positions inside (k, positions): evenly spaced ones, and two around the secant's root."""
-        fraction = points_near_root(self.at_a, self.at_b, division.parts - 1, division.root_offset)
+        fraction = points_near_root(self.G_a, self.G_b, division.parts - 1, division.root_offset)
         return self.a[:, None] + (self.b - self.a)[:, None] * fraction
 
 
@@ -130,7 +130,7 @@ def narrow_crossings(
             inside.shape
         )
         position = np.concatenate([intervals.a[:, None], inside, intervals.b[:, None]], axis=1)
-        values = np.concatenate([intervals.at_a[:, None], inner_values, intervals.at_b[:, None]], axis=1)
+        values = np.concatenate([intervals.G_a[:, None], inner_values, intervals.G_b[:, None]], axis=1)
         row_lines = np.repeat(intervals.line, inside.shape[1] + 1)
         ends = (position[:, :-1], position[:, 1:], values[:, :-1], values[:, 1:])
         intervals = _Intervals(row_lines, *(y.ravel() for y in ends)).with_crossing()
@@ -139,9 +139,9 @@ def narrow_crossings(
         intervals = intervals.select(is_wide)
     intervals = _Intervals(*(np.concatenate(ys) for ys in zip(*finished, intervals, strict=True)))
     intervals = intervals.select(np.lexsort((intervals.a, intervals.line)))
-    enters = intervals.at_b <= 0
+    enters = intervals.G_b <= 0
     position, survivor = (
         np.where(enters, intervals.b, intervals.a),
         np.where(enters, intervals.a, intervals.b),
     )
-    return intervals.line, position, survivor, np.where(enters, intervals.at_b, intervals.at_a), enters
+    return intervals.line, position, survivor, np.where(enters, intervals.G_b, intervals.G_a), enters

@@ -3,8 +3,8 @@
 A ray is a half-line from u = 0 in a direction e. It fails between its crossings r with the surface of
 failure, so the probability of failure along it is q(e) = Σ ±Q(r), where Q is the upper tail of the chi
 distribution (the distribution of |u|). The mean over all directions is P = E q(e). The directions of
-failing samples have the density q₀/P₀ relative to all directions, so for another structure, with u
-multiplied by k,
+failing samples of a first structure (index 0) have the density q₀/P₀ relative to all directions, so for
+another structure, with u multiplied by k,
 
     P(k) = P₀ E[q(e; k)/q₀(e)]
 
@@ -27,7 +27,7 @@ from .lines import Division, narrow_crossings
 from .structure import StructureLimitState
 
 SPACING = 0.3  # approximate distance of positions on a ray; the standard deviation of |u| is 0.71
-LOW, HIGH = 1e-7, 1e-9  # probabilities that |u| lies below and above the scanned part of a ray
+BELOW_SCAN, ABOVE_SCAN = 1e-7, 1e-9  # probabilities that |u| lies below and above the scanned part of a ray
 RANGE_FACTOR = 1.1  # factor by which the scanned range of k is extended on both sides
 MAX_FACTOR = 100.0  # largest factor on u, and the inverse of the smallest
 LOG_TOLERANCE = 0.7  # accepted difference of ln P from its target
@@ -101,7 +101,7 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     Raises `ValueError` if the limit state fails at u = 0, if no factor on u leads to the probability, and if
     `cov` is not reached within `MAX_SCENES`.
     """
-    before = limit.scenes
+    scenes_before = limit.scenes
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
         raise ValueError(
             "the limit state fails at u = 0, without any motion; raise the limit, or start from another "
@@ -116,22 +116,22 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
             f"{estimate.cov:.2g}, not {cov:g}; raise cov"
         )
     u, weights = _draw_failing(estimator, count, rng)
-    length = np.linalg.norm(u, axis=1)
-    scan = _RayScan(limit, u / length[:, None], factor)
+    radius = np.linalg.norm(u, axis=1)
+    scan = _RayScan(limit, u / radius[:, None], factor)
     scan.narrow(REFINED)
     # The scan may miss a narrow failure window that contains the sample of a ray; such rays are omitted.
-    before_sample = scan.r < factor * length[scan.line]
+    before_sample = scan.r < factor * radius[scan.line]
     is_failing = (
         scan.fails_at_start
-        + np.bincount(scan.line[before_sample], scan.sign[before_sample], minlength=length.size)
+        + np.bincount(scan.line[before_sample], scan.sign[before_sample], minlength=radius.size)
         > 0.5
     )
-    e = u[is_failing] / length[is_failing, None]
-    weights = weights[is_failing] / scan.shares(factor)[is_failing]
+    e = u[is_failing] / radius[is_failing, None]
+    weights = weights[is_failing] / scan.probabilities(factor)[is_failing]
     # A narrow failure window gives its ray a large weight, but may be wide for another structure.
     weights = np.minimum(weights, MAX_WEIGHT * np.median(weights))
-    weights *= estimate.probability / float(weights @ scan.shares(factor)[is_failing])
-    return Rays(e, weights, factor, estimate.cov, limit.scenes - before)
+    weights *= estimate.probability / float(weights @ scan.probabilities(factor)[is_failing])
+    return Rays(e, weights, factor, estimate.cov, limit.scenes - scenes_before)
 
 
 def _draw_failing(estimator: Subset, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -151,8 +151,9 @@ def _draw_failing(estimator: Subset, count: int, rng: np.random.Generator) -> tu
 
 
 def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[float, Subset]:
-    """Return a factor on u at which failure has about this probability, and an estimator with one round."""
-    target_index, factor = -float(scipy.stats.norm.ppf(probability)), 1.0
+    """Return a factor on u at which failure has about this probability, and an estimator for this factor, to
+    which one round has been added."""
+    target_beta, factor = -float(scipy.stats.norm.ppf(probability)), 1.0
     trials: list[tuple[float, float]] = []  # ln k and −Φ⁻¹(P)
     for _ in range(TRIALS):
         estimator = Subset(ScaledLimitState(limit, factor), None, rng, TRIAL_SAMPLES, TRIAL_SHARE)  # pyright: ignore[reportArgumentType]
@@ -160,17 +161,17 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
         trial_probability = estimator.estimate().probability
         if trial_probability > 0 and abs(math.log(trial_probability / probability)) < LOG_TOLERANCE:
             return factor, estimator
-        index = -float(scipy.stats.norm.ppf(min(max(trial_probability, 1e-30), 1 - 1e-3)))
-        trials.append((math.log(factor), index))
+        beta = -float(scipy.stats.norm.ppf(min(max(trial_probability, 1e-30), 1 - 1e-3)))
+        trials.append((math.log(factor), beta))
         # The first step takes the reliability index −Φ⁻¹(P) to be proportional to 1/k, as for a plane limit
         # state; later steps use the secant.
-        step = math.log(max(index, 0.5) / max(target_index, 0.5)) if target_index != index else 0.1
+        step = math.log(max(beta, 0.5) / max(target_beta, 0.5)) if target_beta != beta else 0.1
         if len(trials) > 1 and abs(trials[-1][1] - trials[-2][1]) > 1e-3:
             (a, at_a), (b, at_b) = trials[-2:]
             slope = (at_b - at_a) / (b - a)
-            step = (target_index - index) / slope if slope < 0 else step
-        elif (index - target_index) * step <= 0:
-            step = math.copysign(0.3, index - target_index)
+            step = (target_beta - beta) / slope if slope < 0 else step
+        elif (beta - target_beta) * step <= 0:
+            step = math.copysign(0.3, beta - target_beta)
         factor *= math.exp(min(max(step, -1.1), 1.1))
         if not 1 / MAX_FACTOR < factor < MAX_FACTOR:
             break
@@ -183,7 +184,7 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
 class _RayScan:
     """Extensible scan of rays for crossings with the surface of failure.
 
-    Positions on a ray are exp(`step`·k) for integers `first` ≤ k < `stop`. The crossings are described by
+    Positions on a ray are exp(`step`·i) for integers `first` ≤ i < `stop`. The crossings are described by
     `line`, `r` and `survivor`, which are `line`, `position` and `survivor` of `LineCrossings`, and by `sign`,
     which is 1 where a ray enters failure and −1 where it leaves.
     """
@@ -191,7 +192,7 @@ class _RayScan:
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
         self.limit, self.directions = limit, directions
         d = directions.shape[1]
-        self.ends = float(scipy.stats.chi.ppf(LOW, d)), float(scipy.stats.chi.isf(HIGH, d))
+        self.ends = float(scipy.stats.chi.ppf(BELOW_SCAN, d)), float(scipy.stats.chi.isf(ABOVE_SCAN, d))
         # Positions are multiples of the step, so the result does not depend on the guess.
         self.step = SPACING / math.sqrt(d)
         self.first = self.stop = math.floor(math.log(self.ends[0] * guess / RANGE_FACTOR) / self.step)
@@ -232,7 +233,7 @@ class _RayScan:
         self.r[rows[crossed_line[first]]] = r[first]
 
     def _radii(self, first: int, stop: int) -> np.ndarray:
-        """Return the positions with the integers `first` ≤ k < `stop`."""
+        """Return the positions with the integers `first` ≤ i < `stop`."""
         return np.exp(self.step * np.arange(first, stop))
 
     def _evaluate(self, first: int, stop: int) -> np.ndarray:
@@ -241,10 +242,10 @@ class _RayScan:
         u = self.directions[:, None, :] * r[:, None]
         return self.limit.values(u.reshape(-1, u.shape[-1])).reshape(len(self.directions), r.size)
 
-    def shares(self, k: float) -> np.ndarray:
+    def probabilities(self, k: float) -> np.ndarray:
         """Return q(e; k) of every ray, (m,)."""
-        tail = self.sign * scipy.stats.chi.sf(self.r / k, self.directions.shape[1])
-        return self.fails_at_start + np.bincount(self.line, tail, minlength=len(self.directions))
+        signed_tails = self.sign * scipy.stats.chi.sf(self.r / k, self.directions.shape[1])
+        return self.fails_at_start + np.bincount(self.line, signed_tails, minlength=len(self.directions))
 
 
 def solve_factor(
@@ -270,15 +271,15 @@ def solve_factor(
     k = _root(scan, rays.weights, probability, k)
     # dP/d ln k = Σ ± weight φ(r/k) r/k
     rate = weight * scan.sign * scipy.stats.chi.pdf(scan.r / k, d) * scan.r / k
-    smooth = np.where(jumps, 0.0, rate)
+    smooth_rate = np.where(jumps, 0.0, rate)
     log_r_slopes = -slopes / np.where(jumps, 1.0, along_ray)[:, None]  # d ln r/d ln y
-    share = rays.weights * scan.shares(k)
+    contributions = rays.weights * scan.probabilities(k)
     total = float(np.sum(np.abs(rate)))
     return FactorSolution(
         factor=k,
-        sensitivities=smooth @ log_r_slopes / np.sum(smooth),
+        sensitivities=smooth_rate @ log_r_slopes / np.sum(smooth_rate),
         jumps=float(np.sum(np.abs(rate[jumps]))) / total,
-        effective=float(share.sum() ** 2 / np.sum(share**2)),
+        effective=float(contributions.sum() ** 2 / np.sum(contributions**2)),
     )
 
 
@@ -287,14 +288,14 @@ def _polish(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Move crossings to the roots of G by Newton steps.
 
-    Returns a mask of the crossings at which G jumps, shape (k,), and the derivatives of G there with respect
-    to ln r, shape (k,), and to the logarithms of named parameters, shape (k, names).
+    Returns a mask of the crossings at which G jumps, shape (k,), and the derivatives of G at all crossings
+    with respect to ln r, shape (k,), and to the logarithms of named parameters, shape (k, names).
     """
 
-    def newton(width) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def newton(max_step) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         value, along_ray, slopes = limit.log_slopes(rays.directions[scan.line] * scan.r[:, None], names)
         step = -value / np.where(along_ray == 0, np.inf, along_ray)
-        jumps = (along_ray == 0) | ~(np.abs(step) <= width)
+        jumps = (along_ray == 0) | ~(np.abs(step) <= max_step)
         scan.r = scan.r * np.exp(np.where(jumps, 0.0, step))
         return jumps, along_ray, slopes
 
@@ -307,7 +308,7 @@ def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_Ra
     """Return a scan wide enough for the target probability, and the approximate factor k."""
     scan, low, high = _RayScan(limit, rays.directions, guess), guess / RANGE_FACTOR, guess * RANGE_FACTOR
     while True:
-        at_low, at_high = (float(rays.weights @ scan.shares(k)) for k in (low, high))
+        at_low, at_high = (float(rays.weights @ scan.probabilities(k)) for k in (low, high))
         if at_low < probability <= at_high:
             return scan, _root(scan, rays.weights, probability, math.sqrt(low * high))
         if at_low >= probability:
@@ -323,7 +324,7 @@ def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> floa
     """Return the probability of failure of a limit state whose motions are multiplied by a factor."""
     scan = _RayScan(limit, rays.directions, factor)
     scan.narrow(REFINED)
-    return float(rays.weights @ scan.shares(factor))
+    return float(rays.weights @ scan.probabilities(factor))
 
 
 def _root(scan: _RayScan, weights: np.ndarray, probability: float, guess: float) -> float:
@@ -333,7 +334,7 @@ def _root(scan: _RayScan, weights: np.ndarray, probability: float, guess: float)
     """
 
     def log_error(log_k: float) -> float:
-        return math.log(max(float(weights @ scan.shares(math.exp(log_k))), 1e-300) / probability)
+        return math.log(max(float(weights @ scan.probabilities(math.exp(log_k))), 1e-300) / probability)
 
     low = high = math.log(guess)
     while log_error(low) > 0 and low > -10:

@@ -38,12 +38,12 @@ class FailureProbability:
     - `beta`: distances of the design points from the origin, nearest first
     - `disagrees`: True if `first_order` is outside the interval and differs from `probability` by a factor of
       1.5 or more. Then the limit state is far from plane, or a design point was not found
-    - `converged`: True if the estimate reached the requested coefficient of variation and a few samples do
-      not dominate the sum; otherwise the probability may be wrong by a large factor
+    - `converged`: True if the estimate reached the requested coefficient of variation and is not dominated by
+      a few samples; otherwise the probability may be wrong by a large factor
     - `sensitivities`: (dP/dy, standard error) by the name of the parameter y, for the limit state of a
       structure and the method `"line"`; else empty
-    - `jumps`: share of the surface of failure across which G jumps, which the sensitivities do not include;
-      NaN without sensitivities
+    - `jumps`: share of the surface of failure across which the limit-state function G jumps, which the
+      sensitivities leave out; NaN without sensitivities
     """
 
     probability: float
@@ -99,8 +99,8 @@ def reliability(
 
     If the estimate has not converged, a `RuntimeWarning` is issued, and the interval is NaN except with
     `"monte-carlo"`. Ctrl-C raises [`rockjax.Interrupted`][] with the estimate so far. Raises `ValueError` for
-    invalid arguments. With `"importance"` and `"line"` it is also raised if the limit state fails at u = 0,
-    and if no search finds failure.
+    invalid arguments and, with `"importance"` and `"line"`, if the limit state fails at u = 0 or if no search
+    finds failure.
     """
     check_arguments("reliability", method, cov, seed, starts, max_scenes)
     if not callable(G):
@@ -214,11 +214,11 @@ def estimate_probability(
         raise Interrupted(f"{owner}: stopped after {limit.scenes} scenes", so_far) from None
     result = _to_result(latest[0], estimator, limit, method, cov, estimator.slopes())
     if not result.converged:
-        warnings.warn(f"{owner}: {_explain_divergence(result, cov)}", RuntimeWarning, stacklevel=3)
+        warnings.warn(f"{owner}: {_explain_nonconvergence(result, cov)}", RuntimeWarning, stacklevel=3)
     return result
 
 
-def _explain_divergence(result: FailureProbability, cov: float) -> str:
+def _explain_nonconvergence(result: FailureProbability, cov: float) -> str:
     """Return the reason why an estimate has not converged, and the cure."""
     cures = [] if result.method == "subset" else ["method='subset'"]
     if result.probability == 0:

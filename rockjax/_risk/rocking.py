@@ -63,17 +63,17 @@ def design_points(
 
     - `podium`: podium with scalar parameters
     - `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: `"overturning"`, or (name, value) with the peak at which the structure fails, > 0: `"rotation"`
+    - `limit`: `"overturning"`, or (name, value), where a peak of at least value > 0 is failure: `"rotation"`
       max|θ|/α (with a value < 1), `"deformation"` [m], `"shear"` V_s/(m_t g), `"friction"` |T|/N,
       `"unloading"` 1 − N/N_0, `"foundation shear"` divided by the weight; for a `ShearBuilding` `"drift"` [m]
       and `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint counts
     - `starts`: number of directions from which searches for design points start, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
 
-    Returns local minima of |u| on the limit state, nearest first; without a pulse, −u is also a minimum.
-    G jumps where the number of impacts before overturning changes, so some minima are edges. Φ(−β) is a
-    probability only if the limit state is nearly plane. In hundreds of dimensions it is not; use
-    [`rockjax.failure_probability`][].
+    Returns local minima u of |u| on the limit state, nearest first; without a pulse, −u is also a minimum.
+    The limit state has edges where the number of impacts before overturning changes, so some minima are at
+    edges. Φ(−β) is a probability only if the limit state is nearly plane, which it is not in hundreds of
+    dimensions; use [`rockjax.failure_probability`][].
 
     Raises `ValueError` for invalid arguments, if the structure fails at rest, and if no motion makes it fail.
     """
@@ -83,7 +83,7 @@ def design_points(
     points = find_design_points(owner, state, starting_directions(state, starts, seed))
     _, slope, named = state.with_sensitivities(points.u)
     impacts = state.impacts(points.u)
-    length = np.linalg.norm(slope, axis=1)
+    slope_norm = np.linalg.norm(slope, axis=1)
     return [
         DesignPoint(
             u=points.u[k],
@@ -91,7 +91,7 @@ def design_points(
             record=motion.record(points.u[k]),
             mode=-1 if np.isnan(impacts[k]) else int(impacts[k]),
             smooth=bool(points.aligned[k]),
-            sensitivities={name: float(y[k] / length[k]) for name, y in named.items()},
+            sensitivities={name: float(y[k] / slope_norm[k]) for name, y in named.items()},
         )
         for k in range(points.beta.size)
     ]
@@ -126,7 +126,8 @@ def failure_probability(
 
     With `"line"` the result has `sensitivities`, dP/dy with standard errors for every parameter y of
     structure and ground motion. They need one reverse pass for each crossing of a line with the surface of
-    failure, and do not include the parts of this surface where G jumps, whose share is `jumps`.
+    failure, and leave out the parts of this surface across which the limit-state function G jumps. The share
+    of these parts is `jumps`.
 
     Raises `ValueError` for invalid arguments and, if the method needs design points, in the same cases as
     `design_points`.

@@ -8,7 +8,7 @@ of failure changes, G jumps, but r is still defined. The searches from all start
    a linear G.
 2. Directions between e and a, at several fractions of the way, are evaluated, and the one with the least r is
    chosen.
-3. The search ends where e and a agree, or where no fraction comes closer: at an edge, where G jumps.
+3. The search ends where e and a agree, or where no fraction gives a smaller r: at an edge, where G jumps.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from .limit_state import AbstractLimitState
 
 MAX_BETA = 9.0  # largest distance of a design point from the origin; Φ(−9) is 1e-19
 START_FACTOR = 4.0  # length of the rays of starting directions, divided by √d, the typical |u|
-RAY = 24  # number of positions on a full ray
-PARTIAL_RAY = 10  # number of positions on a ray up to the distance at which the direction e fails
+RAY_POSITIONS = 24  # number of positions on a full ray
+PARTIAL_RAY_POSITIONS = 10  # number of positions on a ray up to the distance at which the direction e fails
 NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
 PARTS = 8  # number of equal parts into which a round divides the interval
 # Evaluated fractions of the way to the normal, divided by the previous step's fraction. The best direction
@@ -66,12 +66,12 @@ class _Bracket(NamedTuple):
         high = np.where(np.isfinite(self.high), self.high, 0.0)
         return np.where(np.isfinite(self.high), self.low + (high - self.low) * fraction, np.inf)
 
-    def at(self, rows) -> _Bracket:
+    def select(self, rows) -> _Bracket:
         """Return the brackets with these indices."""
         return _Bracket(*(y[rows] for y in self))
 
 
-def _bracket(limit: AbstractLimitState, directions: np.ndarray, radii: np.ndarray) -> _Bracket:
+def _bracket_failure(limit: AbstractLimitState, directions: np.ndarray, radii: np.ndarray) -> _Bracket:
     """Bracket the first failure on rays (m, d), evaluated at ascending positions `radii` (m, k)."""
     points = directions[:, None, :] * radii[..., None]
     value = limit.values(points.reshape(-1, directions.shape[1])).reshape(radii.shape)
@@ -91,13 +91,15 @@ def _narrow(limit: AbstractLimitState, directions: np.ndarray, bracket: _Bracket
             break
         # Evenly spaced positions narrow every bracket; positions close to the root of the straight line
         # narrow brackets of smooth functions quickly.
-        wide = _Bracket(low, high, G_low, G_high).at(failing)
+        wide = _Bracket(low, high, G_low, G_high).select(failing)
         width = wide.high - wide.low
         root = (wide.root() - wide.low) / np.where(width > 0, width, 1.0)
         even = np.tile(np.arange(1, PARTS) / PARTS, (failing.size, 1))
         close = np.clip(root[:, None] + np.array([-1e-2, -1e-4, 1e-4, 1e-2]), 0, 1)
         fractions = np.sort(np.concatenate([even, close], axis=1), axis=1)
-        narrower = _bracket(limit, directions[failing], wide.low[:, None] + width[:, None] * fractions)
+        narrower = _bracket_failure(
+            limit, directions[failing], wide.low[:, None] + width[:, None] * fractions
+        )
         fails_inside = np.isfinite(narrower.high)
         survives_inside = narrower.low > 0
         low[failing] = np.where(
@@ -116,8 +118,8 @@ def distances(
 ) -> np.ndarray:
     """Return the least distance at which each ray (m, d) fails, shape (m,); inf if there is no failure up to
     `max_distance`."""
-    radii = np.tile(np.linspace(0, max_distance, RAY + 1)[1:], (len(directions), 1))
-    return _narrow(limit, directions, _bracket(limit, directions, radii))
+    radii = np.tile(np.linspace(0, max_distance, RAY_POSITIONS + 1)[1:], (len(directions), 1))
+    return _narrow(limit, directions, _bracket_failure(limit, directions, radii))
 
 
 def _unit(u: np.ndarray) -> np.ndarray:
@@ -139,14 +141,14 @@ def design_points(
         starts = starts[: (len(starts) + 1) // 2]
     e = _unit(np.asarray(starts, float))
     # In high dimensions a random direction fails only far beyond the distance of a design point.
-    outer = max(max_distance, START_FACTOR * np.sqrt(limit.dimension))
-    r = distances(limit, e, outer)
+    ray_length = max(max_distance, START_FACTOR * np.sqrt(limit.dimension))
+    r = distances(limit, e, ray_length)
     # If a ray does not fail, its start is replaced by the direction of steepest descent of G.
     never_fails = ~np.isfinite(r)
     if never_fails.any():
         _, slope = limit.gradients(e[never_fails] * 1e-3)
         e[never_fails] = _unit(-slope)
-        r[never_fails] = distances(limit, e[never_fails], outer)
+        r[never_fails] = distances(limit, e[never_fails], ray_length)
     fails = np.isfinite(r)
     e, r = e[fails], r[fails]
     normal, aligned = _descend(limit, e, r)
@@ -195,14 +197,15 @@ def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray
     """Return distance, direction and fraction of the nearest failure on the way from each e to its normal."""
     fractions = fraction[:, None] * FRACTIONS
     candidates = _unit(e[:, None, :] + fractions[..., None] * (normal - e)[:, None, :])
-    flat = candidates.reshape(-1, e.shape[1])
+    directions = candidates.reshape(-1, e.shape[1])
     # Positions up to the distance r of failure in direction e, denser near r, where failure is more likely.
-    positions = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, PARTIAL_RAY - 2)])
-    bracket = _bracket(limit, flat, np.repeat(r, FRACTIONS.size)[:, None] * positions)
+    positions = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, PARTIAL_RAY_POSITIONS - 2)])
+    bracket = _bracket_failure(limit, directions, np.repeat(r, FRACTIONS.size)[:, None] * positions)
     best = np.argmin(bracket.root().reshape(fractions.shape), axis=1)
     rows = np.arange(len(e))
     chosen = rows * FRACTIONS.size + best
-    return _narrow(limit, flat[chosen], bracket.at(chosen)), candidates[rows, best], fractions[rows, best]
+    nearest = _narrow(limit, directions[chosen], bracket.select(chosen))
+    return nearest, candidates[rows, best], fractions[rows, best]
 
 
 def _keep_distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np.ndarray) -> DesignPoints:

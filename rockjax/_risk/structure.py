@@ -199,15 +199,15 @@ def records_from_samples(motion: GaussianMotion, u: Float[Array, "k d"]) -> Reco
 def _limit_value(value, overturned, limit: Limit):
     """Return G from a peak of a scene and whether it overturned; G ≤ 0 if and only if the scene fails.
 
-    Of several modes, stories, floors or joints, the largest peak counts.
+    For several modes, stories, floors or joints, the largest peak counts.
     """
-    numpy = array_module(value, overturned)
+    xp = array_module(value, overturned)
     if np.ndim(value) > np.ndim(overturned):
-        value = numpy.max(numpy.asarray(value), axis=-1)
+        value = xp.max(xp.asarray(value), axis=-1)
     if limit.output == "margin":
-        return numpy.where(overturned, numpy.minimum(value, 0.0), numpy.maximum(value, 1e-300))
-    margin = 1 - numpy.divide(value, limit.value)
-    return numpy.where(overturned, numpy.minimum(margin, 0.0), margin)
+        return xp.where(overturned, xp.minimum(value, 0.0), xp.maximum(value, 1e-300))
+    margin = 1 - xp.divide(value, limit.value)
+    return xp.where(overturned, xp.minimum(margin, 0.0), margin)
 
 
 def _value_and_slopes(

@@ -59,7 +59,7 @@ def draw(owner: str, name: str, given: Any, n: int, seed: int, allowed: Range) -
     drawn = np.broadcast_to(drawn, (n,))
     outside = ~(np.isfinite(drawn) & allowed.holds(drawn))
     if outside.any():
-        accepted = allowed.words if allowed.words.startswith("in") else f"finite and {allowed.words}"
+        accepted = allowed.text if allowed.text.startswith("in") else f"finite and {allowed.text}"
         raise ValueError(
             f"{argument} must be {accepted.removesuffix(' and ')}, but {outside.sum()} of {n} draws are not "
             f"(the first is {drawn[outside][0]:.6g}); use a truncated distribution (scipy.stats.truncnorm)"

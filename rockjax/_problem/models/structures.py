@@ -39,7 +39,7 @@ def type_of(entry: registry.Parameter) -> Any:
     number = Annotated[float, Field(**limits)]
     if entry.name == "restitution":
         return Annotated[Literal["paper", "compatible"] | number, described_as(_LAW)]
-    accepted = f"a number {entry.range.words}".rstrip()
+    accepted = f"a number {entry.range.text}".rstrip()
     return Annotated[number, described_as(f"{accepted}; {entry.note}" if entry.note else accepted)]
 
 

@@ -36,8 +36,8 @@ class ProbabilitySlopes(NamedTuple):
     """Derivatives of a probability with respect to parameters."""
 
     by_name: dict[str, tuple[float, float]]  # (derivative, standard error) by the name of the parameter
-    # Share of the surface of failure, weighted by its density, across which G jumps; the derivatives do not
-    # include it.
+    # Share of the surface of failure, weighted by its density, across which G jumps; the derivatives leave
+    # this part out.
     jumps: float
 
 
@@ -88,7 +88,7 @@ class AbstractEstimator(abc.ABC):
     def run(
         self, cov: float, max_scenes: int, first: int, report: Callable[[ProbabilityEstimate], None]
     ) -> ProbabilityEstimate:
-        """Add rounds until the estimate converges, is exhausted, or has used `max_scenes`.
+        """Add rounds until the estimate converges, the estimator is exhausted, or `max_scenes` are used.
 
         - `cov`: coefficient of variation to reach
         - `max_scenes`: number of scenes after which no further round begins
@@ -115,18 +115,18 @@ class AbstractMean(AbstractEstimator):
 
     def __init__(self, limit, points, rng):
         super().__init__(limit, points, rng)
-        self.count, self.total, self.squares = 0, 0.0, 0.0
+        self.count, self.total, self.sum_of_squares = 0, 0.0, 0.0
 
     def add(self, y: np.ndarray) -> None:
         """Add contributions, shape (k,)."""
         self.count += y.size
         self.total += float(y.sum())
-        self.squares += float((y**2).sum())
+        self.sum_of_squares += float((y**2).sum())
 
     def estimate(self) -> ProbabilityEstimate:
         p = self.total / self.count
-        variance = max(self.squares / self.count - p**2, 0.0) / max(self.count - 1, 1)
-        effective = self.total**2 / self.squares if self.squares > 0 else 0.0
+        variance = max(self.sum_of_squares / self.count - p**2, 0.0) / max(self.count - 1, 1)
+        effective = self.total**2 / self.sum_of_squares if self.sum_of_squares > 0 else 0.0
         error = math.sqrt(variance)
         return ProbabilityEstimate(p, error, lognormal_interval(p, error, self.count), effective)
 

@@ -26,7 +26,7 @@ from rockjax._risk.search import DesignPoints, design_points, merge_points
 
 from ._base import AbstractMean
 
-ORIGIN = 0.1  # weight w_0 of the density around the origin
+ORIGIN_WEIGHT = 0.1  # weight w_0 of the density around the origin
 BATCH = 4096  # number of samples in memory at once
 # Failures with larger weights are far from all design points; near a point, weights are about Φ(−β).
 FAR_WEIGHT = 1.0
@@ -52,9 +52,9 @@ class Importance(AbstractMean):
         weights = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
         # The equal half gives enough samples to distant design points.
         weights = 0.5 * (weights + 1 / weights.size)
-        self.weights = np.concatenate([[ORIGIN], (1 - ORIGIN) * weights])
+        self.weights = np.concatenate([[ORIGIN_WEIGHT], (1 - ORIGIN_WEIGHT) * weights])
         self.centres = np.concatenate([np.zeros((1, self.limit.dimension)), points.u])
-        self.count, self.total, self.squares = 0, 0.0, 0.0
+        self.count, self.total, self.sum_of_squares = 0, 0.0, 0.0
         self.failing_weights: list[np.ndarray] = []
 
     def has_light_tail(self) -> bool:
@@ -66,7 +66,7 @@ class Importance(AbstractMean):
         return float(scipy.stats.genpareto.fit(excess, floc=0)[0]) <= MAX_SHAPE
 
     def round(self, size: int) -> None:
-        far_failures = [self._batch(min(BATCH, size - start)) for start in range(0, size, BATCH)]
+        far_failures = [self._add_batch(min(BATCH, size - start)) for start in range(0, size, BATCH)]
         starts = np.concatenate(far_failures)[:SEARCHES]
         if len(starts) == 0 or self.extensions >= MAX_EXTENSIONS:
             return
@@ -76,7 +76,7 @@ class Importance(AbstractMean):
             self._set_mixture(all_points)
             self.round(size)
 
-    def _batch(self, count: int) -> np.ndarray:
+    def _add_batch(self, count: int) -> np.ndarray:
         """Add `count` samples and return the failures that lie far from every design point."""
         index = self.rng.choice(self.weights.size, size=count, p=self.weights)
         u = self.centres[index] + self.rng.standard_normal((count, self.limit.dimension))

@@ -27,7 +27,7 @@ FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance between positions within t
 HALF_LENGTH = 7.5  # half of the length of a line; Φ(−7.5) is 3e-14
 LINE_SCENES = 40  # approximate number of scenes for a line
 BATCH = 128  # number of lines in memory at once
-JUMP = 1e-3  # G jumps at a crossing if |G| on its failing side exceeds this multiple of |∂G/∂c|
+MAX_RESIDUAL = 1e-3  # G jumps at a crossing if |G| on its failing side exceeds this multiple of |∂G/∂c|
 
 
 class _SurfacePoints(NamedTuple):
@@ -80,8 +80,8 @@ class Line(AbstractEstimator):
         ]
         crossed = crossings(self.limit, lines.u, direction, positions)
         # A failing segment ends at a crossing; beyond the ends of a full line, G is assumed to keep its sign.
-        below = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
-        probability = np.where(crossed.fails_first, below, 0.0)
+        line_probability = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
+        probability = np.where(crossed.fails_first, line_probability, 0.0)
         np.add.at(
             probability,
             crossed.line,
@@ -141,7 +141,7 @@ class Line(AbstractEstimator):
         self.limit.scenes += surface.G.size
         _, slope, by_name = derivatives
         slope_along = np.abs(np.sum(slope * self.directions[surface.region], axis=1))
-        jumps = ~(np.abs(surface.G) < JUMP * slope_along)
+        jumps = ~(np.abs(surface.G) < MAX_RESIDUAL * slope_along)
         weight = np.where(jumps, 0.0, surface.density / np.where(jumps, 1.0, slope_along))
         total = float(np.sum(surface.density))
         result = {}

@@ -5,7 +5,7 @@ samples with the lowest G (one twentieth by default) start chains of moves, and 
 not exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ with
 standard normal ξ, for each component with probability 1/4 (more in low dimensions, so that about ten
 components move): a long move of few components decorrelates sooner than a short move of all components. A run
-ends at the level 0, or without failure after `LEVELS` levels.
+ends at the level 0, or without failure after `MAX_LEVELS` levels.
 
 The samples of a run are correlated within their chains and across levels, so a run cannot measure its error.
 Therefore several independent runs share one batch, and their spread gives the error. The estimate has a bias
@@ -28,13 +28,13 @@ RUNS = 6  # number of independent runs of a round, in one batch
 SAMPLES = 1500  # default number of samples of a level in the first round
 MIN_SAMPLES = 800  # smallest number of samples of a level in later rounds
 # Largest ratio of the numbers of samples in successive rounds; more rounds estimate the spread better.
-GROWTH = 2
+MAX_GROWTH = 2
 MAX_ENTRIES = 5e7  # largest number of array entries of the samples in memory at once
-LEVELS = 40  # largest number of levels of a run
+MAX_LEVELS = 40  # largest number of levels of a run
 MOVE_SHARE = 0.25  # mean share of the components that a move changes
 MIN_MOVED = 10  # smallest mean number of changed components; all are changed if u has fewer
-ACCEPTED = 0.35  # target of the share of accepted moves
-TAIL = 0.5 + LEVEL / 2  # probability below the upper end of the interval
+ACCEPTED_SHARE = 0.35  # target of the share of accepted moves
+UPPER_PROBABILITY = 0.5 + LEVEL / 2  # probability below the upper end of the interval
 
 
 class _Run(NamedTuple):
@@ -68,7 +68,7 @@ class Subset(AbstractEstimator):
             scenes_per_sample = self.spent / sum(run.samples for run in self.runs)
             max_samples = max(SAMPLES, MAX_ENTRIES / (RUNS * self.limit.dimension))
             largest = max(run.samples for run in self.runs)
-            max_samples = min(max_samples, GROWTH * largest)
+            max_samples = min(max_samples, MAX_GROWTH * largest)
             # Runs with less than half of the samples of the largest would add almost no information.
             samples = int(min(max(size / (RUNS * scenes_per_sample), MIN_SAMPLES, largest / 2), max_samples))
         self.runs += self._complete_runs([self._run(samples) for _ in range(RUNS)])
@@ -95,7 +95,7 @@ class Subset(AbstractEstimator):
         u = self.rng.standard_normal((samples, self.limit.dimension))
         g = yield u
         probability, variance, move_size, chains = 1.0, 0.0, 0.6, samples
-        for _ in range(LEVELS):
+        for _ in range(MAX_LEVELS):
             level = max(float(np.quantile(g, self.share, method="lower")), 0.0)
             is_below = g <= level
             variance += _relative_variance(is_below, chains)
@@ -121,7 +121,7 @@ class Subset(AbstractEstimator):
             us.append(u)
             gs.append(g)
             # Shorten the next moves if too few are accepted, and lengthen them if too many are.
-            move_size = min(move_size * math.exp(float(accepted.mean()) - ACCEPTED), 1.0)
+            move_size = min(move_size * math.exp(float(accepted.mean()) - ACCEPTED_SHARE), 1.0)
         return np.concatenate(us), np.concatenate(gs), move_size
 
     def is_exhausted(self) -> bool:
@@ -129,7 +129,7 @@ class Subset(AbstractEstimator):
         return len(self.runs) >= MIN_ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> ProbabilityEstimate:
-        # Much smaller runs vary too much; they served to choose the size of later runs.
+        # Much smaller runs vary too much, and served only to choose the size of later runs.
         largest = max(run.samples for run in self.runs)
         runs = [run for run in self.runs if run.samples >= largest / 4]
         p = np.array([run.probability for run in runs])
@@ -144,7 +144,7 @@ class Subset(AbstractEstimator):
         least_variance = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
         # The variance of a few runs is itself uncertain: widen it by Student's t.
         error = math.sqrt(max(spread, least_variance)) * float(
-            scipy.stats.t.ppf(TAIL, p.size - 1) / scipy.stats.norm.ppf(TAIL)
+            scipy.stats.t.ppf(UPPER_PROBABILITY, p.size - 1) / scipy.stats.norm.ppf(UPPER_PROBABILITY)
         )
         effective = min((mean / error) ** 2, 1e9) if error > 0 else 1e9
         return ProbabilityEstimate(mean, error, lognormal_interval(mean, error, p.size), effective)
@@ -159,7 +159,7 @@ def _relative_variance(is_below: np.ndarray, chains: int) -> float:
 
     - `is_below`: True for samples below the level, shape (n,): the first samples of all chains, then the
       second ones, …
-    - `chains`: number of chains; the correlation along each increases the variance
+    - `chains`: number of chains; the correlation along each chain increases the variance
     """
     n, p = is_below.size, float(is_below.mean())
     if p in (0.0, 1.0):
