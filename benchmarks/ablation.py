@@ -83,7 +83,7 @@ def _no_certificate() -> None:
 
 def _no_refill() -> None:
     """Refill lanes only when all of them have ended."""
-    lanes.PATIENCE = 1.0
+    lanes.WAITING_SHARE = 1.0
 
 
 def _no_nystrom() -> None:

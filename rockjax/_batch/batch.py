@@ -43,14 +43,14 @@ from .scenes import NO_SCENES, SceneBatch, SceneIndices, broadcast
 # Number of lanes per core. They fill the vector unit, and their data fit into the first-level cache.
 LANES = 32
 CHUNK = 1024  # number of scenes that are prepared together
-QUICK = 5  # number of quick scenes per lane that are worth another thread
+QUICK_SCENES_PER_LANE = 5  # a thread is started for at least this number of quick scenes per lane
 
 # Values for accelerators, which have far more arithmetic units than a core.
 ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes, which is always a power of 2
 ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
 ACCELERATOR_VALUES = 2**26  # largest number of samples in all lanes; long records get fewer lanes
 
-_REPORTING = threading.Lock()  # concurrent batches may share one progress bar
+_BAR_LOCK = threading.Lock()  # several threads and batches may update one progress bar
 
 
 def peak_responses(
@@ -280,7 +280,7 @@ def run_batch(
         # The answers of a chunk are stored while the lanes already solve the next chunk.
         for done, _ in itertools.pairwise(itertools.chain(solve_chunks(), [None])):
             stored_count = answers.store(cast(Done, done))
-            with _REPORTING:
+            with _BAR_LOCK:
                 bar.update(stored_count)
 
     from rockjax._progress import bar as bar_of
@@ -351,7 +351,9 @@ def _chunks(
     chunks, so that all threads end at about the same time."""
     # A thread is started for at least one scene per lane, and for more if scenes are quick, because starting
     # a thread takes longer than a few quick scenes.
-    scenes_per_thread = lane_layout.lanes * executor.devices * (QUICK if scenes.is_quick else 1)
+    scenes_per_thread = (
+        lane_layout.lanes * executor.devices * (QUICK_SCENES_PER_LANE if scenes.is_quick else 1)
+    )
     threads = min(executor.threads, -(-scenes.total // scenes_per_thread))
     group = lane_layout.size * executor.devices * threads
     for start in range(0, scenes.total, group):

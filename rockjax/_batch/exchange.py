@@ -42,7 +42,7 @@ class Done(NamedTuple):
     used: jax.Array  # number of scenes that have ended
     trials: jax.Array  # number of trials, in which all lanes take part together
     useful: jax.Array  # number of trials in all lanes that advanced a scene
-    left: jax.Array  # number of lanes that still hold a scene
+    left: jax.Array  # number of lanes that still hold a running scene
 
 
 class Loop(NamedTuple):

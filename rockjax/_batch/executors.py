@@ -71,7 +71,7 @@ class ThreadExecutor(AbstractExecutor):
             max_trials = (MAX_LAST_TRIALS if last else 0) if layout.refill else UNLIMITED_TRIALS
             leaves = scenes.part(indices, layout.size)
             with self._on_cpu():
-                return _on_one(lanes, leaves, *indices, max_trials, options, layout=layout)
+                return _advance_on_cpu(lanes, leaves, *indices, max_trials, options, layout=layout)
 
         return idle_lanes(scenes, options, layout), advance_lanes
 
@@ -113,7 +113,7 @@ class DeviceExecutor(AbstractExecutor):
         return jax.device_put(idle, split), advance_lanes
 
 
-_on_one = StoredProgram(
+_advance_on_cpu = StoredProgram(
     advance,
     donate=[0],
     compiler_options=_COMPILER_OPTIONS["cpu"],

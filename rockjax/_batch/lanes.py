@@ -1,8 +1,8 @@
 """Lanes, each of which solves one scene after another.
 
 One call of `advance` processes one chunk of scenes on one core or device. Between calls the lanes keep scenes
-that are still running. Within a call all lanes make trial steps (trials) together. Once several lanes wait
-for a scene, they are served together (see `exchange.py`).
+that are still running. Within a call all lanes make trial steps (trials) together. Once several lanes have
+no running scene, all of them are served (see `exchange.py`).
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ from .edge_distance import least_edge_distance
 from .exchange import Answers, Done, Lanes, Loop, empty_storage, exchange_scenes
 from .scenes import SceneBatch, SceneIndices
 
-PATIENCE = 3 / 32  # lanes are served once this fraction of all lanes waits
-SKIPPING_SHARE = 2  # samples are skipped while more than 1/SKIPPING_SHARE of the running lanes can skip one
+WAITING_SHARE = 3 / 32  # lanes are served once this fraction of all lanes waits
+# Samples are skipped while more than 1/SKIPPING_DIVISOR of the running lanes can skip one.
+SKIPPING_DIVISOR = 2
 
 
 def advance(
@@ -56,7 +57,7 @@ def advance(
     plan = layout.plan(leaves, options)
     chunk = prepare_in_blocks(leaves, layout, options, count)
     try_step, lift_off = automaton(plan, options)
-    patience = max(1, round(PATIENCE * lane_count))
+    enough_waiting = max(1, round(WAITING_SHARE * lane_count))
     lanes = _with_swapped_axes(lanes)
 
     def apply(function, state: Lanes) -> Lanes:
@@ -90,8 +91,8 @@ def advance(
 
     def count_waiting(loop: Loop) -> jax.Array:
         """Return the number of lanes that wait for an exchange."""
-        takes_part = (loop.lanes.scene_index >= 0) | (loop.following < count)
-        return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & takes_part)
+        has_or_gets_scene = (loop.lanes.scene_index >= 0) | (loop.following < count)
+        return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & has_or_gets_scene)
 
     def is_unfinished(loop: Loop) -> Flag:
         return (loop.following < count) | (loop.done.trials < max_trials)
@@ -99,7 +100,7 @@ def advance(
     def makes_more_trials(loop: Loop) -> Flag:
         """Return whether to make another trial before the next exchange. As an exchange takes about as long
         as a trial, it is delayed until several lanes wait or no lane has trials to make."""
-        few_wait = count_waiting(loop) < patience
+        few_wait = count_waiting(loop) < enough_waiting
         return few_wait & jnp.any(makes_trials(plan, options, loop.lanes.lane)) & is_unfinished(loop)
 
     def make_trial(loop: Loop) -> Loop:
@@ -131,7 +132,7 @@ def _skip_samples(plan: Plan, options: Options, skip: Callable[[Lanes], Lanes], 
     if state.lane.may_skip is None:
         return state
     running_count = jnp.sum(makes_trials(plan, options, state.lane))
-    enough_can_skip = lambda state: SKIPPING_SHARE * jnp.sum(present(state.lane.may_skip)) > running_count
+    enough_can_skip = lambda state: SKIPPING_DIVISOR * jnp.sum(present(state.lane.may_skip)) > running_count
     return jax.lax.while_loop(enough_can_skip, skip, state)
 
 
@@ -146,8 +147,8 @@ def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
 
 
 def _with_swapped_axes(state: Lanes) -> Lanes:
-    """Swap the first two axes of the slopes, lanes and parameters. In the loop, lanes are the second axis, so
-    that they fill a vector."""
+    """Swap the first two axes of the slopes (lanes and parameters). In the loop, lanes are the second axis,
+    so that they fill a vector."""
     return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
 
 
@@ -184,11 +185,11 @@ def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lane
 def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
     """Return lanes without scenes. The result is cached, as it depends only on shapes and types."""
     static = {"option_types": option_types, "option_structure": option_structure, "layout": layout}
-    return jax.tree.map(np.asarray, _no_scenes(shapes=shapes, **static))
+    return jax.tree.map(np.asarray, _blank_lanes_program(shapes=shapes, **static))
 
 
 @StoredProgram
-def _no_scenes(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
+def _blank_lanes_program(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
     """Return lanes without scenes. This is a stored program, because the shapes in the lanes follow only from
     tracing the preparation of a chunk."""
 

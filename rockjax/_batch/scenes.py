@@ -16,8 +16,8 @@ from rockjax._responses.arguments import as_end, as_start
 from rockjax._results import State
 from rockjax._structures import Podium
 
-SORTED = 4096  # largest batch whose scenes are sorted (see `_order`); larger batches gain little
-WIDE = 64  # lanes are not refilled if scenes differ in more values of one leaf, as records do
+MAX_SORTED_SCENES = 4096  # largest batch whose scenes are sorted (see `_order`); larger batches gain little
+MAX_REFILL_VALUES = 64  # lanes are not refilled if scenes differ in more values of a leaf, as records do
 
 
 class SceneIndices(NamedTuple):
@@ -76,12 +76,12 @@ class SceneBatch(NamedTuple):
 
     @property
     def is_wide(self) -> bool:
-        """True if scenes differ in more than `WIDE` values of one leaf, so that lanes are not refilled."""
-        return self.values_per_scene > WIDE
+        """True if scenes differ in so much data (`MAX_REFILL_VALUES`) that lanes are not refilled."""
+        return self.values_per_scene > MAX_REFILL_VALUES
 
-    def in_grid(self, which: np.ndarray) -> np.ndarray:
+    def in_grid(self, scene_indices: np.ndarray) -> np.ndarray:
         """Return the positions of scenes in the grid, in C order."""
-        return which if self.order is None else self.order[which]
+        return scene_indices if self.order is None else self.order[scene_indices]
 
     def part(self, indices: SceneIndices, size: int, devices: int = 1) -> list[Any]:
         """Return the leaves for the scenes of a chunk, in the order of the devices.
@@ -93,17 +93,17 @@ class SceneBatch(NamedTuple):
         position = np.arange(size)
         if devices > 1:
             position = (np.arange(devices)[:, None] + devices * position).ravel()
-        which = indices.of(np.where(position < indices.scenes, position, 0))
-        which = self.in_grid(np.minimum(which, self.total - 1))
+        scene_indices = indices.of(np.where(position < indices.scenes, position, 0))
+        grid_positions = self.in_grid(np.minimum(scene_indices, self.total - 1))
         return [
-            y if rows is None else y[_take(rows, which)]
+            y if rows is None else y[_take(rows, grid_positions)]
             for y, rows in zip(self.leaves, self.rows, strict=True)
         ]
 
 
-def _take(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Compute `rows.flat[which]`, faster than NumPy if `rows` is contiguous."""
-    return rows.reshape(-1)[which] if rows.flags.c_contiguous else rows.flat[which]
+def _take(rows: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Compute `rows.flat[positions]`, faster than NumPy if `rows` is contiguous."""
+    return rows.reshape(-1)[positions] if rows.flags.c_contiguous else rows.flat[positions]
 
 
 def broadcast(
@@ -144,7 +144,7 @@ def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarra
     lift the columns take longest; strong motions overturn them soon. If strong motions come last, few lanes
     are idle at the end of a batch.
     """
-    if math.prod(shape) > SORTED:
+    if math.prod(shape) > MAX_SORTED_SCENES:
         return None
     strength = excitations.strength()
     if strength is None or np.size(strength) == 1:

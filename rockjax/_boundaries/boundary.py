@@ -3,9 +3,10 @@ derivatives.
 
 Survival is not monotone in the scale. Under a record, windows (intervals of scales that overturn) may be
 as narrow as 1e-4 of the range, without any effect on neighbouring scales. Therefore scales are evaluated
-from below up to the first that overturns, so closely that no window of the requested width is missed. The
-change from survival to overturning is then enclosed in ever narrower brackets. If all values are concrete,
-the scenes are solved as a batch on all cores; under `jit` one loop solves one row of scales after another.
+from below up to the first that overturns, spaced so closely that no window of the requested width is missed.
+The change from survival to overturning is then enclosed in ever narrower brackets. If all values are
+concrete, the scenes are solved as a batch on all cores; under `jit` one loop solves one row of scales after
+another.
 
 Derivatives of the boundary a* follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M
 just past the boundary. M passes through zero with a nonzero slope, so the derivatives are well conditioned,

@@ -38,14 +38,15 @@ from .refinement import (
 # A plane of scenes: (x, y) ↦ (podium, excitation), for scalars, arrays that broadcast, and tracers.
 Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 
-DOUBTFUL = 0.1  # intervals with a larger `curvature_indicator` are refined; the theoretical limit is 1
+# Intervals with a larger `curvature_indicator` are refined; the theoretical limit is 1.
+MAX_CURVATURE_INDICATOR = 0.1
 REFINEMENT_ROUNDS = 8  # largest number of rounds in which such intervals are refined
 PARTS = 4  # number of parts into which a round divides an interval
 MIN_INTERVAL = 1e-6  # shorter intervals are not refined [length of the line]
 
 DIP_DIVISIONS = 256  # steps beside the lowest dips are divided into at least this number of parts
-WINDOW_DIVISIONS = 16  # the same number for dips in which an overturning interval may open
-NOISE = 0.1  # brackets are not made narrower than this multiple of rtol, relative to y
+WINDOW_DIVISIONS = 16  # this number if only dips are refined in which an overturning interval may open
+BRACKET_RTOL_SHARE = 0.1  # brackets are not made narrower than this multiple of rtol, relative to y
 
 
 class Crossings(NamedTuple):
@@ -77,7 +78,7 @@ def precompile_scan(
     x = np.asarray(x, float)
 
     def solve() -> None:
-        has_distances = _scales_motion(plane, x[:1], max(y_range), options)
+        has_distances = _has_edge_distances(plane, x[:1], max(y_range), options)
         y = np.full(1, min(y_range))
         margins(plane, x[:1], y, scan_options(options, width, np), has_distances=has_distances)
 
@@ -129,7 +130,7 @@ def scan(
     y_range = min(y_range), max(y_range)
     size = y_range[1] - y_range[0]
     coarse = scan_options(options, DEFAULT_WIDTH if width is None else width, np)
-    has_distances = width is not None and _scales_motion(plane, x[:1], y_range[1], options)
+    has_distances = width is not None and _has_edge_distances(plane, x[:1], y_range[1], options)
 
     with bar(None, "scenes", progress, unit_scale=True) as counter:
 
@@ -157,17 +158,20 @@ def scan(
         if np.unique(finished.line).size < x.size:
             raise RuntimeError("no scene of a line finished; raise options.max_steps or loosen rtol")
         starts_surviving = finished.margin[np.searchsorted(finished.line, lines)] > 0
-        left = finished.changes(refine == "first")
-        line, overturns = finished.line[left], finished.margin[left] > 0
-        survivor, other = np.where(overturns, left, left + 1), np.where(overturns, left + 1, left)
+        changes = finished.changes(refine == "first")
+        line, overturns = finished.line[changes], finished.margin[changes] > 0
+        survivor = np.where(overturns, changes, changes + 1)
+        overturned = np.where(overturns, changes + 1, changes)
 
         def evaluate(rows: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             result = solve(np.repeat(line[rows], y.shape[1]), y.ravel(), True)
             return result.margin.reshape(y.shape), result.impacts.reshape(y.shape)
 
         y, margin = finished.y, finished.margin
-        brackets = Brackets(y[survivor], y[other], margin[survivor], margin[other], finished.impacts[other])
-        tolerance = max(BRACKET_TOLERANCE, NOISE * float(options.rtol))
+        brackets = Brackets(
+            y[survivor], y[overturned], margin[survivor], margin[overturned], finished.impacts[overturned]
+        )
+        tolerance = max(BRACKET_TOLERANCE, BRACKET_RTOL_SHARE * float(options.rtol))
         brackets = narrow_brackets(brackets, evaluate, tolerance, LANES * min(2, workers()))
         crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.output_at_b)
     gaps = widest_gaps(solved, spacing, y_range[1])
@@ -220,8 +224,8 @@ def margins(
     return value, impacts, edge_distance
 
 
-def _scales_motion(plane: Plane, x: np.ndarray, max_y: float, options: Options) -> bool:
-    """Return whether edge distances are valid for y: the overturning margin applies (`has_margin`), and the
+def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Options) -> bool:
+    """Return whether scenes have edge distances: the overturning margin applies (`has_margin`), and the
     motion is proportional to y."""
     at_max, at_half = plane(x, np.full(1, max_y)), plane(x, np.full(1, 0.5 * max_y))
     if not has_margin(options, at_max[0]):
@@ -264,7 +268,7 @@ def _refine_curved(solved: SolvedScenes, solve: SolveScenes, finest: float) -> S
     fractions = np.arange(1, PARTS) / PARTS
     for _ in range(REFINEMENT_ROUNDS):
         line, y, margin = solved.line, solved.y, np.nan_to_num(solved.margin, nan=1.0)
-        doubtful = curvature_indicator(y, margin, line[1:] == line[:-1]) > DOUBTFUL
+        doubtful = curvature_indicator(y, margin, line[1:] == line[:-1]) > MAX_CURVATURE_INDICATOR
         left = np.flatnonzero(doubtful & (np.diff(y) > finest))
         if left.size == 0:
             break

@@ -1,7 +1,8 @@
-"""Search for the first boundary of one scene inside a compiled program.
+"""Search for the first boundary of one motion inside a compiled program.
 
-Scales are solved in rows, from below. 1. A coarse row over the whole range shows up to which scale the
-columns never lift. 2. From there, rows at the requested spacing follow up to the first scale that overturns.
+Scales (factors on the motion) are solved in rows, from below. 1. A coarse row over the whole range shows up
+to which scale the columns never lift. 2. From there, rows at the requested spacing follow up to the first
+scale that overturns.
 3. A row at full accuracy confirms the change; otherwise the search continues upwards. 4. The lowest dips
 (minima of the margin) below the change are refined, because windows narrower than the spacing may open there.
 5. The lowest change is enclosed in ever narrower brackets.
@@ -70,9 +71,9 @@ def first_boundary(solve_row: SolveRow, limit: Array, spacing: Array) -> FirstBo
     """
     zero, one = jnp.zeros_like(limit), jnp.ones_like(limit)
     zero_count = jnp.zeros((), jnp.int32)
-    never = jnp.full_like(limit, jnp.inf)
+    infinite = jnp.full_like(limit, jnp.inf)
     dips = jnp.zeros((DIPS, 3), limit.dtype)
-    start = zero_count, zero_count, zero, zero, one, never, -one, zero_count, zero, zero, one
+    start = zero_count, zero_count, zero, zero, one, infinite, -one, zero_count, zero, zero, one
     state = _State(*start, dips, dips + 1)
 
     def advance(state: _State) -> _State:
@@ -99,21 +100,21 @@ def first_boundary(solve_row: SolveRow, limit: Array, spacing: Array) -> FirstBo
 
 
 def _is_unfinished(state: _State, limit: Array) -> Array:
-    is_wide = (
+    is_bracket_wide = (
         jnp.isfinite(state.hi)
         & (state.hi - state.lo > BRACKET_TOLERANCE * state.hi)
         & (state.rounds < MAX_DIVISIONS)
     )
-    return (state.stage < NARROW) | is_wide
+    return (state.stage < NARROW) | is_bracket_wide
 
 
-def _steps(template: Array) -> Array:
+def _row_numbers(template: Array) -> Array:
     """Return the integers 1 … ROW_SIZE with the type of `template`."""
     return jnp.arange(1, ROW_SIZE + 1, dtype=template.dtype)
 
 
 def _coarse_scales(state: _State, limit: Array, spacing: Array) -> Array:
-    return limit * _steps(limit) / ROW_SIZE
+    return limit * _row_numbers(limit) / ROW_SIZE
 
 
 def _update_coarse(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
@@ -125,7 +126,7 @@ def _update_coarse(state: _State, scales: Array, margin: Array, impacts: Array, 
 
 
 def _scan_scales(state: _State, limit: Array, spacing: Array) -> Array:
-    return jnp.minimum(state.scanned_to + spacing * _steps(limit), limit)
+    return jnp.minimum(state.scanned_to + spacing * _row_numbers(limit), limit)
 
 
 def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
@@ -169,7 +170,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
 def _confirm_scales(state: _State, limit: Array, spacing: Array) -> Array:
     """Return scales from the survivor before `lo` to one step after `hi`."""
     end = jnp.minimum(state.hi + (state.hi - state.lo), limit)
-    return state.previous + (end - state.previous) * _steps(limit) / ROW_SIZE
+    return state.previous + (end - state.previous) * _row_numbers(limit) / ROW_SIZE
 
 
 def _update_confirm(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:

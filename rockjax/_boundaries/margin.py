@@ -14,7 +14,7 @@ from rockjax._structures import Podium
 
 DEFAULT_WIDTH = 1e-4  # overturning intervals wider than this fraction of the range are not missed
 SCAN_TOLERANCE = 1e-6  # tolerance of scanned scenes; boundaries between them have about this relative error
-_TINY = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
+_LEAST_SURVIVING_MARGIN = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
 
 
 def has_margin(options: Options, podium: Podium) -> bool:
@@ -43,8 +43,10 @@ def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, uses_margi
     if uses_margin:
         value = floats["margin"]
         # Rounding may give the margin the wrong sign.
-        return xp.where(overturned, xp.minimum(value, 0.0), xp.maximum(value, _TINY))
-    return xp.where(overturned, -1.0, xp.maximum(1 - floats["peak_rotation"] / overturn_ratio, _TINY))
+        return xp.where(overturned, xp.minimum(value, 0.0), xp.maximum(value, _LEAST_SURVIVING_MARGIN))
+    return xp.where(
+        overturned, -1.0, xp.maximum(1 - floats["peak_rotation"] / overturn_ratio, _LEAST_SURVIVING_MARGIN)
+    )
 
 
 def boundary_residual(floats: dict[str, Any], uses_margin: bool):

@@ -11,15 +11,19 @@ BYTES_PER_SENSITIVITY = 32  # additional memory per scene and sensitivity parame
 SYSTEM = Path("/")
 
 # Advice in error messages.
-SWEEP = (
+REQUEST_FEWER_OR_SWEEP = (
     "request fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them in chunks "
     "and stores them on disk"
 )
-FEWER_LINES = "request fewer at a time"
+REQUEST_FEWER = "request fewer at a time"
 
 
 def require_memory(
-    owner: str, number: int, bytes_each: int = BYTES_PER_SCENE, noun: str = "scenes", advice: str = SWEEP
+    owner: str,
+    number: int,
+    bytes_each: int = BYTES_PER_SCENE,
+    noun: str = "scenes",
+    advice: str = REQUEST_FEWER_OR_SWEEP,
 ) -> None:
     """Raise `ValueError` if a number of scenes does not fit into free memory, as reported by Linux.
 

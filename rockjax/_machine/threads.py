@@ -12,7 +12,7 @@ from typing import Any
 
 import jax
 
-TABLES = "xarray", "dask.array"  # xarray imports dask.array, if installed, for the first Dataset
+TABLE_MODULES = "xarray", "dask.array"  # xarray imports dask.array, if installed, for the first Dataset
 
 # The thread pool, once it exists. It starts another thread if none is idle, up to 1024, so waiting threads do
 # not block others. All threads finish their work before the process ends.

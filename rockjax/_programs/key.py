@@ -25,7 +25,7 @@ import numpy as np
 
 _OWN_PACKAGES = ("rockjax", "optimise")  # identified by their source
 _LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")  # identified by version
-_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source affects no program
+_FOLDERS_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source affects no program
 _PROCESSOR = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "features", "cpu part")
 # JAX's settings are ignored if their name contains one of these words.
 _IGNORED_SETTINGS = ("cache", "log", "dump", "traceback", "profil", "hash")
@@ -158,7 +158,7 @@ def source_hash() -> str:
         folder = Path(origin).parent
         for file in sorted([*folder.rglob("*.py"), *folder.glob("*/*.json")]):
             path = file.relative_to(folder)
-            if path.parts[0] not in _WITHOUT_PROGRAMS:
+            if path.parts[0] not in _FOLDERS_WITHOUT_PROGRAMS:
                 digest.update(f"{package}/{path.as_posix()}\0".encode())
                 digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -15,7 +15,7 @@ from rockjax._batch.batch import peak_responses
 from rockjax._checks import as_float, format_value, require
 from rockjax._lognormal import Lognormal
 from rockjax._machine.memory import require_memory
-from rockjax._machine.threads import TABLES, import_in_background
+from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.provenance import record_coords
 from rockjax._options import Options
@@ -95,7 +95,7 @@ def contents_fragility(
     measure = checked_measure(owner, measure, records)
     x = checked_intensities(owner, at, levels)
     require_memory(owner, len(records) * levels.size)
-    import_in_background(*TABLES)
+    import_in_background(*TABLE_MODULES)
     record_index = np.arange(len(records), dtype=np.int32)[:, None]
     scaled = records.pick_scaled(record_index, levels / np.asarray(measure.values, float)[record_index])
     block_tuple = tuple(blocks.values())

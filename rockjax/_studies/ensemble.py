@@ -15,7 +15,7 @@ from rockjax import _results as results
 from rockjax._batch.batch import peak_responses
 from rockjax._checks import as_float, require, require_instance, require_number, require_whole
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._machine.threads import TABLES, import_in_background
+from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import AnyMotions
 from rockjax._motions.provenance import describe_motions
 from rockjax._options import Options
@@ -97,7 +97,7 @@ def ensemble(
     motion_index = None if labels is None else generator(seed, "motion").integers(len(labels), size=n)
     variants = Variants(podium, motion, initial, motion_index)
     podiums, excitations, start = variants.scenes(draws)
-    import_in_background(*TABLES)
+    import_in_background(*TABLE_MODULES)
     message = None
     try:
         peaks = peak_responses(

@@ -11,7 +11,7 @@ from jaxtyping import ArrayLike, Float
 
 from rockjax._checks import as_float, format_value, require, require_number
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._machine.threads import TABLES, import_in_background
+from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import AnyMotions, single_motions
 from rockjax._motions.motion import Motion, Motions
 from rockjax._motions.provenance import describe_origin
@@ -142,7 +142,7 @@ def floor_spectrum(
     start = as_start(owner, initial, podium)
     for member in members:
         sensitivities = check_sensitivities(owner, podium, member, sensitivities)
-    import_in_background(*TABLES)
+    import_in_background(*TABLE_MODULES)
     stories = {str(y): y for y in levels if y != DECK} if sensitivities else {}
     request = _Request(weights_by_level, stories, T, zeta, direction, tuple(sensitivities))
     labels = None if not is_suite else list(range(1, len(members) + 1)) if names is None else names

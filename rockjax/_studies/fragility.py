@@ -17,8 +17,8 @@ from rockjax._boundaries.implicit import log_sensitivities
 from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, as_strings, require, require_instance
 from rockjax._lognormal import Lognormal, fit_capacities
-from rockjax._machine.memory import FEWER_LINES, require_memory
-from rockjax._machine.threads import TABLES, import_in_background
+from rockjax._machine.memory import REQUEST_FEWER, require_memory
+from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.intensity import measure_by_label
 from rockjax._motions.motion import Motions
@@ -199,7 +199,7 @@ def incremental_dynamic_analysis(
     measure = checked_measure(owner, measure, records)
     unscaled = np.asarray(measure.values, float)
     count = len(records)
-    require_memory(owner, count * (levels.size + resolution + 1), advice=FEWER_LINES)
+    require_memory(owner, count * (levels.size + resolution + 1), advice=REQUEST_FEWER)
 
     def plane(x, y):
         """Return the scenes of records with the indices x, scaled to intensities y."""
@@ -207,7 +207,7 @@ def incremental_dynamic_analysis(
         # NumPy, because JAX compiles a program for every shape.
         return podium, records.pick_scaled(record_index, y / unscaled[record_index])
 
-    import_in_background(*TABLES)
+    import_in_background(*TABLE_MODULES)
     indices, search_range = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, indices, search_range, options, width)
     peaks = peak_responses(*plane(indices[:, None], levels), options=options, progress=progress)

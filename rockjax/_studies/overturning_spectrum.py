@@ -19,8 +19,8 @@ from rockjax._boundaries.implicit import log_sensitivities
 from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, require
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._machine.memory import FEWER_LINES, require_memory
-from rockjax._machine.threads import TABLES, import_in_background
+from rockjax._machine.memory import REQUEST_FEWER, require_memory
+from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._parameters.registry import variable_attributes
@@ -87,7 +87,7 @@ def overturning_spectrum(
     check_single(owner, podium)
     check_search(owner, width, resolution)
     check_parameters(owner, podium, sensitivities, more=["T_p"])
-    require_memory(owner, x.size * (resolution + 1), advice=FEWER_LINES)
+    require_memory(owner, x.size * (resolution + 1), advice=REQUEST_FEWER)
     derived = derived_numbers(podium)
     g_tan_alpha, p = derived["g_tan_alpha_m_s2"], derived["p_rad_s"]
 
@@ -96,7 +96,7 @@ def overturning_spectrum(
         return podium, pulse(y * g_tan_alpha, pulse_period(p, x))
 
     max_ratio = float(max_acceleration_ratio)
-    import_in_background(*TABLES)
+    import_in_background(*TABLE_MODULES)
     search = scan(plane, x, (0.0, max_ratio), resolution, options, progress, width=width)
     data = _dataset(podium, pulse, x, search, derived, options)
     data.attrs |= {"max_acceleration_ratio": max_ratio, "scenes": search.scenes}

@@ -13,7 +13,7 @@ from rockjax._boundaries.boundary import check_limit, check_search
 from rockjax._boundaries.crossings import precompile_scan, scan
 from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._checks import as_float, require
-from rockjax._machine.threads import TABLES, import_in_background
+from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.provenance import record_coords
 from rockjax._options import Options
@@ -85,7 +85,7 @@ def record_spectrum(
         record, size = np.divmod(np.asarray(x).astype(np.int32), sizes.size)
         return podium.replace(R=R[size]), records.pick_scaled(record, y)
 
-    import_in_background(*TABLES)
+    import_in_background(*TABLE_MODULES)
     cells = np.arange(count * sizes.size)
     scale_range = (0.0, float(max_scale))
     precompile_scan(plane, cells, scale_range, options, width)

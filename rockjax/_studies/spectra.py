@@ -16,7 +16,7 @@ from rockjax._batch.batch import responses, warn_of_failures
 from rockjax._checks import as_float, as_strings, format_value, require, require_instance
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES_PER_SCENE, BYTES_PER_SENSITIVITY, require_memory
-from rockjax._machine.threads import TABLES, import_in_background, submit
+from rockjax._machine.threads import TABLE_MODULES, import_in_background, submit
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._outputs.base import JOINTS
@@ -126,7 +126,7 @@ def rocking_spectra(
     total = len(podiums) * axes["frequency_ratio"].size * axes["acceleration_ratio"].size
     require_memory(owner, total, BYTES_PER_SCENE + len(names) * BYTES_PER_SENSITIVITY)
     groups = list(group_by_structure(podiums).values())
-    import_in_background(*TABLES)
+    import_in_background(*TABLE_MODULES)
     derived = [derived_numbers(podium) for podium in podiums]
 
     resumed = _check_resumed(owner, resume, podiums, pulse, axes, options, names)

@@ -184,7 +184,7 @@ def test_lanes_are_busy_and_no_scene_is_lost():
 def test_every_scene_is_dealt_to_a_thread_once(total, threads, name):
     """Chunks fit the lanes, and all threads get equal work, except for remainders that fill no lanes or are
     too small for a thread."""
-    from rockjax._batch.batch import QUICK, _chunks, layout
+    from rockjax._batch.batch import QUICK_SCENES_PER_LANE, _chunks, layout
     from rockjax._batch.executors import ThreadExecutor
     from rockjax._batch.scenes import broadcast
 
@@ -197,7 +197,7 @@ def test_every_scene_is_dealt_to_a_thread_once(total, threads, name):
     np.testing.assert_array_equal(np.sort(np.concatenate(dealt)), np.arange(total))
     sizes = np.array([chunk.scenes for chunk in chunks])
     assert np.all((sizes > 0) & (sizes <= made.size))
-    busy = min(threads, -(-total // (made.lanes * (QUICK if scenes.is_quick else 1))))
+    busy = min(threads, -(-total // (made.lanes * (QUICK_SCENES_PER_LANE if scenes.is_quick else 1))))
     assert len(chunks) >= busy
     by_thread = [sizes[k::busy].sum() for k in range(busy)]
     assert max(by_thread) - min(by_thread) <= len(chunks)
@@ -256,7 +256,7 @@ def test_rows_are_stored_once_however_many_scenes_share_them():
 def test_scenes_begin_in_the_order_of_their_motions_strength():
     """The order of the batch has no effect. Scenes under strong motions end soon, so they are started
     last."""
-    from rockjax._batch.scenes import SORTED, SceneIndices, broadcast
+    from rockjax._batch.scenes import MAX_SORTED_SCENES, SceneIndices, broadcast
 
     a_p = np.random.default_rng(0).permutation(amplitudes(200)) * np.where(np.arange(200) % 2, 1, -1)
     of = lambda motion: broadcast("", PODIUMS["rigid"], motion, rj.State(), None)[0]
@@ -270,7 +270,7 @@ def test_scenes_begin_in_the_order_of_their_motions_strength():
     np.testing.assert_array_equal(of(grid).in_grid(np.arange(6)), [0, 1, 3, 2, 4, 5])
     assert of(rj.GroundMotion(grid, grid)).order is not None
     # The order stays unchanged if all scenes have one motion, and in large batches.
-    assert of(rj.Ricker(np.ones(SORTED + 1), 1.0)).order is None
+    assert of(rj.Ricker(np.ones(MAX_SORTED_SCENES + 1), 1.0)).order is None
     assert of(rj.Rest()).order is None
 
 

@@ -64,7 +64,7 @@ def scanned(motions, monkeypatch, refine: Any = "first") -> crossings.Scan:
         return value, np.full(y.shape, 3), reach
 
     monkeypatch.setattr(crossings, "margins", margins)
-    monkeypatch.setattr(crossings, "_scales_motion", lambda *_: True)
+    monkeypatch.setattr(crossings, "_has_edge_distances", lambda *_: True)
     nothing = cast(crossings.Plane, None)
     return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, refine=refine, width=WIDTH)
 
