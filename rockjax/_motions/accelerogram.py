@@ -91,17 +91,17 @@ class Accelerogram:
     @property
     def pgv(self) -> float:
         """Peak ground velocity [m/s], including peaks between samples, where ü_g crosses zero."""
-        start, end, velocity_at_start = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
-        crosses = start * end < 0
-        rise = 0.5 * self.dt * start[crosses] ** 2 / (start[crosses] - end[crosses])
-        return float(np.abs(np.concatenate([self.velocity, velocity_at_start[crosses] + rise])).max())
+        a, next_a, velocity = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
+        crosses_zero = a * next_a < 0
+        increase = 0.5 * self.dt * a[crosses_zero] ** 2 / (a[crosses_zero] - next_a[crosses_zero])
+        return float(np.abs(np.concatenate([self.velocity, velocity[crosses_zero] + increase])).max())
 
     @property
     def pgd(self) -> float:
         """Peak ground displacement [m], including peaks between samples, where the velocity crosses zero."""
         a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
         slope = np.diff(self.acceleration) / dt
-        # Roots of v + aτ + ½ slope τ² = 0, from the sum of terms with equal signs.
+        # Roots of v + aτ + ½ slope τ² = 0. The sum of terms with equal signs has no cancellation.
         root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
         stable_sum = -(a + np.copysign(root, a))
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -11,7 +11,7 @@ _UP_NAME = re.compile(
 _DOWN_NAME = re.compile(r"(?:dn|dwn|down|downwards?|vertdown)\d*")
 # Channel codes of band, instrument and orientation (HNZ, BHZ), optionally with a location before or after.
 _CHANNEL_CODE = re.compile(r"(?:\d{2})?[a-z]{2}z\d{0,2}|\d{2}z")
-# Suffixes of vertical components, longer ones first. Ordinary words rarely end like this.
+# Suffixes of vertical components, longer ones first. Other names rarely end like this.
 _VERTICAL_SUFFIX = re.compile(
     r"[-_. ]?(VERTICAL|VERT|VRT|VER|U-?D\d?|UP|DWN|DOWN|[A-Z]{2}Z\d{0,2}|V|Z)\.?$", re.IGNORECASE
 )

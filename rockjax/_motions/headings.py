@@ -23,7 +23,8 @@ _QUANTITIES = [
     ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
     ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
 ]  # fmt: skip
-# Kind of quantity ↦ dimensions that its unit may have. Any other kind allows only the dimension of its name.
+# Kind of quantity ↦ dimensions that its unit may have. Units of all other kinds have the dimension of the
+# same name.
 _DIMENSIONS = {
     "probability": {"ratio"},
     "rate": {"rate", "ratio"},
@@ -31,8 +32,9 @@ _DIMENSIONS = {
     "acceleration": {"acceleration", "counts"},
     "velocity": {"velocity", "counts"},
 }
-_PERIOD = re.compile(r"\b(P?S[ad])[ _]?\(\s*(?:T\d?\s*=\s*)?([\d.]+)\s*(?:s|sec)?\s*\)", re.I)
-_YEARS = re.compile(
+# A spectral value with its period: Sa(0.3), SA(T=1.0 s).
+_SPECTRAL_VALUE = re.compile(r"\b(P?S[ad])[ _]?\(\s*(?:T\d?\s*=\s*)?([\d.]+)\s*(?:s|sec)?\s*\)", re.I)
+_YEARS = re.compile(  # investigation time: "in 50 years"
     r"[\[(]?\s*(?:\b(?:in|over|during|for|per|within)\s+)?"
     r"(?<![\d.])(\d+(?:\.\d+)?)[\s-]*(?:years?|yrs?|y|a)\b\s*[\])]?",
     re.I,
@@ -81,7 +83,7 @@ def parse_heading(where: str, text: str) -> Heading:
             years, words = float(match[1]), words[: match.start()] + " " + words[match.end() :]
         elif re.search(r"annual|yearly|per (?:year|annum)", words, re.I):
             years, words = 1.0, re.sub(r"\s*per (?:year|annum)", "", words, flags=re.I)
-    if match := _PERIOD.search(words):
+    if match := _SPECTRAL_VALUE.search(words):
         standard_name = f"{'Sd' if match[1][-1] in 'dD' else 'Sa'}({float(match[2]):g} s)"
         words = words.replace(match[0], match[1])
     quantity, unit = _split(where, text, words.strip(" ,;:/"))

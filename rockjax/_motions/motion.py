@@ -94,7 +94,7 @@ class Motion(Accelerogram):
         """Return the motion with the sampling interval `dt` [s], band-limited (`scipy.signal.resample_poly`).
 
         Frequencies above the lower of the two Nyquist frequencies are filtered out, so that none are
-        aliased; lower frequencies stay. The straight line through the first and the last sample is not
+        aliased; lower frequencies are kept. The straight line through the first and the last sample is not
         filtered, so that an offset does not ring at the ends. The first sample keeps its time.
 
         Raises `ValueError` for dt ≤ 0, for a dt longer than the duration, and if the ratio of the two

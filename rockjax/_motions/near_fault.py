@@ -159,8 +159,8 @@ def fit_pulse(
     starts += starts[:1] * (STARTS - len(starts))
     stacked_starts = jax.tree.map(lambda *ys: np.stack(ys), *starts)
     leaves = _refit_stacked(record.acceleration, record.dt, stacked_starts, quantity=quantity)
-    structure = jax.tree.structure(dataclasses.replace(starts[0], quantity=quantity))
-    fits = jax.tree.unflatten(structure, [np.asarray(y) for y in leaves])
+    treedef = jax.tree.structure(dataclasses.replace(starts[0], quantity=quantity))
+    fits = jax.tree.unflatten(treedef, [np.asarray(y) for y in leaves])
     best = int(np.nanargmax(fits.share))
     return jax.tree.map(lambda y: as_float(y[best]), fits)
 
@@ -198,17 +198,17 @@ def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tu
     explains, the time of its centre, A, γ and ν."""
     from scipy.signal import fftconvolve
 
-    half = math.floor(0.5 * gamma / f_p / dt)  # number of samples in half of the pulse
-    phase = 2 * math.pi * f_p * dt * np.arange(-half, half + 1)
+    half_count = math.floor(0.5 * gamma / f_p / dt)  # number of samples in half of the pulse
+    phase = 2 * math.pi * f_p * dt * np.arange(-half_count, half_count + 1)
     window = 0.5 * (1 + np.cos(phase / gamma))
     shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
-    # Normal equations for every time of the centre; one shape is even, the other odd, so they are diagonal.
+    # Normal equations for every time of the centre, diagonal since one shape is even and the other odd.
     correlations = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
     norms = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
     explained = np.sum(correlations**2 / norms, axis=0)
     k = int(np.argmax(explained))
     a, b = (correlations / norms)[:, k]
-    return float(explained[k]), (k - half) * dt, math.hypot(a, b), gamma, math.atan2(b, a)
+    return float(explained[k]), (k - half_count) * dt, math.hypot(a, b), gamma, math.atan2(b, a)
 
 
 def refit_pulse(
@@ -240,10 +240,10 @@ def refit_pulse(
         increments = dt * (0.5 * (target[1:] + target[:-1])) - dt**2 / 12 * jnp.diff(acceleration)
         target = jnp.concatenate([jnp.zeros(1), jnp.cumsum(increments)])
     amplitude = jax.lax.stop_gradient(jnp.max(jnp.abs(target)))
-    shape = _velocity if quantity == "velocity" else _displacement
+    fitted = _velocity if quantity == "velocity" else _displacement
 
     def residual(y, target):
-        return (shape(_pulse(y), t - y[4]) - target) / amplitude
+        return (fitted(_pulse(y), t - y[4]) - target) / amplitude
 
     pulse = start.pulse
     y = jnp.stack([pulse.A, jnp.log(pulse.f_p), jnp.log(pulse.gamma - 1), pulse.nu, jnp.asarray(start.time)])
@@ -286,10 +286,10 @@ def _displacement(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float
     [m]."""
     half, omega = 0.5 * pulse.gamma / pulse.f_p, 2 * math.pi * pulse.f_p
 
-    def integral(t):
+    def integral(time):
         terms = ((0.5, omega), (0.25, omega * (1 + 1 / pulse.gamma)), (0.25, omega * (1 - 1 / pulse.gamma)))
         return sum(
-            (weight / rate * jnp.sin(rate * t + pulse.nu) for weight, rate in terms), jnp.zeros_like(t)
+            (weight / rate * jnp.sin(rate * time + pulse.nu) for weight, rate in terms), jnp.zeros_like(time)
         )
 
     clipped = jnp.clip(t, -half, half)

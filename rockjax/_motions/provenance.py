@@ -62,8 +62,8 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
         coords = record_coords(excitations)
         names = {"dt": "record_dt_s", "PGA": "record_pga_m_s2", "sha256": "record_sha256"}
         return {name: np.asarray(coords[key][1]).tolist() for key, name in names.items()}
-    single = isinstance(excitations, Record) and np.ndim(excitations.acceleration) == 1
-    return describe_record(excitations) if single and not np.ndim(excitations.scale) else {}
+    is_single = isinstance(excitations, Record) and np.ndim(excitations.acceleration) == 1
+    return describe_record(excitations) if is_single and not np.ndim(excitations.scale) else {}
 
 
 def _named_motions(argument: Any) -> list[Motion]:

@@ -67,7 +67,7 @@ def read_suite(
       Empty cells count as missing, and other columns become metadata
     - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; cells of the table have
       priority
-    - `scale`: factor on all motions [–]; it is multiplied by the factor in the table
+    - `scale`: factor on all motions [–], multiplied by the column `scale` of the table
     - `pattern`: read only the files of a folder whose names match, such as `"*.AT2"`, and ignore `suite.csv`
 
     Raises `ValueError`, which lists all files that cannot be read, each with the cause.
@@ -96,11 +96,11 @@ def read_suite(
                 dt,
                 scale,
                 component,
-                pattern,
+                advises_pattern=pattern is None,
             )
     elif pattern is not None:
         raise ValueError(f"{path}: pattern applies to folders, but this is a file; leave pattern out")
-    return _read_all(path, _table(path), units, dt, scale, component, "")
+    return _read_all(path, _read_table(path), units, dt, scale, component, advises_pattern=False)
 
 
 def is_table(path: Path) -> bool:
@@ -116,7 +116,7 @@ def is_table(path: Path) -> bool:
     return "file" in first_line.strip().split(",")
 
 
-def _table(path: Path) -> list[tuple[str, dict[str, str]]]:
+def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
     """Return the rows of a table of files: location `file:line`, for messages, and non-empty cells."""
     reader = csv.reader(io.StringIO(read_text(path), newline=""))
     try:
@@ -167,10 +167,21 @@ def _parse_cell(where: str, row: dict[str, str], name: str) -> float | None:
 
 
 def _read_all(
-    path: Path, rows: list[tuple[str, dict[str, str]]], units, dt, scale: float, component, pattern
+    path: Path,
+    rows: list[tuple[str, dict[str, str]]],
+    units,
+    dt,
+    scale: float,
+    component,
+    *,
+    advises_pattern: bool,
 ) -> Motions:
-    """Read the files in the rows (location for messages, cells) of the folder or table `path`. With `pattern`
-    None, the message about unreadable files advises one."""
+    """Read the files of a folder or table.
+
+    - `path`: the folder or table; `rows`: for each file, its location for messages, and its table cells
+    - `units`, `dt`, `scale`, `component`: as for `read_suite`
+    - `advises_pattern`: whether the message about unreadable files advises the argument `pattern`
+    """
     motions, problems = [], []
     for where, row in rows:
         row_component = row.get("component", component)
@@ -203,7 +214,7 @@ def _read_all(
     if problems:
         hint = (
             "; a pattern such as '*.AT2' (on the command line --pattern) selects files"
-            if pattern is None
+            if advises_pattern
             else ""
         )
         raise ValueError(

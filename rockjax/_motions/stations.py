@@ -21,12 +21,14 @@ def pair_motions(motions: Sequence[M]) -> tuple[M, ...]:
     horizontal: list[M] = []
     for motion in motions:
         if _is_vertical(motion):
-            vertical[_station(motion)].append(motion)
+            vertical[_station_key(motion)].append(motion)
         else:
             horizontal.append(motion)
     problems, pairs = [], []
     for motion in horizontal:
-        matches = _match_depth(motion, vertical.get(_station(motion), [])) or _match_name(motion, vertical)
+        matches = _match_depth(motion, vertical.get(_station_key(motion), [])) or _match_name(
+            motion, vertical
+        )
         if len(matches) == 1:
             pairs.append(dataclasses.replace(motion, vertical=_orient_upwards(matches[0])))
         else:
@@ -52,15 +54,16 @@ def _is_vertical(motion: Accelerogram) -> bool:
     return is_vertical(component) if component else split_name(motion.name)[1] != ""
 
 
-def _station(motion: Accelerogram) -> tuple[str, ...]:
-    """Return station, event and date; the name of the motion if the header contains no station."""
-    description = [str(motion.metadata.get(key) or "") for key in ("station", "event", "date")]
-    return tuple(description) if description[0] else ("", motion.name)
+def _station_key(motion: Accelerogram) -> tuple[str, ...]:
+    """Return a key for motions that belong together: station, event and date, or the name of the motion if
+    the header states no station."""
+    key = [str(motion.metadata.get(name) or "") for name in ("station", "event", "date")]
+    return tuple(key) if key[0] else ("", motion.name)
 
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
-    """Return the vertical motions with the longest stem (name without component) with which the motion's
-    name starts. The list is empty if the motion's header states a station."""
+    """Return the vertical motions whose stem (name without component) is the longest with which the name of
+    the motion starts. The list is empty if the motion's header states a station."""
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]

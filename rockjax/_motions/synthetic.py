@@ -120,7 +120,7 @@ def synthetic_motions(
     - `duration`: duration [s], at least 50 dt
     - `pga`: peak of the noise, without the pulse, > 0 [m/s²]
     - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][], or one for each motion. The pulse is centred on the
-      peak of the envelope if it fits there into the motion, otherwise as near to the peak as possible.
+      peak of the envelope, or as near to it as the duration permits.
       Mavroeidis & Papageorgiou (2003) find A about 1 m/s close to the fault and
       log10(1/f_p) = 0.5 M_w − 2.9 for the moment magnitude M_w
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil (Kanai 1957, Tajimi 1960);

@@ -40,7 +40,7 @@ def check_precision(options: Options) -> None:
 
 @functools.cache
 def _least_tolerance(dtype: np.dtype) -> tuple[float, str]:
-    """Return the least `rtol` of a floating-point type, and the words for this limit in an error message."""
+    """Return the least `rtol` of a floating-point type, and the part of an error message that states it."""
     least = 20 * float(np.finfo(dtype).eps)
     return least, f">= {least:.1e} in {dtype} (loosen it, or enable float64 with jax_enable_x64)"
 
@@ -128,7 +128,7 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
-IN_G = 0.05, 1.0  # amplitudes in this range may be meant in g: in m/s² they would lift almost no structure
+IN_G = 0.05, 1.0  # [m/s²]; such amplitudes lift almost no structure, so they may be meant in g
 
 
 def warn_of_amplitude_in_g(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:

@@ -127,7 +127,7 @@ def _restrainers_from_json(text: str) -> tuple[AbstractRestrainer, ...]:
 
 
 def podium_of(attributes: Mapping[str, Any]) -> Podium:
-    """Return the podium from the attributes that `describe_podium` has returned."""
+    """Return the podium that `describe_podium` has described by these attributes."""
     makers = {
         "none": lambda: None,
         "rigid": lambda: Rigid(attributes["eta"]),
@@ -158,8 +158,8 @@ def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
         vertical = {f"vertical_{name}": y for name, y in describe_excitation(excitation.vertical).items()}
         return describe_excitation(excitation.horizontal) | vertical
     values = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
-    samples = describe_record(excitation) if isinstance(excitation, Record) else {}
-    return {"pulse": type(excitation).__name__, **samples} | {
+    record_attributes = describe_record(excitation) if isinstance(excitation, Record) else {}
+    return {"pulse": type(excitation).__name__, **record_attributes} | {
         _motion_attribute(name): float(y)
         for name, y in values.items()
         if isinstance(y, ARRAYS) and y.ndim == 0
@@ -168,12 +168,12 @@ def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
 
 def _motion_attribute(name: str) -> str:
     attribute = attribute_name(motion_parameter(name))
-    # A name without a unit gets the prefix, because a parameter of the podium may have the same name.
+    # A name without a unit gets a prefix, because a parameter of the podium may have the same name.
     return f"pulse_{name}" if attribute == name else attribute
 
 
 def describe_options(options: Options) -> dict[str, Any]:
-    """Return tolerances, method and versions, for the attributes of a file."""
+    """Return method, tolerances, overturn ratio and versions, for the attributes of a file."""
     return {
         "method": options.method if isinstance(options.method, str) else type(options.method).__name__,
         "rtol": float(options.rtol),

@@ -25,17 +25,18 @@ from rockjax._tree import Module
 # The true error is below this multiple of the estimate, except for one scene in a hundred
 # (docs/verification.md).
 SAFETY = 10.0
-FINER = 0.1  # tolerance of the second solution divided by that of the first
-# Two solutions have diverged if their `EnergeticImpacts` sums differ by more than this: 1/16 % of the speed
-# of an impact with |θ̇| = pα. Chaotic solutions may agree by chance; a low threshold makes this less likely.
+FINER = 0.1  # tolerance of the second solution divided by that of the first, unless rounding prevents this
+# Two solutions have diverged if their sums of `EnergeticImpacts` differ by more than this, which corresponds
+# to 1/16 % in the speed of an impact with |θ̇| = pα. A low threshold makes it less likely that chaotic
+# solutions agree by chance.
 DIVERGED = 0.005
-# Rocking is chaotic if the error exceeds this multiple of `rtol` and this fraction of the peak. The
-# difference of two solutions is then a random sample, not an estimate.
+# Rocking is chaotic if the peak rotations of both solutions differ, relative to the peak, by more than
+# AMPLIFIED times `rtol` and more than LARGE. The difference is then a random sample, not an estimate.
 AMPLIFIED, LARGE = 1e5, 1e-3
-# Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–]. It
+# Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–], which
 # corresponds to 1 % in the distance to the overturning boundary.
 FALL_DIFFERENCE = 0.01
-SHORTER = 0.7  # factor on the longest steps in the second solution
+SHORTER = 0.7  # factor on the upper limit of the step length in the second solution
 
 
 class Errors(Module):
@@ -46,7 +47,7 @@ class Errors(Module):
       were not requested, None for outputs that the podium does not have
     - `undecided`: True if an error of ten times the estimate could decide whether the columns overturn, or if
       rocking is chaotic: the two solutions differ in impacts after which columns can overturn, in the time
-      of overturning, or in the peak rotation by more than 10⁵ `rtol` and a thousandth of the peak
+      of overturning, or in the peak rotation by more than both 10⁵ `rtol` and 10⁻³, relative to the peak
     """
 
     values: dict[str, Any]
@@ -75,16 +76,17 @@ def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
     - `a`, `b`: floats of both solutions by name
     - `xp`: NumPy or jax.numpy
 
-    Peaks alone do not show this, since both solutions may survive by chance with the same earlier peak. One
-    solution may have one impact more than the other. If both overturn, the times of overturning are compared.
+    Peaks alone do not show this, since both solutions may survive by chance with the same earlier peak.
+    Solutions that agree except for one more impact at the end of one of them have not diverged. If both
+    overturn, the times of overturning are also compared.
     """
     difference, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
-    one_more = xp.minimum(abs(difference - last[0]), abs(difference + last[1]))
+    if_one_more = xp.minimum(abs(difference - last[0]), abs(difference + last[1]))
     # Sums may be equal by chance although the last impacts differ.
-    by_chance = (abs(last[0] - last[1]) > DIVERGED) & (xp.minimum(*last) > DIVERGED)
-    same_count = xp.where(by_chance, xp.inf, abs(difference))
+    equal_by_chance = (abs(last[0] - last[1]) > DIVERGED) & (xp.minimum(*last) > DIVERGED)
+    if_same_count = xp.where(equal_by_chance, xp.inf, abs(difference))
     falls_differ = abs(a["fall_time"] - b["fall_time"]) > FALL_DIFFERENCE  # False if one time is NaN
-    return falls_differ | (xp.minimum(same_count, one_more) > DIVERGED)
+    return falls_differ | (xp.minimum(if_same_count, if_one_more) > DIVERGED)
 
 
 def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Options, xp) -> Errors:
@@ -97,8 +99,9 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
     rtol, overturn_ratio = (xp.asarray(y) for y in (options.rtol, options.overturn_ratio))
     if xp is jnp:
         first, second = jax.lax.stop_gradient((first, second))
-    (a, flags), (b, second_flags) = first, second
-    unfinished = (flags["code"] > results.OVERTURNED) | (second_flags["code"] > results.OVERTURNED)
+    (a, integers), (b, second_integers) = first, second
+    codes = integers["code"], second_integers["code"]
+    unfinished = (codes[0] > results.OVERTURNED) | (codes[1] > results.OVERTURNED)
 
     def difference_of(name):
         equal = a[name] == b[name]  # both may be inf
@@ -107,7 +110,7 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
         return xp.where(is_unknown & ~xp.isnan(a[name]), xp.inf, difference)
 
     rotation = difference_of("peak_rotation")
-    overturned = flags["overturned"]
+    overturned = integers["overturned"]
     # `fall` is proportional to the excess energy at the overturning angle, which is zero on the boundary.
     is_close = xp.where(
         overturned,
@@ -115,7 +118,7 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
         a["peak_rotation"] + SAFETY * rotation >= overturn_ratio,
     )
     is_chaotic = rotation > xp.maximum(AMPLIFIED * rtol, LARGE) * a["peak_rotation"]
-    undecided = unfinished | (overturned != second_flags["overturned"]) | is_close | is_chaotic
+    undecided = unfinished | (overturned != second_integers["overturned"]) | is_close | is_chaotic
     undecided = undecided | _have_diverged(a, b, xp)
     variables = VARIABLES | variables_of(options.outputs)
     values = {

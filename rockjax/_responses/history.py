@@ -31,7 +31,7 @@ POINTS = 10  # Gauss–Legendre points in each step; the quadrature error is far
 
 
 class Energies(Module):
-    """Balance of energy, per N m_c [m²/s²].
+    """Balance of energy [m²/s²]; all energies are divided by N m_c, the mass of all columns.
 
     initial + input = mechanical + impacts + damping + dampers + residual:
 
@@ -97,7 +97,8 @@ def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vect
     return quantities
 
 
-# Times and nodes are padded so that histories share programs: to FEW_TIMES, or by `common_size(…, *TIMES)`.
+# Arrays of times and nodes are padded to few lengths, so that histories share programs: up to FEW_TIMES times
+# to this length, longer ones to `common_size(length, *TIMES)`, and nodes to `common_size(length, *NODES)`.
 FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
@@ -134,7 +135,7 @@ def sample(
     """
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
-    if c.vibration is None:  # a step in full contact may cover many pieces
+    if c.vibration is None:  # then one step in full contact may cover many pieces of the ground motion
         piece = jnp.where(sigma == 0, excitation.locate(t), piece)
     ground_at = excitation.piece(piece)
 
@@ -175,9 +176,9 @@ def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
-    def at_time(s, left):
-        instant = sample(c, excitation, nodes, method, node_before(nodes, s, left), s)
-        is_inside = (s >= nodes.t[0]) & (s <= end)
+    def at_time(time, is_left):
+        instant = sample(c, excitation, nodes, method, node_before(nodes, time, is_left), time)
+        is_inside = (time >= nodes.t[0]) & (time <= end)
         x, v = (tuple(jnp.where(is_inside, y, jnp.nan) for y in ys) for ys in (instant.x, instant.v))
         return _quantities(c, instant.sigma, instant.ground, x, v)
 
@@ -200,22 +201,23 @@ def balance(scene: Solved, t, left):
     k = jnp.where(indices < nodes.used, indices, 0)
     is_last = k + 1 >= nodes.used
     stops = jnp.where(is_last | (indices >= nodes.used), nodes.t[k], nodes.t[jnp.minimum(k + 1, size - 1)])
-    before = jax.vmap(lambda s, left: node_before(nodes, s, left))(t, left)
+    before = jax.vmap(lambda time, is_left: node_before(nodes, time, is_left))(t, left)
     starts, stops = jnp.concatenate([k, before]), jnp.concatenate([stops, t])
 
-    def advance(z, k, stop):
-        """Return motion, powers and energy at the fraction z of the step from node k to the time `stop`."""
-        time = jnp.where(z == 1, stop, nodes.t[k] + z * (stop - nodes.t[k]))
-        instant = sample(c, excitation, nodes, method, k, time)
+    def advance(fraction, node, stop):
+        """Return motion, powers and energy at a fraction of the step from a node to the time `stop`."""
+        start = nodes.t[node]
+        time = jnp.where(fraction == 1, stop, start + fraction * (stop - start))
+        instant = sample(c, excitation, nodes, method, node, time)
         sigma, _, x, v = instant
-        by_dampers = () if c.restraint is None else (damper_power(c, c.restraint, sigma, x, v),)
-        return instant, (*power(c, *instant), *by_dampers, energy(c, sigma, x, v))
+        dampers = () if c.restraint is None else (damper_power(c, c.restraint, sigma, x, v),)
+        return instant, (*power(c, *instant), *dampers, energy(c, sigma, x, v))
 
     # One vectorised step serves all points, because compilation takes most of the time.
     abscissae, weights = np.polynomial.legendre.leggauss(POINTS)
     fractions = jnp.asarray(np.append(0.5 + 0.5 * abscissae, 1.0), t.dtype)
     instants, (*powers, energies) = jax.vmap(
-        lambda k, stop: jax.vmap(lambda z: advance(z, k, stop))(fractions)
+        lambda node, stop: jax.vmap(lambda fraction: advance(fraction, node, stop))(fractions)
     )(starts, stops)
     lengths = stops - nodes.t[starts]
     work = [lengths * (y[:, :-1] @ jnp.asarray(0.5 * weights, t.dtype)) for y in powers]

@@ -59,16 +59,17 @@ class JointForces(Module):
 
 
 @StoredProgram
-def along(scene: history.Solved, t, left) -> dict[str, Array]:
+def series_at(scene: history.Solved, t, left) -> dict[str, Array]:
     """Return the quantities of `SERIES` at times t (n,), or just before them where `left` (n,), by name."""
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
     arms = present(c.joints).arms
     weight = total_weight(c)
 
-    def at_time(s, left):
-        instant = history.sample(c, excitation, nodes, method, history.node_before(nodes, s, left), s)
-        is_inside = (s >= nodes.t[0]) & (s <= end)
+    def at_time(time, is_left):
+        node = history.node_before(nodes, time, is_left)
+        instant = history.sample(c, excitation, nodes, method, node, time)
+        is_inside = (time >= nodes.t[0]) & (time <= end)
         x, v = (tuple(jnp.where(is_inside, y, jnp.nan) for y in ys) for ys in (instant.x, instant.v))
         sigma, ground = instant.sigma, instant.ground
         state = c, sigma, ground, x, v, acceleration(c, sigma, ground, x, v)
@@ -92,19 +93,19 @@ def along(scene: history.Solved, t, left) -> dict[str, Array]:
 
 
 @StoredProgram
-def at_impacts(scene: history.Solved, times) -> Array:
-    """Return the impulses at the impact times `times`, divided by m_c [m/s], with axes of impacts, columns,
-    joints and (J_T, J_N). Impulses at times of NaN are NaN."""
+def impulses_at(scene: history.Solved, times) -> Array:
+    """Return the impulses at the times of impacts, divided by m_c [m/s], with axes of impacts, columns,
+    joints and (J_T, J_N). Where a time is NaN, so are the impulses."""
     podium, excitation, nodes, _, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
     arms = present(c.joints).arms
 
-    def at_impact(s):
-        is_impact = jnp.isfinite(s)
-        time = jnp.where(is_impact, s, nodes.t[0])
+    def at_impact(impact_time):
+        is_impact = jnp.isfinite(impact_time)
+        time = jnp.where(is_impact, impact_time, nodes.t[0])
         node = history.node_before(nodes, time, is_impact)
         before = history.sample(c, excitation, nodes, method, node, time)
-        x = (jnp.zeros_like(s), *before.x[1:])
+        x = (jnp.zeros_like(time), *before.x[1:])
         state = c, before.sigma, jnp.abs(before.v[0]), sway_of_modes(c, before.sigma, x)
         impulses = of_all_columns(impulses_of_columns, *state, arms=arms)
         return jnp.where(is_impact, jnp.stack([y.T for y in impulses], axis=-1), jnp.nan)

@@ -35,7 +35,9 @@ if TYPE_CHECKING:
 # Peaks of a scene that overturned cover only the time until overturning.
 UNTIL_OVERTURNING = "until overturning"
 
-OPEN = "a joint would open, or the beam would lift off at an impact: the model does not hold from then on"
+OPEN_JOINT_NOTE = (
+    "a joint would open, or the beam would lift off at an impact: the model does not hold from then on"
+)
 
 # Answers of every scene, independent of the requested outputs.
 ALWAYS = {
@@ -71,7 +73,7 @@ class AbstractPeak(Module):
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
     - `impacts`: number of impacts until rest, overturning or `t_end`; NaN if the scene ended earlier because
       all requested outputs were final (request `"impacts"`, or compute a history). Unless `"impacts"` is
-      requested, the number of skipped bounces of a rigid podium before rest is computed from the restitution
+      requested, a rigid podium skips its last bounces before rest, whose number follows from the restitution
     - `peak_deformation`: max|u_t − u_b| [m], 0 if the superstructure is not elastic; if there are several
       modes, they are along the last axis
     - `peak_shear`: max|V_s|/(m_t g) at the base of the superstructure [–], 0 if there is none. Like
@@ -198,10 +200,10 @@ def _impacts(floats, integers, options: Options, history: bool):
     In a settled scene the number is final if it was requested or the scene has a history. It is also final
     (zero) if the columns never lifted and rotation or margin, which an uplift would change, were requested.
     """
-    flags = integers["code"], integers["impacts"], integers["uplifted"]
-    is_traced, is_jax = any(isinstance(y, Tracer) for y in flags), isinstance(flags[1], jax.Array)
+    answers = integers["code"], integers["impacts"], integers["uplifted"]
+    is_traced, is_jax = any(isinstance(y, Tracer) for y in answers), isinstance(answers[1], jax.Array)
     # NumPy saves time here, because outside jit every jnp operation compiles separately.
-    code, count, uplifted = flags if is_traced else map(np.asarray, flags)
+    code, count, uplifted = answers if is_traced else map(np.asarray, answers)
     is_final = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
     if history or "impacts" in options.outputs:
         is_final |= code == results.SETTLED
@@ -336,14 +338,14 @@ def _html(peak: AbstractPeak) -> str:
 
 def _summary(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     """Return a headline, and rows of label and value."""
-    kind = type(peak).__name__
+    class_name = type(peak).__name__
     codes = concrete(peak.peak_rotation) is not None and concrete(results.code_of(peak.result))
     if codes is None or codes is False:
-        return f"{kind}(traced)", []
+        return f"{class_name}(traced)", []
     if codes.ndim:
         overturned = int(np.sum(np.asarray(peak.overturned)))
         until = f": their peaks are {UNTIL_OVERTURNING}" if overturned else ""
-        return f"{kind}({codes.size} scenes, shape {codes.shape}, {overturned} overturned{until})", []
+        return f"{class_name}({codes.size} scenes, shape {codes.shape}, {overturned} overturned{until})", []
     error = "" if peak.errors is None else f" ± {float(peak.errors.peak_rotation):.1e}"
     rotation = f"{float(peak.peak_rotation):.6g}{error} α at t = {float(peak.peak_rotation_time):.6g} s"
     rows = [("peak rotation", rotation)]
@@ -372,7 +374,7 @@ def _summary(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     rows += floor_rows(peak.on_floors)
     rows.append(("steps", f"{int(peak.stats.steps)} accepted, {int(peak.stats.rejected)} rejected"))
     end = f", t = {float(peak.stats.end_time):.6g} s" if codes == results.END_OF_TIME else ""
-    return f"{kind}: {results.NAMES[int(codes)]}{end}", rows
+    return f"{class_name}: {results.NAMES[int(codes)]}{end}", rows
 
 
 def _rows_of_joints(peak: AbstractPeak) -> list[tuple[str, str]]:
@@ -385,7 +387,7 @@ def _rows_of_joints(peak: AbstractPeak) -> list[tuple[str, str]]:
     ]
     shear = peak.values.get("peak_foundation_shear")
     rows += [] if shear is None else [(VARIABLES["peak_foundation_shear"][0].symbol, _format(shear))]
-    return [*rows, ("joints", "closed" if peak.joints_closed else OPEN)] if rows else []
+    return [*rows, ("joints", "closed" if peak.joints_closed else OPEN_JOINT_NOTE)] if rows else []
 
 
 def _format(values) -> str:

@@ -99,8 +99,8 @@ class Response(AbstractPeak):
         return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
     def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the deformation of the superstructure u_t − u_b at times t [s], in m. Several modes are
-        along the last axis. The result is 0 if the superstructure is not elastic."""
+        """Return the deformation of the superstructure u_t − u_b at times t [s], in m; 0 if it is not
+        elastic. Several modes are along the last axis."""
         return self._over_modes(*self._values_at(t, "deformation"))
 
     def drift(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
@@ -130,13 +130,14 @@ class Response(AbstractPeak):
             raise ValueError(f"Response.{name}: the superstructure must be an elastic ShearBuilding")
 
     def _over_modes(self, values: Array) -> Array:
-        """Add the axis of modes of a superstructure that was solved as a single oscillator."""
+        """Add the axis of modes of a superstructure that was solved without it, as a single oscillator."""
         top = self.podium.superstructure
         is_missing = top is not None and top.has_mode_axis and not top.resolved().has_mode_axis
         return values[..., None] if is_missing else values
 
     def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the mechanical energy relative to the ground per N m_c [m²/s²], Eqs. (16)–(19)."""
+        """Return the mechanical energy relative to the ground, divided by the mass N m_c of all columns, Eqs.
+        (16)–(19) [m²/s²]."""
         return self._values_at(t, "mechanical_energy")[0]
 
     def mode(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
@@ -234,7 +235,7 @@ class Response(AbstractPeak):
         columns, joints (bottom, top), and (J_T, J_N); entries after the last impact are NaN under `jit`."""
         times = self.impact_times
         padded_times, _ = history.pad_times(times, np.zeros(times.size, bool))
-        impulses = joint_forces.at_impacts(self._scene(with_elevation=True), padded_times)
+        impulses = joint_forces.impulses_at(self._scene(with_elevation=True), padded_times)
         with nans_allowed():
             return _truncate(impulses, times.size)
 
@@ -242,12 +243,12 @@ class Response(AbstractPeak):
         """Return the quantities of `joint_forces.SERIES` at times t, by name."""
         t = as_float(t)
         times, flags = history.pad_times(t.ravel(), np.full(t.size, left))
-        series = joint_forces.along(self._scene(with_elevation=True), times, flags)
+        series = joint_forces.series_at(self._scene(with_elevation=True), times, flags)
         with nans_allowed():
             return {name: _truncate(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in series.items()}
 
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
-        """Return the balance of energy at times t [s]. Powers are integrated in every step of the history."""
+        """Return the balance of energy at times t [s]; the powers are integrated over all steps before t."""
         t = as_float(t)
         _, energies = self._history(t.ravel(), np.zeros(t.size, bool))
         with nans_allowed():
@@ -281,7 +282,7 @@ class Response(AbstractPeak):
         return _dataset(self, t, samples, energies, impacts)
 
     def _values_at(self, t: Float[ArrayLike, "*times"], *names: str, left: bool = False) -> list[Array]:
-        """Return the named quantities at times t. The axis of modes or stories is the last."""
+        """Return the named quantities at times t, with an axis of modes or stories last, if there is one."""
         t = as_float(t)
         times, flags = history.pad_times(t.ravel(), np.full(t.size, left))
         quantities = history.quantities_at(self._scene(), times, flags)

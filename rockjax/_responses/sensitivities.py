@@ -67,8 +67,9 @@ def slope_name(answer: str) -> str:
 def scalar_fields(motion: AbstractExcitation) -> dict[str, str]:
     """Return the fields of a motion that hold scalar parameters, by parameter name.
 
-    For a pair of motions, names of fields start with `horizontal.` or `vertical.`. Names of parameters
-    have the prefix `vertical.` for the vertical motion, and none for the horizontal motion.
+    A parameter has the name of its field, with the prefix `excitation.` if the structure has a parameter of
+    this name. For a pair of motions, fields start with `horizontal.` or `vertical.`, and parameters of the
+    vertical motion with `vertical.`.
     """
     if isinstance(motion, GroundMotion):
         components = {part: scalar_fields(getattr(motion, part)) for part in PARTS}
@@ -87,7 +88,7 @@ def _is_float_array(value: Any) -> bool:
 
 
 def with_scalars(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:
-    """Return the motion with other values of scalar parameters; `values` has the fields of
+    """Return the motion with other values of scalar parameters. The keys of `values` are fields, as in
     `scalar_fields`."""
     for path, value in values.items():
         part, _, field = path.rpartition(".")
@@ -135,14 +136,14 @@ def with_unit_factors(
         field: factor_of.pop(name) for name, field in scalar_fields(motion).items() if name in factor_of
     }
     scale = factor_of.pop("scale", None)
-    changed = with_scalars(
+    new_motion = with_scalars(
         motion, {path: y * operator.attrgetter(path)(motion) for path, y in fields.items()}
     )
-    changed = changed if scale is None else changed.scaled(scale)
-    structure = podium
+    new_motion = new_motion if scale is None else new_motion.scaled(scale)
+    new_podium = podium
     if factor_of:
-        structure = with_factors(podium, list(factor_of), jnp.asarray(list(factor_of.values())))
-    return _with_derivatives(podium, structure), _with_derivatives(motion, changed)
+        new_podium = with_factors(podium, list(factor_of), jnp.asarray(list(factor_of.values())))
+    return _with_derivatives(podium, new_podium), _with_derivatives(motion, new_motion)
 
 
 def _with_derivatives(original: Any, changed: Any) -> Any:

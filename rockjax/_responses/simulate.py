@@ -50,8 +50,8 @@ def peak_response(
     - `t_end`: latest end of the scene [s]; by default max(30/p, 10 T_s) after the end of the excitation
     - `options`: accuracy, requested outputs and limits
     - `on_floors`: light secondary systems on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][],
-      one or a sequence of them; their answers are the field `on_floors` of the result; the other fields stay
-      the same
+      one or a sequence of them; their answers are the field `on_floors` of the result, and do not affect the
+      other fields
 
     If values are concrete, raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError`
     for a scene that does not finish. Under `jit` check `result`.
@@ -87,15 +87,15 @@ def simulate(
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
     # Every capacity needs its own program, so start with one that few scenes exceed.
-    largest = options.max_steps + 2
+    largest_capacity = options.max_steps + 2
     is_concrete = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
-    capacity = min(max(options.history, CAPACITY), largest) if is_concrete else options.history
+    capacity = min(max(options.history, CAPACITY), largest_capacity) if is_concrete else options.history
     while True:
         floats, integers, nodes = _solve(*arguments, capacity)
         is_full = concrete(integers["code"]) == results.HISTORY_FULL
-        if not is_full or capacity >= largest:
+        if not is_full or capacity >= largest_capacity:
             break
-        capacity = min(4 * capacity, largest)
+        capacity = min(4 * capacity, largest_capacity)
     assert nodes is not None
     nodes, impact_times = _used_nodes(nodes, integers["impacts"])
     return Response(

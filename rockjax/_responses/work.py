@@ -34,8 +34,8 @@ def power(
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities
 
-    If no restrainers dissipate energy, the mechanical energy changes between impacts at a rate equal to the
-    difference of both powers. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18),
+    If no restrainers dissipate energy, the mechanical energy changes between impacts at the rate of the first
+    power minus the second. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18),
     with w = ½+γ+η. The damper of Eq. (22) dissipates 2ζω_s η (u̇_t − u̇_b)².
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])

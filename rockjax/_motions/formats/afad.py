@@ -15,7 +15,7 @@ _COMPONENTS = ("N-S", "E-W", "U-D")
 _PEAK_TOLERANCE = 0.01  # relative difference up to which the peaks of column and header count as equal
 
 
-def _afad(path: Path, lines: list[str], component: Component) -> Samples:
+def _read_afad(path: Path, lines: list[str], component: Component) -> Samples:
     """Read AFAD's text: lines KEY: value, a line with the names of the components, and rows of samples."""
     header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     end = next((k for k, line in enumerate(lines) if tuple(line.split()) == _COMPONENTS), None)
@@ -76,4 +76,4 @@ def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
     return "gal" if values.size and abs(np.abs(values).max() - peak) <= _PEAK_TOLERANCE * peak else None
 
 
-FORMAT = Format("AFAD text", lambda path, lines: _TITLE in lines[0].upper(), _afad)
+FORMAT = Format("AFAD text", lambda path, lines: _TITLE in lines[0].upper(), _read_afad)

@@ -134,7 +134,7 @@ def parse_number(path: Path, line: int, word: str) -> float:
 
     Raises `ValueError` if it is not a finite number.
     """
-    value = _value(word)
+    value = _parse(word)
     if value is None:
         raise ValueError(f"{path}:{line}: {abbreviate(word)} is not a number{_cause(word)}")
     if not np.isfinite(value):
@@ -143,7 +143,7 @@ def parse_number(path: Path, line: int, word: str) -> float:
     return value
 
 
-def _value(word: str) -> float | None:
+def _parse(word: str) -> float | None:
     """Return the number that a word represents; None if it is not a number or contains an underscore."""
     if match := _WITHOUT_E.fullmatch(word):
         word = f"{match[1]}E{match[2]}"
@@ -210,7 +210,7 @@ def read_numbers(path: Path, lines: list[str], start: int) -> list[float]:
     numbers: list[float] = []
     for i, line in enumerate(lines[start:], start=start + 1):
         row = line.split()
-        if any(_value(word) is None for word in row):
+        if any(_parse(word) is None for word in row):
             row = _split_touching(line) or row
         numbers += [parse_number(path, i, word) for word in row]
     return numbers

@@ -25,7 +25,7 @@ _COSMOS = re.compile(
 _COSMOS_DATA = re.compile(r"\s*(\d{1,9})\s+ACCELERATION\s+PTS\b.*?UNITS\s*=\s*([^\s(,]+)", re.I)
 
 
-def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
+def _read_cosmos(path: Path, lines: list[str], component: Component) -> Samples:
     """Read COSMOS format 1.20.
 
     Each channel has a text header, an integer header, a real header, comments and data. Each of these begins
@@ -86,4 +86,4 @@ def _cosmos(path: Path, lines: list[str], component: Component) -> Samples:
     return Samples(values, dt, unit_key(match[2]), metadata, match[2], dt_statement)
 
 
-FORMAT = Format("COSMOS volume 2", lambda path, lines: bool(_COSMOS.match(lines[0])), _cosmos)
+FORMAT = Format("COSMOS volume 2", lambda path, lines: bool(_COSMOS.match(lines[0])), _read_cosmos)

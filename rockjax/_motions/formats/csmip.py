@@ -23,7 +23,7 @@ _CSMIP = re.compile(r"\s*CORRECTED ACCELEROGRAM\b(?:.*?CHAN\s*(\d{1,6})\s*:\s*(.
 _CSMIP_DATA = re.compile(rf"\s*(\d{{1,9}})\s+POINTS OF ACCEL DATA EQUALLY SPACED AT\s*({NUMBER})\s*SEC", re.I)
 
 
-def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
+def _read_csmip(path: Path, lines: list[str], component: Component) -> Samples:
     """Read volume 2 of CSMIP.
 
     Each channel consists of 25 lines of text, then integers, then real numbers, and finally the samples of
@@ -66,4 +66,4 @@ def _csmip(path: Path, lines: list[str], component: Component) -> Samples:
     )
 
 
-FORMAT = Format("CSMIP volume 2", lambda path, lines: bool(_CSMIP.match(lines[0])), _csmip)
+FORMAT = Format("CSMIP volume 2", lambda path, lines: bool(_CSMIP.match(lines[0])), _read_csmip)

@@ -23,10 +23,10 @@ from .base import (
 _BAND = re.compile(r"([\d.]+)\s+AND\s+([\d.]+)")
 _KEY = re.compile(r"([A-Z][A-Z0-9_/^]*(?: [A-Z0-9_/^]+)*):\s*(.*?)\s*$")  # older ITACA keys contain blanks
 _UNCORRECTED_NAME = re.compile(r"\.U\.ACC\.ASC$|\.UNP\.ACC$|\.CV\.ACC\.ASC$", re.I)
-_HEADER = 80  # number of lines that are searched for the sampling interval
+_SEARCHED_LINES = 80  # number of lines that are searched for the sampling interval
 
 
-def _esm(path: Path, lines: list[str], component: Component) -> Samples:
+def _read_esm(path: Path, lines: list[str], component: Component) -> Samples:
     """Read DYNA 1.2: 64 lines KEY: value, followed by the samples, one per line."""
     header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     end = 0
@@ -80,7 +80,7 @@ def _is_raw(text: str) -> bool:
 
 
 def _is_esm(path: Path, lines: list[str]) -> bool:
-    return any(line.replace(" ", "_").startswith("SAMPLING_INTERVAL_S:") for line in lines[:_HEADER])
+    return any(line.replace(" ", "_").startswith("SAMPLING_INTERVAL_S:") for line in lines[:_SEARCHED_LINES])
 
 
-FORMAT = Format("ESM", _is_esm, _esm)
+FORMAT = Format("ESM", _is_esm, _read_esm)

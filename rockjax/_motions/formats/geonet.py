@@ -19,8 +19,8 @@ from .base import (
 _START = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\s+(\S+)", re.I)
 _STEP = re.compile(r"DATA AT\s*([\d.]+)\s*S(?:EC)?\b", re.I)
 _FILTER = re.compile(r"BANDS ARE\s*[\d.]+-([\d.]+)\s*HZ AND\s*([\d.]+)-", re.I)
-_TEXTS, _INTEGERS, _REALS = 16, 4, 6  # number of lines of text, integers and reals
-_COUNT = 33  # index of the number of samples of acceleration among the integers
+_TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 16, 4, 6  # number of lines of text, integers and reals
+_COUNT_INDEX = 33  # index of the number of samples of acceleration among the integers
 
 
 def _is_geonet(path: Path, lines: list[str]) -> bool:
@@ -28,7 +28,7 @@ def _is_geonet(path: Path, lines: list[str]) -> bool:
     return bool(_START.match(lines[0])) and names_gns
 
 
-def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
+def _read_geonet(path: Path, lines: list[str], component: Component) -> Samples:
     """Read volume 2 of GeoNet.
 
     Each component has 16 lines of text, 40 integers, 60 reals, and the samples of acceleration, velocity and
@@ -51,11 +51,11 @@ def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
     dt = parse_interval(path, start + 11, step[1], "the interval")
     peak = re.search(r"ACCELERATION:\s+PEAK\s+\S+\s+(\S+)", _line(lines, start + 13), re.I)
     stated_unit = peak[1] if peak else None
-    integers = fixed_width(path, lines, start + _TEXTS, 10 * _INTEGERS, "(10I8)")
-    count = int(integers[_COUNT])
+    integers = fixed_width(path, lines, start + _TEXT_LINES, 10 * _INTEGER_LINES, "(10I8)")
+    count = int(integers[_COUNT_INDEX])
     if count < 2:
         raise ValueError(
-            f"{path}:{start + _TEXTS + 4}: integer 34, the number of samples, must be >= 2, got {count}"
+            f"{path}:{start + _TEXT_LINES + 4}: integer 34, the number of samples, must be >= 2, got {count}"
         )
     origin = re.match(r"\s*(\d{4} \w+ \d{1,2})", _line(lines, start + 7))
     metadata = {
@@ -67,7 +67,7 @@ def _geonet(path: Path, lines: list[str], component: Component) -> Samples:
         "channel": channels[chosen][0],
         **filter_corners(_FILTER.search(_line(lines, start + 11))),
     }
-    values = fixed_width(path, lines, start + _TEXTS + _INTEGERS + _REALS, count, "(10F8.1)")
+    values = fixed_width(path, lines, start + _TEXT_LINES + _INTEGER_LINES + _REAL_LINES, count, "(10F8.1)")
     return Samples(
         values,
         dt,
@@ -83,4 +83,4 @@ def _line(lines: list[str], k: int) -> str:
     return lines[k] if k < len(lines) else ""
 
 
-FORMAT = Format("GeoNet volume 2", _is_geonet, _geonet)
+FORMAT = Format("GeoNet volume 2", _is_geonet, _read_geonet)

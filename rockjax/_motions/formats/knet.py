@@ -18,15 +18,15 @@ from .base import (
     require_only_component,
 )
 
-_KNET_KEYS = 18  # width of the keys in the header
+_KEY_WIDTH = 18  # width of the keys in the header
 _KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=True))
 
 
-def _knet(path: Path, lines: list[str], component: Component) -> Samples:
+def _read_knet(path: Path, lines: list[str], component: Component) -> Samples:
     """Read K-NET and KiK-net: a header up to Memo., then counts, which a scale factor converts to gal."""
     header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     for k, line in enumerate(lines):
-        header[line[:_KNET_KEYS].strip()] = k + 1, line[_KNET_KEYS:].strip()
+        header[line[:_KEY_WIDTH].strip()] = k + 1, line[_KEY_WIDTH:].strip()
         if line.startswith("Memo"):
             break
     else:
@@ -74,4 +74,4 @@ def _knet(path: Path, lines: list[str], component: Component) -> Samples:
     return require_only_component(path, component, samples)
 
 
-FORMAT = Format("K-NET", lambda path, lines: lines[0].startswith("Origin Time"), _knet)
+FORMAT = Format("K-NET", lambda path, lines: lines[0].startswith("Origin Time"), _read_knet)

@@ -27,7 +27,7 @@ _OTHER_QUANTITY = re.compile(
     r"(?!.*ACCEL).*\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME\s+(?:SERIES|HISTORY))", re.I
 )
 _SUFFIXES = {".vt2": "velocity", ".dt2": "displacement"}
-_HEAD = 8  # number of lines that are searched for NPTS and DT
+_SEARCHED_LINES = 8  # number of lines that are searched for NPTS and DT
 _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
@@ -43,15 +43,18 @@ def _count_and_step(line: str) -> tuple[str, str] | None:
 
 def _is_peer(path: Path, lines: list[str]) -> bool:
     """Return True for the suffix of PEER files, or if one of the first lines contains NPTS and DT."""
-    return path.suffix.lower() in (".at2", *_SUFFIXES) or any(map(_count_and_step, lines[:_HEAD]))
+    return path.suffix.lower() in (".at2", *_SUFFIXES) or any(map(_count_and_step, lines[:_SEARCHED_LINES]))
 
 
-def _at2(path: Path, lines: list[str]) -> Samples:
+def _read_at2(path: Path, lines: list[str]) -> Samples:
     """Return the samples of a file; its header ends with the line of NPTS and DT."""
-    matches = [(k, match) for k, line in enumerate(lines[:_HEAD]) if (match := _count_and_step(line))]
+    matches = [
+        (k, match) for k, line in enumerate(lines[:_SEARCHED_LINES]) if (match := _count_and_step(line))
+    ]
     if not matches:
         raise ValueError(
-            f"{path}: an .AT2 file needs a line with NPTS and DT among its first {_HEAD}; this one has none"
+            f"{path}: an .AT2 file needs a line with NPTS and DT among its first {_SEARCHED_LINES}; this one "
+            "has none"
         )
     k, (count, step) = matches[0]
     for i, line in enumerate(lines[:k], start=1):
@@ -83,7 +86,7 @@ def _at2(path: Path, lines: list[str]) -> Samples:
 
 
 def _read(path: Path, lines: list[str], component: Component) -> Samples:
-    return require_only_component(path, component, _at2(path, lines))
+    return require_only_component(path, component, _read_at2(path, lines))
 
 
 FORMAT = Format("PEER .AT2", _is_peer, _read)

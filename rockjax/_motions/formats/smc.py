@@ -12,12 +12,12 @@ from .base import Component, Format, Samples, abbreviate, fixed_width, require_o
 _TITLES = re.compile(
     r"([0-6]) (UNKNOWN|UNCORRECTED ACCELEROGRAM|CORRECTED ACCELEROGRAM|VELOCITY|DISPLACEMENT|.*SPECTRA.*)\s*$"
 )
-_TEXTS, _INTEGERS, _REALS = 11, 6, 10  # number of lines of text, integers and reals
-_COMMENTS, _COUNT = 15, 16  # indices of the numbers of comments and samples among the integers
-_RATE = 1  # index of the number of samples per second among the reals
+_TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 11, 6, 10  # number of lines of text, integers and reals
+_COMMENTS_INDEX, _COUNT_INDEX = 15, 16  # indices of the numbers of comments and samples among the integers
+_RATE_INDEX = 1  # index of the number of samples per second among the reals
 
 
-def _smc(path: Path, lines: list[str], component: Component) -> Samples:
+def _read_smc(path: Path, lines: list[str], component: Component) -> Samples:
     """Read SMC: 11 lines of text, 48 integers, 50 reals, comments, and samples in eight columns [cm/s²]."""
     title = _TITLES.match(lines[0])
     if title is None or title[1] != "2":
@@ -26,15 +26,19 @@ def _smc(path: Path, lines: list[str], component: Component) -> Samples:
         raise ValueError(
             f"{path}:1: the SMC file has {description}; only a corrected accelerogram can be read"
         )
-    reals_start = _TEXTS + _INTEGERS
-    start = reals_start + _REALS
-    integers = fixed_width(path, lines, _TEXTS, 48, "(8I10)")
+    reals_start = _TEXT_LINES + _INTEGER_LINES
+    start = reals_start + _REAL_LINES
+    integers = fixed_width(path, lines, _TEXT_LINES, 48, "(8I10)")
     reals = fixed_width(path, lines, reals_start, 50, "(5E15.7)")
-    comments, count, rate = int(integers[_COMMENTS]), int(integers[_COUNT]), float(reals[_RATE])
+    comments, count, rate = (
+        int(integers[_COMMENTS_INDEX]),
+        int(integers[_COUNT_INDEX]),
+        float(reals[_RATE_INDEX]),
+    )
     if comments < 0 or count < 2:
         raise ValueError(
-            f"{path}:{_TEXTS + 2}: integers 16 and 17, the numbers of comments and samples, must be >= 0 and "
-            f">= 2, got {comments} and {count}"
+            f"{path}:{_TEXT_LINES + 2}: integers 16 and 17, the numbers of comments and samples, must be "
+            f">= 0 and >= 2, got {comments} and {count}"
         )
     if not (0 < rate < 1e5 and rate != reals[0]):
         raise ValueError(
@@ -56,4 +60,4 @@ def _smc(path: Path, lines: list[str], component: Component) -> Samples:
     return require_only_component(path, component, samples)
 
 
-FORMAT = Format("SMC", lambda path, lines: bool(_TITLES.match(lines[0])), _smc)
+FORMAT = Format("SMC", lambda path, lines: bool(_TITLES.match(lines[0])), _read_smc)

@@ -30,8 +30,8 @@ from .base import (
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
 _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
 _FLOAT32 = 1.2e-7  # relative spacing of float32
-_COARSE = 0.25  # largest deviation of times that counts as rounding, divided by the step
-_COARSEST = 2.0  # the same limit for long records, whose mean step is accurate despite the rounding
+_MAX_ROUNDING = 0.25  # largest deviation of times that counts as rounding, divided by the step
+_MAX_ROUNDING_LONG = 2.0  # the same limit for long records, whose mean step is accurate despite the rounding
 _MAX_HEADINGS = 3  # largest number of lines of headings
 
 
@@ -46,7 +46,7 @@ class _Table(NamedTuple):
     raw_location: str = ""  # location of the statement that the data are raw
 
 
-def _array(path: Path) -> np.ndarray:
+def _load_array(path: Path) -> np.ndarray:
     """Return the array in a .npy file, with two axes."""
     try:
         array = np.load(path, allow_pickle=False)
@@ -57,7 +57,7 @@ def _array(path: Path) -> np.ndarray:
     return np.asarray(array, float).reshape(len(array), -1)
 
 
-def _cells(text: str) -> list[str]:
+def _split_cells(text: str) -> list[str]:
     """Return the cells of a row of numbers, separated by semicolons, blanks or commas.
 
     Commas are decimal if semicolons or blanks separate the cells.
@@ -109,7 +109,7 @@ def _heading_cells(text: str, count: int) -> list[str] | None:
     return None
 
 
-def _headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Heading]:
+def _parse_headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Heading]:
     """Return the heading of each column, from one or several lines, such as names and units."""
     names = [""] * count
     for i, text in lines:
@@ -141,7 +141,7 @@ def _headings_of_comment(path: Path, text: str, line: int, count: int) -> list[H
     return headings if is_understood else None
 
 
-def _table(path: Path, lines: list[str]) -> _Table:
+def _parse_table(path: Path, lines: list[str]) -> _Table:
     """Parse a table of numbers with its headings. Raises `ValueError` that names the line."""
     rows: list[list[float]] = []
     line_numbers: list[int] = []
@@ -156,7 +156,7 @@ def _table(path: Path, lines: list[str]) -> _Table:
                 comment = i, text
                 raw_location = raw_location or (f"line {i}" if is_raw(text) else "")
             continue
-        cells = _cells(text)
+        cells = _split_cells(text)
         while len(cells) > (len(rows[0]) if rows else 1) and not cells[-1]:
             cells.pop()  # empty cell after a separator at the end of the line
         if not rows and _is_heading(cells):
@@ -184,14 +184,14 @@ def _table(path: Path, lines: list[str]) -> _Table:
         raise ValueError(f"{path}: the file contains no numbers")
     headings, count = None, len(rows[0])
     if heading_lines:
-        headings = _headings(path, heading_lines, count)
+        headings = _parse_headings(path, heading_lines, count)
     elif comment:
         heading_lines, headings = [comment], _headings_of_comment(path, comment[1], comment[0], count)
     heading_line = heading_lines[-1][0] if heading_lines else 0
     return _Table(np.array(rows), line_numbers, cells_of_rows, headings, heading_line, raw_location)
 
 
-def _samples(path: Path, table: _Table, component: Component) -> Samples:
+def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
     """Return the acceleration in a table, and the sampling interval if the table has a column of times."""
     rows, headings = table.rows, table.headings
     columns = range(rows.shape[1])
@@ -311,9 +311,9 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
     deviations = np.abs(values - values[0] - step * np.arange(count))
     rounding = _rounding([cells[column] for cells in table.cells], values) if table.cells else 0.0
     digit = max(rounding, _FLOAT32 * float(np.abs(values).max()))
-    allowed = max(TIME_TOLERANCE * step, min(digit, _COARSE * step))
+    allowed = max(TIME_TOLERANCE * step, min(digit, _MAX_ROUNDING * step))
     if (
-        digit <= _COARSEST * step
+        digit <= _MAX_ROUNDING_LONG * step
         and digit < TIME_TOLERANCE * (values[-1] - values[0])
         and np.diff(values).min() >= 0
     ):
@@ -354,11 +354,11 @@ def _simplest_step(values: np.ndarray, step: float, digit: float, factor: float)
 
 def read_array(path: Path, component: Component) -> Samples:
     """Return the samples in a .npy file."""
-    return _samples(path, _Table(_array(path)), component)
+    return _choose_samples(path, _Table(_load_array(path)), component)
 
 
 def _read(path: Path, lines: list[str], component: Component) -> Samples:
-    return _samples(path, _table(path, lines), component)
+    return _choose_samples(path, _parse_table(path, lines), component)
 
 
 FORMAT = Format("table", lambda path, lines: True, _read)

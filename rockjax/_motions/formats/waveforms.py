@@ -11,7 +11,7 @@ import numpy as np
 
 from .base import Component, Samples, choose_channel, first_line
 
-# Warnings of ObsPy's code, not of the data.
+# Categories of warnings about code, not about the data.
 _CODE_WARNINGS = (
     DeprecationWarning,
     PendingDeprecationWarning,
