@@ -144,7 +144,7 @@ NEAREST = {
     "_responses/floor_course.py": (("engine/test_floor_course.py",), "test_"),
     "_responses/floor_end.py": (
         ("engine/test_floor_course.py", "studies/test_floor_spectra.py"),
-        "top_in_free or free_rocking or frame_without or bounds_of",
+        "top_in_free or free_rocking or frame_without or bounds_after",
     ),
     "_responses/floor_slopes.py": (
         ("studies/test_floor_spectra.py",),
