@@ -77,7 +77,7 @@ def refuse_gaps(name: str, x) -> None:
     else:
         return
     if gaps.any():
-        where = f"{_first_run(gaps.ravel())} of {gaps.size}"
+        where = f"{_describe_first_run(gaps.ravel())} of {gaps.size}"
         raise ValueError(f"{name} has a gap: no number at {where}; {_CURE}")
 
 
@@ -110,7 +110,7 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
         if has_runs or 3 * sizes[~matches].max() < size:
             value = f"{samples[int(matches.argmax())]:.10g}, which stands for missing samples"
             raise ValueError(
-                f"{name} has a gap: {value}, at {_first_run(matches)} of {matches.size}; {_CURE}"
+                f"{name} has a gap: {value}, at {_describe_first_run(matches)} of {matches.size}; {_CURE}"
             )
 
 
@@ -120,7 +120,7 @@ def require_finite_samples(owner: str, samples: np.ndarray) -> None:
     not_finite = ~np.isfinite(samples)
     if not_finite.any():
         index = tuple(np.argwhere(not_finite)[0])
-        run = _first_run(not_finite[index[:-1]])
+        run = _describe_first_run(not_finite[index[:-1]])
         gap = f" ({run} of {samples.shape[-1]}: a gap?)" if not_finite.sum() > 1 else ""
         raise ValueError(
             f"{owner}: acceleration must be finite, got {samples[index]} at sample {int(index[-1])}{gap}"
@@ -131,7 +131,7 @@ def require_finite_samples(owner: str, samples: np.ndarray) -> None:
         refuse_sentinels(f"{owner}: acceleration", row)
 
 
-def _first_run(flags: np.ndarray) -> str:
+def _describe_first_run(flags: np.ndarray) -> str:
     """Return the first run of True in words, such as "samples 3 to 7"."""
     first = int(flags.argmax())
     remaining = flags[first:]

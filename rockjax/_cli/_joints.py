@@ -61,7 +61,7 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     opens = (axial_force < 0) | (impulse_share < 0)
     if opens.any():
         yield (
-            f"warning: a joint opens{_count_scenes(opens)} (least N = {axial_force.min():.4g} m_c g, least "
+            f"warning: a joint opens{_scenes_note(opens)} (least N = {axial_force.min():.4g} m_c g, least "
             f"share of an impulse {impulse_share.min():.3g}); from then on the model does not apply"
         )
     if friction is None:
@@ -72,10 +72,10 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
         if slides.any():
             yield (
                 f"warning: {cause} needs friction {demand.max():.3g} in a joint, more than μ = "
-                f"{friction:g}{_count_scenes(slides)}"
+                f"{friction:g}{_scenes_note(slides)}"
             )
 
 
-def _count_scenes(flags: np.ndarray) -> str:
+def _scenes_note(flags: np.ndarray) -> str:
     """Return a phrase with the number of flagged scenes; empty for a single scene."""
     return f" in {int(flags.sum())} of {flags.size} surviving scenes" if flags.size > 1 else ""

@@ -89,7 +89,7 @@ def motions(
             data["acceleration_ratio"],
             data["velocity_ratio"],
         )
-    _show(
+    _print_table(
         console,
         [
             {"name": name} | {heading: float(y.values[k]) for heading, y in columns.items()}
@@ -134,15 +134,15 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], cons
         for name in problem.motions
         for number, member in enumerate(reader.members(problem.motions, name, podium), 1)
     ]
-    _show(console, facts)
+    _print_table(console, facts)
 
 
-def _show(console: Console, facts: list[dict[str, Any]], numbers: bool = False) -> None:
+def _print_table(console: Console, facts: list[dict[str, Any]], numbers: bool = False) -> None:
     """Print a table of motions with headings; `numbers`: align all columns but the first to the right."""
     from rockjax._text.tables import align_rows
 
     for line in align_rows(
-        [tuple(facts[0]), *(tuple(map(_cell, row.values())) for row in facts)], numbers=numbers
+        [tuple(facts[0]), *(tuple(map(_format_cell, row.values())) for row in facts)], numbers=numbers
     ):
         console.say(line)
     console.facts["motions"] = facts
@@ -184,7 +184,7 @@ def _pulse_pga(pulse: AbstractExcitation) -> float:
     return float(strength)
 
 
-def _cell(value: Any) -> str:
+def _format_cell(value: Any) -> str:
     if value is None:
         return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

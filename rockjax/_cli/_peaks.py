@@ -79,7 +79,7 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
     console.facts |= console.say_scenes(data, len(labels))
     rows = _rows(data)
     for line in align_rows(
-        [tuple(rows[0]), *(tuple(map(_cell, row.values())) for row in rows)], numbers=True
+        [tuple(rows[0]), *(tuple(map(_format_cell, row.values())) for row in rows)], numbers=True
     ):
         console.say(f"  {line}")
     console.facts["motions"] = rows
@@ -106,7 +106,7 @@ def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _cell(value: Any) -> str:
+def _format_cell(value: Any) -> str:
     if isinstance(value, str):
         return value
     return f"{float(value):.4g}" if math.isfinite(value) else "infinite"

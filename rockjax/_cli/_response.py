@@ -107,13 +107,13 @@ def _describe_inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
     yield f"{'lifts at':<16} {uplift:.4g} g of slow ground motion (demand of Eq. (9): {demand:.4g} g)"
     if "columns" in attrs:
         masses = [
-            f"{name.removesuffix('_kg').replace('_', ' ')} {_kilograms(attrs[name])}"
+            f"{name.removesuffix('_kg').replace('_', ' ')} {_format_masses(attrs[name])}"
             for name in ("column_mass_kg", "beam_mass_kg", "top_mass_kg", "story_masses_kg")
             if name in attrs
         ]
         yield f"{'masses':<16} N = {attrs['columns']} columns, {', '.join(masses)}"
 
 
-def _kilograms(value: Any) -> str:
+def _format_masses(value: Any) -> str:
     values = value if isinstance(value, list | tuple) else [value]
     return " + ".join(f"{float(y):g}" for y in values) + " kg"

@@ -156,7 +156,7 @@ def _blocks_by_name(owner: str, contents: Any) -> dict[str, Contents]:
 
 
 def _checked_states(owner: str, damage_states: Any, blocks: Mapping[str, Contents]) -> np.ndarray:
-    """Return thresholds of damage states; raise `ValueError` unless they ascend in their range."""
+    """Return thresholds of damage states; raise `ValueError` unless they ascend and are in range."""
     states = np.asarray(as_float(damage_states, f"{owner}: damage_states"))
     if states.ndim != 1 or states.size == 0 or np.any(np.diff(states) <= 0):
         raise ValueError(f"{owner}: damage_states must be a 1-D array that ascends, got {damage_states!r}")
@@ -177,13 +177,13 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     rotation, states = data["contents_peak_rotation"], data["damage_state"]
     reached = (rotation >= states) | data["contents_overturned"]
     reached = reached.where(states > 0, data["contents_uplifted"]).astype(bool)
-    stands = ~data["overturned"]
-    counted = (data["contents_result"] <= results.OVERTURNED) & stands
+    podium_stands = ~data["overturned"]
+    counted = (data["contents_result"] <= results.OVERTURNED) & podium_stands
     if exceed:
-        reached, counted = reached | ~stands, counted | ~stands
-    order = ("contents", "damage_state", "record", "intensity")
+        reached, counted = reached | ~podium_stands, counted | ~podium_stands
+    reached_dims = ("contents", "damage_state", "record", "intensity")
     counted = counted.transpose("contents", "record", "intensity")
-    reached = (reached & counted).transpose(*order)
+    reached = (reached & counted).transpose(*reached_dims)
     count = counted.sum("record")
     data["counted"] = count.assign_attrs(units="1", long_name="number of counted records")
     share = (reached.sum("record") / count).assign_attrs(
@@ -196,11 +196,11 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     curves = np.full((*shape, x.size), np.nan)
     for index in np.ndindex(shape):
         reached_here, counted_here = reached.values[index], counted.values[index[0]]
-        fit, reduced = _fit_and_refit(levels, reached_here.astype(float), counted_here.astype(float))
+        fit, reduced_fits = _fit_and_refit(levels, reached_here.astype(float), counted_here.astype(float))
         medians[index], dispersions[index] = fit
         curves[index] = fit.probability(x)
         if confidence is not None:
-            bounds, probit = stripe_bounds(fit, reduced, x, confidence)
+            bounds, probit = stripe_bounds(fit, reduced_fits, x, confidence)
             intervals[index], bands[index] = bounds, ndtr(probit)
     dims = ("contents", "damage_state")
     data["median_capacity"] = dims, medians, {"units": units, "long_name": f"median {name}"}
@@ -209,7 +209,7 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     )  # fmt: skip
     attributes = {"units": "1", "long_name": "probability of the damage state"}
     data["probability"] = (*dims, "at"), curves, attributes
-    _warn_of_gaps(data, confidence, np.isnan(medians), np.isnan(intervals[..., 0, 0]))
+    _warn_of_undetermined(data, confidence, np.isnan(medians), np.isnan(intervals[..., 0, 0]))
     if confidence is None:
         return
     data["interval"] = (
@@ -237,7 +237,7 @@ def _fit_and_refit(
     return Lognormal(*(y[0] for y in fits)), Lognormal(*(y[1:] for y in fits))
 
 
-def _warn_of_gaps(
+def _warn_of_undetermined(
     data: xarray.Dataset, confidence: float | None, no_curve: np.ndarray, no_interval: np.ndarray
 ):
     """Warn of curves and intervals that the counts do not determine, and of few records.

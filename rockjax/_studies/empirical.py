@@ -92,14 +92,15 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
     # Ranks 0 and n + 1 are the bounds −∞ and +∞.
     low = binom.ppf(tail, n, probability).astype(int)
     high = binom.ppf(1 - tail, n, probability).astype(int) + 1
-    ends = np.r_[-np.inf, sample.lowest, np.inf], np.r_[-np.inf, sample.highest, np.inf]
-    return Estimates(np.sort(sample.values)[np.maximum(rank, 1) - 1], ends[0][low], ends[1][high])
+    lower_ends = np.r_[-np.inf, sample.lowest, np.inf]
+    upper_ends = np.r_[-np.inf, sample.highest, np.inf]
+    return Estimates(np.sort(sample.values)[np.maximum(rank, 1) - 1], lower_ends[low], upper_ends[high])
 
 
 def probability_interval(least: int, most: int, n: int, confidence: float) -> tuple[float, float]:
     """Return the Clopper–Pearson interval of a probability.
 
-    - `least`, `most`: number of events if none of the unknown trials is an event, and if all of them are
+    - `least`, `most`: number of events if no unknown trial is an event, and if every unknown trial is one
     - `n`: number of trials
     - `confidence`: confidence level, in (0, 1)
     """

@@ -60,7 +60,7 @@ def ensemble(
     for every n. The bounds do not include the uncertainty from choosing the motions.
 
     - `podium`: podium with scalar parameters; the scenes are variants of it
-    - `motions`: one motion, or several (`Motions`, `Records`, a list); then each scene draws one of them with
+    - `motions`: one motion; or several (`Motions`, `Records`, a list), of which each scene draws one with
       equal probability
     - `spread`: dict of parameter name → a frozen distribution of `scipy.stats`, a number, or an array of
       drawn values, shape (n,). Names are those of [`rockjax.grid`][], and `initial.theta` [rad],

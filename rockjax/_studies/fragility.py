@@ -37,7 +37,7 @@ from .spectra import boundary_axis
 if TYPE_CHECKING:
     import xarray
 
-DEFAULT_OPTIONS = Options()  # equal to the defaults of single scenes, so that they share compiled programs
+DEFAULT_OPTIONS = Options()  # as for single scenes, to share compiled programs
 
 
 class Measure(NamedTuple):

@@ -110,12 +110,12 @@ def _add_boundaries(data: xarray.Dataset, column: np.ndarray, boundaries: np.nda
     """Return a spectrum with its boundaries; `column` has the index of the frequency of each boundary."""
     zeros = np.zeros(column.size, int)
     table, _ = Crossings(column, boundaries, zeros > 0, zeros).table(data.sizes["frequency_ratio"])
-    ratio = {
+    ratio_attrs = {
         "units": "1",
         "long_name": "a_p/(g tan α) at changes of the outcome between neighbouring grid points",
     }
-    least = ratio | {"long_name": "least overturning a_p/(g tan α) of the grid"}
+    least = ratio_attrs | {"long_name": "least overturning a_p/(g tan α) of the grid"}
     return data.assign(
         minimum=("frequency_ratio", table[:, 0], least),
-        boundaries=(("frequency_ratio", "boundary"), table, ratio),
+        boundaries=(("frequency_ratio", "boundary"), table, ratio_attrs),
     ).assign_coords(boundary=boundary_axis(table))

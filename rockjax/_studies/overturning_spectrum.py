@@ -149,15 +149,15 @@ def _dataset(podium: Podium, pulse, x, search: Scan, derived, options: Options) 
 
     boundaries, impacts = search.crossings.table(x.size)
     T_p = pulse_period(derived["p_rad_s"], x)
-    ratio = {"units": "1", "long_name": "a_p/(g tan α)"}
+    ratio_attrs = {"units": "1", "long_name": "a_p/(g tan α)"}
     data = xarray.Dataset(
         {
             "minimum": (
                 "frequency_ratio",
                 boundaries[:, 0],
-                ratio | {"long_name": "least overturning a_p/(g tan α)"},
+                ratio_attrs | {"long_name": "least overturning a_p/(g tan α)"},
             ),
-            "boundaries": (("frequency_ratio", "boundary"), boundaries, ratio),
+            "boundaries": (("frequency_ratio", "boundary"), boundaries, ratio_attrs),
             "impacts": (
                 ("frequency_ratio", "boundary"),
                 impacts,

@@ -101,15 +101,15 @@ def record_spectrum(
     displacement = np.where(overturned, np.nan, 2 * R * (np.sin(alpha) - np.sin(alpha * (1 - rotation))))
     import xarray
 
-    ratio, dims = {"units": "1"}, ("record", "p")
+    ratio_attrs, dims = {"units": "1"}, ("record", "p")
     return xarray.Dataset(
         {
             "demand": (
                 dims,
                 (1 / least_scale).reshape(shape),
-                ratio | {"long_name": "PGA divided by least overturning PGA"},
+                ratio_attrs | {"long_name": "PGA divided by least overturning PGA"},
             ),
-            "peak_rotation": (dims, rotation, ratio | {"long_name": "max|θ|/α"}),
+            "peak_rotation": (dims, rotation, ratio_attrs | {"long_name": "max|θ|/α"}),
             "overturned": (dims, overturned, {"long_name": "overturned"}),
             "top_displacement": (dims, displacement, {"units": "m", "long_name": "max|u_b|"}),
         },

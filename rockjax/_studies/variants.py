@@ -42,8 +42,8 @@ class Variants(NamedTuple):
         motion = self.motion
         if self.motion_index is not None:
             motion = pick_motions(motion, np.asarray(self.motion_index[scene]))
-        others = {name: values for name, values in draws.items() if name not in INITIAL}
-        podium, motion = with_parameters("ensemble", self.podium, motion, others)
+        parameters = {name: values for name, values in draws.items() if name not in INITIAL}
+        podium, motion = with_parameters("ensemble", self.podium, motion, parameters)
         superstructure, changes = podium.superstructure, {}
         for name in draws.keys() & INITIAL.keys():
             field, values = INITIAL[name].attribute_path, draws[name]

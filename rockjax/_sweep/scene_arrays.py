@@ -18,7 +18,7 @@ class SceneArrays(NamedTuple):
     """The leaves of (structures, excitations, initial, t_end) of a grid of scenes.
 
     - `arrays`: leaves by name, as arrays or objects that can be sliced like arrays. Their first axes are
-      those of the grid, each of full length or of length 1; the others are those of a single scene, such as
+      those of the grid, each of full length or of length 1; the last axes belong to a single scene, such as
       the samples of a record. Leaves common to all scenes do not have the axes of the grid
     - `skeleton`: (structures, excitations, initial, t_end) with names in place of the leaves
     - `shape`: number of scenes along each axis of the grid

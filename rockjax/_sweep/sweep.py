@@ -212,7 +212,8 @@ class SweepPlan:
             ("steps", f"{self.steps:.3g}, {self.steps / max(1, self.scenes - self.done):.3g} per scene"),
             (
                 "time",
-                f"{_duration(self.seconds)} on {self.cores} cores ({self.core_seconds:.3g} core seconds)",
+                f"{_format_duration(self.seconds)} on {self.cores} cores "
+                f"({self.core_seconds:.3g} core seconds)",
             ),
             ("memory", f"{readable_bytes(self.memory)} in each process"),
             ("disk", f"up to {readable_bytes(self.disk)} in {self.store}"),
@@ -220,7 +221,7 @@ class SweepPlan:
         return "\n".join(["SweepPlan", *(f"  {label:<8} {value}" for label, value in rows)])
 
 
-def _duration(seconds: float) -> str:
+def _format_duration(seconds: float) -> str:
     for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
         if seconds >= 2 * length:
             return f"{seconds / length:.3g} {unit}"

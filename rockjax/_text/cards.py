@@ -18,9 +18,8 @@ from . import tables
 
 def format_call(module: eqx.Module) -> str:
     """Return a structure or motion as the call that constructs it, with shape and range of arrays."""
-    return (
-        f"{type(module).__name__}({', '.join(f'{name}={_value(value)}' for name, value in _fields(module))})"
-    )
+    arguments = ", ".join(f"{name}={_format_value(value)}" for name, value in _fields(module))
+    return f"{type(module).__name__}({arguments})"
 
 
 def card(module: eqx.Module, meanings: Mapping[str, str] | None = None) -> str:
@@ -32,7 +31,9 @@ def card(module: eqx.Module, meanings: Mapping[str, str] | None = None) -> str:
     other_meanings, rows = dict(meanings or {}), []
     for name, value, meaning in _rows(module):
         rows.append((name, value, other_meanings.pop(name, meaning)))
-    rows += [(name, _value(getattr(module, name)), meaning) for name, meaning in other_meanings.items()]
+    rows += [
+        (name, _format_value(getattr(module, name)), meaning) for name, meaning in other_meanings.items()
+    ]
     return tables.html(rows, caption=type(module).__name__, heads="column")
 
 
@@ -64,7 +65,7 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
             yield f"{prefix}{name}", type(value).__name__, meaning
             yield from _rows(value, f"{prefix}{name}.")
         else:
-            yield f"{prefix}{name}", _value(value), meaning
+            yield f"{prefix}{name}", _format_value(value), meaning
 
 
 def _meaning(module: eqx.Module, name: str) -> str:
@@ -82,7 +83,7 @@ def _meaning(module: eqx.Module, name: str) -> str:
     return ""
 
 
-def _value(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """Return a value as text: numbers with 6 digits, arrays as their shape and range."""
     if isinstance(value, float):
         return f"{value:.6g}"

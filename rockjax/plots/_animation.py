@@ -52,7 +52,7 @@ def animation(
 
     - `response`: a [`rockjax.Response`][] or its dataset
     - `columns`: number of columns to draw, ≥ 1; it does not affect the response
-    - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–]; the picture states it
+    - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–], stated in the picture
     - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the
       animation, > 0
     - `start`, `end`: part of the scene to show [s], by default the whole scene

@@ -78,7 +78,9 @@ def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None
     ax.plot(t, ratio, color=COLOURS[2], ls="-", lw=1.2)
     impacts = data["impact_times"].values
     if impacts.size:
-        ax.plot(impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=8, label=_count_impacts(impacts))
+        ax.plot(
+            impacts, np.zeros_like(impacts), "|", color=COLOURS[1], ms=8, label=_impact_count_label(impacts)
+        )
     if bool(data["uplifted"]):
         time = float(data["uplift_time"])
         ax.plot(
@@ -95,7 +97,7 @@ def rotation_history(response: Response | xarray.Dataset, ax: Axes | None = None
     return ax
 
 
-def _count_impacts(impacts: np.ndarray) -> str:
+def _impact_count_label(impacts: np.ndarray) -> str:
     return "1 impact" if impacts.size == 1 else f"{impacts.size} impacts"
 
 
@@ -237,7 +239,9 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
     ax.plot(x, y, color=COLOURS[2], ls="-", lw=1.1, label="response")
     if times.size:
         jumps = np.stack([before, after, gap]).T.ravel() / unit
-        ax.plot(np.zeros_like(jumps), jumps, color=COLOURS[1], ls="-", lw=2.0, label=_count_impacts(times))
+        ax.plot(
+            np.zeros_like(jumps), jumps, color=COLOURS[1], ls="-", lw=2.0, label=_impact_count_label(times)
+        )
     ax.set(xlabel=ROTATION, ylabel=r"$\dot\theta\,/\,(p\alpha)$", xlim=(-limit, limit))
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.16 * (high - low))  # room for the legend
