@@ -139,8 +139,8 @@ class Chunk(NamedTuple):
             return floats, None, rest
         lane_slopes = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
         all_slopes = slopes.parts, self.slopes.common, lane_slopes
-        # `loops` selects a form that compiles faster but computes each row of derivatives on its own. With a
-        # single row nothing is lost.
+        # `loops` selects a form that compiles faster but computes each row of derivatives separately. With a
+        # single row, separate computation costs nothing.
         is_single = slopes.lane["event_time"].shape[0] == 1
         return push_forward(in_all_lanes, (parts, self.common, lane), all_slopes, loops=loops or is_single)
 
@@ -179,14 +179,14 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
         prepare_first = lambda factors: prepare_scene(factors, *first_scene)
         depends = jax.tree.leaves(find_dependent_outputs(prepare_first, factors)[0])
 
-        def of_factors(factors):
+        def scenes_and_states(factors):
             scenes, lane = prepare_all(factors, *leaves)
             flat = jax.tree.leaves(scenes)
             flat = [y if flag else None for y, flag in zip(flat, depends, strict=True)]
             return (flat, differentiated_fields(lane)), (scenes, lane)
 
         _, (scene_slopes, lane_slopes), (scenes, lane) = push_forward(
-            of_factors, (factors,), (jnp.eye(len(names)),), loops=True
+            scenes_and_states, (factors,), (jnp.eye(len(names)),), loops=True
         )
         part_slopes = [y for y, flag in zip(scene_slopes, has_rows, strict=True) if flag]
         slopes = _ChunkDerivatives(part_slopes, selected(scene_slopes, False), lane_slopes)
@@ -272,8 +272,8 @@ def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[
 
 
 def _differing(function, axes, leaves):
-    """Return, for each output of a function, whether it differs between scenes under `vmap` with these
-    axes."""
+    """Return, for each output of a function, whether it differs between scenes if `vmap` maps its leaves
+    over `axes`."""
     flags: list[Any] = []
 
     @custom_vmap

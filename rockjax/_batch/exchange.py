@@ -27,7 +27,7 @@ class Lanes(NamedTuple):
 
     lane: LoopState  # states, with a row for each lane
     parts: list[Any]  # leaves of `Scene` that differ between scenes, with a row for each lane
-    scene_index: jax.Array  # index of the lane's scene in the batch; −1 for a lane without a scene
+    scene_index: jax.Array  # for each lane, index of its scene in the batch; −1 without a scene
     slopes: LaneDerivatives | None = None  # derivatives; None if no sensitivities are requested
     edge_distance: jax.Array | None = None  # edge distance of each scene so far; None if not requested
 
@@ -49,7 +49,7 @@ class Loop(NamedTuple):
     """State of the loop over a chunk of scenes."""
 
     lanes: Lanes
-    following: jax.Array  # position in the chunk of the next scene to load
+    next_position: jax.Array  # position in the chunk of the next scene to load
     done: Done
 
 
@@ -99,31 +99,31 @@ def _one_by_one(
         return jax.tree.map(lambda y: jax.lax.dynamic_index_in_dim(y, at, axis, keepdims=False), stores)
 
     def serve_first(carry: tuple[Loop, Flag]) -> tuple[Loop, Flag]:
-        (state, following, done), waits = carry
+        (state, next_position, done), waits = carry
         k = jnp.min(jnp.where(waits, indices_of_lanes, ended.size))
         write = lambda stores, values: put(stores, row(values, k), done.used)
         done = _store_answers(done, write, state.scene_index, answers, row(ended, k))
-        loads = following < indices.scenes
+        loads = next_position < indices.scenes
 
         def load(store, differs, current, axis=0):
-            new = row(store, jnp.where(loads, following, 0), axis) if differs else store
+            new = row(store, jnp.where(loads, next_position, 0), axis) if differs else store
             return put(current, jnp.where(loads, new, row(current, k, axis)), k, axis)
 
-        scene_index = put(state.scene_index, jnp.where(loads, indices.of(following), -1), k)
+        scene_index = put(state.scene_index, jnp.where(loads, indices.of(next_position), -1), k)
         state = _load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index)
-        return Loop(state, following + loads.astype(following.dtype), done), put(waits, False, k)
+        return Loop(state, next_position + loads.astype(next_position.dtype), done), put(waits, False, k)
 
-    waits = ended | ((loop.lanes.scene_index < 0) & (loop.following < indices.scenes))
+    waits = ended | ((loop.lanes.scene_index < 0) & (loop.next_position < indices.scenes))
     return jax.lax.while_loop(lambda carry: jnp.any(carry[1]), serve_first, (loop, waits))[0]
 
 
 def _in_parallel(
     chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
-    state, following, done = loop
+    state, next_position, done = loop
     done = _append_answers(done, ended, state.scene_index, answers)
     is_free = ended | (state.scene_index < 0)
-    position = following + jnp.cumsum(is_free, dtype=following.dtype) - 1
+    position = next_position + jnp.cumsum(is_free, dtype=next_position.dtype) - 1
     loads = is_free & (position < indices.scenes)
     loaded = jnp.where(loads, position, 0)
 
@@ -135,8 +135,10 @@ def _in_parallel(
     scene_index = jnp.where(loads, indices.of(position), jnp.where(is_free, -1, state.scene_index)).astype(
         state.scene_index.dtype
     )
-    following = jnp.minimum(following + jnp.sum(is_free, dtype=following.dtype), indices.scenes)
-    return Loop(_load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index), following, done)
+    next_position = jnp.minimum(next_position + jnp.sum(is_free, dtype=next_position.dtype), indices.scenes)
+    return Loop(
+        _load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index), next_position, done
+    )
 
 
 def _load_scenes(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:

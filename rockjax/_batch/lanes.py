@@ -91,11 +91,11 @@ def advance(
 
     def count_waiting(loop: Loop) -> jax.Array:
         """Return the number of lanes that wait for an exchange."""
-        has_or_gets_scene = (loop.lanes.scene_index >= 0) | (loop.following < count)
+        has_or_gets_scene = (loop.lanes.scene_index >= 0) | (loop.next_position < count)
         return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & has_or_gets_scene)
 
     def is_unfinished(loop: Loop) -> Flag:
-        return (loop.following < count) | (loop.done.trials < max_trials)
+        return (loop.next_position < count) | (loop.done.trials < max_trials)
 
     def makes_more_trials(loop: Loop) -> Flag:
         """Return whether to make another trial before the next exchange. As an exchange takes about as long
@@ -117,11 +117,13 @@ def advance(
     # The storage has rows for the scenes of the chunk, for the scenes that the lanes held before, and for one
     # more scene per lane, because accelerators write the rows of all lanes at once.
     done = empty_storage(size + 2 * lane_count, answer_shapes, index_type)
-    following = jnp.where(refill, 0, jnp.minimum(count, lane_count)).astype(index_type)
+    next_position = jnp.where(refill, 0, jnp.minimum(count, lane_count)).astype(index_type)
     loop = jax.lax.while_loop(
-        lambda loop: is_unfinished(loop) & ((loop.following < count) | jnp.any(loop.lanes.scene_index >= 0)),
+        lambda loop: (
+            is_unfinished(loop) & ((loop.next_position < count) | jnp.any(loop.lanes.scene_index >= 0))
+        ),
         body,
-        Loop(lanes, following, done),
+        Loop(lanes, next_position, done),
     )
     left = jnp.sum(loop.lanes.scene_index >= 0, dtype=index_type)
     return _with_swapped_axes(loop.lanes), loop.done._replace(left=left)

@@ -3,8 +3,8 @@
 A window is an interval of y in which scenes overturn. The edge distance of a scene is the estimated change of
 y at which the scene could overturn (see `_batch/edge_distance.py`). Two neighbours that both survive may be
 as far apart as `DISTANCE_SHARE` times the sum of both edge distances: a window in between would contradict
-the derivatives at all turning points of both scenes. But some windows that are a few spacings wide have no
-effect on neighbouring scenes. Therefore neighbours are at most `MAX_SPACINGS` spacings apart, and one spacing
+the derivatives at all turning points of both scenes. But some windows that are a few spacings wide do not
+affect the scenes beside them. Therefore neighbours are at most `MAX_SPACINGS` spacings apart, and one spacing
 if edge distances are short or unknown. A spacing is slightly less than the requested width. This is an
 estimate, not a proof; for comparison `benchmarks/boundaries.py` evaluates every scale.
 
@@ -31,7 +31,7 @@ MAX_PARTS = 16  # largest number of parts into which an interval is divided at o
 ROUND_SCENES = 2048  # number of scenes in a round, distributed among all lines
 MIN_LINE_SCENES = 64  # minimum number of scenes of each line in a round
 GRAZING = 1e-3  # scenes with a margin below this are solved at full accuracy
-MIN_PARTS = 4  # least number of parts of an interval beside a dip; small batches are filled by more parts
+MIN_PARTS = 4  # least number of parts of an interval beside a dip; more parts fill batches of few intervals
 
 
 class SolvedScenes(NamedTuple):

@@ -8,7 +8,7 @@ from pathlib import Path
 # assembled and written.
 BYTES_PER_SCENE = 160
 BYTES_PER_SENSITIVITY = 32  # additional memory per scene and sensitivity parameter [bytes]
-SYSTEM = Path("/")
+SYSTEM = Path("/")  # root of /proc and /sys
 
 # Advice in error messages.
 REQUEST_FEWER_OR_SWEEP = (

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from rockjax._machine.environment import switched_off
 
 LIMIT = 2048  # default size limit of the folder [MiB]
-_DIGEST = 32  # length of the checksum [bytes]
+_DIGEST_SIZE = 32  # size of the checksum [bytes]
 _LOG = logging.getLogger("rockjax")
 
 
@@ -116,8 +116,8 @@ def read(key: str) -> bytes | None:
     if unsafe:
         _LOG.debug("no stored programs are read: %s", unsafe)
         return None
-    data = content[_DIGEST:]
-    if content[:_DIGEST] != _digest(key, data):
+    data = content[_DIGEST_SIZE:]
+    if content[:_DIGEST_SIZE] != _digest(key, data):
         _LOG.debug("%s is damaged", file)
         discard(key)
         return None
@@ -136,7 +136,7 @@ def write(key: str, data: bytes) -> None:
     path.mkdir(mode=0o700, exist_ok=True)
     if unsafe := _reason_unsafe(path):
         raise PermissionError(unsafe)
-    if len(data) + _DIGEST > limit_bytes:
+    if len(data) + _DIGEST_SIZE > limit_bytes:
         return
     handle, temporary = tempfile.mkstemp(prefix=".", suffix=".part", dir=path)  # only this user may read it
     try:
