@@ -164,7 +164,9 @@ def course_with_jumps(across, up, rests=True, end=6.0, a=(0.0, 0.0)):
     times = np.array([0.0, 0.5, 0.55, end, np.inf])
     accelerations = np.broadcast_to([a[0], a[0], a[1]], (5, DEGREE + 1, 3))
     ending = Ending(np.asarray(rests), np.array([0.2]), np.asarray(0.3), np.asarray(0.4), np.asarray(0.95))
-    return jax.tree.map(jnp.asarray, FloorCourse(times, accelerations, jumps, np.asarray(end), ending))
+    return FloorCourse(
+        *map(jnp.asarray, (times, accelerations, jumps, end)), jax.tree.map(jnp.asarray, ending)
+    )
 
 
 HORIZONTAL, VERTICAL = [0.4, 0.6, 0.0], [0.0, 0.0, 1.0]
