@@ -1,4 +1,7 @@
-"""The assumptions A1–A9 of the model, and their tests on scenes: the structure under one motion each."""
+"""The assumptions A1–A9 of the model, and their tests on scenes.
+
+A scene is the structure under one motion.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,8 @@ class Outcome(NamedTuple):
     """Result of testing an assumption on a set of scenes.
 
     - `violated`: whether each scene violates the assumption, (n,)
-    - `worst`: value of the worst scene
-    - `text`: description of the result, with `{}` in place of the worst value
+    - `worst`: number in the result, such as the tested value in the worst scene
+    - `text`: description of the result, with `{}` in place of `worst`
     """
 
     violated: np.ndarray
@@ -49,7 +52,7 @@ def opens_joint(data: xarray.Dataset) -> np.ndarray:
     )
 
 
-# Tests of assumptions, in `ASSUMPTIONS` below.
+# Tests of the assumptions; `ASSUMPTIONS` below lists them.
 def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     mu = problem.joints.friction
     if mu is None:
@@ -58,22 +61,22 @@ def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
         return "Not tested: the structure has no positions of columns."
     demand = data["peak_friction"].values.max(axis=-1)
     is_closed = ~opens_joint(data) if "least_axial_force" in data else np.ones(len(demand), bool)
-    finite = np.where(np.isfinite(demand) & is_closed, demand, -np.inf)
-    worst = float(finite.max())
+    tested = np.where(np.isfinite(demand) & is_closed, demand, -np.inf)
+    worst = float(tested.max())
     if worst == -np.inf:
         return "Not tested: a joint opens under every motion."
-    return Outcome(finite > mu, worst, f"largest demand {{}} of μ = {mu:g} while all joints are closed")
+    return Outcome(tested > mu, worst, f"largest demand {{}} of μ = {mu:g} while all joints are closed")
 
 
-def _closed_vertically(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+def _closed_under_vertical_motion(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     from rockjax import _results as results
 
     del problem
-    weightless = np.array([results.NAMES[int(code)] == "weightless" for code in data["result"].values])
-    return Outcome(weightless, float(weightless.sum()), "{} scenes in which the weight vanishes")
+    is_weightless = np.array([results.NAMES[int(code)] == "weightless" for code in data["result"].values])
+    return Outcome(is_weightless, float(is_weightless.sum()), "{} scenes in which the weight vanishes")
 
 
-def _rests_on_all(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+def _beam_rests_on_columns(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del problem
     if "least_axial_force" not in data:
         return "Not tested: the structure has no positions of columns."
@@ -85,30 +88,30 @@ def _never_tested(reason: str) -> Callable[[Any, Any], str]:
     return lambda problem, data: f"Never tested: {reason}"
 
 
-def _edges(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+def _sharp_edges(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del problem, data
     return "Tested by checks of the kind contact-pressure only."
 
 
-def _laws(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+def _restitution_laws(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del data
     return f"All checks again under the laws {', '.join(problem.report.laws)}, below."
 
 
-def _linear(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+def _linear_building(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del problem
     if "peak_drift" not in data:
         return "Never tested: the building must bear the shear of section 6 elastically."
     return "Never tested: the building must bear the shear and the drifts of section 6 elastically."
 
 
-def _p_delta(problem: Problem, data: xarray.Dataset) -> Outcome | str:
+def _second_order_moments(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     heights = problem.story_heights
     if heights is None or "peak_drift" not in data or "peak_shear" not in data:
         return "Not tested: the structure has no stories with heights."
-    ratio = (data["peak_drift"].values / heights).max(axis=-1)
+    drift_ratio = (data["peak_drift"].values / heights).max(axis=-1)
     shear = data["peak_shear"].values
-    coefficient = np.divide(ratio, shear, out=np.zeros_like(ratio), where=shear > 0)
+    coefficient = np.divide(drift_ratio, shear, out=np.zeros_like(drift_ratio), where=shear > 0)
     return Outcome(
         coefficient > 0.1, float(coefficient.max()), "largest drift ratio · W/V {} (usual limit 0.1)"
     )
@@ -116,13 +119,13 @@ def _p_delta(problem: Problem, data: xarray.Dataset) -> Outcome | str:
 
 ASSUMPTIONS = (
     Assumption("A1", "No column slides.", "depends", _no_sliding, True),
-    Assumption("A2", "Joints stay closed under vertical motion.", "no", _closed_vertically, True),
+    Assumption("A2", "Joints stay closed under vertical motion.", "no", _closed_under_vertical_motion, True),
     Assumption("A3", "Motion is in one plane.", "no", _never_tested("the model has one plane.")),
-    Assumption("A4", "Columns turn about sharp edges of full strength.", "no", _edges),
+    Assumption("A4", "Columns turn about sharp edges of full strength.", "no", _sharp_edges),
     Assumption("A5", "The ground is rigid.", "depends", _never_tested("the model has no soil.")),
-    Assumption("A6", "Impacts follow the law of restitution.", "depends", _laws),
-    Assumption("A7", "The beam rests on all columns.", "no", _rests_on_all, True),
-    Assumption("A8", "The building stays linear.", "depends", _linear),
-    Assumption("A9", "Second-order moments in the building are small.", "no", _p_delta),
+    Assumption("A6", "Impacts follow the law of restitution.", "depends", _restitution_laws),
+    Assumption("A7", "The beam rests on all columns.", "no", _beam_rests_on_columns, True),
+    Assumption("A8", "The building stays linear.", "depends", _linear_building),
+    Assumption("A9", "Second-order moments in the building are small.", "no", _second_order_moments),
 )
 INVALIDATING = tuple(assumption for assumption in ASSUMPTIONS if assumption.invalidates)

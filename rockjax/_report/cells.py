@@ -1,4 +1,4 @@
-"""Cells with a number, or a word where there is none, and parts of names of tables."""
+"""Cells with a number, or a word in place of a missing number, and parts of names of tables."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def number(value: Any, kind: str, error: Any = None, word: str = "none", note: s
 
 
 def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | Word:
-    """Return a cell with a peak of scene `k`; a note gives the time until which the peak counts, if any."""
+    """Return a cell with a peak of scene `k`; a note gives the time of overturning, where peaks end."""
     code = int(data["result"].values[k])
     if code > results.OVERTURNED:
         return Word(results.NAMES[code].replace("_", " "), "unanswered")
@@ -35,5 +35,5 @@ def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = 
 
 
 def slug(name: str) -> str:
-    """Convert the name of a set or check to a part of the name of a table or picture."""
+    """Convert a name to lower-case letters, digits and "-", for the names of tables and pictures."""
     return re.sub(r"[^a-z0-9-]", "-", name.lower())

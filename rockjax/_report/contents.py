@@ -70,7 +70,7 @@ def tables_of(evaluation: Evaluation) -> dict[str, Table]:
 
 
 def date_of(evaluation: Evaluation) -> str:
-    """Return the date of the page: from the file, else from SOURCE_DATE_EPOCH, else today."""
+    """Return the date of the page: from the problem file, else from SOURCE_DATE_EPOCH, else today."""
     if evaluation.problem.project.date:
         return evaluation.problem.project.date
     epoch = os.environ.get("SOURCE_DATE_EPOCH")

@@ -1,7 +1,7 @@
-"""Derivatives of the values of checks with respect to the logarithms of the inputs.
+"""Derivatives of the values of checks with respect to the logarithms of factors.
 
-The logarithms are those of n + 1 factors: one on each input, and the last on the motion. Derivatives are
-taken at zero, where all factors are 1.
+Each of the n inputs of the structure has a factor; the motion has the last of the n + 1 factors. Derivatives
+are taken where all factors are 1, that is all logarithms 0.
 """
 
 from __future__ import annotations
@@ -29,15 +29,16 @@ from .store import fingerprint
 if TYPE_CHECKING:
     import xarray
 
-# Returns a value, and its derivatives with respect to the logarithms, (n + 1,).
+# Function that returns a value, and its derivatives with respect to the logarithms, (n + 1,).
 SlopesFunction = Callable[[], tuple[Any, Any]]
 
 
 def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunction]) -> xarray.Dataset:
-    """Return d ln(value)/d ln y of a check for every input y and the factor on the motion, along `motion` and
-    `parameter`.
+    """Return d ln(value)/d ln y of a check, along `motion` and `parameter`; y is an input or the factor on
+    the motion.
 
-    - `entry`: the check; `functions`: index of a motion or pulse → its value and derivatives
+    - `entry`: the check
+    - `functions`: index of a motion or pulse → function that returns its value and derivatives
     """
     import xarray
 
@@ -63,11 +64,11 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunct
 def slopes_of(
     problem: Problem, function: Callable[[Podium, Value], Value], *, jit: bool = False
 ) -> SlopesFunction:
-    """Return a function that computes the value and the derivatives of a function of the podium and of the
-    logarithms.
+    """Return a function that computes the value and the derivatives of `function`.
 
-    - `jit`: True for a function that solves no scenes. It is compiled as one program, because outside jit
-      every operation compiles separately
+    - `function`: function of the podium and of the logarithms, (n + 1,)
+    - `jit`: whether to compile it as one program; True for a function that solves no scenes, because outside
+      jit each of its operations compiles separately
     """
     derivative = jax.value_and_grad(lambda logs: function(varied(problem, logs), logs))
     return lambda: (jax.jit(derivative) if jit else derivative)(jnp.zeros(len(problem.variables) + 1))
@@ -76,16 +77,16 @@ def slopes_of(
 def varied(problem: Problem, logs: Any) -> Podium:
     """Return the structure with its inputs multiplied by factors, exact to first order in `logs`, (n + 1,).
     The last factor belongs to the motion and has no effect here."""
-    leaves, structure = jax.tree.flatten(problem.podium)
+    leaves, treedef = jax.tree.flatten(problem.podium)
     changed = [
         jnp.asarray(y, float) + J @ logs[:-1] for y, J in zip(leaves, problem.leaf_derivatives, strict=True)
     ]
-    return jax.tree.unflatten(structure, changed)
+    return jax.tree.unflatten(treedef, changed)
 
 
 def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return name of output → value, and its derivatives with respect to the logarithms along a last axis,
-    for a scene.
+    """Return name of output → (value, derivatives) for a scene. The last axis of the derivatives has the
+    logarithms.
 
     One forward pass differentiates all outputs of the scene, and one program serves all motions of a set.
 
@@ -123,9 +124,9 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
 def _directions(problem: Problem, excitation: AbstractExcitation, with_elevation: bool) -> list[np.ndarray]:
     """Return the derivatives of the scalar leaves of (podium.split_rows(), excitation) with respect to the
     logarithms, each of shape (n + 1,)."""
-    count, podium = len(problem.variables), problem.split_derivatives
-    of_podium = jax.tree.leaves(podium if with_elevation else podium.without_elevation())
-    # A motion is proportional to its factor, so this difference is the derivative.
-    once, twice = (jax.tree.leaves(excitation.scaled(factor).common_form()) for factor in (1.0, 2.0))
-    of_motion = [np.mean(z) - np.mean(y) for y, z in zip(once, twice, strict=True)]
+    count, split = len(problem.variables), problem.split_derivatives
+    of_podium = jax.tree.leaves(split if with_elevation else split.without_elevation())
+    # A motion is proportional to its factor, so the change from factor 1 to factor 2 is the derivative.
+    original, doubled = (jax.tree.leaves(excitation.scaled(factor).common_form()) for factor in (1.0, 2.0))
+    of_motion = [np.mean(z) - np.mean(y) for y, z in zip(original, doubled, strict=True)]
     return [np.append(y, 0.0) for y in of_podium] + [np.append(np.zeros(count), y) for y in of_motion]

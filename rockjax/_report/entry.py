@@ -34,7 +34,7 @@ class Entry:
     """An entry of `[[checks]]` or `[[targets]]`.
 
     - `id`: identifier; `kind`: name of the kind; `keys`: validated table of the entry
-    - `arguments`: keys that only this kind has → values, as objects: a class of pulses, a random motion …
+    - `arguments`: keys that only this kind has → values, or objects made from them, such as a class of pulses
     - `motions`: name of the set of motions, or None
     - `quantity`: what the value measures, one of `units.KINDS`; `limit`: limit [SI], 1 if the kind has none
     - `is_target`: whether it is a design target

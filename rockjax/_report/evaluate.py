@@ -25,7 +25,7 @@ from .scenes import Needs, Scenes, Silent
 from .store import Store
 
 ROUNDING = 8 * np.finfo(float).eps  # least relative error of a value
-PARTS = ("risk", "methods", "spread")  # valid names in `skip`
+SKIPPABLE = ("risk", "methods", "spread")  # valid names in `skip`
 
 
 def evaluate(
@@ -36,8 +36,8 @@ def evaluate(
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
     - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
       `"methods"` (the simplified methods) and `"spread"` (changed parameters)
-    - `store`: path of a file (.nc) with the results of scenes, which a later call does not solve again; None
-      for no file
+    - `store`: path of a file (.nc) for the results of scenes, so that a later call does not solve them again;
+      None for no file
     - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`, or None
 
     Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for invalid files and other names in `skip`.
@@ -45,8 +45,8 @@ def evaluate(
     if isinstance(problem, str | Path):
         problem = read_problem(problem)
     for name in skip:
-        if name not in PARTS:
-            raise ValueError(f"evaluate: skip must hold some of {', '.join(PARTS)}, got {name!r}")
+        if name not in SKIPPABLE:
+            raise ValueError(f"evaluate: skip must hold some of {', '.join(SKIPPABLE)}, got {name!r}")
     path = None if store is None else Path(store)
     with_spread = "spread" not in skip
     scenes = Scenes(problem, Store(path), needs_of_sets(problem), progress or Silent(), with_spread)
@@ -72,7 +72,7 @@ def needs_of_sets(problem: Problem) -> dict[str, Needs]:
 
 
 def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
-    """Evaluate an entry. The result of an entry that raises an error is NOT MADE, for this reason."""
+    """Evaluate an entry. If it raises an error, its result is NOT MADE and its reason is the error."""
     kind = KINDS[entry.kind]
     reason = kind.missing(entry, scenes.problem)
     if isinstance(kind, ByOthers):
@@ -82,12 +82,12 @@ def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
     if reason:
         return Check(entry, kind, "NOT MADE", reason)
     try:
-        return _computed(entry, kind, scenes)
+        return _compute(entry, kind, scenes)
     except (ValueError, RuntimeError, OSError, NotImplementedError) as error:
         return Check(entry, kind, "NOT MADE", f"{type(error).__name__}: {error}")
 
 
-def _computed(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
+def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
     """Evaluate an entry that lacks no input."""
     values = kind.values(entry, scenes)
     value, error, governing = statistic_of(values, entry.keys.statistic, kind.is_minimum)
@@ -114,7 +114,7 @@ def _computed(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         values,
     )
     slopes = _sensitivities(check, scenes)
-    # A motion that barely rocks may dominate the derivative of a mean, which is left out if it is so large.
+    # A motion that barely rocks may dominate the derivatives of a mean; if so, they are left out.
     is_mean, spread = check.statistic == "mean", scenes.problem.report.spread
     is_smooth = not is_mean or all(abs(y) * spread <= 1 for y in slopes.values())
     return dataclasses.replace(
@@ -132,7 +132,7 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[floa
     - `statistic`: "max" (of the utilisation), "mean", "median" or "p84"
     - `is_minimum`: whether the least value governs
 
-    Scenes that overturn count as ±inf.
+    The value of a scene that overturns is ±inf.
     """
     y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
     errors = np.maximum(errors, ROUNDING * np.abs(np.where(np.isfinite(y), y, 0.0)))
@@ -147,7 +147,7 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[floa
 
 
 def _quantile(y: np.ndarray, share: float) -> float:
-    """Return a quantile by linear interpolation; infinite if a value with a nonzero weight is."""
+    """Return a quantile by linear interpolation; infinite if a value with nonzero weight is infinite."""
     ordered = np.sort(y)
     position = share * (len(ordered) - 1)
     low, high = math.floor(position), math.ceil(position)
@@ -214,9 +214,9 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
     return {str(name): sign * float(y) for name, y in zip(data["parameter"].values, slopes, strict=True)}
 
 
-def _utilisation(check: Check, scenes: Scenes, law: str | None = None, variation: str = "") -> Any:
-    """Return the utilisations, as `utilisations_of` does, and the values of a check for another law of impact
-    or a variation."""
+def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str = "") -> Any:
+    """Evaluate a check for another law of impact or a variation. Return its utilisations, as
+    `utilisations_of` does, and its values."""
     values = check.kind.values(check.entry, scenes, law, variation)
     value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum)
     limit, is_minimum = check.entry.limit, check.kind.is_minimum
@@ -224,10 +224,8 @@ def _utilisation(check: Check, scenes: Scenes, law: str | None = None, variation
 
 
 def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:
-    """Return input → U of the set with the input decreased and increased."""
-    varied = {
-        variation: _utilisation(check, scenes, variation=variation)[0][1] for variation in scenes.variations
-    }
+    """Return input → (U with the input decreased, U with the input increased)."""
+    varied = {variation: _repeat(check, scenes, variation=variation)[0][1] for variation in scenes.variations}
     names = dict.fromkeys(variation[:-1] for variation in scenes.variations)
     return {name: (varied[f"{name}-"], varied[f"{name}+"]) for name in names}
 
@@ -236,6 +234,6 @@ def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:
     """Return law of impact → (U, result)."""
     laws = {}
     for law in scenes.problem.report.laws:
-        utilisations, values = _utilisation(check, scenes, law=law)
+        utilisations, values = _repeat(check, scenes, law=law)
         laws[law] = utilisations[1], decide(utilisations, any(values.unanswered), False)
     return laws

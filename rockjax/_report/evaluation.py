@@ -25,7 +25,7 @@ class Check:
     - `motions`, `statistic`: name of the set of motions, and statistic over the set
     - `result`: `"PASS"`, `"FAIL"`, `"UNDECIDED"`, `"NOT VALID"`, `"NOT MADE"` or `"BY OTHERS"`
     - `reason`: why there is no value, or which scenes have no answer; "" otherwise
-    - `violated`: numbers of the assumptions that do not hold, such as `"A7"`
+    - `violated`: ids of the assumptions that do not hold, such as `"A7"`
     - `limit`, `value`, `error`: [SI]; `value` is ±inf if a word replaces it, and NaN if there is none
     - `word`: word that replaces the value, such as "overturned at 5.85 s"; "" for a number
     - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn
@@ -94,7 +94,7 @@ class Evaluation:
 
     - `problem`: the problem; `scenes`: its solved scenes
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
-    - `assumptions`: set of motions → number of the assumption → `Outcome`, or why there is no test
+    - `assumptions`: set of motions → id of the assumption → `Outcome`, or why there is no test
     - `skipped`: names of the parts that were left out
     - `make_tables`: function that returns the tables of an evaluation
     """
@@ -108,7 +108,7 @@ class Evaluation:
 
     @property
     def is_verified(self) -> bool:
-        """True if every check passes. Checks that others make do not count; without any other it is False."""
+        """True if every check passes, except those made by others; False if all are made by others."""
         return all(y.is_verified for y in self.checks) and any(y.result == "PASS" for y in self.checks)
 
     @property
@@ -124,7 +124,7 @@ class Evaluation:
 
 def verdict(results: list[str]) -> str:
     """Return the verdict on checks with `results`, such as "Verified: all 14 checks pass."."""
-    own_results = [word for word in results if word != "BY OTHERS"]
+    own_results = [result for result in results if result != "BY OTHERS"]
     others = len(results) - len(own_results)
     count = {word: own_results.count(word) for word in ("PASS", "FAIL", "UNDECIDED", "NOT VALID", "NOT MADE")}
     by_others = f" {others} more {'is' if others == 1 else 'are'} made by others." if others else ""

@@ -23,7 +23,7 @@ from rockjax._structures import Podium
 
 from .entry import Entry
 
-WHOLE_NUMBERS = ("columns", "stories", "modes", "superstructure.stories", "superstructure.modes")
+COUNTS = ("columns", "stories", "modes", "superstructure.stories", "superstructure.modes")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,9 +86,9 @@ class Input:
 
     @property
     def varies(self) -> bool:
-        """True if the input is a positive number or a list of numbers, not a law, a count or a zero."""
+        """True if the input is a nonzero number or a list of numbers, and not a count."""
         values = np.ravel(self.value) if not isinstance(self.value, str) else np.zeros(0)
-        return bool(values.size) and self.key not in WHOLE_NUMBERS and bool(np.any(values != 0))
+        return bool(values.size) and self.key not in COUNTS and bool(np.any(values != 0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,25 +138,25 @@ class Problem:
 
     @property
     def leaf_derivatives(self) -> list[Any]:
-        """Derivatives of the leaves of `podium` with respect to ln y of each of `variables`, along the last
-        axis."""
+        """Derivatives of the leaves of `podium` with respect to ln y, where y runs over `variables` along the
+        last axis."""
         return self._derivatives[0]
 
     @property
     def split_derivatives(self) -> Podium:
-        """`podium.split_rows()` with the derivatives of each leaf in its place."""
+        """`podium.split_rows()` with each leaf replaced by its derivatives, as in `leaf_derivatives`."""
         return self._derivatives[1]
 
     @functools.cached_property
     def _derivatives(self) -> tuple[list[Any], Podium]:
         """`leaf_derivatives` and `split_derivatives`."""
 
-        def leaves(logs: Any) -> tuple[list[Any], Podium]:
+        def varied_leaves(logs: Any) -> tuple[list[Any], Podium]:
             podium = self.varied(dict(zip(self.variables, jnp.exp(logs), strict=True)))
             leaves, split = jax.tree.leaves(podium), podium.split_rows()
             return jax.tree.map(lambda y: jnp.asarray(y, float), (leaves, split))
 
-        return jax.jit(jax.jacfwd(leaves))(jnp.zeros(len(self.variables)))
+        return jax.jit(jax.jacfwd(varied_leaves))(jnp.zeros(len(self.variables)))
 
     @property
     def story_heights(self) -> np.ndarray | None:
@@ -178,19 +178,19 @@ def podium_with(structure: models.ByRatios | models.ByDimensions, factors: Mappi
     changes: dict[str, Any] = {}
     nested: dict[str, dict[str, Any]] = {}
 
-    def times(value: Any, factor: Any) -> Any:
+    def scaled(value: Any, factor: Any) -> Any:
         return jnp.asarray(value) * factor if isinstance(value, list | tuple) else value * factor
 
     for name, factor in factors.items():
         table, _, inner = name.rpartition(".")
         if table:
             owner = getattr(structure, table)
-            nested.setdefault(table, {})[inner] = times(getattr(owner, inner), factor)
+            nested.setdefault(table, {})[inner] = scaled(getattr(owner, inner), factor)
         elif name == "tan_alpha":
-            changes["alpha"] = jnp.arctan(times(getattr(structure, name), factor))
+            changes["alpha"] = jnp.arctan(scaled(getattr(structure, name), factor))
             changes["tan_alpha"] = None
         else:
-            changes[name] = times(getattr(structure, name), factor)
-    for table, inner in nested.items():
-        changes[table] = getattr(structure, table).model_copy(update=inner)
+            changes[name] = scaled(getattr(structure, name), factor)
+    for table, values in nested.items():
+        changes[table] = getattr(structure, table).model_copy(update=values)
     return Reader().structure(structure.model_copy(update=changes))

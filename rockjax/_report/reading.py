@@ -36,7 +36,7 @@ def read_problem(path: str | Path) -> Problem:
 
 
 def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
-    """Return the problem of a table: that of a file, in which the command line may have replaced values.
+    """Return the problem of a table, read from a file; the command line may have replaced some values.
 
     - `table`: contents of the file
     - `path`: path of the file, whose folder is the base of relative paths
@@ -180,8 +180,8 @@ def _resolve(table: Mapping[str, Any], name: str, value: Any) -> Any:
     if name not in BOUNDS or not isinstance(value, str):
         return value
     number: Any = table
-    for step in value.split("."):
-        number = number.get(step) if isinstance(number, dict) else None
+    for part in value.split("."):
+        number = number.get(part) if isinstance(number, dict) else None
     if not isinstance(number, int | float) or isinstance(number, bool) or not math.isfinite(number):
         raise ValueError(f"{name} must be a number or a key of this file, got {value!r}")
     return float(number)

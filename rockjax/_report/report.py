@@ -25,7 +25,7 @@ class Report:
     """A report, from [`rockjax.report`][].
 
     - `evaluation`: the checks and their scenes
-    - `page`, `units`: contents of the page [SI], and units in which they are shown
+    - `page`: contents of the page [SI]; `units`: units in which the page shows them
     - `written`: paths of the files that were written
     """
 

@@ -1,4 +1,4 @@
-"""Least factors on motions that lift or overturn the columns."""
+"""Least factors by which motions must be multiplied to lift or overturn the columns."""
 
 from __future__ import annotations
 
@@ -30,37 +30,38 @@ if TYPE_CHECKING:
     import xarray
 
 MAX_SCALE = 10.0  # end of the search for overturning factors
-BELOW = 1 - 1e-6  # factor on a boundary that gives a scene just below it
+JUST_BELOW = 1 - 1e-6  # a boundary times this factor gives a scene just below the boundary
 WINDOW_FACTORS = 1 + np.geomspace(1e-6, 1.0, 32)  # points above a boundary where a window may end
 BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances of boundaries
 
 
 def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
-    """Return the least factors on the motions of a set that lift or overturn the columns, along `motion`,
-    with estimates of their errors.
+    """Return for each motion of a set the least factor that lifts or overturns the columns, along `motion`,
+    with an estimate of its error.
 
-    Scenes with slightly larger factors overturn up to `survives_from`, and again from `overturns_again_from`.
-    Both are NaN if there is no such change up to twice the least factor, and may pass over narrow windows.
+    Above the least overturning factor, scenes overturn up to `survives_from`, and again from
+    `overturns_again_from`. Each is searched up to twice the least factor and NaN if not found; narrow windows
+    may be missed.
 
     - `name`: the set; `event`: "uplift" or "overturning"
     """
     motions, podium, options = scenes.motion_set(name), scenes.problem.podium, scenes.problem.options
-    mark = fingerprint(podium, motions.hashes, options, event, MAX_SCALE, WINDOW_FACTORS)
+    inputs_hash = fingerprint(podium, motions.hashes, options, event, MAX_SCALE, WINDOW_FACTORS)
     solve = _uplift if event == "uplift" else _overturning
-    return scenes.store.get(f"scales.{name}.{event}", mark, lambda: solve(scenes, motions))
+    return scenes.store.get(f"scales.{name}.{event}", inputs_hash, lambda: solve(scenes, motions))
 
 
 def just_below(factors: np.ndarray, end: float = MAX_SCALE) -> np.ndarray:
-    """Return factors just below a boundary, or the end of the search where it found none."""
-    return np.where(np.isfinite(factors), BELOW * factors, end)
+    """Return factors just below the boundaries `factors`, or the `end` of the search where none was found."""
+    return np.where(np.isfinite(factors), JUST_BELOW * factors, end)
 
 
 def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     import xarray
 
     scenes.say(f"uplift factors of {motions.name}")
-    factor = _uplift_guess(scenes, motions)
-    # Close to uplift, where the tolerance of the scenes is that of the factor.
+    factor = _estimate_uplift_factors(scenes, motions)
+    # Close to uplift, the relative error of the scenes is that of the factor.
     excitations = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
     data = scenes.solve(scenes.problem.podium, excitations, _uplift_options(scenes.problem), ("motion",))
     factor = 0.9 * factor / data["uplift_ratio"].values
@@ -72,19 +73,19 @@ def _uplift_options(problem: Problem) -> Options:
     return problem.options.replace(outputs=(UpliftRatio(), "peak_rotation", "errors"), throw=False)
 
 
-def _uplift_guess(scenes: Scenes, motions: MotionSet) -> np.ndarray:
+def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
     """Return the least factors that lift the columns, estimated from scenes that do not lift them."""
     from rockjax._batch.batch import peak_responses
 
     podium, options = scenes.problem.podium, _uplift_options(scenes.problem)
     largest = np.array([_largest_acceleration(y) for y in motions.excitations])
-    scale = 0.3 * float(podium.uplift_ground_acceleration) / largest
+    factors = 0.3 * float(podium.uplift_ground_acceleration) / largest
     for _ in range(20):
-        excitations = [y.scaled(f) for y, f in zip(motions.excitations, scale, strict=True)]
+        excitations = [y.scaled(f) for y, f in zip(motions.excitations, factors, strict=True)]
         peaks = peak_responses(podium, excitations, options=options)
         if not np.any(peaks.uplifted):
-            return scale / np.asarray(peaks.uplift_ratio)
-        scale = np.where(peaks.uplifted, scale / 3, scale)
+            return factors / np.asarray(peaks.uplift_ratio)
+        factors = np.where(peaks.uplifted, factors / 3, factors)
     raise RuntimeError(f"report: no factor keeps the columns of {motions.name} in contact")
 
 
@@ -95,16 +96,16 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     for k, (name, excitation) in enumerate(zip(motions.names, motions.excitations, strict=True)):
         scenes.say(f"overturning factor of {name}")
         factors[k] = _overturning_scale(scenes.problem, scenes.problem.podium, excitation)
-    # Boundaries are bisected to rounding, so that the error is that of their scenes.
+    # Boundaries are bisected to rounding, so the error of a factor is that of its scenes.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
     survives, overturns = _window_ends(scenes.problem, motions, factors)
-    columns = {
+    variables = {
         "factor": factors,
         "error": error,
         "survives_from": survives,
         "overturns_again_from": overturns,
     }
-    return xarray.Dataset({name: ("motion", y) for name, y in columns.items()}, attrs={"limit": MAX_SCALE})
+    return xarray.Dataset({name: ("motion", y) for name, y in variables.items()}, attrs={"limit": MAX_SCALE})
 
 
 def _window_ends(problem: Problem, motions: MotionSet, factors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -114,36 +115,36 @@ def _window_ends(problem: Problem, motions: MotionSet, factors: np.ndarray) -> t
     - `factors`: the least factors that overturn, shape (motions,), inf where none does
     """
     batch, options = as_batch("report", motions.excitations), boundary_options(problem)["options"]
-    lines = np.flatnonzero(np.isfinite(factors))
+    overturning = np.flatnonzero(np.isfinite(factors))  # indices of the motions
 
-    def evaluate(line: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(motion: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         plane = lambda i, y: (problem.podium, pick_motions(batch, i).scaled(y))
-        margin, impacts, _ = margins(plane, np.repeat(line, y.shape[1]), y.ravel(), options)
+        margin, impacts, _ = margins(plane, np.repeat(motion, y.shape[1]), y.ravel(), options)
         return margin.reshape(y.shape), impacts.reshape(y.shape)
 
     ends = np.full((2, factors.size), np.nan)
-    if lines.size == 0:
+    if overturning.size == 0:
         return ends[0], ends[1]
-    y = factors[lines, None] * WINDOW_FACTORS
-    margin, impacts = evaluate(lines, y)
+    y = factors[overturning, None] * WINDOW_FACTORS
+    margin, impacts = evaluate(overturning, y)
     survives, points = margin > 0, np.arange(WINDOW_FACTORS.size)
     first = np.argmax(survives, axis=1)  # 0 if no point survives
     again = np.argmax(~survives & (points > first[:, None]), axis=1)  # 0 if all later points survive
-    for row, (survivor, other) in enumerate(((first, first - 1), (again - 1, again))):
-        has = np.flatnonzero((first > 0) & ((again > 0) | (row == 0)))
-        if has.size:
-            at = lambda table, k, has=has: table[has, k[has]]
+    for change, (survivor, other) in enumerate(((first, first - 1), (again - 1, again))):
+        found = np.flatnonzero((first > 0) & ((again > 0) | (change == 0)))
+        if found.size:
+            at = lambda table, k, found=found: table[found, k[found]]
             brackets = Brackets(
                 at(y, survivor), at(y, other), at(margin, survivor), at(margin, other), at(impacts, other)
             )
-            solve = lambda rows, y, has=has: evaluate(lines[has][rows], y)
+            solve = lambda rows, y, found=found: evaluate(overturning[found][rows], y)
             narrowed = narrow_brackets(brackets, solve, BRACKET_TOLERANCE, LANES)
-            ends[row, lines[has]] = 0.5 * (narrowed.a + narrowed.b)
+            ends[change, overturning[found]] = 0.5 * (narrowed.a + narrowed.b)
     return ends[0], ends[1]
 
 
 def boundary_options(problem: Problem) -> dict[str, Any]:
-    """Return the arguments of searches for boundaries of overturning."""
+    """Return the keyword arguments of searches for boundaries of overturning."""
     return {"options": BOUNDARY.replace(overturn_ratio=problem.options.overturn_ratio)}
 
 

@@ -1,4 +1,4 @@
-"""The scenes of a report. Each is the structure under one motion, and is solved once, when first needed."""
+"""The scenes of a report. A scene is the structure under one motion; it is solved once, when first needed."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 
 class Needs(NamedTuple):
-    """Outputs that the checks of a set of motions need, and name → block or oscillator on a floor."""
+    """Needs of the checks of a set of motions: outputs, and name → block or oscillator on a floor."""
 
-    outputs: dict[str, None] = {}
+    outputs: dict[str, None] = {}  # an ordered set
     on_floors: dict[str, Any] = {}
 
 
@@ -64,8 +64,8 @@ class Scenes:
 
     @functools.cached_property
     def variations(self) -> tuple[str, ...]:
-        """Names of the variations, which multiply an input by 1 ± spread, such as "width+" and "width-", or
-        all motions, "motion+" and "motion-"; empty without spread."""
+        """Names of the variations: "width-" multiplies the input `width` by 1 − spread, "width+" by 1 +
+        spread; "motion-" and "motion+" multiply all motions. Empty unless `with_spread`."""
         names = (*self.problem.variables, "motion") if self.with_spread else ()
         return tuple(f"{name}{sign}" for name in names for sign in "-+")
 
@@ -136,7 +136,7 @@ class Scenes:
         """Return the peaks of a set, along `variant` (other laws of impact, then variations) and `motion`."""
         motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
         podiums = [self.podium(law) for law in self.laws] + [self.podium(None, y) for y in self.variations]
-        # Laws become numbers, because the podiums of a batch must have equal laws.
+        # Laws become factors of restitution, because podiums with different laws cannot form one batch.
         podiums = [y.replace(restitution=float(y.restitution_factor)) for y in podiums]
         names = (*self.laws, *self.variations)
         scales = factor * np.array([1.0] * len(self.laws) + [self._motion_factor(y) for y in self.variations])
@@ -157,7 +157,7 @@ class Scenes:
         self, data: xarray.Dataset, excitations: Any, options: Options, on_floors: dict[str, Any]
     ) -> xarray.Dataset:
         """Add the estimated errors of blocks and oscillators on floors to peaks: the difference from a second
-        solution, inf where a block overturns in only one of the solutions."""
+        solution, inf where a block overturns in only one of the two solutions."""
         if not on_floors:
             return data
         finer = second_options(options).replace(outputs=("peak_rotation",))
@@ -244,14 +244,14 @@ def _suffix(factor: float) -> str:
 
 def _stacked(podiums: list[Podium]) -> Podium:
     """Return podiums as a batch of shape (n, 1)."""
-    # `split` turns rows over modes or stories into tuples, whose numbers stack.
+    # `split_rows` turns arrays over modes or stories into tuples of numbers, which can be stacked.
     split = [_with_mode_damping(podium.split_rows()) for podium in podiums]
     return jax.tree.map(lambda *y: np.stack([np.asarray(v, float) for v in y])[:, None], *split)
 
 
 def _with_mode_damping(podium: Podium) -> Podium:
-    """Return a podium from `Podium.split` with a tuple of damping ratios, one for each mode, instead of a
-    single ratio, whose values in a batch would be read as those of the modes."""
+    """Return a podium from `Podium.split_rows` with a damping ratio for each mode, as a tuple, in place of a
+    single ratio. A batch of single ratios would be read as the ratios of the modes."""
     top = podium.superstructure
     for name in ("damping", "zeta"):
         value = getattr(top, name, None)

@@ -24,8 +24,8 @@ def fingerprint(*values: Any) -> str:
     by their `repr`."""
     entries: list[str] = [json.dumps(describe_versions(), sort_keys=True)]
     for value in values:
-        leaves, structure = jax.tree.flatten(value)
-        entries.append(str(structure))
+        leaves, treedef = jax.tree.flatten(value)
+        entries.append(str(treedef))
         for leaf in leaves:
             if isinstance(leaf, bool | int | float | np.ndarray | np.generic | jax.Array):
                 array = np.ascontiguousarray(leaf)
@@ -35,7 +35,7 @@ def fingerprint(*values: Any) -> str:
     return hashlib.sha256("\n".join(entries).encode()).hexdigest()
 
 
-WRITE_EVERY = 30.0  # least time between two writings of an unfinished store [s]
+MIN_WRITE_INTERVAL = 30.0  # least time between two writings of an unfinished store [s]
 
 
 class Store:
@@ -51,7 +51,7 @@ class Store:
             self._load(candidate)
 
     def _load(self, path: Path) -> None:
-        """Read the datasets of an earlier report; ignore damaged and other files."""
+        """Read the datasets of an earlier report; ignore damaged files, and files of other kinds."""
         if not path.exists():
             return
         import xarray
@@ -81,12 +81,12 @@ class Store:
         data.attrs["fingerprint"] = inputs_hash
         self.data[name] = data
         self.computed += 1
-        if time.monotonic() - self.last_write > WRITE_EVERY:
+        if time.monotonic() - self.last_write > MIN_WRITE_INTERVAL:
             self.save_unfinished()
         return data
 
     def text(self, name: str, inputs_hash: str, compute: Callable[[], str]) -> str:
-        """Return a text, stored and computed as a dataset is by `get`, whose arguments it shares."""
+        """Return a text from the store, or compute and store it. The arguments are those of `get`."""
         import xarray
 
         data = self.get(name, inputs_hash, lambda: xarray.Dataset({"text": ((), compute())}))

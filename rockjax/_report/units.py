@@ -79,7 +79,7 @@ _ALIASES = {
     }.items()
     for alias in aliases.split()
 }
-# Units of the kinds that have several.
+# Units of the kinds that have more than one unit.
 _CHOOSABLE = sorted({unit for kind in KINDS.values() if len(kind.units) > 1 for unit in kind.units})
 
 
@@ -93,7 +93,7 @@ class Units:
       example, ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by 325 mm.
     - `g`: gravity [m/s²], the size of the unit "g"
 
-    Raises `ValueError` for an unknown unit, with the nearest known one, and for two units of the same kind.
+    Raises `ValueError` for an unknown unit, with the nearest known unit, and for two units of one kind.
     """
 
     names: tuple[str, ...] = ()
@@ -213,7 +213,7 @@ def _alias(text: str) -> str:
 
 
 def _name(text: str, owner: str) -> str:
-    """Return the name of a unit. Raises `ValueError` for an unknown unit, with the nearest known one."""
+    """Return the name of a unit. Raises `ValueError` for an unknown unit, with the nearest known unit."""
     name = _alias(text)
     valid_units = {unit for kind in KINDS.values() for unit in kind.units}
     if name in valid_units:

@@ -21,7 +21,7 @@ from rockjax._types import Values
 
 @dataclasses.dataclass(frozen=True)
 class UpliftRatio(AbstractOutput):
-    """The largest max(±q/q_up − r) [–].
+    """Largest value over time of max(±q/q_up − r) [–].
 
     q is the demand of Eq. (9), q_up its threshold, and r the relative change of the threshold by vertical
     motion, (C10). Without uplift the ratio is proportional to the motion, and its inverse is the least factor
@@ -35,8 +35,10 @@ class UpliftRatio(AbstractOutput):
     def quantity(self, moment: Moment) -> Values:
         c, ground = moment.c, moment.ground
         demand = horizontal_demand(c, ground, moment.x, moment.v) / c.uplift
-        relief = present(c.tilt) * ground.vertical / c.uplift if isinstance(ground, Shaking) else 0.0
-        return jnp.stack([demand - relief, -demand - relief])
+        threshold_change = (
+            present(c.tilt) * ground.vertical / c.uplift if isinstance(ground, Shaking) else 0.0
+        )
+        return jnp.stack([demand - threshold_change, -demand - threshold_change])
 
     def start(self, start: Start) -> tuple[Values, None]:
         return jnp.zeros(2, start.t.dtype), None

@@ -22,7 +22,7 @@ NONE = "none"  # text of a cell without an error or note
 
 
 class Number(NamedTuple):
-    """A number in a unit, and the digits that a page shows; "" for errors."""
+    """A number in the unit of the page, and its digits on the page; the digits of errors are ""."""
 
     value: float
     digits: str
@@ -41,7 +41,7 @@ def grid(table: Table, units: Units) -> Grid:
     rows: list[list[Number | str]] = [[] for _ in table.rows]
     for k, column in enumerate(table.columns):
         cells = [row[k] for row in table.rows]
-        parts = [_main(cells, column, units), *_extra(cells, column, units)]
+        parts = [_main_column(cells, column, units), *_extra_columns(cells, column, units)]
         for name, values in parts:
             heads.append(name)
             for row, content in zip(rows, values, strict=True):
@@ -49,7 +49,7 @@ def grid(table: Table, units: Units) -> Grid:
     return Grid(heads, rows)
 
 
-def _main(cells: list[Cell], column: Column, units: Units) -> tuple[str, list[Number | str]]:
+def _main_column(cells: list[Cell], column: Column, units: Units) -> tuple[str, list[Number | str]]:
     """Return the heading and the values of a column."""
     note = plain(column.note, units)
     name = f"{column.head} ({note})" if note else column.head
@@ -61,7 +61,7 @@ def _main(cells: list[Cell], column: Column, units: Units) -> tuple[str, list[Nu
     ]
 
 
-def _extra(cells: list[Cell], column: Column, units: Units) -> list[tuple[str, list[Number | str]]]:
+def _extra_columns(cells: list[Cell], column: Column, units: Units) -> list[tuple[str, list[Number | str]]]:
     """Return headings and values of the columns for the errors, units and notes of a column."""
     extra: list[tuple[str, list[Number | str]]] = []
     errors: list[Number | str] = []

@@ -14,9 +14,9 @@ from rockjax._report.units import Units
 from .grid import Number, grid
 
 _CREATED = datetime.datetime(2000, 1, 1)  # fixed, so that the same tables give the same bytes
-_WIDTHS = (8, 60)  # least and largest width of a column, in characters
-_LONGEST = 32_767  # characters in a cell of a spreadsheet
-_LONGEST_NAME = 31  # characters in the name of a sheet
+_WIDTH_RANGE = (8, 60)  # least and largest width of a column, in characters
+_MAX_CELL_LENGTH = 32_767  # characters in a cell of a spreadsheet
+_MAX_NAME_LENGTH = 31  # characters in the name of a sheet
 
 
 def require_library() -> Any:
@@ -44,21 +44,21 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
     formats: dict[str, Any] = {}
     for number, table in enumerate(page.tables(), 1):
         sheet = workbook.add_worksheet(_sheet_name(table.name, number))
-        sheet.write_string(0, 0, plain(table.caption, units)[:_LONGEST], bold)
+        sheet.write_string(0, 0, plain(table.caption, units)[:_MAX_CELL_LENGTH], bold)
         table_grid = grid(table, units)
         for column, name in enumerate(table_grid.heads):
             sheet.write_string(1, column, name, bold)
             longest = max(len(_text(row[column])) for row in [table_grid.heads, *table_grid.rows])
-            sheet.set_column(column, column, min(max(longest + 2, _WIDTHS[0]), _WIDTHS[1]))
-        for line, row in enumerate(table_grid.rows, 2):
+            sheet.set_column(column, column, min(max(longest + 2, _WIDTH_RANGE[0]), _WIDTH_RANGE[1]))
+        for row_index, row in enumerate(table_grid.rows, 2):
             for column, cell in enumerate(row):
                 if isinstance(cell, Number):
                     style = _number_format(cell.digits)
                     if style not in formats:
                         formats[style] = workbook.add_format({"num_format": style, "valign": "top"})
-                    sheet.write_number(line, column, cell.value, formats[style])
+                    sheet.write_number(row_index, column, cell.value, formats[style])
                 else:
-                    sheet.write_string(line, column, cell[:_LONGEST], top_aligned)
+                    sheet.write_string(row_index, column, cell[:_MAX_CELL_LENGTH], top_aligned)
         sheet.freeze_panes(2, 1)
     workbook.close()
     return {"report.xlsx": target.getvalue()}
@@ -67,10 +67,10 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
 def _sheet_name(name: str, number: int) -> str:
     """Return the name of the sheet of a table: its own name; if that is too long, its start and the number of
     the table."""
-    if len(name) <= _LONGEST_NAME:
+    if len(name) <= _MAX_NAME_LENGTH:
         return name
     ending = f"~{number}"
-    return name[: _LONGEST_NAME - len(ending)] + ending
+    return name[: _MAX_NAME_LENGTH - len(ending)] + ending
 
 
 def _text(cell: Number | str) -> str:
@@ -78,7 +78,7 @@ def _text(cell: Number | str) -> str:
 
 
 def _number_format(digits: str) -> str:
-    """Return the spreadsheet format that shows a number with as many digits; two for "", an error."""
+    """Return the format of a cell whose number has as many digits as `digits`; two digits for ""."""
     mantissa, power, _ = digits.partition("·")
     _, point, decimals = re.sub(r"\s", "", mantissa).partition(".")
     if not digits or power:

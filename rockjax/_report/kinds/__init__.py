@@ -19,11 +19,12 @@ from .peaks import NoOverturning, peak_kinds
 from .risk import AnnualKind, FailureKind, FragilityKind, ShareKind
 from .searches import PulseKind, ScaleKind
 
-_DESIGN = " Only `rockjax design` uses it."
+# Keys of kinds: name → (type, description).
+_DESIGN_ONLY = " Only `rockjax design` uses it."
 _WIDTH = {
     "width": (Positive, "Narrowest overturning window that is found, divided by the range searched [–]."),
 }
-_SCALE = {"max_scale": (Positive, "End of the search, a factor on the motions [–]." + _DESIGN)} | _WIDTH
+_SCALE = {"max_scale": (Positive, "End of the search, a factor on the motions [–]." + _DESIGN_ONLY)} | _WIDTH
 _PULSE = {
     "pulse": (models.PulseName, "Kind of the pulse."),
     "T_p": (models.Periods, "Periods of the pulse [s]."),
@@ -33,16 +34,16 @@ _PULSE = {
 }
 _ANNUAL = {
     "hazard": (str, "File of a hazard curve, relative to the folder of this file; by default risk.hazard."),
-    "max_intensity": (Positive, "End of the search, in SI units of the hazard." + _DESIGN),
+    "max_intensity": (Positive, "End of the search, in SI units of the hazard." + _DESIGN_ONLY),
 }
 _SHARE = {
     "intensity": (Positive, "Factor on the motions [–]; by default 1."),
-    "smoothing": (Positive, "Width h of the smoothed count [–]." + _DESIGN),
+    "smoothing": (Positive, "Width h of the smoothed count [–]." + _DESIGN_ONLY),
 }
 _FAILURE = {
     "motion": (models.GaussianKeys, "The random motion."),
     "cov": (Positive, "Coefficient of variation of the estimate [–]."),
-    "rays": (Annotated[int, Field(ge=8)], "Number of rays." + _DESIGN),
+    "rays": (Annotated[int, Field(ge=8)], "Number of rays." + _DESIGN_ONLY),
     "seed": (models.Index, "Seed of the samples."),
 }
 _OTHERS = {"text": (str, "What is checked."), "reference": (str, "Where it is checked.")}

@@ -35,7 +35,7 @@ class Values(NamedTuple):
     - `errors`: (n,) estimated errors, NaN where unknown
     - `words`: (n,) words that replace numbers, such as "overturned at 5.85 s"; "" for numbers
     - `locations`: (n,) storey, joint or time of each value; "" for none
-    - `unanswered`: why each scene or the estimate has no result, such as "undecided"; "" for results
+    - `unanswered`: why each scene, or the one estimate, has no result, such as "undecided"; "" if it has one
     - `names`: (n,) names of the cases: motions or pulses
     - `remark`: text that the summary adds to the value, or ""
     - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit
@@ -68,7 +68,7 @@ class Kind(abc.ABC):
     - `section`: section of the page with the details
     - `keys`: keys that only this kind has: name → (type, description)
     - `needs_motions`: whether the check needs a set of motions; `has_limit`: whether it has a limit
-    - `is_of_set`: whether the whole set has one value, so that no motion governs and there is no statistic
+    - `is_of_set`: whether the whole set has one value, so that no motion governs and no statistic applies
     - `skip_name`: name in `evaluate(skip=…)` that leaves the check out; "" if no name does
     """
 
@@ -195,7 +195,7 @@ class Kind(abc.ABC):
         )
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
-        """Return tables with the details of a check; a table that several checks return is shown once."""
+        """Return tables with the details of a check; of tables with equal names, the page shows the first."""
         del entry, values, scenes
         return []
 

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class FloorKind(Kind):
-    """A check of the largest peak of the blocks or oscillators on floors that it names, by default of all.
+    """A check of the largest peak among blocks or oscillators on floors: those it names, by default all.
 
-    - `table`: table of the file with the blocks or oscillators; `dim`: their dimension in datasets
+    - `table`: table of the problem file with the blocks or oscillators; `dim`: their dimension in datasets
     - `peak`: name of the peak, such as "peak_rotation"; `symbol`: symbol of the peak in headings
     """
 
@@ -52,13 +52,13 @@ class FloorKind(Kind):
         return True
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
-        in_file = getattr(reader, self.table)(getattr(file, self.table))
-        names = (getattr(keys, self.table) or list(in_file)) if in_file else []
+        defined = getattr(reader, self.table)(getattr(file, self.table))
+        names = (getattr(keys, self.table) or list(defined)) if defined else []
         for name in names:
-            if name not in in_file:
-                raise ValueError(f"{self.table} must be some of {', '.join(in_file)}, got {name!r}")
-        as_systems(self.table, podium, tuple(in_file[name] for name in names))
-        return {self.table: {name: in_file[name] for name in names}}
+            if name not in defined:
+                raise ValueError(f"{self.table} must be some of {', '.join(defined)}, got {name!r}")
+        as_systems(self.table, podium, tuple(defined[name] for name in names))
+        return {self.table: {name: defined[name] for name in names}}
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         if not entry.arguments[self.table]:
@@ -80,13 +80,13 @@ class FloorKind(Kind):
         locations = [names[k] for k in worst]
         result = with_words(scenes, entry, data, peaks[rows, worst], errors, locations, False)
         words, unanswered = list(result.words), list(result.unanswered)
-        code = data[f"{self.dim}_result"].values
+        codes = data[f"{self.dim}_result"].values
         for k in rows:
             if words[k] == "joint opens":  # the word for an infinite value, here of an overturned block
                 time = float(data["contents_overturn_time"].values[k, worst[k]])
                 words[k] = f"{locations[k]} overturned at {time:.2f} s"
-            elif not words[k] and (code[k] > results.OVERTURNED).any():
-                unanswered[k] = results.NAMES[int(code[k].max())]
+            elif not words[k] and (codes[k] > results.OVERTURNED).any():
+                unanswered[k] = results.NAMES[int(codes[k].max())]
             elif not words[k] and np.isinf(errors[k]):
                 unanswered[k] = "undecided"
         return result._replace(words=tuple(words), unanswered=tuple(unanswered))

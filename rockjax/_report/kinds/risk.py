@@ -315,7 +315,7 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
 
 
 def _numbers_of(curve: Any) -> list[float]:
-    """Return all numbers of a curve on which annual frequencies depend; median and dispersion come first."""
+    """Return the numbers of a curve on which its annual frequency depends, median and dispersion first."""
     if isinstance(curve, Lognormal):
         return list(map(float, curve))
     names = ("median_capacity", "dispersion", "no_damage_limit", "min_intensity", "max_intensity")

@@ -48,9 +48,9 @@ class ScaleKind(Kind):
         values = np.asarray(data["factor"], float)
         end = float(data.attrs["limit"])
         words = tuple("" if np.isfinite(y) else f"no {self.event} up to {end:.3g}" for y in values)
-        blank = ("",) * len(values)
+        no_locations = ("",) * len(values)
         names = scenes.motion_set(str(entry.motions)).names
-        return Values(values, np.asarray(data["error"], float), words, blank, (), names)
+        return Values(values, np.asarray(data["error"], float), words, no_locations, (), names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         return least_factor_slopes(scenes, self.event, str(entry.motions), case)
@@ -78,9 +78,11 @@ class PulseKind(Kind):
         return "number" if getattr(keys, "ratio", False) else self.quantity
 
     def _settings(self, entry: Entry, scenes: Scenes) -> dict[str, Any]:
-        """Return the arguments of `overturning_acceleration`."""
-        own = {name: y for name, y in entry.arguments.items() if name in ("max_acceleration_ratio", "width")}
-        return boundary_options(scenes.problem) | {"max_acceleration_ratio": MAX_ACCELERATION_RATIO} | own
+        """Return the keyword arguments of `overturning_acceleration`."""
+        given = {
+            name: y for name, y in entry.arguments.items() if name in ("max_acceleration_ratio", "width")
+        }
+        return boundary_options(scenes.problem) | {"max_acceleration_ratio": MAX_ACCELERATION_RATIO} | given
 
     def _unit(self, entry: Entry, podium: Podium) -> Value:
         """Return the unit of the amplitudes and the limit: g tan α or 1 [m/s²]."""

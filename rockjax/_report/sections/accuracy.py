@@ -51,22 +51,22 @@ def section(evaluation: Evaluation, units: Units) -> Section:
                     Quantity(np.abs(values).max(), kind) if values.size else Word("no finite value", "none"),
                 )
             )
-        code, undecided = data["result"].values, data["undecided"].values
+        codes, undecided = data["result"].values, data["undecided"].values
         counts.append(
             (
                 Word(name),
-                Quantity(len(code), "count"),
+                Quantity(len(codes), "count"),
                 Quantity(int(data["overturned"].values.sum()), "count"),
                 Quantity(int(undecided.sum()), "count"),
-                Quantity(int((code > results.OVERTURNED).sum()), "count"),
+                Quantity(int((codes > results.OVERTURNED).sum()), "count"),
                 Quantity(int(data["steps"].values.sum()), "count"),
             )
         )
     if counts:
         heads = ("Set", "Scenes", "Overturned", "Undecided", "Without an answer", "Trial steps")
         kinds = [None, *["count"] * 5]
-        head = tuple(Column(y, kind) for y, kind in zip(heads, kinds, strict=True))
-        blocks.append(Table("scenes", "Scenes of each set", head, tuple(counts)))
+        count_columns = tuple(Column(y, kind) for y, kind in zip(heads, kinds, strict=True))
+        blocks.append(Table("scenes", "Scenes of each set", count_columns, tuple(counts)))
     if rows:
         blocks.append(Table("errors", "Largest estimated errors", columns, tuple(rows)))
     return Section(11, "Numerical accuracy", tuple(blocks))

@@ -44,8 +44,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         )
         blocks.append(Table("left-out", "Checks that were not made here", heads, cells))
     requested = {check.kind.name for check in evaluation.checks}
-    others = [name for name in KINDS if name not in requested and name != "by-others"]
-    blocks.append(Paragraph(("Checks that the file does not ask for: ", Code(", ".join(others)), ".")))
+    unrequested = [name for name in KINDS if name not in requested and name != "by-others"]
+    blocks.append(Paragraph(("Checks that the file does not ask for: ", Code(", ".join(unrequested)), ".")))
     return Section(10, "Assumptions and what is left out", tuple(blocks))
 
 
@@ -60,7 +60,7 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
             continue
         tested = True
         violated |= bool(outcome.violated.any())
-        texts.append(_text(name, outcome))
+        texts.append(_sentence(name, outcome))
     if assumption.id == "A6":  # the law of impact, which is tested by checks under other laws
         changed = [
             y.id for y in evaluation.checks if any(word != _result_if_valid(y) for _, word in y.laws.values())
@@ -84,7 +84,7 @@ def _result_if_valid(check: Check) -> str:
     return "PASS" if check.result == "NOT VALID" else check.result
 
 
-def _text(name: str, outcome: Outcome) -> str:
+def _sentence(name: str, outcome: Outcome) -> str:
     """Return the outcome for a set of motions as a sentence."""
     worst = f"{outcome.worst:.3g}" if math.isfinite(outcome.worst) else "without bound"
     count = int(np.sum(outcome.violated))

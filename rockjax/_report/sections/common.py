@@ -1,4 +1,4 @@
-"""Sets of motions, scenes, pictures and tables for several sections."""
+"""Functions that several sections share: sets of motions, governing scene, pictures and tables."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
 
 
 def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
-    """Return the set and the index of the motion with the largest rotation without overturning, or None."""
+    """Return set and index of the motion with the largest rotation, or None if every scene overturns."""
     governing: tuple[float, str, int] | None = None
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
@@ -34,7 +34,7 @@ def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
     return None if governing is None else governing[1:]
 
 
-def drawn(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]) -> Figure:
+def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]) -> Figure:
     """Return a picture from the store; if it is missing or has other inputs, draw and store it.
 
     - `name`: name in the store; `inputs`: everything that the picture shows

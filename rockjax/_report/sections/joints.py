@@ -13,7 +13,7 @@ from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Formula, Table, Word
 from rockjax._report.units import Units
 
-from .common import drawn, governing_scene, sets_with_scenes
+from .common import governing_scene, sets_with_scenes, stored_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -68,7 +68,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _table(evaluation: Evaluation, name: str) -> Table:
     """Return the table of extreme forces in both joints under each motion of a set."""
     data, motions = evaluation.scenes.peaks(name), evaluation.problem.motions[name]
-    load = np.asarray(evaluation.problem.podium.dead_load, float)
+    dead_load = np.asarray(evaluation.problem.podium.dead_load, float)
     columns = [Column("Motion"), Column("Joint"), *(Column(head, "number") for head in _COLUMNS.values())]
     rows = []
     for k, label in enumerate(motions.names):
@@ -77,7 +77,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
             for variable in _COLUMNS:
                 value = float(data[variable][k, joint])
                 if "axial" in variable:
-                    value /= load[joint]
+                    value /= dead_load[joint]
                 if variable.endswith(("impact_friction", "impulse_share")) and not data["impacts"][k]:
                     cells.append(Word("no impact", "none"))
                 else:
@@ -109,7 +109,9 @@ def _picture(evaluation: Evaluation, name: str, k: int) -> Figure | None:
     if "joint_axial_force" not in data:
         return None
     inputs = data.attrs["fingerprint"], name, label
-    return drawn(evaluation, "axial-forces", inputs, lambda: _draw_forces(evaluation, name, k, data, label))
+    return stored_figure(
+        evaluation, "axial-forces", inputs, lambda: _draw_forces(evaluation, name, k, data, label)
+    )
 
 
 def _draw_forces(evaluation: Evaluation, name: str, k: int, data: xarray.Dataset, label: str) -> Figure:

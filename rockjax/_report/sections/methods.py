@@ -49,13 +49,13 @@ def _results(evaluation: Evaluation, name: str) -> list[MethodResult]:
     problem, motions = evaluation.problem, evaluation.problem.motions[name]
     friction = problem.joints.friction
 
-    def text() -> str:
+    def results_text() -> str:
         results = simplified_methods(problem.podium, list(motions.members), friction=friction)
         entries = [dataclasses.asdict(result) | {"values": {}} for result in results]
         return json.dumps(entries, default=np.ndarray.tolist)
 
     inputs_hash = fingerprint(problem.podium, motions.hashes, motions.names, friction)
-    entries = json.loads(evaluation.scenes.store.text(f"methods.{name}", inputs_hash, text))
+    entries = json.loads(evaluation.scenes.store.text(f"methods.{name}", inputs_hash, results_text))
     for entry in entries:
         for key in ("demand", "rotation_ratio"):
             entry[key] = None if entry[key] is None else np.array(entry[key])
@@ -105,12 +105,16 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
             Column("Exact max|θ|/α", "number"),
             *(Column(f"{result.title} {result.equation}", "number") for result in with_rotation),
         )
-        lines = []
+        rotation_rows = []
         for k, label in enumerate(evaluation.problem.motions[name].names):
             cells = [_rotation(result, k) for result in with_rotation]
-            lines.append((Word(label), peak_cell(data, k, data["peak_rotation"][k], "number"), *cells))
+            rotation_rows.append(
+                (Word(label), peak_cell(data, k, data["peak_rotation"][k], "number"), *cells)
+            )
         tables.append(
-            Table(f"rotations-{slug(name)}", f"Rotation by the methods, set {name}", heads, tuple(lines))
+            Table(
+                f"rotations-{slug(name)}", f"Rotation by the methods, set {name}", heads, tuple(rotation_rows)
+            )
         )
     return tables
 

@@ -15,7 +15,7 @@ from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
-from .common import drawn, sets_with_scenes
+from .common import sets_with_scenes, stored_figure
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -36,7 +36,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         if all(isinstance(member, Motion) for member in motions.members):
             inputs = motions.name, motions.hashes, period, units.unit("acceleration"), units.g
             draw = functools.partial(_draw_spectra, motions, period, units)
-            blocks.append(drawn(evaluation, f"spectra-{slug(name)}", inputs, draw))
+            blocks.append(stored_figure(evaluation, f"spectra-{slug(name)}", inputs, draw))
     for name in used:
         blocks.append(_table(evaluation, problem.motions[name], period))
     unused = [name for name in problem.motions if name not in used]
@@ -94,7 +94,7 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
                 )
             )
         else:
-            pulse = Word("of a pulse", "none")
+            no_value = Word("of a pulse", "none")
             amplitude = float(getattr(member, "a_p", np.nan))
             rows.append(
                 (
@@ -102,9 +102,9 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
                     Word("problem file"),
                     Word("pulse"),
                     number(amplitude, "acceleration", word="none"),
-                    pulse,
-                    pulse,
-                    pulse,
+                    no_value,
+                    no_value,
+                    no_value,
                     number(amplitude / threshold, "number"),
                     Word(sha[:16]),
                 )

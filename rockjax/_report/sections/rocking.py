@@ -15,7 +15,7 @@ from rockjax._report.scales import MAX_SCALE, least_factors
 from rockjax._report.tables import Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
-from .common import details, drawn, governing_scene, sets_with_scenes
+from .common import details, governing_scene, sets_with_scenes, stored_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -100,7 +100,9 @@ def _history(evaluation: Evaluation, name: str, k: int) -> Figure:
     """Return the picture of the history of the governing motion, up to shortly after its last impact."""
     data, label = evaluation.scenes.history(name, k), evaluation.problem.motions[name].names[k]
     inputs = data.attrs["fingerprint"], name, label
-    return drawn(evaluation, "history", inputs, lambda: _draw_history(evaluation, name, k, data, label))
+    return stored_figure(
+        evaluation, "history", inputs, lambda: _draw_history(evaluation, name, k, data, label)
+    )
 
 
 def _draw_history(evaluation: Evaluation, name: str, k: int, data: xarray.Dataset, label: str) -> Figure:

@@ -15,7 +15,7 @@ from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series
 from rockjax._report.units import Units, kind_of_unit
 from rockjax._structures import Podium
 
-from .common import drawn, governing_scene
+from .common import governing_scene, stored_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Input
 
-# Key of an input → meaning and kind; other inputs take both from the table of parameters.
+# Key of an input → (meaning, kind); other inputs have these in the registry of parameters, `STRUCTURE`.
 _MEANINGS = {
     "story_masses": ("Storey masses from the bottom", "mass"),
     "story_stiffnesses": ("Storey stiffnesses", "stiffness"),
@@ -84,7 +84,7 @@ def _elevation(evaluation: Evaluation, units: Units) -> Figure:
         return Figure(svg, elevation_caption(units), title, f"{description}.", True)
 
     inputs = podium, units.names, units.g, mass, columns, rotation, label
-    return drawn(evaluation, "elevation", inputs, draw)
+    return stored_figure(evaluation, "elevation", inputs, draw)
 
 
 def _source(source: str | None) -> Word:
@@ -142,7 +142,7 @@ def _derived(evaluation: Evaluation) -> Equations:
     def plain(value: float, digits: int = 7) -> str:
         return f"{value:.{digits}g}"
 
-    in_use = float(numbers["restitution"])
+    factor_in_use = float(numbers["restitution"])
     rows = [
         Equation(
             Formula("slenderness"),
@@ -166,9 +166,9 @@ def _derived(evaluation: Evaluation) -> Equations:
     laws: dict[str, Any] = {"paper": "27", "compatible": "26"}
     for name, label in laws.items():
         factor = float(numbers[f"restitution_{name}"])
-        used = " (in use)" if factor == in_use else " (not in use)"
+        note = " (in use)" if factor == factor_in_use else " (not in use)"
         rows.append(
-            Equation(Formula(f"restitution_{name}"), f"law {name}{used}", Quantity(factor, "number"), label)
+            Equation(Formula(f"restitution_{name}"), f"law {name}{note}", Quantity(factor, "number"), label)
         )
     rows.append(
         Equation(
@@ -236,7 +236,7 @@ def _modes(evaluation: Evaluation) -> list[Any]:
         np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.eta), np.atleast_1d(oscillators.zeta)
     )
     # The first frequency is that of the rocking mode.
-    lifted = _numbers(evaluation)["uplifted_frequencies"].values[1:] / (2 * np.pi)
+    uplifted = _numbers(evaluation)["uplifted_frequencies"].values[1:] / (2 * np.pi)
     columns = {
         "Mode": "count",
         "Period with a fixed base T_i": "time",
@@ -246,6 +246,6 @@ def _modes(evaluation: Evaluation) -> list[Any]:
     }
     rows = [
         (k + 1, *(float(y) for y in row))
-        for k, row in enumerate(zip(periods, etas, zetas, lifted, strict=True))
+        for k, row in enumerate(zip(periods, etas, zetas, uplifted, strict=True))
     ]
     return [Table.of("modes", "Modes of the building", columns, rows)]

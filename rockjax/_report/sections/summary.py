@@ -12,7 +12,7 @@ from rockjax._report.units import Units
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
 
-SHOWN_SLOPES = 4  # derivatives in a row
+SHOWN_SLOPES = 4  # largest number of derivatives that a row of the summary shows
 _NOTE = (
     "U is value/limit, or limit/value where the limit is a minimum. Errors are estimates of the numerical "
     "error. Sensitivities are the largest d ln U/d ln y of the governing motion; the spread is the range of "
@@ -56,14 +56,14 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
         )
     else:
         value = Word(check.word, "overturned" if "overturned" in check.word else "joint opens")
-    finite = math.isfinite(check.utilisation)
+    is_finite = math.isfinite(check.utilisation)
     return SummaryRow(
         check.id,
         check.name,
         scope,
         value,
         limit,
-        Quantity(check.utilisation, "utilisation") if finite else Word("> 1", "fail"),
+        Quantity(check.utilisation, "utilisation") if is_finite else Word("> 1", "fail"),
         check.result,
         governs=_governs(check),
         sensitivities=_slopes(check),
@@ -91,16 +91,16 @@ def _slopes(check: Check) -> Text:
 
 
 def _spread(check: Check) -> Text:
-    """Return the range of U with changed inputs, and the inputs that raise U most."""
+    """Return the range of U with changed inputs, and the change that gives the largest or no finite U."""
     if not check.spread:
         return "not repeated"
-    ends = [
+    changes = [
         (u, f"{name} {sign}")
         for name, pair in check.spread.items()
         for u, sign in zip(pair, "−+", strict=True)
     ]
-    lowest, highest = min(u for u, _ in ends), max(ends)
-    infinite = [name for u, name in ends if not math.isfinite(u)]
+    lowest, highest = min(u for u, _ in changes), max(changes)
+    infinite = [name for u, name in changes if not math.isfinite(u)]
     if infinite and math.isfinite(check.utilisation):
         more = " …" if len(infinite) > 3 else ""
         return f"from {lowest:.2f}; no finite value with {', '.join(infinite[:3])}{more}"
