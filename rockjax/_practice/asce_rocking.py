@@ -1,4 +1,4 @@
-"""Rocking of unanchored bodies by ASCE/SEI 43-05, Eqs. (P5), derived from the energy.
+"""Rocking of unanchored bodies by ASCE/SEI 43-05, Eqs. (P5), in the form derived from the energy.
 
 ĥ is the half height of the equivalent block.
 """
@@ -20,7 +20,7 @@ from .spectra import spectrum
 def rise(theta, tan_alpha: float):
     """Return B(θ) = cos θ + tan α sin θ − 1, the rise of the centre of mass divided by ĥ, (P5) [–].
 
-    - `theta`: rotation > 0, a number or any shape [rad]
+    - `theta`: rotation > 0, a number or an array of any shape [rad]
     - `tan_alpha`: tan α [–]
     """
     return np.sin(theta) * (tan_alpha - np.tan(0.5 * theta))
@@ -34,20 +34,20 @@ def inertia_factor(tan_alpha: float) -> float:
 def capacity(theta, tan_alpha: float):
     """Return S_a,cap/g = 2B(θ)/θ, (P5) with F_v = 1 [–].
 
-    - `theta`: rotation > 0, a number or any shape [rad]
+    - `theta`: rotation > 0, a number or an array of any shape [rad]
     - `tan_alpha`: tan α [–]
     """
     return 2 * rise(theta, tan_alpha) / theta
 
 
-def frequency(theta, tan_alpha: float, g_by_height: float):
-    """Return the effective frequency f_e = √(2gB/(C_3θ²ĥ))/2π, (P5) [Hz].
+def frequency(theta, tan_alpha: float, g_over_height: float):
+    """Return the effective frequency f_e = √(2gB/(C_3θ²ĥ))/(2π), (P5) [Hz].
 
-    - `theta`: rotation > 0, a number or any shape [rad]
+    - `theta`: rotation > 0, a number or an array of any shape [rad]
     - `tan_alpha`: tan α [–]
-    - `g_by_height`: g/ĥ [1/s²]
+    - `g_over_height`: g/ĥ [1/s²]
     """
-    squared = capacity(theta, tan_alpha) * g_by_height / (inertia_factor(tan_alpha) * theta)
+    squared = capacity(theta, tan_alpha) * g_over_height / (inertia_factor(tan_alpha) * theta)
     return np.sqrt(squared) / (2 * math.pi)
 
 
@@ -63,7 +63,7 @@ def damping(restitution: float) -> float:
 
 
 def rotations(block: Block, motion: Motion) -> Roots:
-    """Return the roots φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5), where S_a is absolute acceleration.
+    """Return the roots φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5); S_a is the absolute spectral acceleration.
 
     - `block`: the block
     - `motion`: ground motion

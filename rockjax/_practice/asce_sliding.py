@@ -12,8 +12,8 @@ from .base import AbstractMethod, Case, Outcome, Quantity
 from .spectra import period_grid, refined_maximum, spectrum
 
 DAMPING = 0.10  # damping ratio of the spectrum [–]
-LONGEST = 10.0  # longest period of the spectrum [s]
-ZOOM = 64  # periods in each refinement of f_es
+LONGEST_PERIOD = 10.0  # longest period of the spectrum [s]
+REFINEMENT_POINTS = 64  # periods in each of the three refinements of f_es
 
 
 def effective_friction(friction: float, vertical: float, g: float) -> float:
@@ -29,23 +29,23 @@ def effective_friction(friction: float, vertical: float, g: float) -> float:
 def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
     """Return the largest spectral acceleration at 10 % damping [m/s²], and the frequency f_es [Hz].
 
-    f_es is the lowest frequency at which the spectrum reaches c_s; nan if the spectrum stays below c_s at all
-    periods from 2 dt to 10 s.
+    f_es is the lowest frequency at which the spectrum reaches c_s; nan if the spectrum is below c_s at all
+    periods from 2 dt to 10 s, where dt is the time step of the motion.
 
     - `motion`: ground motion
     - `capacity`: capacity c_s [m/s²]
     """
     values_at = lambda periods: spectrum(motion, periods, DAMPING).acceleration
-    periods = period_grid(2 * motion.dt, LONGEST)
+    periods = period_grid(2 * motion.dt, LONGEST_PERIOD)
     values = values_at(periods)
-    largest = max(refined_maximum(values_at, periods, values), motion.pga)
+    largest = max(refined_maximum(values_at, periods, values), motion.pga)  # PGA is the limit for T → 0
     longest = math.nan
     for _ in range(3):
         indices = np.flatnonzero(values >= capacity)
         if not indices.size:
             break
         longest, next_period = periods[indices[-1]], periods[min(indices[-1] + 1, periods.size - 1)]
-        periods = np.linspace(longest, next_period, ZOOM)
+        periods = np.linspace(longest, next_period, REFINEMENT_POINTS)
         values = values_at(periods)
     return largest, float(1 / longest)
 

@@ -21,7 +21,7 @@ from .roots import Roots
 class Quantity(NamedTuple):
     """An intermediate number of a method.
 
-    - `value`: a number, or a number for each motion, shape (motions,); None if it is undefined
+    - `value`: a number, or one number for each motion, shape (motions,); None if undefined
     - `unit`: unit, `"1"` for ratios
     - `meaning`: symbol and meaning
     """
@@ -118,7 +118,7 @@ class MethodResult:
 
     @property
     def utilisation(self) -> float | None:
-        """Governing demand divided by the capacity [–], inf for a capacity of 0; None if one is missing."""
+        """Governing demand divided by capacity [–]; inf for a capacity of 0, None if either is missing."""
         demand = self.governing_demand
         if demand is None or self.capacity is None:
             return None
@@ -142,10 +142,11 @@ class MethodResult:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """Results of a method for a case. The other fields are those of `MethodResult`.
+    """Results of a method for a case.
 
     - `rotations`: roots for each motion; None for methods that compute no rotation
     - `is_complete`: whether the numbers suffice for a verdict
+    - other fields: as in `MethodResult`
     """
 
     capacity: float | None = None
@@ -209,14 +210,14 @@ class AbstractMethod(abc.ABC):
 
 
 def restrainer_obstacles(case: Case) -> tuple[str, ...]:
-    """Return the reason why no method applies to a podium with restrainers; none without them."""
+    """Return the reason why no method applies to a podium with restrainers; () for other podiums."""
     if case.podium.without_idle_restrainers().restrainers:
         return ("not made: no simplified method covers tendons, dampers or inerters",)
     return ()
 
 
 def damping_obstacles(damping: float) -> tuple[str, ...]:
-    """Return the reason against an equivalent damping ratio outside [0, 1); none for other ratios."""
+    """Return the reason why a damping ratio outside [0, 1) prevents a method; () for other ratios."""
     if math.isfinite(damping) and 0 <= damping < 1:
         return ()
     return ("not made: the equivalent damping ratio for this restitution factor is not below 1",)

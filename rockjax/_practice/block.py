@@ -43,7 +43,7 @@ class Block:
 
     @property
     def tan_alpha(self) -> float:
-        """Ratio of width to height tan α [–]."""
+        """Ratio of width to height of a column, tan α [–]."""
         return math.tan(self.alpha)
 
     @property
@@ -53,20 +53,20 @@ class Block:
 
     @property
     def half_width(self) -> float:
-        """Half width of a column B = R sin α [m]."""
+        """Half width B of a column, B = R sin α [m]."""
         return self.R * math.sin(self.alpha)
 
     @property
-    def size(self) -> float:
-        """Half diagonal of the equivalent block R̂ = R[3Γ+¾(1+λ)]/(1+2Γ) [m]."""
+    def equivalent_R(self) -> float:
+        """Half diagonal R̂ of the equivalent block, R̂ = R[3Γ+¾(1+λ)]/(1+2Γ) [m]."""
         return self.R * (3 * self.mass_ratio + 0.75 * (1 + self.lam)) / (1 + 2 * self.mass_ratio)
 
     @property
     def p(self) -> float:
-        """Frequency parameter of the equivalent block p̂ = √(3g/4R̂) = p√(R/R̂) [rad/s]."""
-        return math.sqrt(0.75 * self.g / self.size)
+        """Frequency parameter p̂ of the equivalent block, p̂ = √(3g/4R̂) = p√(R/R̂) [rad/s]."""
+        return math.sqrt(0.75 * self.g / self.equivalent_R)
 
     @property
     def half_height(self) -> float:
-        """Half height of the equivalent block ĥ = R̂ cos α [m]."""
-        return self.size * math.cos(self.alpha)
+        """Half height ĥ of the equivalent block, ĥ = R̂ cos α [m]."""
+        return self.equivalent_R * math.cos(self.alpha)

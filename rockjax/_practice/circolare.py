@@ -13,13 +13,13 @@ class LimitState(NamedTuple):
 
     - `name`: SLV (life safety) or SLC (collapse)
     - `share`: displacement d of the limit state, divided by d_0 of `Mechanism` [–]
-    - `factor`: period divided by π√(d/a), where a = a(d) is the capacity curve of `Mechanism` [–]
-    - `damping`: damping ratio ξ of the spectrum [–]
+    - `period_factor`: period divided by π√(d/a), where a = a(d) is the capacity curve of `Mechanism` [–]
+    - `damping`: damping ratio ξ of the demand spectrum [–]
     """
 
     name: str
     share: float
-    factor: float
+    period_factor: float
     damping: float
 
 
@@ -47,11 +47,11 @@ class Mechanism(NamedTuple):
         displacement = block.half_width * (1 + 4 * ratio) / (1 + 2 * ratio)
         return cls(share, block.threshold / (share * confidence_factor), displacement)
 
-    def limit(self, state: LimitState) -> float:
+    def displacement_at(self, state: LimitState) -> float:
         """Return the displacement of a limit state, d_SLV = 0.4d_0 or d_SLC = 0.6d_0 [m]."""
         return state.share * self.displacement
 
     def period(self, state: LimitState) -> float:
         """Return the period of a limit state, T = 1.68π√(d/a(d)) for SLV or 1.56π√(d/a(d)) for SLC [s]."""
         acceleration = self.acceleration * (1 - state.share)
-        return state.factor * math.pi * math.sqrt(self.limit(state) / acceleration)
+        return state.period_factor * math.pi * math.sqrt(self.displacement_at(state) / acceleration)

@@ -45,8 +45,10 @@ class CircolareDisplacement(AbstractMethod):
         for state in (SLV, SLC):
             damping = f"{state.damping:.0%} damping"
             values |= {
-                f"d_{state.name}": Quantity(mechanism.limit(state), "m", f"d_{state.name}, capacity"),
+                f"d_{state.name}": Quantity(
+                    mechanism.displacement_at(state), "m", f"d_{state.name}, capacity"
+                ),
                 f"T_{state.name}": Quantity(mechanism.period(state), "s", f"T_{state.name}, longest period"),
                 f"S_d_{state.name}": Quantity(demand[state.name], "m", f"demand of each motion, {damping}"),
             }
-        return Outcome(mechanism.limit(SLV), demand[SLV.name], values=values)
+        return Outcome(mechanism.displacement_at(SLV), demand[SLV.name], values=values)

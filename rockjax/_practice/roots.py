@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-LOWEST, HIGHEST = 0.01, 0.999  # scanned rotations φ = θ/α [–]
-POINTS = 1001  # points of the scan
-ZOOM = 64  # points of each of the two refinements of a bracket
+LOWEST, HIGHEST = 0.01, 0.999  # ends of the scanned rotations φ = θ/α [–]
+SCAN_POINTS = 1001  # points of the scan
+REFINEMENT_POINTS = 64  # points of each of the two refinements of a bracket
 
 
 class Roots(NamedTuple):
@@ -39,20 +39,20 @@ def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
     """Return the roots of F(φ) − φ in 0.01 ≤ φ ≤ 0.999.
 
     `excess` is evaluated at 1001 equally spaced points. Two roots between neighbouring points are missed.
-    The bracket of each root is divided twice into 63 parts; `excess` is linear in the last one.
+    The bracket of each root is divided twice into 63 parts; in the last part, `excess` is taken as linear.
 
     - `excess`: F(φ) − φ, or a quantity of the same sign, for an array of φ [–]
     """
-    phi = np.linspace(LOWEST, HIGHEST, POINTS)
+    phi = np.linspace(LOWEST, HIGHEST, SCAN_POINTS)
     values = excess(phi)
-    is_above = values > 0
-    first = np.flatnonzero(is_above[:-1] != is_above[1:])
-    is_falling = is_above[first]
-    roots = _refined(excess, phi[first], phi[first + 1], np.where(is_falling, 1.0, -1.0))
+    is_positive = values > 0
+    first = np.flatnonzero(is_positive[:-1] != is_positive[1:])
+    is_falling = is_positive[first]
+    roots = _refine_roots(excess, phi[first], phi[first + 1], np.where(is_falling, 1.0, -1.0))
     return Roots(roots[is_falling], roots[~is_falling], bool(values[-1] >= 0))
 
 
-def _refined(
+def _refine_roots(
     excess: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray, sign: np.ndarray
 ) -> np.ndarray:
     """Return the root in each bracket, shape (roots,); `sign` is the sign of `excess` at `low`."""
@@ -61,10 +61,10 @@ def _refined(
     rows = np.arange(low.size)
     at_low = at_high = low
     for _ in range(2):
-        points = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, ZOOM)
+        points = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, REFINEMENT_POINTS)
         values = sign[:, None] * excess(points.ravel()).reshape(points.shape)
         # Index of the last point before the largest root in the bracket.
-        last = ZOOM - 2 - np.argmax((values[:, :-1] > 0)[:, ::-1], axis=1)
+        last = REFINEMENT_POINTS - 2 - np.argmax((values[:, :-1] > 0)[:, ::-1], axis=1)
         low, high = points[rows, last], points[rows, last + 1]
         at_low, at_high = values[rows, last], values[rows, last + 1]
     return low + (high - low) * at_low / (at_low - at_high)

@@ -12,9 +12,9 @@ import numpy as np
 from rockjax._motions.motion import Motion
 from rockjax._oscillators import ground_load, largest
 
-STEP = 1.02  # ratio of consecutive periods in the search for the largest value of a spectrum
-ZOOM = 32  # periods in each of the two refinements of a maximum
-NEAR_LARGEST = 0.98  # refined maxima of the spectrum, as a fraction of its largest value
+PERIOD_RATIO = 1.02  # largest ratio of consecutive periods in the search for the largest value of a spectrum
+REFINEMENT_POINTS = 32  # periods in each of the two refinements of a maximum
+NEAR_LARGEST = 0.98  # local maxima above this fraction of the largest value are refined
 
 
 class Spectrum(NamedTuple):
@@ -48,27 +48,31 @@ def refined_maximum(
     All local maxima within 2 % of the largest are refined twice.
 
     - `values_at`: values of the spectrum at an array of periods
-    - `periods`, `values`: ascending periods in steps of at most 2 % [s], and the values at these
+    - `periods`: ascending periods [s], each at most 2 % longer than the one before
+    - `values`: values of the spectrum at `periods`
     """
     for _ in range(2):
         padded = np.concatenate([[-np.inf], values, [-np.inf]])
         is_peak = (values > padded[:-2]) & (values >= padded[2:]) & (values >= NEAR_LARGEST * values.max())
         peaks = np.flatnonzero(is_peak)
         low, high = periods[np.maximum(peaks - 1, 0)], periods[np.minimum(peaks + 1, periods.size - 1)]
-        periods = np.unique(np.linspace(low, high, ZOOM))
+        periods = np.unique(np.linspace(low, high, REFINEMENT_POINTS))
         values = values_at(periods)
     return float(values.max())
 
 
 def period_grid(shortest: float, longest: float) -> np.ndarray:
     """Return periods from `shortest` to `longest` [s] in equal ratios of at most 2 %."""
-    return np.geomspace(shortest, longest, 2 + math.ceil(math.log(longest / shortest) / math.log(STEP)))
+    return np.geomspace(
+        shortest, longest, 2 + math.ceil(math.log(longest / shortest) / math.log(PERIOD_RATIO))
+    )
 
 
 def largest_displacement(motion: Motion, longest: float, damping: float) -> float:
     """Return the largest S_d(T) of all periods 0 < T ≤ `longest` [m].
 
-    An oscillator under |ü_g| ≤ PGA stays within |x| ≤ PGA/ω² coth(πζ/2√(1−ζ²)); short periods are excluded.
+    Since |ü_g| ≤ PGA implies |x| ≤ PGA/ω² coth(πζ/(2√(1−ζ²))), S_d is below S_d(`longest`) at short periods,
+    which are not searched.
 
     - `motion`: ground motion
     - `longest`: longest period > 0 [s]

@@ -23,7 +23,7 @@ def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
 
 
 def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
-    """Return set and index of the motion with the largest rotation, or None if every scene overturns."""
+    """Return set and index of the surviving scene with the largest rotation; None if no scene survives."""
     governing: tuple[float, str, int] | None = None
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
