@@ -49,7 +49,7 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunct
     inputs_hash = fingerprint(problem.podium, hashes, problem.options, settings, names, motions, joints)
 
     def solve() -> xarray.Dataset:
-        scenes.say(f"derivatives of {entry.id}")
+        scenes.describe(f"derivatives of {entry.id}")
         pairs = [function() for function in functions.values()]
         values = np.array([float(value) for value, _ in pairs])
         slopes = np.array([np.asarray(slope)[: len(names)] for _, slope in pairs]) / values[:, None]
@@ -100,7 +100,7 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
     inputs_hash = fingerprint(problem.podium, motions.hashes[motion], options, problem.variables)
 
     def solve() -> xarray.Dataset:
-        scenes.say(f"derivatives of {motions.names[motion]}")
+        scenes.describe(f"derivatives of {motions.names[motion]}")
         initial = as_start("report", REST, problem.podium)
         answers, slopes, indices = solve_with_slopes(problem.podium, excitation, initial, None, options)
         directions = _directions(problem, excitation, options.of_joints)

@@ -59,7 +59,7 @@ def just_below(factors: np.ndarray, end: float = MAX_SCALE) -> np.ndarray:
 def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     import xarray
 
-    scenes.say(f"uplift factors of {motions.name}")
+    scenes.describe(f"uplift factors of {motions.name}")
     factor = _estimate_uplift_factors(scenes, motions)
     # Close to uplift, the relative error of the scenes is that of the factor.
     excitations = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
@@ -94,7 +94,7 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 
     factors = np.full(len(motions), np.nan)
     for k, (name, excitation) in enumerate(zip(motions.names, motions.excitations, strict=True)):
-        scenes.say(f"overturning factor of {name}")
+        scenes.describe(f"overturning factor of {name}")
         factors[k] = _overturning_scale(scenes.problem, scenes.problem.podium, excitation)
     # Boundaries are bisected to rounding, so the error of a factor is that of its scenes.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)

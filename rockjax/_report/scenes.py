@@ -57,7 +57,7 @@ class Scenes:
         self.podium, self.peaks = functools.cache(self._podium), functools.cache(self._peaks)
         self._variants = functools.cache(self._solve_variants)
 
-    def say(self, text: str) -> None:
+    def describe(self, text: str) -> None:
         """Show a text about the current computation."""
         if self.progress is not None:
             self.progress.describe(text)
@@ -126,7 +126,7 @@ class Scenes:
         inputs_hash = fingerprint(podium, motions.hashes, options, on_floors, factor)
 
         def solve() -> xarray.Dataset:
-            self.say(f"scenes of {name}")
+            self.describe(f"scenes of {name}")
             data = self.solve(podium, motions.scaled(factor), options, ("motion",), on_floors)
             return self._with_floor_errors(data, motions.scaled(factor), options, on_floors)
 
@@ -143,7 +143,7 @@ class Scenes:
         inputs_hash = fingerprint(podiums, scales, motions.hashes, options, on_floors)
 
         def solve() -> xarray.Dataset:
-            self.say(f"scenes of {name} with other laws of impact and changed inputs")
+            self.describe(f"scenes of {name} with other laws of impact and changed inputs")
             excitations = as_batch("report", motions.excitations).scaled(scales[:, None])
             data = self.solve(_stacked(podiums), excitations, options, ("variant", "motion"), on_floors)
             return data.assign_coords(variant=list(names))
@@ -213,7 +213,7 @@ class Scenes:
         inputs_hash = fingerprint(podium, excitations, options)
 
         def solve() -> xarray.Dataset:
-            self.say("scenes at the boundary")
+            self.describe("scenes at the boundary")
             return self.solve(podium, list(excitations), options, ("motion",))
 
         return self.store.get(label, inputs_hash, solve)
@@ -229,7 +229,7 @@ class Scenes:
         inputs_hash = fingerprint(podium, motions.hashes[motion], options)
 
         def solve() -> xarray.Dataset:
-            self.say(f"history of {motions.names[motion]}")
+            self.describe(f"history of {motions.names[motion]}")
             response = simulate(podium, motions.members[motion], options=options)
             data = response.dataset()
             return data if podium.elevation is None else with_joints(data, response)

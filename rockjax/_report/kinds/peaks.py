@@ -30,8 +30,8 @@ class PeakKind(Kind):
     - `variable`: name of the peak among the outputs
     - `factor`: returns the factor, or one for each joint, storey or mode; None for 1
     - `needs`: returns which input is missing, or ""
-    - `powers`: (input, exponent) for inputs that `factor` takes unvaried from the problem; the value is
-      proportional to the power of the input
+    - `powers`: (input, exponent) for inputs whose variation `factor` ignores; the value varies as
+      input ** exponent
     - `convert`: converts the multiplied peak to the value, or None
     """
 

@@ -240,7 +240,7 @@ class FailureKind(Kind):
         podium, motion = scenes.problem.podium, entry.arguments["motion"]
 
         def solve() -> xarray.Dataset:
-            scenes.say(f"samples of {entry.id}")
+            scenes.describe(f"samples of {entry.id}")
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # the check reports "not converged"
                 result = failure_probability(podium, motion, **settings)
@@ -297,7 +297,7 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
     from rockjax._studies.fragility import incremental_dynamic_analysis, levels_of, measure_of
 
     problem, motions, settings = scenes.problem, scenes.motion_set(name), scenes.problem.fragility
-    scenes.say(f"fragility of {name}")
+    scenes.describe(f"fragility of {name}")
     suite = Motions(motions.members)  # pyright: ignore[reportArgumentType]
     measure = measure_of(*named_measure, suite)
     analysis = incremental_dynamic_analysis(
