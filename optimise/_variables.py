@@ -48,7 +48,7 @@ class Dimensions(Module):
       the tendon [N/m]
     - `damper_coefficient`: coefficient C of the damper of each column [N(s/m)^ν]; `damper_exponent`: exponent
       ν of the damper [–]
-    - `inertance`: inertance b of the inerter of each column [kg]
+    - `inertance`: inertance b of the inerter of each column [kg]. Tendon, damper and inerter span both joints
     - `stories`: number of stories of a building with equal stories, otherwise None
     - `story_masses`: masses of the floors [kg]; `story_stiffnesses`: stiffnesses of the stories [N/m];
       `story_heights`: heights of the stories [m]

@@ -107,6 +107,7 @@ _STORIES_MEANING, _STORIES_PATH = (
 _HEIGHT = "height of the superstructure above the beam"
 _RESIDUAL_HEIGHT = "height of the residual mass above the beam"
 _LINEAR_NOTE = "1 is a linear damper"
+_BOTH_NOTE = "spans both joints of the column"
 _ROUND_NOTE = "less than H; not with restrainers"
 
 # Parameters of a podium. The podium stores those with an `attribute_path`; variants.py computes the others.
@@ -190,11 +191,22 @@ DIMENSIONS = _by_name(
     STRUCTURE["lam"],
     STRUCTURE["restitution"],
     STRUCTURE["g"],
-    Parameter("tendon_force", "P₀", "N", NOT_NEGATIVE, "initial force of the tendon of a column"),
-    Parameter("tendon_stiffness", "K", "N m-1", NOT_NEGATIVE, "stiffness of the tendon of a column"),
-    Parameter("damper_coefficient", "C", "N (s/m)^ν", NOT_NEGATIVE, "coefficient of the damper of a column"),
+    Parameter(
+        "tendon_force", "P₀", "N", NOT_NEGATIVE, "initial force of the tendon of a column", note=_BOTH_NOTE
+    ),
+    Parameter(
+        "tendon_stiffness", "K", "N m-1", NOT_NEGATIVE, "stiffness of the tendon of a column", note=_BOTH_NOTE
+    ),
+    Parameter(
+        "damper_coefficient",
+        "C",
+        "N (s/m)^ν",
+        NOT_NEGATIVE,
+        "coefficient of the damper of a column",
+        note=_BOTH_NOTE,
+    ),
     Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note=_LINEAR_NOTE),
-    Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column"),
+    Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column", note=_BOTH_NOTE),
     Parameter("end_radius", "r_c", "m", NOT_NEGATIVE, "radius of round ends of a column", note=_ROUND_NOTE),
 )
 # Arguments with one value for each story or column. Names are numbered from 1, such as `story_mass_2`.

@@ -73,7 +73,7 @@ class Podium(Module):
       velocity factor in [0, 1]
     - `g`: acceleration of gravity, > 0 [m/s²]
     - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][], which act in
-      parallel on every column
+      parallel on every column; those with `joints=1` are in its bottom joint
     - `elevation`: an [`rockjax.Elevation`][] with positions of columns and heights of masses, for forces in
       the joints of each column; None for forces of the mean column only
 
