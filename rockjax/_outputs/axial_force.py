@@ -13,7 +13,8 @@ from rockjax._outputs.maxima import Maximum
 from rockjax._types import Flag
 
 from .base import Variable
-from .joints import JOINTS, AbstractJointOutput, JointBounds, Pair, all_of, end_forces, halves
+from .joint_bounds import JointBounds, Pair
+from .joints import JOINTS, AbstractJointOutput, all_of, end_forces, halves
 from .views import Ended, Start, Step
 
 Pairs = tuple[Pair, ...]

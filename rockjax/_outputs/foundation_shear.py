@@ -9,7 +9,8 @@ from rockjax._outputs.joint_forces import mean_forces, total_weight
 from rockjax._outputs.maxima import Maximum
 from rockjax._types import Flag, Value
 
-from .joints import AbstractForceOutput, JointBounds
+from .joint_bounds import JointBounds
+from .joints import AbstractForceOutput
 from .views import Ended, Moment, Step
 
 

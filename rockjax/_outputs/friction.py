@@ -15,7 +15,8 @@ from rockjax._outputs.maxima import Cubic, Maximum
 from rockjax._types import Flag, Flags, Value, Values
 
 from .base import AbstractOutput
-from .joints import AbstractJointOutput, JointBounds, all_of, end_forces, friction_of, halves, quarter_tangent
+from .joint_bounds import JointBounds
+from .joints import AbstractJointOutput, all_of, end_forces, friction_of, halves, quarter_tangent
 from .views import Course, Ended, Start, Step
 
 Accumulator = tuple[Value, ...]

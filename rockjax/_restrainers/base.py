@@ -7,9 +7,9 @@ device from the ground to the beam spans both joints and lengthens by
     ℓ = 4R sin α sin(|θ|/2),
     (C1)
 
-and a device that spans only the bottom joint lengthens by ℓ/2. In dimensionless form, lengths are divided by R,
-times by 1/p, and forces by the weight m_c g of a column. Forces are functions of the stretch s = ℓ/R and
-the stretch rate r = ℓ̇/(Rp), except the force of an inerter, which is proportional to ℓ̈.
+and a device that spans only the bottom joint lengthens by ℓ/2. In dimensionless form, lengths are divided
+by R, times by 1/p, and forces by the weight m_c g of a column. Forces are functions of the stretch s = ℓ/R
+and the stretch rate r = ℓ̇/(Rp), except the force of an inerter, which is proportional to ℓ̈.
 """
 
 import abc

@@ -21,7 +21,7 @@ from rockjax._engine.model import acceleration
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._excitations.base import Shaking
 from rockjax._outputs import joint_forces as joints
-from rockjax._outputs.joints import JointBounds
+from rockjax._outputs.joint_bounds import JointBounds
 from tests import restrained
 from tests.reference_joints import peaks, structure_of
 

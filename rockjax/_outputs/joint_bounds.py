@@ -1,0 +1,388 @@
+"""Bounds on forces in the joints, (F17), from bounds on the remaining motion of a scene.
+
+Forces are per column and divided by m_c [m/s²], as in `joint_forces`. All bounds are for σ = 1; the other
+contact mode is its mirror image.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from typing import NamedTuple, Self
+
+import jax.numpy as jnp
+
+from rockjax._engine.bounds import Bounds
+from rockjax._engine.coefficients import Coefficients, Vibration, present, weighted
+from rockjax._engine.model import restraint_bound
+from rockjax._sincos import sincos
+from rockjax._types import Value, Values
+
+from .views import Bounces
+
+Pair = tuple[Value, Value]  # values at the bottom and the top joint
+Span = tuple[Value, Value]  # lower and upper bound
+
+
+def _product(a: Span, b: Span) -> Span:
+    """Bound the product of two values."""
+    products = [x * y for x, y in itertools.product(a, b)]
+    return functools.reduce(jnp.minimum, products), functools.reduce(jnp.maximum, products)
+
+
+def _sum(*terms: tuple[Value | float, Span]) -> Span:
+    """Bound Σ factor·value."""
+    low = sum(jnp.minimum(factor * a, factor * b) for factor, (a, b) in terms)
+    return low, sum(jnp.maximum(factor * a, factor * b) for factor, (a, b) in terms)
+
+
+class Devices(NamedTuple):
+    """Bounds on the sum of some restrainers' forces [m/s²]."""
+
+    least: Value
+    least_vertical: Value  # lower bound of the vertical component, force times cos(θ/2)
+    largest: Value
+
+
+class Rotation(NamedTuple):
+    """Bounds on the rotation and on the factors of Eq. (24). At rest, `flexibility` and `speed_squared` are
+    zero.
+
+    - `angle`: bound on |θ| [rad]
+    - `sin`, `cos`: bounds on sin ψ and cos ψ
+    - `speed_squared`: bound on θ̇² [1/s²]
+    - `flexibility`: bounds on the reciprocal of the inertia
+    - `resisting`: bound on the moment of the restrainers, in the units of Eq. (24)
+    """
+
+    angle: Value
+    sin: Span
+    cos: Span
+    speed_squared: Value
+    flexibility: Span
+    resisting: Value | float
+
+
+class JointBounds:
+    """Bounds on joint forces, (F17), from bounds on the motion.
+
+    A force is a sum of terms with θ̈, θ̇², the ground acceleration, the spring forces F_i and the deformations
+    d_i of the modes. θ̈ follows from Eq. (24), so that the springs that load the joints also turn the columns.
+    The energy bounds rotation and vibration together.
+
+    - `c`: constants of the podium
+    - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| [m/s²]
+    - `eccentricity`: bound on the eccentricity |χ| of the resultants, 1 while the columns rock [–]
+    - `rotation`: bounds on the rotation
+    - `bounds`: bounds on the motion, for the modes; None for a rigid podium
+    """
+
+    def __init__(
+        self,
+        c: Coefficients,
+        ground: Value,
+        vertical: Value | float,
+        eccentricity: Value,
+        rotation: Rotation,
+        bounds: Bounds | None,
+    ):
+        self.c, self.joints = c, present(c.joints)
+        self.ground, self.vertical, self.eccentricity = ground, vertical, eccentricity
+        self.rotation, self.bounds = rotation, bounds
+        # Sine and cosine of the largest |ψ|, which exceeds α only if there are restrainers.
+        self.sin = c.sin_alpha if c.restraint is None else jnp.maximum(-rotation.sin[0], rotation.sin[1])
+        self.cos = rotation.cos[0]
+        # Bounds on θ̈, which is zero in full contact, and on v̈_b of the beam, Eq. (15).
+        turning = self._turning_for(rotation)
+        self._turning = turning = jnp.minimum(turning[0], 0.0), jnp.maximum(turning[1], 0.0)
+        drop = rotation.speed_squared * rotation.cos[1]
+        least, most = _product(turning, rotation.sin)
+        self._rise = c.two_R * (least - drop), c.two_R * most
+
+    @classmethod
+    def of(cls, bounds: Bounds) -> Self:
+        """Return the bounds on forces after a state, computed once for all outputs."""
+        return bounds.shared(cls._of)
+
+    @classmethod
+    def _of(cls, bounds: Bounds) -> Self:
+        c, zero, one = bounds.c, jnp.zeros_like(bounds.c.alpha), jnp.ones_like(bounds.c.alpha)
+        speed_squared = 2 * bounds.energy / c.spin
+        # The potential energy, Eq. (19), increases with cos ψ.
+        largest_cos = jnp.minimum(c.cos_alpha + bounds.energy / c.weight, 1.0)
+        sin, cos = (jnp.sqrt(1 - largest_cos**2), c.sin_alpha), (c.cos_alpha, largest_cos)
+        added = resisting = 0.0
+        if c.restraint is not None:
+            beyond = jnp.maximum(bounds.well - c.alpha, 0.0)
+            sin, cos = (-jnp.sin(beyond), c.sin_alpha), (jnp.minimum(c.cos_alpha, jnp.cos(beyond)), one)
+            resisting = restraint_bound(c, c.restraint, bounds.well, jnp.sqrt(speed_squared))
+            if c.restraint.apparent_mass is not None:
+                added = 3 * c.restraint.apparent_mass * c.sin_alpha**2
+        least_sin = jnp.maximum(sin[0], 0.0)
+        steepest = jnp.maximum(-sin[0], sin[1])
+        flexibility = (
+            1 / (c.inertia + c.centrifugal * steepest**2 + added),
+            1 / (c.inertia + c.centrifugal * least_sin**2),
+        )
+        zero_at_rest = lambda rocking: bounds.either(zero, rocking)
+        eccentricity = one
+        if not isinstance(bounds.rests, bool):
+            eccentricity = bounds.either(bounds.demand / c.uplift, one)
+        rotation = Rotation(
+            zero_at_rest(bounds.well), sin, cos, zero_at_rest(speed_squared),
+            (zero_at_rest(flexibility[0]), zero_at_rest(flexibility[1])), resisting,
+        )  # fmt: skip
+        modes = None if c.vibration is None else bounds
+        return cls(c, bounds.ground, bounds.vertical, eccentricity, rotation, modes)
+
+    @classmethod
+    def over(cls, bounces: Bounces) -> Self:
+        """Return the bounds on forces during bounces of a rigid podium."""
+        c, one = bounces.c, jnp.ones_like(bounces.c.alpha)
+        sin = jnp.maximum(c.sin_alpha - bounces.height, 0.0), c.sin_alpha
+        cos = c.cos_alpha, jnp.minimum(c.cos_alpha + bounces.height * c.sin_alpha, 1.0)
+        flexibility = (1 / c.inertia,) * 2
+        rotation = Rotation(bounces.height, sin, cos, bounces.speed**2, flexibility, 0.0)
+        return cls(c, bounces.ground, 0.0, one, rotation, None)
+
+    def _turning_for(self, rotation: Rotation) -> Span:
+        """Bound θ̈ [1/s²]."""
+        zero, one = jnp.zeros_like(self.c.alpha), jnp.ones_like(self.c.alpha)
+        return self._extremes(rotation, 0.0, (one, one), (zero, zero), 0.0)
+
+    def _extremes(
+        self,
+        rotation: Rotation,
+        axial: Value | float,
+        turning: Span,
+        centripetal: Span,
+        push: Value | float,
+        modal: Values | float = 0.0,
+        sway: Value | float = 0.0,
+    ) -> Span:
+        """Bound a·(g + v̈_g) + q θ̈ − z θ̇² + b ü_g + Σ w_iF_i + k Σ η_id_i over the modes i while the columns
+        rock.
+
+        - `rotation`: bounds on the rotation
+        - `axial`, `push`: a and b; `turning`, `centripetal`: bounds on q and z
+        - `modal`, `sway`: w_i and k
+
+        By Eq. (24) θ̈ is a sum of the same terms.
+        """
+        c, (_, sin, cos, speed_squared, flexibility, resisting) = self.c, rotation
+        moment = _product(turning, flexibility)
+        along, across = _product(moment, sin), _product(moment, cos)
+        # Weights, ground motion and restrainers.
+        weights = _sum((1.0, (axial, axial)), (-c.gravity / c.g, along))
+        levels = [c.g] if isinstance(self.vertical, float) else [c.g - self.vertical, c.g + self.vertical]
+        least = functools.reduce(jnp.minimum, [weights[0] * y for y in levels])
+        most = functools.reduce(jnp.maximum, [weights[1] * y for y in levels])
+        by_ground = _sum((1.0, (push, push)), (-c.ground, across))
+        others = jnp.maximum(-by_ground[0], by_ground[1]) * self.ground
+        if c.restraint is not None:
+            others = others + jnp.maximum(-moment[0], moment[1]) * resisting
+        # Rotation and modes. The terms with θ̇² are at least −rates[1]·θ̇² and at most −rates[0]·θ̇².
+        if c.vibration is None:
+            lower, upper = (jnp.maximum(y, 0.0) * speed_squared for y in (centripetal[1], -centripetal[0]))
+            return least - others - lower, most + others + upper
+        rates = _sum((1.0, centripetal), (-c.centrifugal, _product(along, cos)))
+        turned = 3 * across[0] / c.two_R, 3 * across[1] / c.two_R
+        lower, upper = self._vibration(rotation, modal, turned, sway, (rates[1], -rates[0]))
+        return least - others - lower, most + others + upper
+
+    def _extremes_in_contact(
+        self, axial: Value, push: Value | float, modal: Values | float, sway: Value | float
+    ) -> Span:
+        """Bound a·(g + v̈_g) + b ü_g + Σ w_iF_i + k Σ η_id_i in full contact; arguments as for `_extremes`."""
+        c, others = self.c, jnp.abs(push) * self.ground
+        if c.vibration is not None:
+            modes, zero = c.vibration, jnp.zeros_like(c.etas)
+            stiffness = jnp.sqrt(modes.omega2 + modes.damping**2)
+            weights = jnp.abs(modal + zero) * stiffness + jnp.abs(sway) * c.etas / jnp.sqrt(modes.omega2)
+            others = others + present(self.bounds).modal_sum(weights)
+        return axial * (c.g - self.vertical) - others, axial * (c.g + self.vertical) + others
+
+    def _vibration(
+        self, rotation: Rotation, modal: Values | float, turned: Span, sway: Value | float, rates: Span
+    ) -> Pair:
+        """Bound |Σ (w_i + u η_i) F_i| + k|Σ η_id_i| + r θ̇² for two values of r, without negative parts of r.
+
+        - `modal`, `sway`: w_i and k; `turned`: bounds on u; `rates`: both values of r
+
+        The norm of the modes, m² = Σ η_i(u̇_i² + ω_i²d_i²), and y² = spin·θ̇² share the energy, m² + y² ≤ 2E =
+        ρ². With y = sρ, the bound P m + Q y + (r/spin) y² is at most Pρ + Qρ s + (rρ²/spin − ½Pρ) s².
+        """
+        c, bounds = self.c, present(self.bounds)
+        modes: Vibration = present(c.vibration)
+        middle, spread = 0.5 * (turned[0] + turned[1]), 0.5 * (turned[1] - turned[0])
+        weights = jnp.abs(modal + middle * c.etas) + spread * c.etas
+        stiffness = jnp.sqrt(modes.omega2 + modes.damping**2)
+        by_modes = bounds.modal_sum(weights * stiffness + jnp.abs(sway) * c.etas / jnp.sqrt(modes.omega2))
+        by_beam = c.two_R * rotation.cos[1] * weighted(weights, modes.damping)
+        by_beam = by_beam * jnp.sqrt(rotation.speed_squared)
+
+        def bound(rate: Value) -> Value:
+            excess = jnp.maximum(rate, 0.0) * rotation.speed_squared - 0.5 * by_modes
+            s = jnp.where(
+                excess < 0, jnp.minimum(-0.5 * by_beam / jnp.where(excess < 0, excess, -1.0), 1.0), 1.0
+            )
+            return by_modes + s * (by_beam + s * excess)
+
+        return bound(rates[0]), bound(rates[1])
+
+    def _devices(self, joint_count: int) -> Devices:
+        """Bound the sum of forces of the restrainers that span `joint_count` joints, f_1 or f_2 of (F2)."""
+        c, zero = self.c, jnp.zeros_like(self.c.alpha)
+        if c.restraint is None:
+            return Devices(zero, zero, zero)
+        s, cos = sincos(0.5 * self.rotation.angle)
+        stretch, rate = 4 * c.sin_alpha * s, 2 * c.sin_alpha * jnp.sqrt(self.rotation.speed_squared) / c.p
+        slip, least, most = c.restraint.slip, zero, zero
+        for restrainer in c.restraint.restrainers:
+            if restrainer.joints != joint_count:
+                continue
+            at_rest, stretched = (restrainer.force(y, zero, slip) for y in (zero, stretch))
+            damping = restrainer.force(zero, rate, slip) - at_rest
+            least, most = least + c.g * (at_rest - damping), most + c.g * (stretched + damping)
+            if restrainer.apparent_mass is not None:
+                inertia = 0.5 * c.two_R * restrainer.apparent_mass * c.sin_alpha
+                inertia = inertia * (
+                    2 * jnp.maximum(-self._turning[0], self._turning[1]) + self.rotation.speed_squared * s
+                )
+                least, most = least - inertia, most + inertia
+        return Devices(least, jnp.minimum(least, cos * least), most)
+
+    @functools.cached_property
+    def _over_both(self) -> Devices:
+        return self._devices(2)
+
+    @functools.cached_property
+    def _over_one(self) -> Devices:
+        return self._devices(1)
+
+    def _weight(self, share: float) -> Span:
+        """Return lower and upper bounds on g + v̈_g + `share`·v̈_b."""
+        least, most = (self.c.g + share * y for y in self._rise)
+        return least - self.vertical, most + self.vertical
+
+    @functools.cached_property
+    def _top(self) -> Span:
+        """Lower and upper bounds on N_t of all columns: N_t (1 ± χB/ℓ_p) ± M/ℓ_p at the end columns, (F8)."""
+        c, arms, devices, rotation = self.c, self.joints.arms, self._over_both, self.rotation
+        mass, spans = self.joints.gamma + c.eta, []
+        for side in (0.0,) if arms is None else (-1.0, 1.0):
+            share, beam, modal, sway = jnp.ones_like(c.alpha), jnp.zeros_like(c.alpha), 0.0, 0.0
+            if arms is not None:
+                factor = side / arms.core_distance
+                share = 1 + factor * 0.5 * c.two_R * c.sin_alpha * self.eccentricity
+                beam = factor * arms.beam
+                if c.vibration is not None:
+                    heaviest = c.g + self.vertical + jnp.maximum(-self._rise[0], self._rise[1])
+                    modal, sway = factor * present(arms.modes), factor * heaviest
+            axial = mass * share
+            turning = _sum((c.two_R * axial, rotation.sin), (-c.two_R * beam, rotation.cos))
+            centripetal = _sum((c.two_R * axial, rotation.cos), (c.two_R * beam, rotation.sin))
+            of_devices = share * devices.least_vertical, share * jnp.maximum(devices.largest, 0.0)
+            for span in (
+                self._extremes(rotation, axial, turning, centripetal, -beam, modal, sway),
+                self._extremes_in_contact(axial, beam, modal, sway),
+            ):
+                spans.append((span[0] + of_devices[0], span[1] + of_devices[1]))
+        lower, upper = zip(*spans, strict=True)
+        return functools.reduce(jnp.minimum, lower), functools.reduce(jnp.maximum, upper)
+
+    @functools.cached_property
+    def least_axial(self) -> Pair:
+        """Lower bounds on N of all columns at the bottom and the top joint [m/s²]."""
+        top = self._top[0]
+        return top + self._weight(0.5)[0] + 2 * self._over_one.least_vertical, top
+
+    @functools.cached_property
+    def most_axial(self) -> Pair:
+        """Upper bounds on N of all columns at the bottom and the top joint [m/s²]."""
+        top = self._top[1]
+        return top + self._weight(0.5)[1] + 2 * jnp.maximum(self._over_one.largest, 0.0), top
+
+    @functools.cached_property
+    def foundation_shear(self) -> Value:
+        """Bound on |V| [m/s²], (F5). In full contact, V = ½[ü_g − ξ tan α (N_b + N_t)] by (F10)."""
+        c, rotation = self.c, self.rotation
+        swaying = c.two_R * (0.5 + self.joints.gamma)
+        turning = _sum((swaying, rotation.cos))
+        centripetal = _sum((-swaying, rotation.sin))
+        least, most = self._extremes(rotation, 0.0, turning, centripetal, 1 + self.joints.gamma, -c.etas)
+        axial = (1 + 2 * (self.joints.gamma + c.eta)) * (c.g + self.vertical)
+        axial = axial + 2 * jnp.maximum(self._over_both.largest + self._over_one.largest, 0.0)
+        by_eccentricity = 0.5 * (self._contact_eccentricity * axial * c.sin_alpha / c.cos_alpha + self.ground)
+        zero = jnp.zeros_like(c.alpha)
+        by_masses = self._extremes_in_contact(zero, 1 + self.joints.gamma, c.etas, zero)[1]
+        return jnp.maximum(jnp.maximum(-least, most), jnp.minimum(by_eccentricity, by_masses))
+
+    @functools.cached_property
+    def friction(self) -> Pair:
+        """Bounds on |T|/N of all columns at the bottom and the top joint; inf where N may vanish."""
+        return self._friction_at(0), self._friction_at(1)
+
+    def _friction_at(self, joint: int) -> Value:
+        """Return the bound of |T|/N at the bottom (0) or the top joint (1).
+
+        With s = −σθ̈ and g_v = g + v̈_g, (F9) without restrainers is
+        |T|/N = |tan ψ − ½[σü_g + g_v tan ψ − (1 − λ)Rs/cos ψ]/N| at the bottom joint and
+        |T|/N = |tan ψ + ½[σü_g + g_v tan ψ − (1 + λ)Rs/cos ψ]/N| at the top joint.
+        """
+        c, lam, least, most = self.c, self.joints.lam, self.least_axial[joint], self.most_axial[joint]
+        steepest = self.sin / self.cos * self.eccentricity
+        slowing, speeding = -self._turning[0], self._turning[1]
+        fastest = jnp.maximum(slowing, speeding)
+        inertia = 0.5 * c.two_R * (1 + lam if joint else jnp.abs(1 - lam)) / self.cos
+        forces = [
+            jnp.maximum(jnp.abs(y.least), jnp.abs(y.largest)) for y in (self._over_both, self._over_one)
+        ]
+        couple = c.cos_alpha * (forces[0] + forces[1]) * sincos(0.5 * self.rotation.angle)[0]
+        of_devices = 2 * (couple + forces[1]) / self.cos
+        weight = (c.g + self.vertical) * steepest
+        others = self.ground + of_devices
+        # Bounds on the bracket above where it increases |T|/N beyond tan ψ (`along`), and where it reverses T
+        # (`opposite`).
+        opposite = others + weight + inertia * fastest
+        # The largest demand is at ψ = α if N is at least half the weight of the column.
+        is_heavy = least > 0.5 * (c.g + self.vertical)
+        if c.restraint is not None:
+            along = opposite
+        elif joint:
+            along = others + weight + inertia * jnp.where(is_heavy, self._speeding_at_uplift, speeding)
+        else:
+            along = others + inertia * fastest
+            along = along - jnp.where(is_heavy, (c.g - self.vertical) * steepest, 0.0)
+        is_closed, carries_nothing = least > 0, (most == 0) & (least == 0)
+        least, most = (jnp.where(is_closed, y, 1.0) for y in (least, most))
+        demand = steepest + 0.5 * along / jnp.where(along > 0, least, most)
+        demand = jnp.maximum(demand, 0.5 * opposite / least)
+        if joint:  # full contact, where s = 0
+            in_contact = self._contact_eccentricity * c.sin_alpha / c.cos_alpha
+            demand = jnp.maximum(
+                demand, in_contact + 0.5 * (others + (c.g + self.vertical) * in_contact) / least
+            )
+        return jnp.where(is_closed, demand, jnp.where(carries_nothing, 0.0, jnp.inf))
+
+    @functools.cached_property
+    def _speeding_at_uplift(self) -> Value:
+        """Upper bound on θ̈ at ψ = α, for podiums without restrainers [1/s²]."""
+        c, rotation = self.c, self.rotation
+        return self._turning_for(
+            rotation._replace(
+                sin=(c.sin_alpha,) * 2, cos=(c.cos_alpha,) * 2, flexibility=(rotation.flexibility[0],) * 2
+            )
+        )[1]
+
+    @property
+    def _contact_eccentricity(self) -> Value:
+        """Bound on |ξ| in full contact, (F10). At ψ = α and θ̇ = 0, Eq. (24) gives −(1 − ξ) times the θ̈ that
+        the weights alone cause."""
+        c = self.c
+        if c.restraint is not None:
+            return self.eccentricity
+        falling = self.rotation.flexibility[0] * c.gravity * (1 + self.vertical / c.g) * c.sin_alpha
+        is_rocking = falling > 0
+        share = 1 + jnp.where(is_rocking, self._speeding_at_uplift / jnp.where(is_rocking, falling, 1.0), 0.0)
+        return self.eccentricity * jnp.clip(share, 0.0, 1.0)
