@@ -49,8 +49,8 @@ def push_forward(
         return jax.vmap(push, out_axes=(None, 0, None))(*directions)
     floats, linear, others = jax.linearize(of_varied, *point, has_aux=True)
     # The barrier stores the coefficients, so that all tangents share them.
-    coefficients, form = jax.tree.flatten(linear)
-    linear = jax.tree.unflatten(form, barrier(coefficients))
+    coefficients, linear_structure = jax.tree.flatten(linear)
+    linear = jax.tree.unflatten(linear_structure, barrier(coefficients))
     return floats, jax.vmap(linear)(*directions), others
 
 
