@@ -164,9 +164,8 @@ def course_with_jumps(across, up, rests=True, end=6.0, a=(0.0, 0.0)):
     times = np.array([0.0, 0.5, 0.55, end, np.inf])
     accelerations = np.broadcast_to([a[0], a[0], a[1]], (5, DEGREE + 1, 3))
     ending = Ending(np.asarray(rests), np.array([0.2]), np.asarray(0.3), np.asarray(0.4), np.asarray(0.95))
-    return FloorCourse(
-        *map(jnp.asarray, (times, accelerations, jumps, end)), jax.tree.map(jnp.asarray, ending)
-    )
+    times, accelerations, jumps, end = map(jnp.asarray, (times, accelerations, jumps, end))
+    return FloorCourse(times, accelerations, jumps, end, jax.tree.map(jnp.asarray, ending))
 
 
 HORIZONTAL, VERTICAL = [0.4, 0.6, 0.0], [0.0, 0.0, 1.0]
