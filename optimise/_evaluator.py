@@ -148,11 +148,11 @@ def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[
     """Return the Jacobians of the values and of every target's margins, and the result of `problem`."""
 
     def evaluate_point(x):
-        def with_outputs(x):
-            outputs = problem(x, options)
-            return outputs[:2], outputs
+        def with_result(x):
+            values, margins, overturned = problem(x, options)
+            return (values, margins), (values, margins, overturned)
 
-        return jax.jacfwd(with_outputs, has_aux=True)(x)
+        return jax.jacfwd(with_result, has_aux=True)(x)
 
     return jax.vmap(evaluate_point)(points)
 
@@ -209,8 +209,8 @@ class Evaluator:
     - `target_margin`: least margin that the search aims at [–]; `bar`: progress bar
 
     `best` holds the best point of every start and its evaluation, `margin_counts` the number of margins of
-    each target, `evaluations` the number of evaluated points. `sources` holds fresh samples by index of their
-    target.
+    each target, `evaluations` the number of evaluated points, and `fresh_samples` the fresh samples by index
+    of their target.
     """
 
     def __init__(
@@ -224,7 +224,8 @@ class Evaluator:
     ):
         self.sampled_targets, self.draw_count, self.verification_scenes = sampled_targets, 0, 0
         self.accurate = False  # whether evaluations use the tolerances of verification
-        self.sources = {k: s for k, t in enumerate(problem.targets) if (s := fresh_samples_of(t)) is not None}
+        fresh_samples = {k: fresh_samples_of(target) for k, target in enumerate(problem.targets)}
+        self.fresh_samples = {k: samples for k, samples in fresh_samples.items() if samples is not None}
         self.start_count, self.target_margin, self.bar = len(points), target_margin, bar
         self.options, self.full_problem = options, problem
         objective = problem.objective
@@ -244,10 +245,10 @@ class Evaluator:
         """
         options = verification_options(self.options) if self.accurate else self.options
         problem = self.full_problem if self.accurate else self.problem
-        if self.sources:  # draw new motions
+        if self.fresh_samples:  # draw new motions
             targets = list(problem.targets)
-            for k, source in self.sources.items():
-                targets[k] = _with_records(self.problem.targets[k], source.draw(self.draw_count))
+            for k, samples in self.fresh_samples.items():
+                targets[k] = _with_records(self.problem.targets[k], samples.draw(self.draw_count))
             problem = dataclasses.replace(problem, targets=tuple(targets))
             self.draw_count += 1
         jacobians, values = _evaluate_points(problem, options_as_arrays(options), as_float(points))
@@ -271,23 +272,23 @@ class Evaluator:
     def estimates(self, x: np.ndarray, k: int) -> dict[int, MarginEstimate]:
         """Return the margins at a point (n,) in the k-th independent sample: index of target → estimate."""
         podium = self.full_problem.variables.podium(x)
-        return {index: self._estimate(index, podium, k) for index in self.sources}
+        return {index: self._estimate(index, podium, k) for index in self.fresh_samples}
 
     def _estimate(self, index: int, podium: rj.Podium, k: int) -> MarginEstimate:
         """Return the margins of one target in the k-th sample, with bootstrap standard errors."""
-        target, source = self.problem.targets[index], self.sources[index]
+        target, samples = self.problem.targets[index], self.fresh_samples[index]
         assert isinstance(target, AbstractScaleTarget)
         batches = [
             _least_scales(_with_records(target, records), options_as_arrays(self.options), podium)
-            for records in source.sample(k)
+            for records in samples.sample(k)
         ]
         scales = np.concatenate([np.asarray(batch) for batch in batches])
         self.verification_scenes += scales.size
-        rng = np.random.default_rng([source.seed, k])
+        rng = np.random.default_rng([samples.seed, k])
         resamples = rng.integers(scales.size, size=(BOOTSTRAP_SAMPLES, scales.size))
         resamples[0] = np.arange(scales.size)  # the sample itself
         margins = np.asarray(
-            _margins_of_samples(_with_records(target, source.draw(0)), as_float(scales[resamples]))
+            _margins_of_samples(_with_records(target, samples.draw(0)), as_float(scales[resamples]))
         )
         return MarginEstimate(margins[0], margins.std(axis=0))
 

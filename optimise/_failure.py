@@ -136,7 +136,7 @@ class RayTarget:
         except ValueError as error:
             raise ValueError(f"FailureProbability: {error}") from None
         self.scenes += limit.scenes
-        self.factor = 1.0
+        self.initial_factor = 1.0  # where the next search for the factor k starts
 
     def _limit_state(self, podium: rj.Podium):
         return limit_state("FailureProbability", podium, self.target.motion, self.target.limit)
@@ -144,8 +144,9 @@ class RayTarget:
     def at(self, podium: rj.Podium, names: tuple[str, ...]) -> MarginAndSlopes:
         """Return the margin of a structure, with slopes for `names`."""
         limit = self._limit_state(podium)
-        solution = solve_factor(limit, self.rays, self._target_probability(podium), names, self.factor)
-        self.factor = min(max(solution.factor, 0.1), 10.0)  # where the next root search starts
+        probability = self._target_probability(podium)
+        solution = solve_factor(limit, self.rays, probability, names, self.initial_factor)
+        self.initial_factor = min(max(solution.factor, 0.1), 10.0)
         self.scenes += limit.scenes
         return MarginAndSlopes(
             math.log(solution.factor), dict(zip(names, solution.sensitivities.tolist(), strict=True))

@@ -27,7 +27,7 @@ from ._suite import has_answer
 from ._variables import Structure, Variables, as_podium, make_variables
 
 WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # successive windows, as fractions of the duration of strong rotation
-STRONG_RATIO = 0.1  # rotation is strong above this fraction of its peak
+STRONG_RATIO = 0.1  # the measured rotation is strong above this fraction of its peak
 MIN_BOUND_DISTANCE = (
     1e-3  # smallest distance of starts from the bounds, where the slope of the transformation is zero
 )
@@ -109,7 +109,7 @@ def fit(
     - `initial`: the state at the start of the excitation's support
     - `excitation`: the ground motion of the measurement
     - `starts`: number of starting points, ≥ 1; all but the first are drawn at random from `seed`
-    - `options`: options of the simulations; `history` limits the number of steps in a history
+    - `options`: options of the simulations; their `history` is the number of steps that a simulation can have
     - `tolerance`: relative and absolute tolerance of the least-squares solver, > 0 [–]
 
     A rotation out of phase with the measurement gives a poor search direction. The fit therefore starts with

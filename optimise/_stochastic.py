@@ -64,9 +64,11 @@ class FreshSearch:
             first = self.evaluate(self.x)
         except KeyboardInterrupt:
             raise rj.Interrupted("stopped before the first evaluation", None) from None
-        self.steps = GradientSteps(self.transformation, self.evaluate, self.x, first, self.tolerance, [])
+        self.gradient_steps = GradientSteps(
+            self.transformation, self.evaluate, self.x, first, self.tolerance, []
+        )
         try:
-            self.take_steps(self.max_iterations, ~self.steps.is_excluded)
+            self.take_steps(self.max_iterations, ~self.gradient_steps.is_excluded)
             self.verify()
             for k in range(MAX_CORRECTIONS):
                 continuing = self.shift_margins(is_first=k == 0)
@@ -82,16 +84,16 @@ class FreshSearch:
 
     def take_steps(self, steps: int, active: np.ndarray) -> None:
         """Take gradient steps with the starts for which `active` is True, and move to their means."""
-        self.steps.take_steps(steps, active)
+        self.gradient_steps.take_steps(steps, active)
         self.move_to_means()
 
     def move_to_means(self) -> None:
         """Move every start to the mean of its last steps."""
-        pairs = zip(self.steps.x, self.steps.last_steps, strict=True)
+        pairs = zip(self.gradient_steps.x, self.gradient_steps.last_steps, strict=True)
         self.x = np.stack(
             [np.mean([y for y, _ in last_steps], axis=0) if last_steps else x for x, last_steps in pairs]
         )
-        self.steps.x = self.x
+        self.gradient_steps.x = self.x
 
     def verify(self) -> None:
         """Evaluate the means: accurately for fixed motions, by a new independent sample for fresh ones."""
@@ -124,7 +126,7 @@ class FreshSearch:
         standard_errors = np.zeros(offsets[-1])
         for index, estimate in self.estimates[k].items():
             standard_errors[offsets[index] : offsets[index + 1]] = estimate.errors
-        last_steps = self.steps.last_steps[k]
+        last_steps = self.gradient_steps.last_steps[k]
         margins = (
             np.stack([evaluation.c for _, evaluation in last_steps])
             if last_steps
@@ -139,7 +141,7 @@ class FreshSearch:
         Violated margins are corrected. After the first search, margins of active targets that exceed twice
         the allowance are corrected as well.
         """
-        continuing, steps = np.zeros(len(self.x), bool), self.steps
+        continuing, steps = np.zeros(len(self.x), bool), self.gradient_steps
         for k, evaluation in enumerate(self.evaluations):
             if steps.is_excluded[k] or not evaluation.is_finite:
                 continue
@@ -152,18 +154,18 @@ class FreshSearch:
 
     @property
     def iterations(self) -> int:
-        return len(self.steps.history)
+        return len(self.gradient_steps.history)
 
     def end(self, k: int) -> End:
         """Return the end of a start, with multipliers from the mean slopes of its last steps."""
-        evaluation, steps, last_steps = self.evaluations[k], self.steps, self.steps.last_steps[k]
+        evaluation, steps = self.evaluations[k], self.gradient_steps
+        last_steps = steps.last_steps[k]
         count = sum(row.start == k for row in steps.history)
         if steps.is_excluded[k] or not last_steps:
             code = INTERRUPTED if self.is_interrupted and not steps.is_excluded[k] else NOT_FINITE
             return End(self.x[k], np.full(len(evaluation.c), np.nan), code, count, evaluation)
-        mean = Evaluation(
-            *(np.mean(values, axis=0) for values in zip(*(e for _, e in last_steps), strict=True))
-        )
+        fields = zip(*(evaluation for _, evaluation in last_steps), strict=True)
+        mean = Evaluation(*(np.mean(values, axis=0) for values in fields))
         c = mean.c - steps.target_margins[k]
         current = Evaluation(mean.f / steps.scale, c, mean.f_slope / steps.scale, mean.c_slope)
         multipliers = optimality(self.x[k], current, [], 1.0, EXACT_PENALTY, self.tolerance).multipliers
@@ -173,7 +175,12 @@ class FreshSearch:
     def search_result(self, margin_counts: dict[str, int], effort: Effort) -> SearchResult:
         ends = [self.end(k) for k in range(len(self.x))]
         return SearchResult(
-            ends, self.evaluations, margin_counts, self.steps.scale, self.steps.history, effort
+            ends,
+            self.evaluations,
+            margin_counts,
+            self.gradient_steps.scale,
+            self.gradient_steps.history,
+            effort,
         )
 
     def estimate_samples(self, x: Vector) -> SampleEstimates:

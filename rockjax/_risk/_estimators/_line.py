@@ -27,7 +27,7 @@ FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance between positions within t
 HALF_LENGTH = 7.5  # half of the length of a line; Φ(−7.5) is 3e-14
 LINE_SCENES = 40  # approximate number of scenes for a line
 BATCH = 128  # number of lines in memory at once
-MAX_RESIDUAL = 1e-3  # G jumps at a crossing if |G| on its failing side exceeds this multiple of |∂G/∂c|
+MAX_RESIDUAL = 1e-3  # G jumps at a crossing if |G| on the failing side exceeds this multiple of |∂G/∂c|
 
 
 class _SurfacePoints(NamedTuple):
