@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     import xarray
 
 
-def number(value: Any, kind: str, error: Any = None, word: str = "none", note: str = "") -> Quantity | Word:
+def number_cell(
+    value: Any, kind: str, error: Any = None, word: str = "none", note: str = ""
+) -> Quantity | Word:
     """Return a cell with a number, or with `word` if the number is not finite."""
     value = float(value)
     if not math.isfinite(value):
@@ -30,8 +32,8 @@ def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = 
         return Word(results.NAMES[code].replace("_", " "), "unanswered")
     if bool(data["overturned"].values[k]):
         until = f"until {float(data['overturn_time'].values[k]):.2f} s"
-        return number(value, kind, error, "joint opens", until)
-    return number(value, kind, error, "joint opens")
+        return number_cell(value, kind, error, "joint opens", until)
+    return number_cell(value, kind, error, "joint opens")
 
 
 def slug(name: str) -> str:

@@ -21,7 +21,7 @@ from .kinds.base import Kind, Values
 from .kinds.outside import ByOthers
 from .problem import Problem
 from .reading import read_problem
-from .scenes import Needs, Scenes, Silent
+from .scenes import Needs, NoProgress, Scenes
 from .store import Store
 
 ROUNDING = 8 * np.finfo(float).eps  # least relative error of a value
@@ -49,7 +49,7 @@ def evaluate(
             raise ValueError(f"evaluate: skip must hold some of {', '.join(SKIPPABLE)}, got {name!r}")
     path = None if store is None else Path(store)
     with_spread = "spread" not in skip
-    scenes = Scenes(problem, Store(path), needs_of_sets(problem), progress or Silent(), with_spread)
+    scenes = Scenes(problem, Store(path), needs_of_sets(problem), progress or NoProgress(), with_spread)
     with scenes.store.saved_on_interruption():
         checks = tuple(_evaluate(entry, scenes, skip) for entry in problem.checks)
         outcomes = {

@@ -262,7 +262,7 @@ def _with_mode_damping(podium: Podium) -> Podium:
 
 
 @dataclasses.dataclass
-class Silent:
+class NoProgress:
     """Progress that is not shown."""
 
     def update(self, count: int = 1) -> None:

@@ -14,7 +14,7 @@ from rockjax._motions.intensity import LABEL
 from rockjax._problem import models
 from rockjax._problem.reading import Reader
 from rockjax._problem.risk import check_structure, fragility_of
-from rockjax._report.cells import number, slug
+from rockjax._report.cells import number_cell, slug
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scales import just_below
@@ -326,5 +326,5 @@ def _numbers_of(curve: Any) -> list[float]:
 
 
 def _table(name: str, caption: str, rows: list[tuple[str, float, str]]) -> Table:
-    cells = tuple((Word(text), number(value, kind)) for text, value, kind in rows)
+    cells = tuple((Word(text), number_cell(value, kind)) for text, value, kind in rows)
     return Table(name, caption, (Column("Quantity"), Column("Value")), cells)

@@ -13,7 +13,7 @@ from rockjax._excitations.pulses import PULSES
 from rockjax._problem import models
 from rockjax._problem.models import require_one
 from rockjax._problem.reading import Reader, pulse_periods
-from rockjax._report.cells import number, slug
+from rockjax._report.cells import number_cell, slug
 from rockjax._report.derivatives import SlopesFunction, slopes_of
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
@@ -143,8 +143,8 @@ class PulseKind(Kind):
         rows = [
             (
                 name,
-                number(y * unit, "acceleration", word=word),
-                number(y * unit / threshold, "number", word=word),
+                number_cell(y * unit, "acceleration", word=word),
+                number_cell(y * unit / threshold, "number", word=word),
             )
             for name, y, word in zip(values.names, values.values, values.words, strict=True)
         ]

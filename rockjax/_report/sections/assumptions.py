@@ -9,7 +9,7 @@ import numpy as np
 
 from rockjax._report.assumptions import ASSUMPTIONS, Assumption, Outcome
 from rockjax._report.blocks import Paragraph, Section
-from rockjax._report.cells import number
+from rockjax._report.cells import number_cell
 from rockjax._report.kinds import KINDS
 from rockjax._report.tables import Code, Column, Table, Word
 from rockjax._report.units import Units
@@ -109,10 +109,13 @@ def _laws(evaluation: Evaluation) -> Table | None:
     )
     rows = []
     for check in checks:
-        cells: list[Any] = [Word(check.id), number(check.utilisation, "utilisation", word="no finite value")]
+        cells: list[Any] = [
+            Word(check.id),
+            number_cell(check.utilisation, "utilisation", word="no finite value"),
+        ]
         for law in laws:
             u, word = check.laws[law]
-            cells += [number(u, "utilisation", word="no finite value"), Word(word, word.lower())]
+            cells += [number_cell(u, "utilisation", word="no finite value"), Word(word, word.lower())]
         rows.append(tuple(cells))
     caption = "Checks of peaks under other laws of impact; violated assumptions are not considered"
     return Table("laws", caption, columns, tuple(rows))

@@ -8,7 +8,7 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._report.blocks import Paragraph, Section
-from rockjax._report.cells import number, peak_cell, slug
+from rockjax._report.cells import number_cell, peak_cell, slug
 from rockjax._report.tables import Column, Table, Word
 from rockjax._report.units import Units
 
@@ -36,7 +36,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
                     Word(name),
                     Word(label),
                     peak_cell(data, k, data["peak_shear"][k], "number"),
-                    number(jump, "velocity", word="no impact"),
+                    number_cell(jump, "velocity", word="no impact"),
                 )
             )
     if shears:
@@ -86,18 +86,18 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
             rows.append((Word(f"storey {j + 1}"), *[Word("every scene overturned", "overturned")] * 5))
             continue
         ratio = (
-            number(drift[:, j].max() / heights[j], "ratio")
+            number_cell(drift[:, j].max() / heights[j], "ratio")
             if heights is not None
             else Word("no height", "none")
         )
         rows.append(
             (
                 Word(f"storey {j + 1}"),
-                number(drift[:, j].max(), "displacement"),
-                number(drift[:, j].mean(), "displacement"),
+                number_cell(drift[:, j].max(), "displacement"),
+                number_cell(drift[:, j].mean(), "displacement"),
                 ratio,
-                number(acceleration[:, j].max(), "acceleration"),
-                number(acceleration[:, j].mean(), "acceleration"),
+                number_cell(acceleration[:, j].max(), "acceleration"),
+                number_cell(acceleration[:, j].mean(), "acceleration"),
             )
         )
     omitted = int((~survives).sum())

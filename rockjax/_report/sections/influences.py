@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from rockjax._report.blocks import Paragraph, Section
-from rockjax._report.cells import number, slug
+from rockjax._report.cells import number_cell, slug
 from rockjax._report.tables import Cell, Column, Quantity, Table, Word
 from rockjax._report.units import Units
 
@@ -42,10 +42,10 @@ def _table(check: Check) -> Table:
     def row(name: str) -> tuple[Cell, ...]:
         slope: Any = Word(check.no_slopes, "none")
         if name in check.sensitivities:
-            slope = number(check.sensitivities[name], "number")
+            slope = number_cell(check.sensitivities[name], "number")
         ends = [Word("not repeated", "none")] * 2
         if name in check.spread:
-            ends = [number(u, "utilisation", word="no finite value") for u in check.spread[name]]
+            ends = [number_cell(u, "utilisation", word="no finite value") for u in check.spread[name]]
         return Word(name), slope, *ends
 
     suffix = f", set {check.motions}" if check.motions else ""

@@ -12,7 +12,7 @@ from rockjax._motions.motion import Motion
 from rockjax._practice.base import MethodResult
 from rockjax._practice.methods import simplified_methods
 from rockjax._report.blocks import Paragraph, Section
-from rockjax._report.cells import number, peak_cell, slug
+from rockjax._report.cells import number_cell, peak_cell, slug
 from rockjax._report.store import fingerprint
 from rockjax._report.tables import Column, Quantity, Table, Word
 from rockjax._report.units import Units, kind_of_unit
@@ -87,9 +87,9 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
             (
                 Word(f"{result.title} {result.equation}", note=result.source),
                 Word(f"{result.quantity}, {result.statistic}"),
-                number(result.governing_demand, kind) if is_made else Word("not made", "not made"),
-                number(result.capacity, kind) if is_made else Word("not made", "not made"),
-                number(result.utilisation, "utilisation", word="no capacity")
+                number_cell(result.governing_demand, kind) if is_made else Word("not made", "not made"),
+                number_cell(result.capacity, kind) if is_made else Word("not made", "not made"),
+                number_cell(result.utilisation, "utilisation", word="no capacity")
                 if is_made
                 else Word("not made", "not made"),
                 verdict[result.passes],
@@ -125,4 +125,4 @@ def _rotation(result: Any, k: int) -> Quantity | Word:
     note = f"{count} answers" if count > 1 else ""
     if value >= 1:
         return Word("overturns", "overturned", note=note)
-    return number(value, "number", note=note) if value > 0 else Word("no uplift", "none")
+    return number_cell(value, "number", note=note) if value > 0 else Word("no uplift", "none")

@@ -10,7 +10,7 @@ import numpy as np
 from rockjax._motions.intensity import spectral_acceleration
 from rockjax._motions.motion import Motion
 from rockjax._report.blocks import Figure, Paragraph, Section
-from rockjax._report.cells import number, slug
+from rockjax._report.cells import number_cell, slug
 from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Quantity, Table, Word
 from rockjax._report.units import Units
@@ -85,11 +85,11 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
                     Word(name),
                     Word(source.rpartition("/")[2]),
                     Word(f"{len(member)} every {member.dt:g} s"),
-                    number(member.pga, "acceleration"),
-                    number(member.pgv, "velocity"),
-                    number(member.pgd, "displacement"),
+                    number_cell(member.pga, "acceleration"),
+                    number_cell(member.pgv, "velocity"),
+                    number_cell(member.pgd, "displacement"),
                     spectral,
-                    number(member.pga / threshold, "number"),
+                    number_cell(member.pga / threshold, "number"),
                     Word(sha[:16]),
                 )
             )
@@ -101,11 +101,11 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
                     Word(name),
                     Word("problem file"),
                     Word("pulse"),
-                    number(amplitude, "acceleration", word="none"),
+                    number_cell(amplitude, "acceleration", word="none"),
                     no_value,
                     no_value,
                     no_value,
-                    number(amplitude / threshold, "number"),
+                    number_cell(amplitude / threshold, "number"),
                     Word(sha[:16]),
                 )
             )

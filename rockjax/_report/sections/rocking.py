@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._report.blocks import Figure, Paragraph, Section
-from rockjax._report.cells import number, peak_cell, slug
+from rockjax._report.cells import number_cell, peak_cell, slug
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.peaks import deck_displacement
 from rockjax._report.pictures import to_svg
@@ -78,8 +78,8 @@ def _table(evaluation: Evaluation, name: str) -> Table:
         if windows is not None:
             factor = float(windows["factor"][k])
             word = f"none up to {2 * factor:.3g}" if np.isfinite(factor) else "none"
-            row.append(number(factor, "number", word=f"none up to {MAX_SCALE:g}"))
-            row += [number(float(windows[y][k]), "number", word=word) for y in list(WINDOW_COLUMNS)[1:]]
+            row.append(number_cell(factor, "number", word=f"none up to {MAX_SCALE:g}"))
+            row += [number_cell(float(windows[y][k]), "number", word=word) for y in list(WINDOW_COLUMNS)[1:]]
         rows.append(tuple(row))
     return Table(
         f"rotation-{slug(name)}",
