@@ -170,7 +170,8 @@ def sweep_coords(spec: SweepSpec) -> Iterator[tuple[str, Any]]:
         )
         yield name, ((name,), labels, axis_attrs)
     if spec.sensitivities:
-        yield "parameter", ("parameter", np.array(spec.sensitivities), {"long_name": "y of sensitivities"})
+        attrs = {"long_name": "parameter y of the sensitivities"}
+        yield "parameter", ("parameter", np.array(spec.sensitivities), attrs)
     used_names = {*spec.labels, *spec.dims, "parameter"}
     for name, y in spec.scene_arrays.varying().items():
         short_name = name.rsplit(".", 1)[-1]
