@@ -168,9 +168,10 @@ class AbstractExcitation(Module):
         # Minimum of the parabola through the sample and its neighbours, if all three are on one piece.
         inner = jnp.clip(k, 1, SAMPLES - 2)
         before, mid, after = values[inner - 1], values[inner], values[inner + 1]
-        bend = before - 2 * mid + after
-        minimum = mid - (after - before) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))
-        is_smooth = (inner == k) & (bend > 0) & (self.locate(times[k - 1]) == self.locate(times[k + 1]))
+        second_difference = before - 2 * mid + after
+        minimum = mid - (after - before) ** 2 / (8 * jnp.where(second_difference > 0, second_difference, 1.0))
+        is_on_one_piece = self.locate(times[k - 1]) == self.locate(times[k + 1])
+        is_smooth = (inner == k) & (second_difference > 0) & is_on_one_piece
         return jnp.where(is_smooth, jnp.minimum(minimum, values[k]), values[k]), times[k]
 
     def breakpoint(self, index: Index) -> Value:

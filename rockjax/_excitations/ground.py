@@ -3,7 +3,7 @@
 A piece of the pair combines piece i of the horizontal with piece j of the vertical component. Its index is
 i·n + j, where n is the number of vertical pieces. Where breakpoints of both components coincide, i and j
 advance together. The columns lift when one of the combined signals ±ü_g − K v̈_g, with the factor K of (C10),
-exceeds a level; lookaheads find these crossings.
+exceeds a threshold; lookaheads find these crossings.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from .base import AbstractExcitation, AbstractLookahead, Shaking
 
 PARTS = "horizontal", "vertical"
 MAX_PIECES = 2**31  # limit of the number of pairs of pieces, because their index is a 32-bit integer
-# Excursions above a level are ignored if they are shorter than this multiple of the motion's time scale.
-TOUCH = 1e-9
-CAUTION = 1 - 1e-6  # safety factor on the horizontal acceleration below which no signal can exceed the level
+# Excursions above the threshold that are shorter than this multiple of the motion's time scale are ignored.
+MIN_EXCURSION = 1e-9
+LEVEL_SAFETY = 1 - 1e-6  # factor on the level of |ü_g| below which no signal can exceed the threshold
 
 
 def _component(name: str) -> Callable[[Any], AbstractExcitation]:
@@ -214,7 +214,7 @@ class GroundMotion(AbstractExcitation):
         threshold, tilt = jax.lax.stop_gradient((threshold, tilt))
         # A combined signal can exceed the threshold only where |ü_g| exceeds this level.
         min_vertical = jnp.minimum(motion.vertical.lowest()[0], 0.0)
-        level = jnp.maximum(CAUTION * (threshold + tilt * min_vertical), jnp.finfo(threshold.dtype).tiny)
+        level = jnp.maximum(LEVEL_SAFETY * (threshold + tilt * min_vertical), jnp.finfo(threshold.dtype).tiny)
         curvature = motion.horizontal.curvature() + tilt * motion.vertical.curvature()
         horizontal = motion.horizontal.lookahead(level)
         return PairLookahead(motion, horizontal, vertical, threshold, tilt, curvature)
@@ -303,17 +303,17 @@ class PairLookahead(AbstractLookahead):
         the value of the bound.
         """
         del piece
-        level, tilt, curvature = self.threshold, self.tilt, self.curvature
-        assert level is not None
+        threshold, tilt, curvature = self.threshold, self.tilt, self.curvature
+        assert threshold is not None
         assert tilt is not None
         assert curvature is not None
         motion, search_start, resolution = self.motion, t, 8 * jnp.finfo(t.dtype).eps
         is_curved = curvature > 0
-        scale = jnp.where(is_curved, jnp.sqrt(level / jnp.where(is_curved, curvature, 1.0)), 0.0)
+        scale = jnp.where(is_curved, jnp.sqrt(threshold / jnp.where(is_curved, curvature, 1.0)), 0.0)
         start, end = motion.support
 
         def safe_time(clearance: Value, slope: Value) -> Value:
-            """Return the earliest time after which a signal `clearance` below the level can reach it."""
+            """Return the earliest time after which a signal `clearance` below the threshold can reach it."""
             root = jnp.sqrt(slope**2 + 2 * curvature * jnp.maximum(clearance, 0.0))
             rises, safe_curvature = slope + root > 0, jnp.where(is_curved, curvature, 1.0)
             time_up = 2 * clearance / jnp.where(rises, slope + root, 1.0)
@@ -331,14 +331,15 @@ class PairLookahead(AbstractLookahead):
             current = motion.locate(s)
             shaking, rate = jax.jvp(motion.piece(current), (s,), (jnp.ones_like(s),))
             signs = 1.0, -1.0
-            clearances = [level - (sign * shaking.horizontal - tilt * shaking.vertical) for sign in signs]
+            clearances = [threshold - (sign * shaking.horizontal - tilt * shaking.vertical) for sign in signs]
             slopes = [sign * rate.horizontal - tilt * rate.vertical for sign in signs]
             last_digit = resolution * jnp.maximum(jnp.abs(s), end - start)
-            min_step = jnp.maximum(TOUCH * scale, last_digit)
+            min_step = jnp.maximum(MIN_EXCURSION * scale, last_digit)
             step = jnp.maximum(jnp.minimum(*map(safe_time, clearances, slopes)), min_step)
             clearance = jnp.minimum(*clearances)
             is_found = is_reached & (clearance < 0)
-            # Go back to the crossing, unless the search began above the level or the ground jumped.
+            # Go back to the crossing, unless the search began above the threshold or the ground
+            # acceleration jumped.
             slope = jnp.where(clearances[0] < clearances[1], *slopes)
             crossing = s + jnp.where(slope > 0, clearance / jnp.where(slope > 0, slope, 1.0), 0.0)
             previous = motion.before(current)

@@ -20,7 +20,7 @@ DEGREE = 7  # degree of the polynomials; within a solver step, their error is be
 # coefficients of powers of z.
 NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
 FROM_VALUES = np.linalg.inv(np.vander(NODES, increasing=True))
-FINE = 33  # number of points per piece in the search for the minimum
+POINTS_PER_PIECE = 33  # number of points per piece in the search for the minimum
 
 
 class PiecewiseMotion(AbstractExcitation):
@@ -74,13 +74,13 @@ class PiecewiseMotion(AbstractExcitation):
         return jnp.where(index < count, self.jumps[jnp.clip(index, 0, count - 1)], 0.0)
 
     def lowest(self) -> tuple[Value, Value]:
-        z = jnp.linspace(-1.0, 1.0, FINE, dtype=self.times.dtype)
+        z = jnp.linspace(-1.0, 1.0, POINTS_PER_PIECE, dtype=self.times.dtype)
         values = self.coefficients @ jnp.vander(z, DEGREE + 1, increasing=True).T
         ends = jnp.append(self.times[1:], jnp.inf)
         values = jnp.where(jnp.isfinite(ends)[:, None], values, jnp.inf)
         k = jnp.argmin(values)
-        start, end = self.times[k // FINE], ends[k // FINE]
-        return values.ravel()[k], start + 0.5 * (1 + z[k % FINE]) * (end - start)
+        start, end = self.times[k // POINTS_PER_PIECE], ends[k // POINTS_PER_PIECE]
+        return values.ravel()[k], start + 0.5 * (1 + z[k % POINTS_PER_PIECE]) * (end - start)
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         return NoLookahead()

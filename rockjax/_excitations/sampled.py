@@ -141,24 +141,25 @@ class AbstractSampled(AbstractExcitation):
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         record: AbstractSampled = jax.lax.stop_gradient(self)
-        size = record.magnitudes()
-        # If the motion changes sign between samples, the trapezoid of |ü_g| exceeds the integral.
-        areas = 0.5 * (size[..., 1:] + size[..., :-1])
-        areas = jnp.concatenate([areas, jnp.zeros_like(size[..., :1])], axis=-1)
+        magnitudes = record.magnitudes()
+        # Trapezoids give an upper bound: they exceed the integral of |ü_g| where ü_g changes sign.
+        areas = 0.5 * (magnitudes[..., 1:] + magnitudes[..., :-1])
+        areas = jnp.concatenate([areas, jnp.zeros_like(magnitudes[..., :1])], axis=-1)
         # The sums start at the last sample, so that padding does not change their last digit.
         counts = record.row_counts()
-        samples = jnp.arange(size.shape[-1], dtype=counts.dtype).reshape((1,) * (size.ndim - 1) + (-1,))
+        samples = jnp.arange(magnitudes.shape[-1], dtype=counts.dtype)
+        samples = samples.reshape((1,) * (magnitudes.ndim - 1) + (-1,))
         mirrored = counts - 1 - samples
         reverse_rows = lambda y: jnp.take_along_axis(y, jnp.clip(mirrored, 0), axis=-1)
         remaining_integral = reverse_rows(
             jnp.cumsum(jnp.where(mirrored >= 0, reverse_rows(areas), 0.0), axis=-1)
         )
         remaining_integral = jnp.where(mirrored >= 0, remaining_integral, 0.0)
-        remaining_peak = jax.lax.cummax(size, axis=size.ndim - 1, reverse=True)
+        remaining_peak = jax.lax.cummax(magnitudes, axis=magnitudes.ndim - 1, reverse=True)
         if threshold is None:
             return SampledLookahead(record, None, remaining_integral, remaining_peak, None)
         return SampledLookahead(
-            record, jax.lax.stop_gradient(threshold), remaining_integral, remaining_peak, _tree(size)
+            record, jax.lax.stop_gradient(threshold), remaining_integral, remaining_peak, _tree(magnitudes)
         )
 
 
@@ -199,24 +200,26 @@ class SampledLookahead(AbstractLookahead):
         assert tree is not None
         leaves = tree.shape[-1] // 2
         levels = leaves.bit_length()
-        size = functools.partial(self.record.samples_at, tree)
+        maximum_of = functools.partial(self.record.samples_at, tree)
 
-        def up(_, carry):
+        def climb(_, carry):
             left, right, best = carry
             # A node at an end of the range is compared here if its parent has a child outside the range.
             for edge, node in ((left, left), (right, right - 1)):
-                best = jnp.where((left < right) & (edge % 2 == 1) & (size(node) > size(best)), node, best)
+                best = jnp.where(
+                    (left < right) & (edge % 2 == 1) & (maximum_of(node) > maximum_of(best)), node, best
+                )
             return (left + left % 2) // 2, (right - right % 2) // 2, best
 
-        def down(_, node):
+        def descend(_, node):
             left, right = 2 * node, 2 * node + 1
-            larger = jnp.where(size(right) > size(left), right, left)
+            larger = jnp.where(maximum_of(right) > maximum_of(left), right, left)
             return jnp.where(node < leaves, larger, node)
 
         first = jnp.clip(first, 0, leaves - 1)
         start = leaves + first, leaves + jnp.clip(end, 0, leaves), leaves + first
-        best = jax.lax.fori_loop(0, levels, up, start)[2]
-        return (jax.lax.fori_loop(0, levels, down, best) - leaves).astype(first.dtype)
+        best = jax.lax.fori_loop(0, levels, climb, start)[2]
+        return (jax.lax.fori_loop(0, levels, descend, best) - leaves).astype(first.dtype)
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         """Return the first time ≥ t at which |ü_g| exceeds the threshold [s]: t itself, or the crossing
@@ -273,15 +276,15 @@ class SampledLookahead(AbstractLookahead):
         return jnp.where(is_found, node - leaves, count).astype(first.dtype)
 
 
-def _tree(size: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
+def _tree(values: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
     """Return the tree of maxima of values ≥ 0 along the last axis.
 
     Node 1 is the root, and node k is the larger of its children 2k and 2k+1. The second half of the array
     holds the leaves: the values, padded to a power of two.
     """
-    n = size.shape[-1]
+    n = values.shape[-1]
     width = 1 << (n - 1).bit_length()
-    rows = [jnp.pad(size, [(0, 0)] * (size.ndim - 1) + [(0, width - n)])]
+    rows = [jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, width - n)])]
     while rows[0].shape[-1] > 1:
         rows.insert(0, jnp.maximum(rows[0][..., ::2], rows[0][..., 1::2]))
     return jnp.concatenate([jnp.zeros_like(rows[0]), *rows], axis=-1)

@@ -60,9 +60,9 @@ class _BoundedLookahead(AbstractLookahead):
             return t, t + jnp.maximum(step, min_step), is_above
 
         t = jnp.maximum(t, self.motion.support[0])
-        is_below = self.amplitude <= threshold
+        never_exceeds = self.amplitude <= threshold
         t, _, is_found = jax.lax.while_loop(
-            lambda carry: ~carry[2] & (carry[1] < end) & ~is_below, advance, (t, t, jnp.zeros((), bool))
+            lambda carry: ~carry[2] & (carry[1] < end) & ~never_exceeds, advance, (t, t, jnp.zeros((), bool))
         )
         return jnp.where(is_found, t, jnp.inf)
 
@@ -86,8 +86,9 @@ class _BoundedLookahead(AbstractLookahead):
         slope = jax.grad(formula)
         refined = best
         for _ in range(4):
-            bend = jax.grad(slope)(refined)
-            step = jnp.where(bend == 0, 0.0, -slope(refined) / jnp.where(bend == 0, 1.0, bend))
+            curvature = jax.grad(slope)(refined)
+            is_flat = curvature == 0
+            step = jnp.where(is_flat, 0.0, -slope(refined) / jnp.where(is_flat, 1.0, curvature))
             refined = jnp.clip(
                 refined + step, jnp.maximum(start, best - spacing), jnp.minimum(end, best + spacing)
             )

@@ -16,7 +16,7 @@ from rockjax._types import Number
 from . import KINDS
 from .base import AbstractRestrainer
 
-ROUNDS = 40  # Newton steps in the search for the stability angle; more than needed
+NEWTON_STEPS = 40  # in the search for the stability angle; more than needed
 
 
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
@@ -90,7 +90,7 @@ def _find_stability_angle(
     alpha: Number, weight: Number, with_static_force: Sequence[AbstractRestrainer]
 ) -> Number:
     def moment(angle):
-        """Return V'(A)/(Rg)."""
+        """Return V'(θ)/(Rg) of (C5) at the angle θ."""
         lever, stretch = 2 * jnp.sin(alpha) * jnp.cos(0.5 * angle), 4 * jnp.sin(alpha) * jnp.sin(0.5 * angle)
         return 2 * weight * jnp.sin(alpha - angle) + lever * sum(
             device.static_force(stretch) for device in with_static_force
@@ -98,7 +98,7 @@ def _find_stability_angle(
 
     right_angle = jnp.full_like(moment(alpha), math.pi / 2)
     lower_end = jnp.broadcast_to(alpha, right_angle.shape)
-    root = jax.lax.stop_gradient(newton(moment, lower_end, right_angle, ROUNDS)[2])
+    root = jax.lax.stop_gradient(newton(moment, lower_end, right_angle, NEWTON_STEPS)[2])
     # One more Newton step gives the derivative, by the implicit function theorem.
     value, slope = jax.jvp(moment, (root,), (jnp.ones_like(root),))
     root = root - value / jnp.where(slope < 0, slope, -1.0)

@@ -35,13 +35,13 @@ def restrainers_of(
         inertance=inertance,
     )
     require(owner, "damper_exponent", exponent, lambda v: (v > 0) & (v <= 1), "in (0, 1]")
-    absent = [isinstance(y, int | float) and y == 0 for y in (force, stiffness, coefficient, inertance)]
+    is_zero = lambda value: isinstance(value, int | float) and value == 0
     weight, restrainers = mass * g, []
-    if not (absent[0] and absent[1]):
+    if not (is_zero(force) and is_zero(stiffness)):
         restrainers.append(
             Tendon(as_numpy_unless_traced(force) / weight, as_numpy_unless_traced(stiffness) * R / weight)
         )
-    if not absent[2]:
+    if not is_zero(coefficient):
         speed = array_module(g, R).sqrt(0.75 * g * R)  # Rp
         restrainers.append(
             Damper(
@@ -49,6 +49,6 @@ def restrainers_of(
                 exponent,
             )
         )
-    if not absent[3]:
+    if not is_zero(inertance):
         restrainers.append(Inerter(as_numpy_unless_traced(inertance) / mass))
     return tuple(restrainers)

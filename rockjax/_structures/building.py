@@ -44,8 +44,8 @@ def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
     stiffness_above = xp.concatenate([stiffnesses[..., 1:], xp.zeros_like(stiffnesses[..., :1])], axis=-1)
     size, root_masses = masses.shape[-1], xp.sqrt(masses)
     diagonal = ((stiffnesses + stiffness_above) / masses)[..., None] * np.eye(size)
-    neighbours = root_masses * xp.roll(root_masses, -1, axis=-1)
-    coupling = (-stiffness_above / neighbours)[..., None] * np.eye(size, k=1)
+    neighbour_masses = root_masses * xp.roll(root_masses, -1, axis=-1)  # √(m_j m_{j+1})
+    coupling = (-stiffness_above / neighbour_masses)[..., None] * np.eye(size, k=1)
     _, vectors = eigh(diagonal + coupling + xp.swapaxes(coupling, -1, -2))
     shapes = vectors / root_masses[..., None]  # normalised to modal masses M_i = 1
     # ω² as a sum over stories has no cancellation, so the lowest ω² is as accurate as the highest.
@@ -131,11 +131,11 @@ class ShearBuilding(AbstractSuperstructure):
         count = require_whole("ShearBuilding.uniform", "stories", stories, 1)
         require_positive("ShearBuilding.uniform", eta=eta, T=T)
         eta, T = as_float(eta, "ShearBuilding.uniform: eta"), as_float(T, "ShearBuilding.uniform: T")
-        omega_1 = 2 * math.sin(math.pi / (4 * count + 2))  # lowest ω_1 √(m/k) of equal stories
+        frequency_factor = 2 * math.sin(math.pi / (4 * count + 2))  # ω_1 √(m/k) of equal stories
         mass = eta / count
         ones = np.ones(count)
         heights = None if height is None else as_float(height)[..., None] * ones
-        stiffness = mass * (2 * math.pi / (omega_1 * T)) ** 2
+        stiffness = mass * (2 * math.pi / (frequency_factor * T)) ** 2
         return cls(mass[..., None] * ones, stiffness[..., None] * ones, damping, modes, heights=heights)
 
     @property

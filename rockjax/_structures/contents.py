@@ -31,7 +31,7 @@ def as_level(level) -> Level:
     return int(level)
 
 
-def _restitution(value) -> Restitution:
+def _convert_restitution(value) -> Restitution:
     """Convert the argument `restitution`; the error message names `Contents`."""
     try:
         return as_restitution(value)
@@ -56,7 +56,7 @@ class Contents(Module):
     alpha: Number = eqx.field(converter=as_number("Contents: alpha"))
     R: Number = eqx.field(converter=as_number("Contents: R"))
     lam: Number = eqx.field(converter=as_number("Contents: lam"), default=1 / 3)
-    restitution: Restitution = eqx.field(converter=_restitution, default="paper")
+    restitution: Restitution = eqx.field(converter=_convert_restitution, default="paper")
     level: Level = eqx.field(static=True, converter=as_level, default=DECK)
     vertical: bool = eqx.field(static=True, default=True)
     overturn_ratio: Number = eqx.field(converter=as_number("Contents: overturn_ratio"), default=1.0)

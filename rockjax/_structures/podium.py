@@ -181,8 +181,8 @@ class Podium(Module):
         With round ends the result is an approximately equivalent podium with flat ends and the same α, (R5).
         Its `R`, `width` and `height` are multiplied by H/(H − r_c), its rotations by (H − r_c)/H. For
         tan α = 0.15 and r_c = H/2, peaks of u_b up to half of u_b at overturning are up to 0.65 % too small,
-        and overturning amplitudes 1.3 % too large; for r_c = 0.8 H, 3.4 % and 15 %. The page on forces in the
-        joints, section "Round column ends", explains the results.
+        and overturning amplitudes 1.3 % too large; for r_c = 0.8 H the errors are 3.4 % and 15 %. The page on
+        forces in the joints, section "Round column ends", explains the results.
 
         Tendons, dampers and inerters act between the ground and the beam. A device is omitted if its
         parameters are the Python number 0.
@@ -192,7 +192,7 @@ class Podium(Module):
         """
         owner = "Podium.from_dimensions"
         heights = {"beam_depth": beam_depth, "top_height": top_height, "residual_height": residual_height}
-        columns, elevation = _elevation(owner, columns, positions, heights)
+        columns, elevation = _count_and_elevation(owner, columns, positions, heights)
         for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
             as_float(value, f"{owner}: {name}")
         require_positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
@@ -206,7 +206,7 @@ class Podium(Module):
         if not has_stories:
             _refuse_without_building(owner, modes=modes, story_heights=story_heights)
         if has_stories:
-            superstructure = _building(
+            superstructure = _make_building(
                 owner, columns_mass, *building, eta, period, damping, modes, story_heights
             )
         elif period is not None:
@@ -277,7 +277,7 @@ class Podium(Module):
     @property
     def uplift_ground_acceleration(self) -> Number:
         """Ground acceleration that lifts the columns of a podium at rest, g tan α, Eq. (5) [m/s²]; with
-        tendons g tan α (1 + τ/w), w = γ+η+½.
+        tendons of prestress τ, g tan α (1 + τ/w) with w = γ+η+½.
 
         With a rigid superstructure or none, columns lift as soon as |ü_g| exceeds this value. With an elastic
         superstructure this holds for slow motions, in which the spring transmits the inertia of the top mass.
@@ -346,8 +346,8 @@ class Podium(Module):
     def impact_eccentricity(self) -> Number:
         """ξ_J, the position of the impulses of an impact divided by half the width of a column [–], (F13).
 
-        It is 1 if all impulses act at the new contact edges, as with `"compatible"`, and with `"paper"`
-        without an elastic superstructure. It is less than 1 if impulses also act at the old edges. Values
+        It is 1 if all impulses act at the new contact edges, as with `"compatible"`, or with `"paper"` and no
+        elastic superstructure. It is less than 1 if impulses also act at the old edges. Values
         above 1 would need tensile impulses at the old edges, which rigid faces cannot transmit.
         """
         gamma, eta = self.mass_ratios
@@ -544,7 +544,7 @@ class Podium(Module):
         )
 
 
-def _elevation(
+def _count_and_elevation(
     owner: str, columns: int | None, positions, heights: Mapping[str, Any]
 ) -> tuple[int, Elevation | None]:
     """Return the number of columns and the elevation of `Podium.from_dimensions`.
@@ -614,7 +614,7 @@ def _refuse_without_building(owner: str, **arguments: object) -> None:
             )
 
 
-def _building(
+def _make_building(
     owner: str, columns_mass, stories, masses, stiffnesses, eta, period, damping, modes, heights
 ) -> ShearBuilding:
     """Return the building of `Podium.from_dimensions`.

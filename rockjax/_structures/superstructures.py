@@ -280,10 +280,12 @@ def uplifted_squares(
     if isinstance(oscillators, Elastic):
         squares, masses = squares[..., None], masses[..., None]
     inertia, stiffness, cos_alpha = (jnp.asarray(y)[..., None] for y in (inertia, stiffness, cos_alpha))
-    return jnp.maximum(_squares_of(squares, masses, inertia, stiffness, cos_alpha), 0.0)
+    return jnp.maximum(_uplifted_eigenvalues(squares, masses, inertia, stiffness, cos_alpha), 0.0)
 
 
-def _bordered(squares: Array, masses: Array, inertia: Array, stiffness: Array, cos_alpha: Array) -> Array:
+def _bordered_matrix(
+    squares: Array, masses: Array, inertia: Array, stiffness: Array, cos_alpha: Array
+) -> Array:
     """Return the matrix of `uplifted_squares`."""
     corner = (stiffness + cos_alpha**2 * jnp.sum(masses * squares, axis=-1, keepdims=True)) / inertia
     border = -cos_alpha * jnp.sqrt(masses / inertia) * squares
@@ -296,18 +298,20 @@ def _bordered(squares: Array, masses: Array, inertia: Array, stiffness: Array, c
 
 
 @jax.custom_jvp
-def _squares_of(squares: Array, masses: Array, inertia: Array, stiffness: Array, cos_alpha: Array) -> Array:
-    """Return the eigenvalues of `_bordered`."""
-    return jnp.asarray(eigh(_bordered(squares, masses, inertia, stiffness, cos_alpha))[0])
+def _uplifted_eigenvalues(
+    squares: Array, masses: Array, inertia: Array, stiffness: Array, cos_alpha: Array
+) -> Array:
+    """Return the eigenvalues of `_bordered_matrix`."""
+    return jnp.asarray(eigh(_bordered_matrix(squares, masses, inertia, stiffness, cos_alpha))[0])
 
 
-@_squares_of.defjvp
-def _squares_of_jvp(primals, tangents):
+@_uplifted_eigenvalues.defjvp
+def _uplifted_eigenvalues_jvp(primals, tangents):
     """Differentiate the eigenvalues as Rayleigh quotients, which are stationary with respect to mode shapes.
     Derivatives of mode shapes, which do not exist for equal periods, are then not needed, nor derivatives of
     square roots of masses, which do not exist at zero."""
     squares, masses, inertia, _, cos_alpha = primals
-    values, vectors = eigh(_bordered(*primals))
+    values, vectors = eigh(_bordered_matrix(*primals))
     rotation, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]
     has_mass = masses[..., :, None] > 0
     detuning = squares[..., :, None] - values[..., None, :]
@@ -319,10 +323,10 @@ def _squares_of_jvp(primals, tangents):
     motions = jnp.where(has_mass, motions, jnp.where(detuning == 0, 0.0, driven))
     massless = jnp.where(has_mass, 0.0, shapes**2)
 
-    def quotient(squares, masses, inertia, stiffness, cos_alpha):
+    def rayleigh_quotient(squares, masses, inertia, stiffness, cos_alpha):
         squares, masses = squares[..., :, None], masses[..., :, None]
         stretch = masses * (motions - (cos_alpha * rotation)[..., None, :]) ** 2 + massless
         potential_energy = stiffness * rotation**2 + jnp.sum(squares * stretch, axis=-2)
         return potential_energy / (inertia * rotation**2 + jnp.sum(masses * motions**2 + massless, axis=-2))
 
-    return jnp.asarray(values), jax.jvp(quotient, primals, tangents)[1]
+    return jnp.asarray(values), jax.jvp(rayleigh_quotient, primals, tangents)[1]
