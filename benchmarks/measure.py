@@ -154,9 +154,9 @@ def stored_rows_if_any(name: str) -> list[dict]:
 
 
 def _cores() -> int:
-    from rockjax._batch.executors import workers
+    from rockjax._machine.threads import cores
 
-    return workers()
+    return cores()
 
 
 def show(rows: list[dict], columns: Iterable[str] = ()) -> None:
