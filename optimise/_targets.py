@@ -87,7 +87,9 @@ def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
     - `value`: number or array; `below`: exclusive upper limit
     """
     values = concrete(value)
-    if values is None or not np.all(np.isfinite(values) & (values > 0) & (values < below)):
+    if values is None:
+        raise ValueError(f"{owner}: {name} must be a number, not a traced value; make the target outside jit")
+    if not np.all(np.isfinite(values) & (values > 0) & (values < below)):
         accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
         raise ValueError(f"{owner}: {name} must be finite and {accepted}, got {name} = {value!r}")
 

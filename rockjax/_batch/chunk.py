@@ -19,6 +19,7 @@ from rockjax._engine.flat import is_running
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.state import LoopState, Plan, Scene, differentiated_fields
 from rockjax._engine.step import trial
+from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._outputs.margin import TurningPoints
 from rockjax._programs.barrier import barrier
@@ -40,9 +41,13 @@ class LaneLayout(NamedTuple):
 
     def plan(self, leaves, options: Options) -> Plan:
         """Return the plan for scenes with the leaves of a chunk."""
-        podium = jax.tree.unflatten(self.structure, leaves)[0]
+        podium, excitation, *_ = jax.tree.unflatten(self.structure, leaves)
         return plan_for(
-            podium, options, history=False, extra_outputs=(TurningPoints(),) if self.edge_distance else ()
+            podium,
+            options,
+            history=False,
+            extra_outputs=(TurningPoints(),) if self.edge_distance else (),
+            vertical=isinstance(excitation, GroundMotion),
         )
 
 

@@ -37,13 +37,18 @@ from .transitions import contact_mode, restart
 
 
 def plan_for(
-    podium: Podium, options: Options, history: bool, extra_outputs: tuple[AbstractOutput, ...] = ()
+    podium: Podium,
+    options: Options,
+    history: bool,
+    extra_outputs: tuple[AbstractOutput, ...] = (),
+    vertical: bool = False,
 ) -> Plan:
     """Return the choices that are made before tracing.
 
     - `podium`, `options`: structure and solver options of the scenes
     - `history`: True if the accepted steps are stored
     - `extra_outputs`: outputs that are computed in addition to the requested ones
+    - `vertical`: True if the ground also moves vertically
     """
     elastic = podium.vibrates
     velocities = elastic or bool(podium.restrainers) or options.engine != "flat"
@@ -55,6 +60,8 @@ def plan_for(
     # A history stores every step, so neither bounces nor samples are skipped. Skipping samples uses a method
     # of order 8, and is not done if the user has chosen a method of order 6 or less.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
+    if (vertical or podium.restrainers) and any(output.needs_simple_contact for output in outputs):
+        eligible = []
     names = allowed(outputs, eligible)
     return Plan(
         elastic=elastic,
@@ -138,7 +145,8 @@ def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> A
     threshold = None if plan.follows_contact else c.uplift
     if isinstance(excitation, GroundMotion):
         return excitation.lookahead(threshold, present(c.tilt))
-    return excitation.lookahead(threshold)
+    lookahead = excitation.lookahead(threshold)
+    return lookahead.with_sides() if plan.of_joints and not plan.follows_contact else lookahead
 
 
 def _landing_fraction(options: Options) -> Value:

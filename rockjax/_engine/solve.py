@@ -15,6 +15,7 @@ from jaxtyping import Array
 
 from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options, as_compiled
 from rockjax._outputs.views import Ended
 from rockjax._programs.derivatives import (
@@ -95,7 +96,7 @@ def _answers(
 ):
     """Do the work of `solve`, with the same arguments and results. `reversible` selects the form of the loop
     for derivatives with respect to arrays."""
-    plan = plan_for(podium, options, capacity is not None)
+    plan = plan_for(podium, options, capacity is not None, vertical=isinstance(excitation, GroundMotion))
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)
     if options.engine == "segments":
         from .segments import run_segments

@@ -53,9 +53,14 @@ class AbstractLookahead(Module):
         """Return an upper bound of |ü_g| from t on [m/s²]; `now` is |ü_g(t)|."""
 
     @abc.abstractmethod
-    def highest_time(self, start: Value, end: Value) -> Value:
-        """Return the time at which |ü_g| is largest between two times [s]; `end` may be inf. The method is
-        available only if the lookahead was created with a threshold."""
+    def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
+        """Return the time at which |ü_g| is largest between two times [s]; `end` may be inf. With a `side` of
+        ±1, side·ü_g is largest. The method is available only if the lookahead was created with a threshold,
+        and for sides only after `with_sides`."""
+
+    def with_sides(self) -> AbstractLookahead:
+        """Return this lookahead with what `highest_time` needs for sides."""
+        return self
 
 
 class AbstractExcitation(Module):
@@ -217,7 +222,7 @@ class _RestLookahead(AbstractLookahead):
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
         return jnp.zeros_like(t)
 
-    def highest_time(self, start: Value, end: Value) -> Value:
+    def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
         return start
 
 
@@ -247,3 +252,8 @@ class Rest(AbstractExcitation):
     def scaled(self, factor) -> Self:
         del factor
         return self
+
+
+def size_on(side: Value | None, values: Array) -> Array:
+    """Return |values|, or side·values if a side is given."""
+    return jnp.abs(values) if side is None else side * values

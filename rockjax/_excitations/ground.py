@@ -281,8 +281,8 @@ class PairLookahead(AbstractLookahead):
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
         return self.horizontal.peak(t, self.motion.parts(piece)[0], now)
 
-    def highest_time(self, start: Value, end: Value) -> Value:
-        return self.horizontal.highest_time(start, end)
+    def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
+        return self.horizontal.highest_time(start, end, side)
 
     def vertical_impulse(self, t: Value, piece: Index) -> Value:
         """Return an upper bound of ∫|v̈_g| dt from t on [m/s]."""

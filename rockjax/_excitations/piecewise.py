@@ -98,5 +98,5 @@ class NoLookahead(AbstractLookahead):
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
         return jnp.full_like(t, jnp.inf)
 
-    def highest_time(self, start: Value, end: Value) -> Value:
+    def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
         raise NotImplementedError("a motion without a lookahead has no search for maxima")

@@ -22,7 +22,7 @@ from rockjax._types import Index, Number, Value
 from rockjax._unit_warnings import warn_about_units
 from rockjax._units import STANDARD_GRAVITY
 
-from .base import AbstractExcitation, AbstractLookahead
+from .base import AbstractExcitation, AbstractLookahead, size_on
 from .names import PULSE_CLASSES
 
 MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
@@ -111,12 +111,13 @@ class _PulseLookahead(AbstractLookahead):
             later_peak = jnp.where(t <= z * self.T_p, jnp.maximum(height, later_peak), later_peak)
         return jnp.maximum(jnp.abs(now), jnp.abs(self.a_p) * later_peak)
 
-    def highest_time(self, start: Value, end: Value) -> Value:
+    def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
         # The shape is monotone between knots, so the maximum is at a knot or at an end of the interval.
         knots = jnp.asarray(self.pulse.knots()) * self.T_p
         start, end = (jnp.clip(t, knots[0], knots[-1]) for t in (start, end))
         times = jnp.append(jnp.clip(knots, start, end), jnp.stack([start, end]))
-        return times[jnp.argmax(jnp.abs(self.pulse.shape(times / self.T_p)))]
+        side = None if side is None else side * jnp.sign(self.a_p)
+        return times[jnp.argmax(size_on(side, self.pulse.shape(times / self.T_p)))]
 
 
 class AbstractPulse(AbstractExcitation):

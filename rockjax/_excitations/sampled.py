@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from jaxtyping import Array, Float, Int
 from rockjax._checks import array_module
 from rockjax._types import Index, Value
 
-from .base import AbstractExcitation, AbstractLookahead
+from .base import AbstractExcitation, AbstractLookahead, size_on
 
 # Smallest padded size, and the ratio of successive sizes. Single records have few sizes, because each
 # size needs a compiled program; tables have closer sizes, because every row is padded.
@@ -172,6 +173,8 @@ class SampledLookahead(AbstractLookahead):
     remaining_integral: Float[Array, "*table n"]
     remaining_peak: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
     tree: Float[Array, "*table m"] | None  # tree of maxima of |samples|, see `_tree`; None without threshold
+    # The same of −samples and of samples, for `highest_time` with a side.
+    side_trees: tuple[Float[Array, "*table m"], Float[Array, "*table m"]] | None = None
 
     def _from_piece(self, table: Float[Array, "*table n"], piece: Index) -> Value:
         """Return the scaled element of a table at the sample where a piece starts; zero after the motion."""
@@ -185,22 +188,35 @@ class SampledLookahead(AbstractLookahead):
     def peak(self, t: Value, piece: Index, now: Value) -> Value:
         return self._from_piece(self.remaining_peak, piece)
 
-    def highest_time(self, start: Value, end: Value) -> Value:
+    def with_sides(self) -> SampledLookahead:
+        table = self.record.table
+        return dataclasses.replace(self, side_trees=(_tree(-table), _tree(table)))
+
+    def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
         # The motion is linear between samples, so the maximum is at a sample or at an end of the interval.
         record = self.record
         first, last = record.support
         start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
-        time_of_sample = record.breakpoint(self._highest_sample(record.locate(start), record.locate(end)))
+        sample = self._highest_sample(record.locate(start), record.locate(end), side)
+        time_of_sample = record.breakpoint(sample)
         times = jnp.stack([jnp.clip(time_of_sample, start, end), start, end])
-        return times[jnp.argmax(jnp.stack([jnp.abs(record(t)) for t in times]))]
+        return times[jnp.argmax(size_on(side, jnp.stack([record(t) for t in times])))]
 
-    def _highest_sample(self, first: Index, end: Index) -> Index:
-        """Return the sample with the largest absolute value in [first, end), found in the tree of maxima."""
+    def _highest_sample(self, first: Index, end: Index, side: Value | None) -> Index:
+        """Return the sample with the largest absolute value, or on a side, in [first, end), found in a tree
+        of maxima."""
         tree = self.tree
         assert tree is not None
         leaves = tree.shape[-1] // 2
         levels = leaves.bit_length()
-        maximum_of = functools.partial(self.record.samples_at, tree)
+        at = self.record.samples_at
+        if side is None:
+            maximum_of = functools.partial(at, tree)
+        else:
+            assert self.side_trees is not None
+            negative, positive = self.side_trees
+            is_positive = side * self.record.sampling.scale > 0
+            maximum_of = lambda node: jnp.where(is_positive, at(positive, node), at(negative, node))
 
         def climb(_, carry):
             left, right, best = carry
@@ -277,7 +293,7 @@ class SampledLookahead(AbstractLookahead):
 
 
 def _tree(values: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
-    """Return the tree of maxima of values ≥ 0 along the last axis.
+    """Return the tree of maxima along the last axis.
 
     Node 1 is the root, and node k is the larger of its children 2k and 2k+1. The second half of the array
     holds the leaves: the values, padded to a power of two.

@@ -21,7 +21,7 @@ from rockjax._checks import as_number, product, require, require_finite, require
 from rockjax._sincos import cos, sin
 from rockjax._types import Index, Number, Value
 
-from .base import AbstractExcitation, AbstractLookahead
+from .base import AbstractExcitation, AbstractLookahead, size_on
 
 
 class _BoundedLookahead(AbstractLookahead):
@@ -75,12 +75,12 @@ class _BoundedLookahead(AbstractLookahead):
         del piece, now
         return jnp.where(t < self.motion.support[1], self.amplitude, 0.0)
 
-    def highest_time(self, start: Value, end: Value) -> Value:
+    def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
         first, last = self.motion.support
         start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
         times = start + (end - start) * jnp.linspace(0.0, 1.0, 1025)
         spacing = (end - start) / 1024
-        best = times[jnp.argmax(jnp.abs(self.motion(times)))]
+        best = times[jnp.argmax(size_on(side, self.motion(times)))]
         # Newton's method finds a zero of the slope between the neighbouring samples.
         formula = self.motion.piece(self.motion.locate(best))
         slope = jax.grad(formula)
@@ -92,7 +92,8 @@ class _BoundedLookahead(AbstractLookahead):
             refined = jnp.clip(
                 refined + step, jnp.maximum(start, best - spacing), jnp.minimum(end, best + spacing)
             )
-        return jnp.where(jnp.abs(formula(refined)) > jnp.abs(formula(best)), refined, best)
+        size = lambda t: size_on(side, formula(t))
+        return jnp.where(size(refined) > size(best), refined, best)
 
 
 class MavroeidisPapageorgiou(AbstractExcitation):

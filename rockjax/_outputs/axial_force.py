@@ -10,14 +10,15 @@ import jax.numpy as jnp
 
 from rockjax._engine.coefficients import present
 from rockjax._outputs.maxima import Maximum
-from rockjax._types import Flag
+from rockjax._types import Flag, Value
 
 from .base import Variable
-from .joint_bounds import JointBounds, Pair
-from .joints import JOINTS, AbstractJointOutput, all_of, end_forces, halves
-from .views import Ended, Start, Step
+from .joint_bounds import JointBounds
+from .joint_samples import SampleForces
+from .joints import JOINTS, AbstractJointOutput, all_of, over_rest, over_step
+from .views import Ended, Rest, Sample, Start, Step
 
-Pairs = tuple[Pair, ...]
+Pairs = tuple[tuple[Value, Value], ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,7 +26,7 @@ class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint of the worst column,
     (F8). If the least force is negative, a joint would open, and the model no longer holds.
 
-    The accumulator contains the largest −N/(m_c g) and the largest N/(m_c g).
+    The accumulator contains the largest −N/(m_c g) and the largest N/(m_c g) of each joint.
     """
 
     name = "axial_force"
@@ -38,27 +39,41 @@ class AxialForce(AbstractJointOutput):
         )
 
     def start(self, start: Start) -> tuple[Pairs, None]:
-        return tuple((y, y) for y in self.filled(start, -jnp.inf)), None
+        none = jnp.full((), -jnp.inf, start.t.dtype)
+        return ((none, none),) * 2, None
 
     def over_step(self, step: Step, accumulator: Pairs) -> Maximum:
-        _, axial = halves(step.courses(end_forces))
-        axial = [jax.tree.map(lambda y: y / step.c.g, course) for course in axial]
+        axial = [
+            [jax.tree.map(lambda y: y / step.c.g, course) for course in joint]
+            for joint in over_step(step).axial
+        ]
         return step.largest_forces(axial, accumulator, sizes="both")
 
-    def is_unchanged(self, bounds: JointBounds, accumulator: Pairs) -> Flag:
-        g, (tension, compression) = bounds.c.g, jax.lax.stop_gradient(self._worst_of_both(accumulator))
-        least, most = bounds.least_axial, bounds.most_axial
+    def over_rest(self, rest: Rest, accumulator: Pairs) -> Pairs:
+        for forces in over_rest(rest):
+            values = [[y / rest.scene.c.g for y in joint] for joint in forces.axial]
+            accumulator = tuple(
+                (rest.raised(tension, [-y for y in joint]), rest.raised(compression, joint))
+                for joint, (tension, compression) in zip(values, accumulator, strict=True)
+            )
+        return accumulator
+
+    def over_sample(self, sample: Sample, accumulator: Pairs) -> Flag:
+        forces, g = SampleForces.of(sample), sample.c.g
+        rows = enumerate(jax.lax.stop_gradient(accumulator))
         return all_of(
-            (least[k] >= -tension[k] * g) & (most[k] <= compression[k] * g) for k in range(self.joints)
+            forces.axial_within(k, -tension * g, compression * g) for k, (tension, compression) in rows
         )
 
-    def _worst_of_both(self, accumulator: Pairs) -> tuple[Pair, Pair]:
-        """Return the largest −N/(m_c g) and the largest N/(m_c g) at each joint."""
-        tension, compression = map(self.worst, zip(*accumulator, strict=True))
-        return tension, compression
+    def is_unchanged(self, bounds: JointBounds, accumulator: Pairs) -> Flag:
+        g, rows = bounds.c.g, zip(bounds.least_axial, bounds.most_axial, accumulator, strict=True)
+        return all_of(
+            (least >= -tension * g) & (most <= compression * g)
+            for least, most, (tension, compression) in jax.lax.stop_gradient(list(rows))
+        )
 
     def answer(self, ended: Ended, accumulator: Pairs, note: Any) -> dict[str, Any]:
-        tension, compression = (self.nan_if_weightless(ended, y) for y in self._worst_of_both(accumulator))
+        tension, compression = (self.nan_if_weightless(ended, y) for y in zip(*accumulator, strict=True))
         return {"least_axial_force": 0.0 - tension, "peak_axial_force": compression}
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._engine.bounds import Bounds
-from rockjax._outputs.maxima import Maximum
+from rockjax._outputs.maxima import Maximum, larger
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 
@@ -52,12 +52,6 @@ def worst_component(name: str, values: np.ndarray) -> np.ndarray:
     return values.min(axis=-1) if name.startswith("least") else values.max(axis=-1)
 
 
-def larger(new: Values, accumulator: Values) -> Values:
-    """Return the larger of two values. If they are equal, the result has the derivative of `accumulator`,
-    while `jnp.maximum` would average both derivatives."""
-    return jnp.where(new > accumulator, new, accumulator)
-
-
 @dataclasses.dataclass(frozen=True)
 class AbstractOutput:
     """An output of a scene. Subclass it, set the class attributes, and write `quantity`:
@@ -83,6 +77,8 @@ class AbstractOutput:
     - `needs_flat`: whether the output works only with `Options(engine="flat")`, the default
     - `follows_impacts`: whether the output needs every impact until rest, however slow
     - `of_joints`: whether the output needs the constants of the joints, `moment.c.joints`
+    - `needs_simple_contact`: whether parts of a scene are skipped only without restrainers and without
+      vertical ground motion
     """
 
     name: ClassVar[str]
@@ -97,6 +93,7 @@ class AbstractOutput:
     until_overturning: ClassVar[bool] = True
     follows_impacts: ClassVar[bool] = False
     of_joints: ClassVar[bool] = False
+    needs_simple_contact: ClassVar[bool] = False
 
     @property
     def variables(self) -> tuple[Variable, ...]:

@@ -5,13 +5,18 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from rockjax._outputs.joint_forces import mean_forces, total_weight
+import jax
+import jax.numpy as jnp
+
+from rockjax._outputs.joint_forces import total_weight
 from rockjax._outputs.maxima import Maximum
 from rockjax._types import Flag, Value
 
 from .joint_bounds import JointBounds
-from .joints import AbstractForceOutput
-from .views import Ended, Moment, Step
+from .joint_samples import SampleForces
+from .joints import AbstractForceOutput, over_rest, over_step
+from .shear import exceeds_nowhere
+from .views import Ended, Rest, Sample, Start, Step
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,13 +28,23 @@ class PeakFoundationShear(AbstractForceOutput):
     description = "peak shear on the foundation divided by the total weight max|V|/W_0"
     symbol = "max |V|/W_0"
 
-    def quantity(self, moment: Moment) -> Value:
-        c, sigma, _, ground, x, v, a = moment
-        return mean_forces(c, sigma, ground, x, v, a).foundation[0] / total_weight(c)
+    def start(self, start: Start) -> tuple[Value, None]:
+        return jnp.zeros((), start.t.dtype), None
 
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
-        maximum = step.largest_forces(step.courses(self.quantity), (accumulator,))
+        weight = total_weight(step.c)
+        course = jax.tree.map(lambda y: y / weight, over_step(step).foundation)
+        maximum = step.largest_forces([[course]], (accumulator,))
         return maximum._replace(value=maximum.value[0])
+
+    def over_rest(self, rest: Rest, accumulator: Value) -> Value:
+        weight = total_weight(rest.scene.c)
+        return rest.raised(accumulator, [jnp.abs(forces.foundation) / weight for forces in over_rest(rest)])
+
+    def over_sample(self, sample: Sample, accumulator: Value) -> Flag:
+        start, end, curvature = (forces.foundation for forces in SampleForces.of(sample))
+        level = jax.lax.stop_gradient(accumulator) * total_weight(sample.c)
+        return exceeds_nowhere(jnp.abs(start), jnp.abs(end), curvature, level)
 
     def is_unchanged(self, bounds: JointBounds, accumulator: Value) -> Flag:
         return bounds.foundation_shear <= accumulator * total_weight(bounds.c)

@@ -4,72 +4,106 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from rockjax._engine.coefficients import present
-from rockjax._engine.hermite import turning_point_of_slope
-from rockjax._outputs.maxima import Cubic, Maximum
-from rockjax._types import Flag, Flags, Value, Values
+from rockjax._engine.ratio import safe_ratio
+from rockjax._outputs.maxima import NEAR_MAXIMUM, ROUNDING, Cubic, Maximum
+from rockjax._programs.barrier import barrier
+from rockjax._types import Flag, Value
 
 from .base import AbstractOutput
 from .joint_bounds import JointBounds
-from .joints import AbstractJointOutput, all_of, end_forces, friction_of, halves, quarter_tangent
-from .views import Course, Ended, Start, Step
+from .joint_samples import SampleForces
+from .joints import AbstractJointOutput, Force, all_of, over_rest, over_step
+from .views import Course, Ended, Rest, Sample, Span, Start, Step, StepEnd
 
 Accumulator = tuple[Value, ...]
+Forces = tuple[Force, Force]
 
 
-class AnglePath(NamedTuple):
-    """The angle φ of a force from the vertical over a step, as tan(φ/4), from cubics of T and N.
+def _top(tangential: Cubic, axial: Cubic, level: Force) -> tuple[Value, Flag]:
+    """Return the position z of the interior maximum of T·N_0 − T_0·N for a force (T_0, N_0), and whether
+    there is one. Where this difference is positive, (T, N) is steeper than (T_0, N_0)."""
+    a, b, c = (
+        k * (level.axial * t - level.size * n)
+        for k, t, n in zip((1, 2, 3), tangential[1:], axial[1:], strict=True)
+    )
+    squared = b * b - 4 * a * c
+    root = jnp.sqrt(jnp.maximum(squared, 0.0))
+    falls = b < 0
+    numerator, denominator = jnp.where(falls, 2 * a, -b - root), jnp.where(falls, root - b, 2 * c)
+    z = numerator / jnp.where(denominator == 0, 1.0, denominator)
+    return z, (squared > 0) & (denominator != 0) & (z > 0) & (z < 1)
 
-    A cubic of the angle itself would not be accurate, because the angle changes within a fraction of a step
-    where N is close to zero.
+
+@jax.jit
+def steepest(
+    tangential: Course, axial: Course, span: Span, accumulator: Force, zone: Value
+) -> tuple[Force, Value]:
+    """Return the steepest force in a step, and the fraction of the step to try next to end there.
+
+    - `tangential`, `axial`: T and N over the step
+    - `span`: times of the step
+    - `accumulator`: steepest force so far
+    - `zone`: fraction of the step at both ends where a maximum needs no shorter step
+
+    A force inside the step that is steeper than `accumulator` and both ends is found without its angle, from
+    the maximum of T·N_0 − T_0·N, where (T_0, N_0) is the steepest of these three. With the force found as
+    (T_0, N_0), a second search is quadratically closer (Dinkelbach's method).
     """
+    constant, h = jax.lax.stop_gradient, span.h
 
-    tangential: Cubic
-    axial: Cubic
+    def end(k: int) -> tuple[Value, Value]:
+        """Return T and N at the event or breakpoint at an end of the step."""
+        past, values = (span.before, span.after)[k], []
+        for course in (tangential, axial):
+            value, rate = course[1 + k]
+            mean = safe_ratio(course.end[1] - course.start[1], h, h > 0)
+            at_end = safe_ratio(course.path.curvature(jnp.full_like(h, float(k))), h * h, h > 0)
+            curvature = jnp.where(span.long, at_end, mean)
+            values.append(value + past * (rate + 0.5 * past * curvature))
+        return values[0], values[1]
 
-    def value(self, z: Values | float) -> Values:
-        return quarter_tangent(self.tangential.value(z), self.axial.value(z))
+    ends = barrier([end(0), end(1)])
+    forces = [Force(jnp.abs(t), n) for t, n in ends]
+    largest_end = forces[1].steeper(forces[0])
+    # The side to which T acts at the maximum: the angle increases at the start and decreases at the end, or
+    # the other way round; otherwise the side at the steepest end.
+    rises = [
+        constant(n_value * t_rate - t_value * n_rate)
+        for (t_value, t_rate), (n_value, n_rate) in zip(tangential[1:], axial[1:], strict=True)
+    ]
+    at_end = jnp.where(forces[1].is_steeper(forces[0]), ends[1][0], ends[0][0])
+    side = constant(jnp.where(jnp.where(rises[0] * rises[1] < 0, rises[0], at_end) < 0, -1.0, 1.0))
+    paths = Cubic(*[side * y for y in tangential.path]), axial.path
+    fixed = constant(paths)
+    level = constant(Force((1 - NEAR_MAXIMUM) * accumulator.size, accumulator.axial).steeper(largest_end))
 
-    def slope(self, z: Values | float) -> Values:
-        (tangential, tangential_slope), (axial, axial_slope) = ((y.value(z), y.slope(z)) for y in self)
-        return jax.jvp(quarter_tangent, (tangential, axial), (tangential_slope, axial_slope))[1]
+    def force_at(z: Value, paths: tuple[Cubic, Cubic]) -> Force:
+        return Force(*[path.value(z) for path in paths])
 
-    def curvature(self, z: Values) -> Values:
-        return jax.jvp(self.slope, (z,), (jnp.ones_like(z),))[1]
-
-    def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-        # φ' has the sign of N T' − T N', a polynomial.
-        t, n = self.tangential, self.axial
-        slope = [
-            n.c0 * t.c1 - t.c0 * n.c1,
-            2 * (n.c0 * t.c2 - t.c0 * n.c2),
-            3 * (n.c0 * t.c3 - t.c0 * n.c3) + n.c1 * t.c2 - t.c1 * n.c2,
-            2 * (n.c1 * t.c3 - t.c1 * n.c3),
-            n.c2 * t.c3 - t.c2 * n.c3,
-        ]
-        return turning_point_of_slope(slope, t.c0**2 + n.c0**2, turned, rising)
-
-
-def _angle(tangential: Course, axial: Course) -> Course:
-    """Return tan(φ/4) over a step from the courses of T and N."""
-
-    def at_end(t: tuple[Values, Values], n: tuple[Values, Values]) -> tuple[Values, Values]:
-        return jax.jvp(quarter_tangent, (t[0], n[0]), (t[1], n[1]))
-
-    path = AnglePath(tangential.path, axial.path)
-    return Course(path, at_end(tangential.start, axial.start), at_end(tangential.end, axial.end))
+    z, exists = barrier(_top(*fixed, level))
+    found = force_at(z, fixed)
+    closer, is_closer = _top(*fixed, found)
+    z = barrier(jnp.where(exists & is_closer & found.is_steeper(level), closer, z))
+    found = force_at(z, paths)
+    left, right = found.size * level.axial, level.size * found.axial
+    rounding = ROUNDING * jnp.finfo(h.dtype).eps * (jnp.abs(left) + jnp.abs(right))
+    exceeds = constant(exists & (left - right > rounding))
+    force = largest_end.replaced(exceeds, found)
+    shortens = exceeds & (z > zone) & (z < 1 - zone)
+    return barrier(force), jnp.where(shortens, z, jnp.inf)
 
 
 @dataclasses.dataclass(frozen=True)
 class PeakFriction(AbstractJointOutput):
     """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
 
-    The accumulator is the angle φ of the force from the vertical, as tan(φ/4), which is smooth at N = 0.
+    The accumulator contains the force with the largest angle from the vertical, which is smooth at N = 0.
     """
 
     name = "peak_friction"
@@ -80,20 +114,52 @@ class PeakFriction(AbstractJointOutput):
     def for_limit(self, limit: float) -> tuple[AbstractOutput, float]:
         return FrictionUse(limit=limit), 1.0
 
-    def start(self, start: Start) -> tuple[Accumulator, None]:
-        return self.filled(start, 0.0), None
+    def start(self, start: Start) -> tuple[Forces, None]:
+        zero = jnp.zeros((), start.t.dtype)
+        none = Force(zero, zero + 1)
+        return (none, none), None
 
-    def over_step(self, step: Step, accumulator: Accumulator) -> Maximum:
-        angles = [_angle(*forces) for forces in zip(*halves(step.courses(end_forces)), strict=True)]
-        maximum = step.largest_forces(angles, accumulator)
-        return maximum._replace(value=tuple(jnp.minimum(y, 1.0) for y in maximum.value))
+    def over_step(self, step: Step, accumulator: Forces) -> Maximum:
+        tangential, axial, _ = over_step(step)
+        values, fraction = [], jnp.full_like(step.span.h, jnp.inf)
+        for joint, so_far in enumerate(accumulator):
+            worst = None
+            for courses in zip(tangential[joint], axial[joint], strict=True):
+                force, retry_fraction = steepest(*courses, step.span, so_far, step.zone_of_forces)
+                worst = force if worst is None else force.steeper(worst)
+                fraction = jnp.minimum(fraction, retry_fraction)
+            values.append(worst)
+        return Maximum(tuple(values), fraction)
 
-    def is_unchanged(self, bounds: JointBounds, accumulator: Accumulator) -> Flag:
-        demands = map(friction_of, jax.lax.stop_gradient(self.worst(accumulator)))
-        return all_of(bound <= demand for bound, demand in zip(bounds.friction, demands, strict=True))
+    def over_rest(self, rest: Rest, accumulator: Forces) -> Forces:
+        # Without restrainers |T|/N = |ü_g|/g in full contact, and N is linear in ü_g.
+        for forces in over_rest(rest):
+            worst = []
+            for force, *joint in zip(accumulator, forces.tangential, forces.axial, strict=True):
+                for tangential, axial in zip(*joint, strict=True):
+                    new = Force(jnp.abs(tangential), axial)
+                    force = force.replaced(rest.lasts & new.is_steeper(force), new)
+                worst.append(force)
+            accumulator = worst[0], worst[1]
+        return accumulator
 
-    def answer(self, ended: Ended, accumulator: Accumulator, note: Any) -> dict[str, Any]:
-        return {self.name: self.nan_if_weightless(ended, friction_of(jnp.stack(self.worst(accumulator))))}
+    def over_sample(self, sample: Sample, accumulator: Forces) -> Flag:
+        forces = SampleForces.of(sample)
+        return all_of(forces.stays_below(k, jax.lax.stop_gradient(accumulator[k])) for k in range(2))
+
+    def update(self, end: StepEnd, accumulator: Forces, note: None, largest: Forces) -> tuple[Forces, None]:
+        bottom, top = (new.steeper(old) for new, old in zip(largest, accumulator, strict=True))
+        return (bottom, top), note
+
+    def is_unchanged(self, bounds: JointBounds, accumulator: Forces) -> Flag:
+        return all_of(
+            bound <= force.demand
+            for bound, force in zip(bounds.friction, jax.lax.stop_gradient(accumulator), strict=True)
+        )
+
+    def answer(self, ended: Ended, accumulator: Forces, note: Any) -> dict[str, Any]:
+        demands = jnp.stack([force.demand for force in accumulator])
+        return {self.name: self.nan_if_weightless(ended, demands)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +168,7 @@ class FrictionUse(AbstractJointOutput):
     column. If it exceeds 1, the joint would slide. The answer is 0 at a joint without dead load. Targets use
     this output because it is smooth where a joint would open, unlike |T|/N.
 
-    The accumulator contains the largest T − μN of every column and joint, then the largest −T − μN [m/s²].
+    The accumulator contains the largest |T| − μN of each joint [m/s²].
 
     - `limit`: friction coefficient μ [–]
     """
@@ -114,31 +180,30 @@ class FrictionUse(AbstractJointOutput):
     limit: float = 1.0
 
     def start(self, start: Start) -> tuple[Accumulator, None]:
-        return 2 * self.filled(start, -jnp.inf), None
+        return (jnp.full((), -jnp.inf, start.t.dtype),) * 2, None
 
     def over_step(self, step: Step, accumulator: Accumulator) -> Maximum:
-        forces = list(zip(*halves(step.courses(end_forces)), strict=True))
-        excesses = [
-            jax.tree.map(lambda t, n, side=side: side * t - self.limit * n, *pair)
-            for side in (1, -1)
-            for pair in forces
+        tangential, axial, _ = over_step(step)
+        groups = [
+            [
+                jax.tree.map(lambda t, n, side=side: side * t - self.limit * n, *pair)
+                for side in (1, -1)
+                for pair in zip(*joint, strict=True)
+            ]
+            for joint in zip(tangential, axial, strict=True)
         ]
-        return step.largest_forces(excesses, accumulator, sizes="signed")
+        return step.largest_forces(groups, accumulator, sizes="signed")
 
     def is_unchanged(self, bounds: JointBounds, accumulator: Accumulator) -> Flag:
         def holds(friction: Value, least: Value, most: Value, worst: Value) -> Flag:
             beyond = friction - self.limit
             return beyond * jnp.where(beyond < 0, least, most) <= worst
 
-        worst = jax.lax.stop_gradient(self._worst_excess(accumulator))
+        worst = jax.lax.stop_gradient(accumulator)
         pairs = bounds.friction, bounds.least_axial, bounds.most_axial, worst
         return all_of(itertools.starmap(holds, zip(*pairs, strict=True)))
 
-    def _worst_excess(self, accumulator: Accumulator) -> list[Value]:
-        one_side, other_side = map(self.worst, halves(accumulator))
-        return [jnp.maximum(*pair) for pair in zip(one_side, other_side, strict=True)]
-
     def answer(self, ended: Ended, accumulator: Accumulator, note: Any) -> dict[str, Any]:
         capacity = self.limit * ended.scene.c.g * present(ended.scene.c.joints).dead_load
-        use = 1 + jnp.stack(self._worst_excess(accumulator)) / jnp.where(capacity > 0, capacity, 1.0)
+        use = 1 + jnp.stack(accumulator) / jnp.where(capacity > 0, capacity, 1.0)
         return {self.name: self.nan_if_weightless(ended, jnp.where(capacity > 0, use, 0.0))}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -12,30 +11,30 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, present
-from rockjax._engine.ratio import safe_ratio
-from rockjax._outputs.joint_forces import impulses_of_columns, sway_of_modes
-from rockjax._types import Flag, Value
+from rockjax._outputs.joint_forces import sway_of_modes
+from rockjax._types import Flag, Value, Values
 
 from .base import AbstractEventOutput, Variable
-from .joints import JOINTS, AbstractJointOutput, all_of, end_offsets, friction_of, halves, quarter_tangent
+from .joints import JOINTS, AbstractJointOutput, Force, all_of, end_offsets
 from .views import Bounces, Ended, Impact, Start, Step
 
-Accumulator = tuple[Value, ...]
+Extremes = tuple[Value, Value]
+ROUNDING = 1e-12  # relative differences below this are rounding
 
 
-def _angles_and_ratios(
-    c: Coefficients, sigma: Value, sway: Value | float, offsets: Sequence[Value] | None
-) -> Accumulator:
-    """Return |tan(φ/4)| for the angles φ of the impulses from the vertical, then −J_N divided by the mean J_N
-    of all columns. Both are for the columns at the bottom joint, then for the columns at the top joint."""
-    tangential, axial = impulses_of_columns(c, sigma, jnp.ones_like(sigma), sway, offsets)
-    means = [y for y in present(c.joints).impulses.axial for _ in offsets or (0,)]
-    angles = [jnp.abs(quarter_tangent(*pair)) for pair in zip(tangential, axial, strict=True)]
-    ratios = [
-        jnp.where(mean > 0, -safe_ratio(n, mean, mean > 0), -1.0)
-        for n, mean in zip(axial, means, strict=True)
-    ]
-    return (*angles, *ratios)
+def _tilt(c: Coefficients, sway: Value | float) -> Value:
+    """Return the change of the axial impulse between columns of an impact from σ = 1, divided by their
+    distance and by |θ̇⁻|, (F14).
+
+    - `sway`: Σ η_id_i over the modes with the deformations d_i [m]
+    """
+    joints = present(c.joints)
+    arms, mean = present(joints.arms), joints.impulses
+    half_width = 0.5 * c.two_R * c.sin_alpha
+    moment = (
+        mean.rise * sway - arms.beam * mean.sway - joints.impulse_eccentricity * half_width * mean.axial[1]
+    )
+    return moment / arms.mean_square
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,12 +42,14 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean J_N of all
     columns, at the bottom and the top joint of the worst column, (F12), (F14).
 
-    The accumulator contains the largest value so far of each element of `_angles_and_ratios`. If the
-    superstructure does not vibrate, all impacts have the same angles and ratios.
+    Columns differ by x_i times the same tilt, `_tilt`, which has the other sign for impacts from σ = −1. All
+    answers are monotone in x_i times the tilt. The accumulator contains the largest tilt and the largest
+    tilt with its sign changed; −inf before the first impact.
     """
 
     name = "impact_friction"
     estimated = False
+    needs_simple_contact = False
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -69,42 +70,60 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
             ),
         )
 
-    def start(self, start: Start) -> tuple[Accumulator, None]:
-        return self.filled(start, 0.0) + self.filled(start, -1.0), None
+    def start(self, start: Start) -> tuple[Extremes, None]:
+        none = jnp.full((), -jnp.inf, start.t.dtype)
+        return (none, none), None
 
-    def over_step(self, step: Step, accumulator: Accumulator) -> None:
+    def over_step(self, step: Step, accumulator: Extremes) -> None:
         del step, accumulator
 
-    def at_impact(self, impact: Impact) -> Accumulator:
-        c = impact.c
-        return _angles_and_ratios(c, impact.sigma, sway_of_modes(c, impact.sigma, impact.x), end_offsets(c))
+    def at_impact(self, impact: Impact) -> Extremes:
+        c, sigma = impact.c, impact.sigma
+        if present(c.joints).arms is None:
+            zero = jnp.zeros_like(c.alpha)
+            return zero, zero
+        tilt = sigma * _tilt(c, sigma * sway_of_modes(c, sigma, impact.x))
+        return tilt, -tilt
 
-    def over_bounces(self, bounces: Bounces, accumulator: Accumulator) -> bool:
-        del (
-            bounces,
-            accumulator,
-        )  # bounces are skipped only for rigid podiums, whose impacts have equal ratios
-        return True
+    def over_bounces(self, bounces: Bounces, accumulator: Extremes) -> Flag:
+        return _is_unchanged(bounces.c, 0.0, accumulator)
 
-    def is_final(self, bounds: Bounds, accumulator: Accumulator) -> Flag:
-        if bounds.c.vibration is None:  # all impacts have the same ratios
-            return bounds.rests | functools.reduce(jnp.logical_or, [y > 0 for y in halves(accumulator)[0]])
-        c, arms = bounds.c, present(bounds.c.joints).arms
-        offsets, sways = None, [0.0]
-        if arms is not None:
-            # The worst case is at an end column, with the largest Σ η_id_i to either side.
-            end_offset = arms.mean_square / arms.core_distance
-            largest_sway = bounds.modal_sum(c.etas / jnp.sqrt(present(c.vibration).omega2))
-            offsets, sways = (-end_offset, end_offset), [largest_sway, -largest_sway]
-        accumulators = [self.worst(y) for y in halves(jax.lax.stop_gradient(accumulator))]
-        worst = [_angles_and_ratios(c, jnp.ones_like(c.alpha), sway, offsets) for sway in sways]
-        return bounds.rests | all_of(
-            self.worst(found)[joint] <= accumulated[joint]
-            for bound in worst
-            for found, accumulated in zip(halves(bound), accumulators, strict=True)
-            for joint in range(self.joints)
-        )
+    def is_final(self, bounds: Bounds, accumulator: Extremes) -> Flag:
+        c, sway = bounds.c, 0.0
+        if c.vibration is not None and present(c.joints).arms is not None:
+            sway = bounds.modal_sum(c.etas / jnp.sqrt(c.vibration.omega2))
+        return bounds.rests | _is_unchanged(c, sway, accumulator)
 
-    def answer(self, ended: Ended, accumulator: Accumulator, note: Any) -> dict[str, Any]:
-        angles, negative_ratios = (self.nan_if_weightless(ended, self.worst(y)) for y in halves(accumulator))
-        return {"peak_impact_friction": friction_of(angles), "least_impulse_share": -negative_ratios}
+    def answer(self, ended: Ended, accumulator: Extremes, note: Any) -> dict[str, Any]:
+        c = ended.scene.c
+        has_impact, joints = accumulator[0] > -jnp.inf, present(c.joints)
+        lean = joints.impulse_eccentricity * c.sin_alpha / c.cos_alpha
+        tilts = [jnp.where(has_impact, y, 0.0) for y in (accumulator[0], -accumulator[1])]
+        changes = [x * tilt for x in end_offsets(c) or (0.0,) for tilt in tilts]
+        demands, shares = [], []
+        for horizontal, axial in zip(joints.impulses.horizontal, joints.impulses.axial, strict=True):
+            is_loaded = axial > 0
+            mean = jnp.where(is_loaded, axial, 1.0)
+            forces = [Force(jnp.abs(horizontal + lean * change), axial + change) for change in changes]
+            demand = functools.reduce(jnp.maximum, [force.demand for force in forces])
+            share = functools.reduce(jnp.minimum, [force.axial / mean for force in forces])
+            counts = has_impact & is_loaded
+            demands.append(jnp.where(has_impact, demand, 0.0))
+            shares.append(jnp.where(counts, share, 1.0))
+        rows: tuple[Values, Values] = jnp.stack(demands), jnp.stack(shares)
+        friction, share = (self.nan_if_weightless(ended, y) for y in rows)
+        return {"peak_impact_friction": friction, "least_impulse_share": share}
+
+
+def _is_unchanged(c: Coefficients, sway: Value | float, accumulator: Extremes) -> Flag:
+    """Return whether no impact with |Σ η_id_i| up to `sway` changes the answers."""
+    largest, negative = jax.lax.stop_gradient(accumulator)
+    ends = end_offsets(c)
+    if ends is None:  # all impacts have the same ratios
+        return largest > -jnp.inf
+    bound = jax.lax.stop_gradient(
+        jnp.maximum(jnp.abs(_tilt(c, sway)), jnp.abs(_tilt(c, -sway))) * jnp.maximum(-ends[0], ends[1])
+    )
+    raised = jnp.maximum(ends[1] * largest, -ends[0] * negative)  # largest increase of an axial impulse
+    lowered = jnp.maximum(ends[1] * negative, -ends[0] * largest)
+    return all_of(bound <= known * (1 + ROUNDING) for known in jax.lax.stop_gradient((raised, lowered)))

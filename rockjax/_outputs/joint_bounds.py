@@ -16,7 +16,7 @@ from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, Vibration, present, weighted
 from rockjax._engine.model import restraint_bound
 from rockjax._sincos import sincos
-from rockjax._types import Value, Values
+from rockjax._types import Flag, Value, Values
 
 from .views import Bounces
 
@@ -30,10 +30,11 @@ def _product(a: Span, b: Span) -> Span:
     return functools.reduce(jnp.minimum, products), functools.reduce(jnp.maximum, products)
 
 
-def _sum(*terms: tuple[Value | float, Span]) -> Span:
+def _sum(*terms: tuple[Value | float, tuple[Value | float, Value | float]]) -> Span:
     """Bound Σ factor·value."""
-    low = sum(jnp.minimum(factor * a, factor * b) for factor, (a, b) in terms)
-    return low, sum(jnp.maximum(factor * a, factor * b) for factor, (a, b) in terms)
+    low = [jnp.minimum(factor * a, factor * b) for factor, (a, b) in terms]
+    high = [jnp.maximum(factor * a, factor * b) for factor, (a, b) in terms]
+    return functools.reduce(jnp.add, low), functools.reduce(jnp.add, high)
 
 
 class Devices(NamedTuple):
@@ -141,7 +142,7 @@ class JointBounds:
         c, one = bounces.c, jnp.ones_like(bounces.c.alpha)
         sin = jnp.maximum(c.sin_alpha - bounces.height, 0.0), c.sin_alpha
         cos = c.cos_alpha, jnp.minimum(c.cos_alpha + bounces.height * c.sin_alpha, 1.0)
-        flexibility = (1 / c.inertia,) * 2
+        flexibility = 1 / c.inertia, 1 / c.inertia
         rotation = Rotation(bounces.height, sin, cos, bounces.speed**2, flexibility, 0.0)
         return cls(c, bounces.ground, 0.0, one, rotation, None)
 
@@ -326,56 +327,69 @@ class JointBounds:
     def _friction_at(self, joint: int) -> Value:
         """Return the bound of |T|/N at the bottom (0) or the top joint (1).
 
-        With s = −σθ̈ and g_v = g + v̈_g, (F9) without restrainers is
-        |T|/N = |tan ψ − ½[σü_g + g_v tan ψ − (1 − λ)Rs/cos ψ]/N| at the bottom joint and
-        |T|/N = |tan ψ + ½[σü_g + g_v tan ψ − (1 + λ)Rs/cos ψ]/N| at the top joint.
+        With g_v = g + v̈_g, (F9) without restrainers is |T|/N = |tan ψ − ½X/N| with
+        X = σü_g + g_v tan ψ + (1 − λ)Rσθ̈/cos ψ at the bottom joint, and |T|/N = |tan ψ + ½X/N| with 1 + λ
+        instead of 1 − λ at the top joint.
         """
         c, lam, least, most = self.c, self.joints.lam, self.least_axial[joint], self.most_axial[joint]
         steepest = self.sin / self.cos * self.eccentricity
-        slowing, speeding = -self._turning[0], self._turning[1]
-        fastest = jnp.maximum(slowing, speeding)
-        inertia = 0.5 * c.two_R * (1 + lam if joint else jnp.abs(1 - lam)) / self.cos
-        forces = [
-            jnp.maximum(jnp.abs(y.least), jnp.abs(y.largest)) for y in (self._over_both, self._over_one)
-        ]
-        couple = c.cos_alpha * (forces[0] + forces[1]) * sincos(0.5 * self.rotation.angle)[0]
-        of_devices = 2 * (couple + forces[1]) / self.cos
-        weight = (c.g + self.vertical) * steepest
-        others = self.ground + of_devices
-        # Bounds on the bracket above where it increases |T|/N beyond tan ψ (`along`), and where it reverses T
-        # (`opposite`).
-        opposite = others + weight + inertia * fastest
+        lightest, heaviest = c.g - self.vertical, c.g + self.vertical
+        arm = 0.5 * c.two_R * (1 + lam if joint else 1 - lam)
         # The largest demand is at ψ = α if N is at least half the weight of the column.
-        is_heavy = least > 0.5 * (c.g + self.vertical)
+        is_heavy = least > 0.5 * heaviest
+        # Bounds on ±X where it increases |T|/N beyond tan ψ (`along`), and where it reverses T (`opposite`).
         if c.restraint is not None:
-            along = opposite
-        elif joint:
-            along = others + weight + inertia * jnp.where(is_heavy, self._speeding_at_uplift, speeding)
+            fastest = jnp.maximum(-self._turning[0], self._turning[1])
+            forces = [
+                jnp.maximum(jnp.abs(y.least), jnp.abs(y.largest)) for y in (self._over_both, self._over_one)
+            ]
+            couple = c.cos_alpha * (forces[0] + forces[1]) * sincos(0.5 * self.rotation.angle)[0]
+            of_devices = 2 * (couple + forces[1]) / self.cos
+            inertia = jnp.abs(arm) / self.cos * fastest
+            along = opposite = self.ground + of_devices + heaviest * steepest + inertia
         else:
-            along = others + inertia * fastest
-            along = along - jnp.where(is_heavy, (c.g - self.vertical) * steepest, 0.0)
+            low, high = self._without_weight(self.rotation, arm)
+            low_at_uplift, high_at_uplift = self._without_weight(self._at_uplift, arm)
+            if joint:
+                along = jnp.where(is_heavy, high_at_uplift, high) + heaviest * steepest
+                opposite = -low
+            else:
+                along = jnp.where(is_heavy, -low_at_uplift - lightest * steepest, -low)
+                opposite = high + heaviest * steepest
         is_closed, carries_nothing = least > 0, (most == 0) & (least == 0)
         least, most = (jnp.where(is_closed, y, 1.0) for y in (least, most))
         demand = steepest + 0.5 * along / jnp.where(along > 0, least, most)
         demand = jnp.maximum(demand, 0.5 * opposite / least)
-        if joint:  # full contact, where s = 0
-            in_contact = self._contact_eccentricity * c.sin_alpha / c.cos_alpha
-            demand = jnp.maximum(
-                demand, in_contact + 0.5 * (others + (c.g + self.vertical) * in_contact) / least
-            )
+        if c.restraint is None:
+            demand = jnp.maximum(demand, self._friction_in_contact(joint, is_heavy, least))
         return jnp.where(is_closed, demand, jnp.where(carries_nothing, 0.0, jnp.inf))
 
-    @functools.cached_property
-    def _speeding_at_uplift(self) -> Value:
-        """Upper bound on θ̈ at ψ = α, for podiums without restrainers [1/s²]."""
-        c, rotation = self.c, self.rotation
-        return self._turning_for(
-            rotation._replace(
-                sin=(c.sin_alpha,) * 2, cos=(c.cos_alpha,) * 2, flexibility=(rotation.flexibility[0],) * 2
-            )
-        )[1]
+    def _without_weight(self, rotation: Rotation, arm: Value) -> Span:
+        """Bound ü_g + arm·θ̈/cos ψ."""
+        turning = _product((arm, arm), (1 / rotation.cos[1], 1 / rotation.cos[0]))
+        zero = jnp.zeros_like(self.c.alpha)
+        return self._extremes(rotation, 0.0, turning, (zero, zero), 1.0)
+
+    def _friction_in_contact(self, joint: int, is_heavy: Flag, least: Value) -> Value:
+        """Return the bound of |T|/N in full contact without restrainers, (F11), for N ≥ `least`. If nothing
+        vibrates, |T|/N = |ü_g|/(g + v̈_g)."""
+        c = self.c
+        lean = self._contact_eccentricity * c.sin_alpha / c.cos_alpha
+        if c.vibration is None:
+            return jnp.minimum(lean, self.ground / jnp.maximum(c.g - self.vertical, 0.01 * c.g))
+        if joint:
+            return lean + 0.5 * (self.ground + (c.g + self.vertical) * lean) / least
+        return lean + 0.5 * (self.ground - jnp.where(is_heavy, (c.g - self.vertical) * lean, 0.0)) / least
 
     @property
+    def _at_uplift(self) -> Rotation:
+        """Bounds on the rotation at ψ = α, for podiums without restrainers."""
+        c, rotation = self.c, self.rotation
+        return rotation._replace(
+            sin=(c.sin_alpha,) * 2, cos=(c.cos_alpha,) * 2, flexibility=(rotation.flexibility[0],) * 2
+        )
+
+    @functools.cached_property
     def _contact_eccentricity(self) -> Value:
         """Bound on |ξ| in full contact, (F10). At ψ = α and θ̇ = 0, Eq. (24) gives −(1 − ξ) times the θ̈ that
         the weights alone cause."""
@@ -384,5 +398,6 @@ class JointBounds:
             return self.eccentricity
         falling = self.rotation.flexibility[0] * c.gravity * (1 + self.vertical / c.g) * c.sin_alpha
         is_rocking = falling > 0
-        share = 1 + jnp.where(is_rocking, self._speeding_at_uplift / jnp.where(is_rocking, falling, 1.0), 0.0)
+        speeding = self._turning_for(self._at_uplift)[1]
+        share = 1 + jnp.where(is_rocking, speeding / jnp.where(is_rocking, falling, 1.0), 0.0)
         return self.eccentricity * jnp.clip(share, 0.0, 1.0)

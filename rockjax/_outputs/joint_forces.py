@@ -156,6 +156,7 @@ def column_forces(
     v: Vector,
     a: Vector,
     offsets: Sequence[Values] | None,
+    mean: MeanForces | None = None,
 ) -> tuple[list[Values], list[Values]]:
     """Return T and N at the joints of columns, (F8) to (F11) [m/s²]: at the bottom joint for every element of
     `offsets`, then at the top joint.
@@ -164,8 +165,10 @@ def column_forces(
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
+    - `mean`: result of `mean_forces`, if it is known
     """
-    mean = barrier(mean_forces(c, sigma, ground, x, v, a))
+    if mean is None:
+        mean = barrier(mean_forces(c, sigma, ground, x, v, a))
     joints = mean.bottom, mean.top
     if offsets is None:
         return [y[0] for y in joints], [y[1] for y in joints]

@@ -8,60 +8,50 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Iterable, Sequence
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
-import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, present
-from rockjax._outputs.joint_forces import column_forces
-from rockjax._structures import Podium
+from rockjax._excitations.ground import GroundMotion
+from rockjax._outputs.joint_forces import column_forces, mean_forces
+from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Flags, Value, Values
 
 from .base import JOINTS, AbstractOutput
-from .joint_bounds import JointBounds, Pair
-from .views import Bounces, Ended, Moment, Start
+from .joint_bounds import JointBounds
+from .views import Bounces, Course, Ended, Moment, Rest, Step
 
 
-@jax.custom_jvp
-def quarter_tangent(tangential: Values, axial: Values) -> Values:
-    """Return tan(φ/4) ∈ [−1, 1] for the angle φ = atan2(T, N) of a force from the vertical; 0 for no force.
+class Force(NamedTuple):
+    """Size |T| and axial part N of a force in a joint or of an impulse, or of the worst one so far."""
 
-    Like φ, the result is smooth at N = 0. Square roots are used because an arc tangent is much slower in
-    batches.
-    """
-    squares, is_zero = _squares(tangential, axial)
-    size = jnp.sqrt(squares)
-    large = jnp.sqrt(0.5 * (1 + jnp.abs(axial) / size))  # the larger one of |sin φ/2| and cos φ/2
-    small = 0.5 * tangential / (size * large)
-    numerator = jnp.where(axial < 0, jnp.where(tangential < 0, -large, large), small)
-    denominator = 1 + jnp.where(axial < 0, jnp.abs(small), large)
-    return jnp.where(is_zero, 0.0, numerator / denominator)
+    size: Values
+    axial: Values
 
+    def is_steeper(self, other: Force) -> Flags:
+        """Return whether the angle from the vertical, atan2(|T|, N), is larger than that of another force.
+        Unlike the ratio |T|/N, the angle increases through N = 0. A force of zero is not steeper than any
+        other."""
+        return self.size * other.axial > other.size * self.axial
 
-@quarter_tangent.defjvp
-def _quarter_tangent_jvp(forces, rates):
-    (tangential, axial), (tangential_rate, axial_rate) = forces, rates
-    quarter = quarter_tangent(tangential, axial)
-    squares, is_zero = _squares(tangential, axial)
-    slope = jnp.where(is_zero, 0.0, 0.25 * (1 + quarter**2) / squares)
-    return quarter, slope * (axial * tangential_rate - tangential * axial_rate)
+    def steeper(self, other: Force) -> Force:
+        """Return the steeper one of two forces; `other` if they are equally steep."""
+        return other.replaced(self.is_steeper(other), self)
 
+    def replaced(self, where: Flags, other: Force) -> Force:
+        """Return this force, or another one where a flag holds."""
+        return Force(*[jnp.where(where, new, old) for new, old in zip(other, self, strict=True)])
 
-def _squares(tangential: Values, axial: Values) -> tuple[Values, Flags]:
-    """Return T² + N², or 1 if it is zero, and whether it is zero."""
-    squares = tangential**2 + axial**2
-    return jnp.where(squares == 0, 1.0, squares), squares == 0
-
-
-def friction_of(quarter: Values) -> Values:
-    """Return the friction demand |T|/N = tan φ for `quarter` = tan(φ/4) ≥ 0. The result is inf for φ ≥ π/2,
-    where a joint would open, and NaN for NaN."""
-    half = 2 * quarter / (1 - jnp.where(quarter < 1, quarter, 0.0) ** 2)
-    is_closed = ~((quarter >= 1) | (half >= 1))
-    return jnp.where(is_closed, 2 * half / (1 - jnp.where(is_closed, half, 0.0) ** 2), jnp.inf)
+    @property
+    def demand(self) -> Values:
+        """The friction demand |T|/N: inf in tension, 0 for no force, NaN for NaN."""
+        is_closed, is_zero = self.axial > 0, (self.size == 0) & (self.axial == 0)
+        ratio = self.size / jnp.where(is_closed, self.axial, 1.0)
+        is_open = ~is_closed & ~jnp.isnan(self.size + self.axial)
+        return jnp.where(is_open, jnp.where(is_zero, 0.0, jnp.inf), ratio)
 
 
 def end_offsets(c: Coefficients) -> tuple[Value, Value] | None:
@@ -72,21 +62,52 @@ def end_offsets(c: Coefficients) -> tuple[Value, Value] | None:
     return None if arms is None else (jnp.min(arms.offsets), jnp.max(arms.offsets))
 
 
-def end_forces(moment: Moment) -> tuple[Value, ...]:
-    """Return T of the end columns at the bottom joint, then at the top joint, and then N in the same order
-    [m/s²]."""
-    c, sigma, _, ground, x, v, a = moment
-    tangential, axial = column_forces(c, sigma, ground, x, v, a, end_offsets(c))
-    return (*tangential, *axial)
-
-
 T = TypeVar("T")
 
 
-def halves(row: Sequence[T]) -> tuple[Sequence[T], Sequence[T]]:
-    """Return the two halves of a row."""
-    half = len(row) // 2
-    return row[:half], row[half:]
+class EndForces(NamedTuple, Generic[T]):
+    """Forces of the end columns, or of the mean column without an elevation [m/s²].
+
+    - `tangential`, `axial`: T and N, for each joint a tuple of the columns
+    - `foundation`: V of the mean column
+    """
+
+    tangential: tuple[tuple[T, ...], tuple[T, ...]]
+    axial: tuple[tuple[T, ...], tuple[T, ...]]
+    foundation: T
+
+    @classmethod
+    def from_row(cls, row: Sequence[T]) -> EndForces[T]:
+        """Return the forces from a row, the result of `end_forces`."""
+        n = len(row) // 4
+        parts = [tuple(row[k * n : (k + 1) * n]) for k in range(4)]
+        return cls((parts[0], parts[1]), (parts[2], parts[3]), row[-1])
+
+
+def end_forces(moment: Moment) -> tuple[Value, ...]:
+    """Return T of the end columns at the bottom joint, then at the top joint, then N in the same order, and
+    then V [m/s²]."""
+    c, sigma, _, ground, x, v, a = moment
+    mean = barrier(mean_forces(c, sigma, ground, x, v, a))
+    tangential, axial = column_forces(c, sigma, ground, x, v, a, end_offsets(c), mean)
+    return (*tangential, *axial, mean.foundation[0])
+
+
+def over_step(step: Step) -> EndForces[Course]:
+    """Return the forces over a step."""
+    return EndForces.from_row(step.courses(end_forces))
+
+
+def over_rest(rest: Rest) -> list[EndForces[Value]]:
+    """Return the forces at the extremes of the ground acceleration in full contact of a rigid podium. All
+    forces but friction are linear in ü_g."""
+    c = rest.scene.c
+    assert not isinstance(rest.scene.excitation, GroundMotion)  # see `needs_simple_contact`
+    zero = jnp.zeros_like(c.alpha)
+    return [
+        EndForces.from_row(end_forces(Moment(c, zero, zero, ground, (zero,), (zero,), (zero,))))
+        for ground in rest.extreme_ground_accelerations
+    ]
 
 
 def all_of(flags: Iterable[Flag]) -> Flag:
@@ -100,6 +121,7 @@ class AbstractForceOutput(AbstractOutput):
 
     needs_flat = True
     of_joints = True
+    needs_simple_contact: ClassVar[bool] = True
 
     def is_unchanged(self, bounds: JointBounds, accumulator: Any) -> Flag:
         """Return whether no forces within the bounds change the accumulator."""
@@ -123,22 +145,7 @@ class AbstractForceOutput(AbstractOutput):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractJointOutput(AbstractForceOutput):
-    """An output with an answer for each joint, (2,). The accumulator is a tuple of scalars for the end
-    columns at the bottom joint, then for the end columns at the top joint."""
+    """An output with an answer for each joint, (2,), that of the worst column. The accumulator is a tuple for
+    the bottom and the top joint."""
 
     axis = JOINTS
-    joints: ClassVar[int] = 2
-
-    columns: int = 1  # columns in the accumulator: the mean column (1) or, with an elevation, both ends (2)
-
-    def of(self, podium: Podium) -> Self:
-        return dataclasses.replace(self, columns=1 if podium.elevation is None else 2)
-
-    def worst(self, accumulator: Sequence[Value]) -> Pair:
-        """Return the largest value of the columns at each joint."""
-        bottom, top = halves(accumulator)
-        return functools.reduce(jnp.maximum, bottom), functools.reduce(jnp.maximum, top)
-
-    def filled(self, start: Start, value: float) -> tuple[Value, ...]:
-        """Return an accumulator in which all columns and joints have this value."""
-        return (jnp.full((), value, start.t.dtype),) * (self.joints * self.columns)

@@ -92,6 +92,12 @@ class End(NamedTuple):
     past: Value  # time from this end to the event or breakpoint there, with its derivative [s]
 
 
+def larger(new: Values, accumulator: Values) -> Values:
+    """Return the larger of two values. If they are equal, the result has the derivative of `accumulator`,
+    while `jnp.maximum` would average both derivatives."""
+    return jnp.where(new > accumulator, new, accumulator)
+
+
 @functools.partial(jax.jit, static_argnames=("end_zone", "shortens_step", "sizes"))
 def largest(
     path: Path,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -89,17 +89,36 @@ def stays_below(sample: Sample, accumulator: Value) -> Flag:
     """
     c, sigma = sample.c, sample.sigma
     start, end = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in (sample.start, sample.end)])
-    accumulator = jax.lax.stop_gradient(accumulator)
-    curvature = jax.lax.stop_gradient(_curvature_bound(sample)) / c.g
-    # Either the shear decreases from the start on, or its largest possible value is below the largest shear
-    # so far.
-    decreases = (start <= accumulator) & (end + 0.5 * curvature <= start)
-    return decreases | (jnp.maximum(start, end) + 0.125 * curvature <= accumulator)
+    curvature = jax.lax.stop_gradient(beam_curvatures(sample).horizontal) / c.g
+    return exceeds_nowhere(start, end, curvature, jax.lax.stop_gradient(accumulator))
 
 
-def _curvature_bound(sample: Sample) -> Value:
-    """Bound h² d²a_b/dt² in a sampling interval of length h, for the absolute acceleration a_b of the beam,
-    Eq. (14) [m/s²]. The ground acceleration is linear in time and does not contribute directly."""
+def exceeds_nowhere(start: Value, end: Value, curvature: Value, level: Value | float) -> Flag:
+    """Return whether a quantity y stays below a level in a step of length h.
+
+    - `start`, `end`: y at both ends; `curvature`: bound on h²|d²y/dt²|; `level`: the level
+    """
+    # Either y decreases from the start on, or its largest possible value is below the level.
+    decreases = (start <= level) & (end + 0.5 * curvature <= start)
+    return decreases | (jnp.maximum(start, end) + 0.125 * curvature <= level)
+
+
+class BeamCurvatures(NamedTuple):
+    """Bounds in a sampling interval of length h.
+
+    - `horizontal`, `vertical`: bounds on h² d²ü_b/dt² and h² d²v̈_b/dt² of the beam, Eqs. (14), (15) [m/s²]
+    - `first`, `second`: bounds on h|θ̇| and h²|θ̈| [rad]
+    """
+
+    horizontal: Value
+    vertical: Value
+    first: Value
+    second: Value
+
+
+def beam_curvatures(sample: Sample) -> BeamCurvatures:
+    """Return bounds on the motion of the beam in a sampling interval. The ground acceleration is linear in
+    time."""
     c: Coefficients = sample.c
     h = sample.h
     grounds = sample.start[0], sample.end[0]
@@ -113,10 +132,11 @@ def _curvature_bound(sample: Sample) -> Value:
     # Bound on |θ⁗|h⁴, Eq. (24): one part from the rotation, the other from ü_g changing during the rotation.
     by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (second + first * first)
     by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * first
-    by_rotation = (
-        c.sin_alpha * (4 * first * third + 3 * second * second + first**4) + 6 * first * first * second
-    )
-    return c.two_R * (by_angle + by_ground + by_rotation) / (h * h)
+    even, odd = 4 * first * third + 3 * second * second + first**4, 6 * first * first * second
+    by_rotation = c.sin_alpha * even + odd
+    horizontal = c.two_R * (by_angle + by_ground + by_rotation) / (h * h)
+    vertical = c.two_R * (even + c.sin_alpha * (by_angle + by_ground + odd)) / (h * h)
+    return BeamCurvatures(horizontal, vertical, first, second)
 
 
 def beam_bound(bounces: Bounces) -> Value:

@@ -36,6 +36,7 @@ from rockjax._outputs.maxima import (
     Maximum,
     Sizes,
     cubic,
+    larger,
     largest,
     spring,
 )
@@ -296,35 +297,40 @@ class Step:
     def _ends(self, course: Course) -> tuple[End, End]:
         return End(*course.start, self.span.before), End(*course.end, self.span.after)
 
+    @functools.cached_property
+    def zone_of_forces(self) -> Value:
+        """Fraction of the step at both ends where a maximum of a force needs no shorter step."""
+        zone = END_ZONE_FORCES * jnp.sqrt(jnp.sqrt(self.scene.rtol))
+        return jnp.clip(zone, LEAST_END_ZONE, LARGEST_END_ZONE)
+
     def largest_forces(
-        self, courses: Sequence[Course], accumulators: Sequence[Any], sizes: Sizes = "absolute"
+        self, groups: Sequence[Sequence[Course]], accumulators: Sequence[Any], sizes: Sizes = "absolute"
     ) -> Maximum:
-        """Return a tuple of the largest values of several forces in the step, and the least fraction of the
+        """Return a tuple of the largest values of groups of forces in the step, and the least fraction of the
         step to try next.
 
-        - `courses`: the forces over the step
-        - `accumulators`: largest values so far, one for each force
+        - `groups`: the forces over the step, such as those of both end columns
+        - `accumulators`: largest value so far of each group
         - `sizes`: as for `largest`
         """
-        span = self.span
-        zone = END_ZONE_FORCES * jnp.sqrt(jnp.sqrt(self.scene.rtol))
-        zone = jnp.clip(zone, LEAST_END_ZONE, LARGEST_END_ZONE)
-        each = [
-            largest(
-                course.path,
-                span.h,
-                span.long,
-                accumulator,
-                self._ends(course),
-                sizes=sizes,
-                zone_of_force=zone,
-            )
-            for course, accumulator in zip(courses, accumulators, strict=True)
-        ]
-        return Maximum(
-            tuple(maximum.value for maximum in each),
-            functools.reduce(jnp.minimum, [maximum.retry_fraction for maximum in each]),
-        )
+        span, values, fractions = self.span, [], []
+        for group, accumulator in zip(groups, accumulators, strict=True):
+            each = [
+                largest(
+                    course.path,
+                    span.h,
+                    span.long,
+                    accumulator,
+                    self._ends(course),
+                    sizes=sizes,
+                    zone_of_force=self.zone_of_forces,
+                )
+                for course in group
+            ]
+            rows = [maximum.value for maximum in each]
+            values.append(functools.reduce(lambda a, b: jax.tree.map(larger, b, a), rows))
+            fractions += [maximum.retry_fraction for maximum in each]
+        return Maximum(tuple(values), functools.reduce(jnp.minimum, fractions))
 
     def time_to_turn(self, z: Value) -> Value:
         """Return the time from the start of the step to the turning point of θ near `z` [s], with its
@@ -434,15 +440,51 @@ class Rest:
         The result is 0 after the end of the excitation. At an end of the rest, a jump or a kink, the result
         has the derivative with respect to this time. At a smooth maximum this derivative is zero.
         """
+        return jnp.where(self._is_shaken, jnp.abs(self._extreme(None)), 0.0)
+
+    @functools.cached_property
+    def extreme_ground_accelerations(self) -> tuple[Value, Value]:
+        """Smallest and largest ü_g during the rest [m/s²], with derivatives as above; 0 after the end of the
+        excitation. Not valid unless `lasts`."""
+        end = jax.lax.stop_gradient(self.scene.excitation.support[1])
+        becomes_still = self._end > end
+
+        def extreme(side: float) -> Value:
+            value = self._extreme(jnp.full_like(self._end, side))
+            value = jnp.where(becomes_still & (side * value < 0), 0.0, value)
+            return jnp.where(self._is_shaken, value, 0.0)
+
+        return extreme(-1.0), extreme(1.0)
+
+    @property
+    def lasts(self) -> Flag:
+        """True if the rest lasts longer than an instant."""
+        return self._end > jax.lax.stop_gradient(self.start)
+
+    @property
+    def _end(self) -> Value:
+        return jax.lax.stop_gradient(self.end) - self.short
+
+    @property
+    def _is_shaken(self) -> Flag:
+        constant = jax.lax.stop_gradient
+        return self.lasts & (constant(self.start) < constant(self.scene.excitation.support[1]))
+
+    def _extreme(self, side: Value | None) -> Value:
+        """Return ü_g where |ü_g|, or side·ü_g, is largest [m/s²]."""
         constant, excitation = jax.lax.stop_gradient, self.scene.excitation
-        start, end = constant(self.start), constant(self.end) - self.short
-        is_shaken = (end > start) & (start < constant(excitation.support[1]))
-        stamp = jnp.clip(constant(self.scene.lookahead.highest_time(start, end)), start, end)
+        start, end = constant(self.start), self._end
+        stamp = jnp.clip(constant(self.scene.lookahead.highest_time(start, end, side)), start, end)
         breakpoint = excitation.breakpoint(excitation.before(excitation.locate(stamp)))
         time = jnp.where(constant(breakpoint) == stamp, breakpoint, stamp)
         time = jnp.where(stamp == start, self.start, jnp.where(stamp == end, self.end, time))
-        largest = jnp.abs(excitation(stamp + (time - constant(time))))
-        return jnp.where(is_shaken, largest, 0.0)
+        return excitation(stamp + (time - constant(time)))
+
+    def raised(self, accumulator: Value, values: Sequence[Value]) -> Value:
+        """Return the largest of the accumulator and of values during the rest."""
+        for value in values:
+            accumulator = jnp.where(self.lasts & (value > accumulator), value, accumulator)
+        return accumulator
 
 
 class Sample(NamedTuple):

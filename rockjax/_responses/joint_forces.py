@@ -21,7 +21,7 @@ from rockjax._outputs.joint_forces import (
     sway_of_modes,
     total_weight,
 )
-from rockjax._outputs.joints import friction_of, quarter_tangent
+from rockjax._outputs.joints import Force
 from rockjax._programs.program import StoredProgram
 from rockjax._tree import Module
 
@@ -55,7 +55,7 @@ class JointForces(Module):
     @property
     def friction(self) -> Float[Array, "*times columns joints"]:
         """Friction demand |T|/N [–]; inf where a joint is in tension, 0 where it carries no force."""
-        return friction_of(jnp.abs(quarter_tangent(self.horizontal, self.axial)))
+        return Force(jnp.abs(self.horizontal), self.axial).demand
 
 
 @StoredProgram

@@ -22,7 +22,7 @@ from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._oscillators import next_turns
 from rockjax._outputs.base import AbstractOutput
-from rockjax._outputs.joints import friction_of, quarter_tangent
+from rockjax._outputs.joints import Force
 from rockjax._outputs.views import Ended, Start, Step, StepEnd
 from rockjax._programs.derivatives import differentiable, is_concrete, with_derivatives, with_slopes
 from rockjax._programs.program import StoredProgram
@@ -46,36 +46,37 @@ class JoltFriction(AbstractOutput):
     """The largest friction demand of a block at velocity jumps of the floor, (L15). Jumps below the rest
     velocity do not count.
 
-    The accumulator is tan(φ/4) for the angle φ of the impulse from the vertical. The note is 1 if a jump
-    started the block, else 0.
+    The accumulator is the impulse with the largest angle from the vertical. The note is 1 if a jump started
+    the block, else 0.
     """
 
     name = "jolt_friction"
     needs_flat = True
 
-    def start(self, start: Start) -> tuple[Value, Value]:
-        return jnp.zeros_like(start.t), jnp.zeros_like(start.t)
+    def start(self, start: Start) -> tuple[Force, Value]:
+        zero = jnp.zeros_like(start.t)
+        return Force(zero, zero + 1), zero
 
-    def over_step(self, step: Step, accumulator: Value) -> None:
+    def over_step(self, step: Step, accumulator: Force) -> None:
         del step, accumulator
 
-    def update(self, end: StepEnd, accumulator: Value, note: Any, largest: Any) -> tuple[Value, Value]:
+    def update(self, end: StepEnd, accumulator: Force, note: Any, largest: Any) -> tuple[Force, Value]:
         del largest
         jolt, state, c = present(end.jolt), end.step.state, end.step.c
         jump: Any = jolt.jump
         s, cos = sincos(jolt.side * c.alpha - end.x[0])
         velocity_from_rotation = jnp.where(jolt.sigma == 0, 0.0, 0.5 * c.two_R * jolt.change[0])
         horizontal = jump.horizontal + velocity_from_rotation * cos
-        vertical = jump.vertical + velocity_from_rotation * s
-        demand = jnp.abs(quarter_tangent(horizontal, vertical))
+        impulse = Force(jnp.abs(horizontal), jump.vertical + velocity_from_rotation * s)
         # Smaller jumps do not count: their direction depends on how the structure comes to rest.
         size = jnp.abs(jump.horizontal) + jnp.abs(jump.vertical)
-        is_larger = end.accepted & (size > c.two_R * end.step.scene.rest_speed) & (demand > accumulator)
+        counts = end.accepted & (size > c.two_R * end.step.scene.rest_speed)
         started = end.accepted & jolt.lifts & ~state.uplifted
-        return jnp.where(is_larger, demand, accumulator), jnp.where(started, 1.0, note)
+        accumulator = accumulator.replaced(counts & impulse.is_steeper(accumulator), impulse)
+        return accumulator, jnp.where(started, 1.0, note)
 
-    def answer(self, ended: Ended, accumulator: Value, note: Any) -> dict[str, Any]:
-        return {self.name: friction_of(accumulator), "started_by_impulse": note}
+    def answer(self, ended: Ended, accumulator: Force, note: Any) -> dict[str, Any]:
+        return {self.name: accumulator.demand, "started_by_impulse": note}
 
 
 def _rock(

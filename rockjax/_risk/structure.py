@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._batch.batch import peak_responses
-from rockjax._checks import array_module, as_array, as_float, product, require
+from rockjax._checks import array_module, as_array, as_float, concrete, product, require
 from rockjax._engine.solve import solve
 from rockjax._motions.records import Records
 from rockjax._options import Options
@@ -86,6 +86,8 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
         kind = LIMITS[name]
         if podium is not None and not STRUCTURES[kind.structure](podium):
             raise ValueError(f"{owner}: limit {name!r} needs {kind.structure}; this podium has none")
+        if concrete(value) is None:
+            raise ValueError(f"{owner}: limit {name!r} must be a number, not a traced value")
         require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
         if name == "rotation" and float(value) >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")

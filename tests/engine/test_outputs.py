@@ -20,10 +20,12 @@ STIFF = rj.ShearBuilding((3.0, 3.0, 2.0), (9e5, 7e5, 5e5), modes=0)
 DEVICES = rj.Tendon(2.0, 20.0), rj.Damper(1.0), rj.Inerter(3.0)
 COLUMNS = rj.Elevation((-3.0, 0.5, 3.0), 0.6, (3.2, 6.4, 9.6))
 TWO = rj.Elevation((-3.0, 3.0), 0.6, 8.4)
+COLUMNS_OFF_CENTRE = rj.Elevation((-3.0, -2.0, 0.0, 6.0), 0.6, 8.4)
 AT_BOTTOM = rj.Tendon(2.0, 20.0, joints=1), rj.Damper(2.0, joints=1), rj.Inerter(6.0, joints=1)
 PODIUMS = {
     "columns": FRAME,
     "rigid": FRAME.replace(superstructure=rj.Rigid(40.0), elevation=TWO),
+    "rigid off centre": FRAME.replace(superstructure=rj.Rigid(40.0), elevation=COLUMNS_OFF_CENTRE),
     "elastic": FRAME.replace(superstructure=rj.Elastic(40.0, 0.4, 0.05), elevation=TWO),
     "modes": FRAME.replace(superstructure=rj.Modes((24.0, 6.0), (0.5, 0.15), (0.05, 0.03), 1.5)),
     "building": FRAME.replace(superstructure=BUILDING, elevation=COLUMNS),
@@ -48,7 +50,7 @@ def solved(podium: rj.Podium, motion, outputs, change=None):
     """Return the answers of a scene, and the plan of its program after `change`."""
     podium = podium.split_rows()
     options = OPTIONS.replace(outputs=outputs)
-    plan = plan_for(podium, options, history=False)
+    plan = plan_for(podium, options, history=False, vertical=isinstance(motion, rj.GroundMotion))
     plan = plan if change is None else change(plan)
 
     def scene(podium, motion):
@@ -70,8 +72,8 @@ def to_the_end(plan):
 
 
 def outputs_of(podium: rj.Podium, joints: bool = False) -> tuple[str, ...]:
-    # Numbers of impacts and "errors" need every bounce; without them, other outputs allow skipping. Forces
-    # in the joints allow no skipping, except friction at impacts.
+    # Numbers of impacts and "errors" need every bounce; without them, other outputs allow skipping. Forces in
+    # the joints allow it without restrainers and vertical motion; friction at impacts always does.
     left_out = {"errors"} | {
         name for name, y in REGISTRY.items() if y.follows_impacts or y.of_joints != joints
     }
@@ -132,6 +134,10 @@ def test_all_fast_forwards_are_allowed_by_all_outputs_of_rigid_podiums():
     assert plan_for(
         building.split_rows(), OPTIONS.replace(outputs=outputs_of(building)), False
     ).fast_forwards == (plan.fast_forwards)
+    forces = OPTIONS.replace(outputs=outputs_of(PODIUMS["rigid"], joints=True))
+    assert plan_for(PODIUMS["rigid"].split_rows(), forces, False).fast_forwards == plan.fast_forwards
+    assert not plan_for(PODIUMS["rigid"].split_rows(), forces, False, vertical=True).fast_forwards
+    assert not plan_for(PODIUMS["rigid with devices"].split_rows(), forces, False).fast_forwards
 
 
 def test_floors_of_a_rigid_building_move_with_the_beam():

@@ -998,5 +998,8 @@ def test_limits_that_a_structure_has_not_are_refused():
     ):
         with pytest.raises(ValueError, match=expected):
             rj.failure_probability(BLOCK, NOISE, limit=limit)
+    traced = lambda value: rj.failure_probability(BLOCK, NOISE, limit=("friction", value)).probability
+    with pytest.raises(ValueError, match="limit 'friction' must be a number, not a traced value"):
+        jax.jit(traced)(0.4)
     with pytest.raises(ValueError, match=r"motion must be a rockjax.GaussianMotion, got Ricker"):
         rj.failure_probability(BLOCK, rj.Ricker(1.0, 1.0))

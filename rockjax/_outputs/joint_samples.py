@@ -1,0 +1,90 @@
+"""Bounds on forces in the joints in a sampling interval of a record, for podiums without restrainers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from rockjax._engine.coefficients import present
+from rockjax._types import Flag, Value
+
+from .joint_forces import mean_forces
+from .joints import EndForces, Force, all_of, end_forces, end_offsets
+from .shear import beam_curvatures, exceeds_nowhere
+from .views import Moment, Sample
+
+
+class SampleForces(NamedTuple):
+    """Forces at both ends of a sampling interval of length h, and bounds on h² times their second derivatives
+    [m/s²]. They are held constant under differentiation."""
+
+    start: EndForces[Value]
+    end: EndForces[Value]
+    curvature: EndForces[Value]
+
+    @classmethod
+    def of(cls, sample: Sample) -> SampleForces:
+        """Return the forces in a sampling interval. The outputs share them because the compiler removes
+        equal operations."""
+        sample = jax.lax.stop_gradient(sample)
+        c, sigma, zero = sample.c, sample.sigma, jnp.zeros_like(sample.h)
+        start, end = (
+            EndForces.from_row(end_forces(Moment(c, sigma, zero, *y))) for y in (sample.start, sample.end)
+        )
+        beam, joints = beam_curvatures(sample), present(c.joints)
+        swaying = (0.5 + joints.gamma) * beam.horizontal, joints.gamma * beam.horizontal
+        mass = joints.gamma + c.eta
+        rising = (0.5 + mass) * beam.vertical, mass * beam.vertical
+        offsets = end_offsets(c)
+        if offsets is None:
+            changes = leaning = [zero]
+        else:
+            arms = present(joints.arms)
+            half_width = 0.5 * c.two_R * c.sin_alpha
+            change = (arms.beam * beam.horizontal + half_width * rising[1]) / arms.mean_square
+            changes = [jnp.abs(x) * change for x in offsets]
+            mean = [mean_forces(c, sigma, *y).top[1] for y in (sample.start, sample.end)]
+            transferred = [
+                [n - n_mean for n in forces.axial[1]]
+                for forces, n_mean in zip((start, end), mean, strict=True)
+            ]
+            # Bounds on tan ψ, and on h and h² times its derivatives.
+            tan, per_angle = c.sin_alpha / c.cos_alpha, 1 / c.cos_alpha**2
+            tan_rate = beam.first * per_angle
+            tan_curvature = (beam.second + 2 * tan * beam.first**2) * per_angle
+            leaning = [
+                tan * change
+                + (2 * jnp.abs(b - a) + change) * tan_rate
+                + (jnp.maximum(jnp.abs(a), jnp.abs(b)) + 0.125 * change) * tan_curvature
+                for a, b, change in zip(*transferred, changes, strict=True)
+            ]
+        curvature = EndForces(
+            (tuple(swaying[0] + y for y in leaning), tuple(swaying[1] + y for y in leaning)),
+            (tuple(rising[0] + y for y in changes), tuple(rising[1] + y for y in changes)),
+            swaying[0],
+        )
+        return cls(start, end, curvature)
+
+    def axial_within(self, joint: int, least: Value, most: Value) -> Flag:
+        """Return whether N stays between two values [m/s²] at the bottom (0) or the top joint (1)."""
+        rows = zip(*(forces.axial[joint] for forces in self), strict=True)
+        return all_of(
+            exceeds_nowhere(side * start, side * end, curvature, side * limit)
+            for start, end, curvature in rows
+            for side, limit in ((-1, least), (1, most))
+        )
+
+    def stays_below(self, joint: int, steepest: Force) -> Flag:
+        """Return whether no force at the bottom (0) or the top joint (1) is steeper than a given force."""
+        size, axial = steepest
+        rows = zip(
+            *(y for forces in self for y in (forces.tangential[joint], forces.axial[joint])), strict=True
+        )
+        return (axial <= 0) | all_of(
+            exceeds_nowhere(
+                jnp.abs(t0) * axial - size * n0, jnp.abs(t1) * axial - size * n1, dt * axial + size * dn, 0.0
+            )
+            for t0, n0, t1, n1, dt, dn in rows
+        )
