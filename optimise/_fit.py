@@ -75,8 +75,12 @@ class Fit(Module):
         return "\n".join(lines)
 
 
-def _check_measurement(times, theta) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and rotations as arrays; raise `ValueError` if they are invalid."""
+def _check_measurement(times, theta, variables: int, earliest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and rotations as arrays; raise `ValueError` if they are invalid.
+
+    - `variables`: number of variables, which need as many measurements
+    - `earliest`: start of the excitation [s]
+    """
     times, theta = (
         np.asarray(as_float(y, f"fit: {name}")) for name, y in (("times", times), ("theta", theta))
     )
@@ -86,6 +90,15 @@ def _check_measurement(times, theta) -> tuple[np.ndarray, np.ndarray]:
         )
     if not (np.isfinite(times).all() and np.isfinite(theta).all() and (np.diff(times) > 0).all()):
         raise ValueError("fit: times and theta must be finite, and times must be ascending")
+    if len(times) < variables:
+        raise ValueError(
+            f"fit: {len(times)} measurements do not determine {variables} variables; give more measurements "
+            "or vary fewer"
+        )
+    if times[0] < earliest:
+        raise ValueError(
+            f"fit: times must not begin before the excitation, at {earliest:g} s; got {times[0]:g} s"
+        )
     return times, theta
 
 
@@ -123,18 +136,8 @@ def fit(
     require_instance("fit", "options", options, rj.Options, "rockjax.Options")
     require_number("fit", "tolerance", tolerance, lambda v: v > 0, "finite and > 0")
     require_whole("fit", "seed", seed, 0)
-    times, theta = _check_measurement(times, theta)
+    times, theta = _check_measurement(times, theta, len(vary), float(excitation.support[0]))
     require_whole("fit", "starts", starts, 1)
-    if len(times) < len(vary):
-        raise ValueError(
-            f"fit: {len(times)} measurements do not determine {len(vary)} variables; give more "
-            "measurements or vary fewer"
-        )
-    excitation_start = float(excitation.support[0])
-    if times[0] < excitation_start:
-        raise ValueError(
-            f"fit: times must not begin before the excitation, at {excitation_start:g} s; got {times[0]:g} s"
-        )
     scene = _Scene(
         variables, excitation, jnp.asarray(times), jnp.asarray(theta), initial, options.replace(throw=False)
     )

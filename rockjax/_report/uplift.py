@@ -43,10 +43,10 @@ class UpliftRatio(AbstractOutput):
     def start(self, start: Start) -> tuple[Values, None]:
         return jnp.zeros(2, start.t.dtype), None
 
-    def over_step(self, step: Step, record: Values) -> Maximum:
+    def over_step(self, step: Step, accumulator: Values) -> Maximum:
         # `course`: the quantity over the step as a cubic.
-        return step.largest(step.course(self.quantity), record, END_ZONE_CUBIC, sizes="signed")
+        return step.largest(step.course(self.quantity), accumulator, END_ZONE_CUBIC, sizes="signed")
 
-    def answer(self, ended: Ended, record: Any, note: Any) -> dict[str, Any]:
+    def answer(self, ended: Ended, accumulator: Any, note: Any) -> dict[str, Any]:
         del ended, note
-        return {self.name: jnp.max(record)}
+        return {self.name: jnp.max(accumulator)}
