@@ -17,7 +17,7 @@ STEP_STREAM, SAMPLE_STREAM = 1, 2  # random streams: for the batches of a search
 
 
 class FreshSamples:
-    """Ground motions drawn anew in every step of a search by a gradient transformation.
+    """Ground motions that are drawn anew in every step of a search with an Optax gradient transformation.
 
     They take the place of a suite in targets on a distribution of capacities: `optimise.AnnualFrequency`
     (records only) and `optimise.MedianCapacity`.

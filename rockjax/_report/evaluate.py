@@ -35,7 +35,8 @@ def evaluate(
 
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
     - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
-      `"methods"` (the simplified methods) and `"spread"` (changed parameters)
+      `"methods"` (the simplified methods) and `"spread"` (each input decreased and
+      increased)
     - `store`: path of a file (.nc) for the results of scenes, so that a later call does not solve them again;
       None for no file
     - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`, or None

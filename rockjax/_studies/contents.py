@@ -71,9 +71,9 @@ def contents_fragility(
     Returns a Dataset. `median_capacity` and `dispersion` (dims `contents`, `damage_state`) have the
     confidence intervals `interval` (further dims `quantity`, `bound`), from the jackknife over records.
     `probability` and the band from `lower` to `upper` have the further dim `at`. `counted` (dims `contents`,
-    `intensity`) is the number of records whose scene is not left out; `observed` (further dim `intensity`) is
-    the share of the counted records that reach the damage state. The answers of the podium, such as
-    `overturned`, have the dims `record` and `intensity`, and those of the blocks, such as
+    `intensity`) is the number of records whose scene is not left out; `observed` (dims `contents`,
+    `damage_state`, `intensity`) is the share of the counted records that reach the state. The answers of the
+    podium, such as `overturned`, have the dims `record` and `intensity`, and those of the blocks, such as
     `contents_peak_rotation`, also `contents`. Curves that the counts do not determine are NaN. A
     `RuntimeWarning` names them; a second warning is issued for fewer than five records. A single curve,
     `data.sel(contents="cabinet", damage_state=1.0)`, is valid for [`rockjax.annual_frequency`][].

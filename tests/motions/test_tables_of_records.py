@@ -56,7 +56,7 @@ def test_units_of_both_columns(tmp_path, heading, separator, factor, step, dt):
         ("time [s],acc [furlongs]", ["unit 'furlongs' in the heading 'acc [furlongs]' is not known"]),
         ("time [s],acc [counts]", ["'acc [counts]' gives raw counts"]),
         ("time [s],acc [cm/s]", ["'acc [cm/s]': cm/s is not a unit of acceleration"]),
-        ("time [s],vel [cm/s]", ["no heading means acceleration", "'vel [cm/s]'"]),
+        ("time [s],vel [cm/s]", ["none of the headings names an acceleration", "'vel [cm/s]'"]),
         ("Time (UTC),acc [g]", ["unit 'UTC' in the heading 'Time (UTC)'"]),
         ("abscissa,acc [g]", ["'abscissa' is unknown", "name it time [s]"]),
         ("El Centro 1940 record", ["does not name 2 columns", "begin comments with #"]),

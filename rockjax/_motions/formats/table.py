@@ -204,7 +204,7 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
     ]
     if headings and not candidates:
         texts = ", ".join(repr(heading.text.strip()) for heading in headings)
-        raise ValueError(f"{location}: no heading means acceleration; the headings are {texts}")
+        raise ValueError(f"{location}: none of the headings names an acceleration; the headings are {texts}")
     if headings and time_column is None and len(columns) > 1 and not kinds[0] and _is_rising(rows[:, 0]):
         raise ValueError(
             f"{location}: the heading {headings[0].text.strip()!r} is unknown, and its column rises evenly; "
@@ -259,7 +259,7 @@ def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str
     if count > 2 and component is None:
         raise ValueError(
             f"{path}: the table has {count} columns and no headings; give component (on the command line "
-            "--component), the number of a column of acceleration; a first column of times does not count"
+            "--component): 1 for the first column of acceleration; a first column of times is not numbered"
         )
     is_index = (
         np.array_equal(first, first[0] + np.arange(len(first))) and first[0] in (0, 1) and len(first) > 2
@@ -276,8 +276,11 @@ def _is_rising(values: np.ndarray) -> bool:
 
 
 def _rounding(times: list[str], values: np.ndarray) -> float:
-    """Return one unit of the last digit of times, given as text and as numbers (`values`), that have the same
-    number of decimals or of significant digits; 0 if all times are 0."""
+    """Return the size of the last digit of times, in their unit; 0 if all times are 0. The times are assumed
+    to have the same number of decimals, or of significant digits.
+
+    - `times`, `values`: the times as texts and as numbers
+    """
     largest = float(np.abs(values).max())
     if not largest:
         return 0.0
