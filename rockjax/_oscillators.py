@@ -3,7 +3,7 @@
 With z = ẋ − λ̄x and λ = −ζω + iω_d, the equation ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex
 unknown instead of two real ones, and a velocity jump Δv of the floor becomes z⁺ = z⁻ − Δv. The solution over
 a piece is exact. The relative displacement x and the absolute acceleration 2ζωẋ + ω²x are responses of the
-form q = Re(c z) with different complex factors c, so one search finds the largest value of either.
+form q = Re(c z) with different complex factors c, so the same search finds the largest |q| of each.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from rockjax._programs.program import StoredProgram
 PIECES_PER_PERIOD = 8
 SERIES_TERMS = 16  # terms of power series in s = λh; enough for pieces of an eighth of a period
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
-LANES = 256  # largest number of oscillators in a group; all have the pieces of the shortest period
+LANES = 256  # largest number of oscillators in a group; the shortest period determines the pieces of all
 FEW_LANES = 16  # groups are padded to this number times a power of 4
 ROWS = 8  # number of pieces in a block; only states at the starts of blocks are stored
 BLOCKS = 32  # number of blocks that the compiled program solves in one call
@@ -43,7 +43,7 @@ class Load(NamedTuple):
     - `terms`: coefficients c_k of a = Σ c_k (τ/h)^k, with the time τ from the start of the piece, shape
       (n, m+1) [m/s²]
     - `kick`: velocity jump Δv at the start of each piece, shape (n,) [m/s]
-    - `shift`: Δv times `start_slope`, shape (n,)
+    - `shift`: velocity jump of the floor, of which `kick` is the derivative, times `start_slope`, shape (n,)
     - `start_slope`: derivative of the start of each piece with respect to the parameter, shape (n,); zero
       for a load that is not a derivative
     """

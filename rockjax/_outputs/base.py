@@ -164,7 +164,7 @@ class AbstractOutput:
 
     # ---------------------------------------------------------------------------- skipping parts of a scene
     def over_rest(self, rest: Rest, accumulator: Any) -> Any:
-        """Return the accumulator after full contact of a rigid podium."""
+        """Return the accumulator after a rest, the time in which a rigid podium stays in full contact."""
         raise NotImplementedError
 
     def over_sample(self, sample: Sample, accumulator: Any) -> Flag | bool:

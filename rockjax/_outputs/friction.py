@@ -44,16 +44,17 @@ def _top(tangential: Cubic, axial: Cubic, level: Force) -> tuple[Value, Flag]:
 def steepest(
     tangential: Course, axial: Course, span: Span, accumulator: Force, zone: Value
 ) -> tuple[Force, Value]:
-    """Return the steepest force in a step, and the fraction of the step to try next to end there.
+    """Return the steepest force in a step, which has the largest angle from the vertical, and the fraction of
+    the step to try next to end there.
 
     - `tangential`, `axial`: T and N over the step
     - `span`: times of the step
     - `accumulator`: steepest force so far
     - `zone`: fraction of the step at both ends where a maximum needs no shorter step
 
-    A force inside the step that is steeper than `accumulator` and both ends is found without its angle, from
-    the maximum of T·N_0 − T_0·N, where (T_0, N_0) is the steepest of these three. With the force found as
-    (T_0, N_0), a second search is quadratically closer (Dinkelbach's method).
+    A force inside the step that is steeper than the `accumulator` and the forces at both ends is found at the
+    maximum of T·N_0 − T_0·N, where (T_0, N_0) is the steepest of these three. A second search takes the force
+    from the first search as (T_0, N_0); such searches converge quadratically (Dinkelbach's method).
     """
     constant, h = jax.lax.stop_gradient, span.h
 
@@ -71,8 +72,8 @@ def steepest(
     ends = barrier([end(0), end(1)])
     forces = [Force(jnp.abs(t), n) for t, n in ends]
     largest_end = forces[1].steeper(forces[0])
-    # The side to which T acts at the maximum: the angle increases at the start and decreases at the end, or
-    # the other way round; otherwise the side at the steepest end.
+    # Sign of T at the maximum: if the angle has an extremum in the step, the sign of its rate at the start;
+    # otherwise the sign of T at the steeper end.
     rises = [
         constant(n_value * t_rate - t_value * n_rate)
         for (t_value, t_rate), (n_value, n_rate) in zip(tangential[1:], axial[1:], strict=True)
@@ -103,7 +104,8 @@ def steepest(
 class PeakFriction(AbstractJointOutput):
     """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
 
-    The accumulator contains the force with the largest angle from the vertical, which is smooth at N = 0.
+    The accumulator contains the force with the largest angle from the vertical. Unlike |T|/N, the angle is
+    smooth at N = 0.
     """
 
     name = "peak_friction"

@@ -23,8 +23,8 @@ ROUNDING = 1e-12  # relative differences below this are rounding
 
 
 def _tilt(c: Coefficients, sway: Value | float) -> Value:
-    """Return the change of the axial impulse between columns of an impact from σ = 1, divided by their
-    distance and by |θ̇⁻|, (F14).
+    """Return the difference between the axial impulses of two columns at an impact from σ = 1, divided by the
+    distance between the columns and by |θ̇⁻|, (F14).
 
     - `sway`: Σ η_id_i over the modes with the deformations d_i [m]
     """
@@ -42,9 +42,9 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean J_N of all
     columns, at the bottom and the top joint of the worst column, (F12), (F14).
 
-    Columns differ by x_i times the same tilt, `_tilt`, which has the other sign for impacts from σ = −1. All
-    answers are monotone in x_i times the tilt. The accumulator contains the largest tilt and the largest
-    tilt with its sign changed; −inf before the first impact.
+    The axial impulse of a column at x_i differs from the mean by x_i times `_tilt`, which has the other sign
+    for impacts from σ = −1. All answers are monotone in this product. The accumulator contains the largest
+    values of tilt and −tilt; −inf before the first impact.
     """
 
     name = "impact_friction"

@@ -39,8 +39,8 @@ class Energetic(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EnergeticImpacts(AbstractInternalOutput):
-    """The output "errors": a weighted sum over impacts. The sums of two solutions of a chaotic scene differ,
-    by which the estimate of errors recognises such scenes."""
+    """The output "errors": a weighted sum over impacts. Two solutions of a chaotic scene have different sums;
+    the estimate of errors recognises such scenes by this difference."""
 
     name = "errors"
     needs_flat = True

@@ -68,8 +68,8 @@ class JointBounds:
     """Bounds on joint forces, (F17), from bounds on the motion.
 
     A force is a sum of terms with θ̈, θ̇², the ground acceleration, the spring forces F_i and the deformations
-    d_i of the modes. θ̈ follows from Eq. (24), so that the springs that load the joints also turn the columns.
-    The energy bounds rotation and vibration together.
+    d_i of the modes. θ̈ follows from Eq. (24) and thus depends on the same springs that load the joints.
+    Rotation and vibration share one bound on the energy.
 
     - `c`: constants of the podium
     - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| [m/s²]
@@ -168,7 +168,7 @@ class JointBounds:
         - `axial`, `push`: a and b; `turning`, `centripetal`: bounds on q and z
         - `modal`, `sway`: w_i and k
 
-        By Eq. (24) θ̈ is a sum of the same terms.
+        By Eq. (24) θ̈ itself is a sum of such terms.
         """
         c, (_, sin, cos, speed_squared, flexibility, resisting) = self.c, rotation
         moment = _product(turning, flexibility)
@@ -206,7 +206,7 @@ class JointBounds:
     def _vibration(
         self, rotation: Rotation, modal: Values | float, turned: Span, sway: Value | float, rates: Span
     ) -> Pair:
-        """Bound |Σ (w_i + u η_i) F_i| + k|Σ η_id_i| + r θ̇² for two values of r, without negative parts of r.
+        """Bound |Σ (w_i + u η_i) F_i| + k|Σ η_id_i| + r θ̇² for two values of r; r < 0 counts as 0.
 
         - `modal`, `sway`: w_i and k; `turned`: bounds on u; `rates`: both values of r
 
@@ -391,8 +391,8 @@ class JointBounds:
 
     @functools.cached_property
     def _contact_eccentricity(self) -> Value:
-        """Bound on |ξ| in full contact, (F10). At ψ = α and θ̇ = 0, Eq. (24) gives −(1 − ξ) times the θ̈ that
-        the weights alone cause."""
+        """Bound on |ξ| in full contact, (F10). At ψ = α and θ̇ = 0, Eq. (24) gives θ̈ = (1 − ξ) times the θ̈
+        that the weights alone cause."""
         c = self.c
         if c.restraint is not None:
             return self.eccentricity

@@ -139,7 +139,7 @@ def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, 
     """Return the axial forces of columns minus the axial force of the mean column, (F8) [m/s²].
 
     - `moment`: overturning moment M divided by N m_c [m²/s²]
-    - `eccentricity`: χ, divided by half the width of a column [–]
+    - `eccentricity`: χ, the position of the resultants divided by half the width of a column [–]
     - `axial`: N_t of the mean column [m/s²]
     - `offsets`: positions of the columns from their mean [m]
     """
@@ -207,7 +207,7 @@ def impulses_of_columns(
 def of_all_columns(
     function: Callable[..., tuple[list[Values], list[Values]]], *state, arms: Arms | None
 ) -> tuple[Values, Values]:
-    """Return T and N of all columns as arrays (joints, columns); of the mean column without an elevation.
+    """Return T and N of all columns as arrays (joints, columns); without an elevation, of the mean column.
 
     - `function`: `column_forces` or `impulses_of_columns`; `state`: its arguments before the offsets
     - `arms`: positions of the columns, None without an elevation

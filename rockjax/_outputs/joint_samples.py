@@ -26,8 +26,8 @@ class SampleForces(NamedTuple):
 
     @classmethod
     def of(cls, sample: Sample) -> SampleForces:
-        """Return the forces in a sampling interval. The outputs share them because the compiler removes
-        equal operations."""
+        """Return the forces in a sampling interval. Every output calls this function; the compiler removes
+        the repeated operations."""
         sample = jax.lax.stop_gradient(sample)
         c, sigma, zero = sample.c, sample.sigma, jnp.zeros_like(sample.h)
         start, end = (

@@ -42,7 +42,7 @@ class Force(NamedTuple):
         return other.replaced(self.is_steeper(other), self)
 
     def replaced(self, where: Flags, other: Force) -> Force:
-        """Return this force, or another one where a flag holds."""
+        """Return `other` where the flag holds, and this force elsewhere."""
         return Force(*[jnp.where(where, new, old) for new, old in zip(other, self, strict=True)])
 
     @property
@@ -99,8 +99,8 @@ def over_step(step: Step) -> EndForces[Course]:
 
 
 def over_rest(rest: Rest) -> list[EndForces[Value]]:
-    """Return the forces at the extremes of the ground acceleration in full contact of a rigid podium. All
-    forces but friction are linear in ü_g."""
+    """Return the forces at the least and the largest ground acceleration while a rigid podium is in full
+    contact. N and V are linear in ü_g."""
     c = rest.scene.c
     assert not isinstance(rest.scene.excitation, GroundMotion)  # see `needs_simple_contact`
     zero = jnp.zeros_like(c.alpha)
@@ -145,7 +145,7 @@ class AbstractForceOutput(AbstractOutput):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractJointOutput(AbstractForceOutput):
-    """An output with an answer for each joint, (2,), that of the worst column. The accumulator is a tuple for
-    the bottom and the top joint."""
+    """An output whose answer has one value for each joint, shape (2,), that of the worst column. The
+    accumulator is a tuple for the bottom and the top joint."""
 
     axis = JOINTS

@@ -14,16 +14,16 @@ from rockjax._engine.ratio import safe_ratio
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Flags, Value, Values
 
-# A step is shortened to end on an extremum that may exceed the maximum so far and lies well inside the step.
-# Near the ends of a step the polynomial is as accurate as the step itself.
+# A step is shortened to end on an extremum that may exceed the maximum so far, unless the extremum is in an
+# *end zone*: this close to an end of the step, the polynomial is as accurate as the step itself.
 NEAR_MAXIMUM = 1e-2  # an extremum above (1 − NEAR_MAXIMUM) times the maximum so far may exceed it
-END_ZONE = 0.02  # a turning point of θ in this fraction of the step at either end needs no shorter step
-# The same fraction for other quantities, given by quintics and by cubics. These fractions are smaller because
-# the derivatives of a vibrating superstructure's motion grow with every oscillation.
+END_ZONE = 0.02  # end zone for turning points of θ, as a fraction of the step
+# End zones for other quantities, interpolated by quintics and by cubics. They are smaller because a vibrating
+# superstructure has larger high derivatives.
 END_ZONE_QUINTIC = 2e-3
 END_ZONE_CUBIC = 1e-4
-# The same for forces in the joints, which turn often: this factor times rtol^¼, limited to the other two
-# values. At the fraction z of the step, the error of a cubic is 16 z² of its largest error.
+# End zone for forces in the joints, which have many maxima: END_ZONE_FORCES · rtol^¼, limited to the other
+# two values. Near z = 0 the error of a cubic is 16 z² times its largest error in the step.
 END_ZONE_FORCES, LEAST_END_ZONE, LARGEST_END_ZONE = 0.1, 1e-4, 1e-2
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
 

@@ -63,7 +63,7 @@ def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
 
 
 def suitable_outputs(podium: Podium) -> tuple[str, ...]:
-    """Return the outputs of interest to a designer that a podium has: rotation, shear and motion of the
+    """Return the names of the outputs that a designer needs for a podium: rotation, shear and motion of the
     building, and forces of the joints if there is an elevation."""
     names = ["peak_rotation", "impacts", "impacts_before_peak", "errors"]
     if podium.superstructure is not None:

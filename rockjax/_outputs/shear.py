@@ -50,8 +50,9 @@ class PeakShear(AbstractOutput):
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
         if step.c.vibration is None:
             return step.largest(step.course(self.quantity), accumulator, END_ZONE_CUBIC)
-        # The polynomial of a force contains the derivative of a polynomial, which is less accurate. So steps
-        # end on maxima of forces with methods of any order.
+        # The polynomial of a force contains the derivative of the polynomial of a deformation, which is less
+        # accurate. Therefore a step is shortened to end on the maximum of a force, whatever the order of the
+        # method.
         modal: ModalConstants | None = step.c.modal
         if modal is None:
             course, end_zone = step.spring_forces, END_ZONE_QUINTIC
@@ -81,8 +82,8 @@ class PeakShear(AbstractOutput):
 
 
 def stays_below(sample: Sample, accumulator: Value) -> Flag:
-    """Return whether the shear |a_b|/g of a rigid superstructure stays below the largest shear so far in a
-    sampling interval of length h. The absolute acceleration of the beam is a_b = ü_g + ü_b, Eq. (14).
+    """Return whether, during a sampling interval of length h, the shear |a_b|/g of a rigid superstructure
+    stays below the largest shear so far. The absolute acceleration of the beam is a_b = ü_g + ü_b, Eq. (14).
 
     If |d²a_b/dt²| ≤ Cg, the shear at the fraction z ∈ [0, 1] of the interval exceeds the linear interpolation
     between both ends by at most C z(1 − z) h²/2.
@@ -98,7 +99,7 @@ def exceeds_nowhere(start: Value, end: Value, curvature: Value, level: Value | f
 
     - `start`, `end`: y at both ends; `curvature`: bound on h²|d²y/dt²|; `level`: the level
     """
-    # Either y decreases from the start on, or its largest possible value is below the level.
+    # Either y never exceeds its value at the start, or its largest possible value is below the level.
     decreases = (start <= level) & (end + 0.5 * curvature <= start)
     return decreases | (jnp.maximum(start, end) + 0.125 * curvature <= level)
 
@@ -129,7 +130,8 @@ def beam_curvatures(sample: Sample) -> BeamCurvatures:
     first, second = h * (speed + h * acceleration), h * h * acceleration
     third = h * h * jnp.abs(accelerations[1] - accelerations[0])
     ground = jnp.maximum(*map(jnp.abs, grounds))
-    # Bound on |θ⁗|h⁴, Eq. (24): one part from the rotation, the other from ü_g changing during the rotation.
+    # `by_angle` + `by_ground` bound |θ⁗|h⁴, Eq. (24): from the changing angle, and from ü_g changing
+    # meanwhile. `by_rotation` bounds the products of lower derivatives of θ in d²ü_b/dt².
     by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (second + first * first)
     by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * first
     even, odd = 4 * first * third + 3 * second * second + first**4, 6 * first * first * second
@@ -151,6 +153,7 @@ def beam_bound(bounces: Bounces) -> Value:
         sway_per_moment * c.gravity * c.sin_alpha
         + jnp.abs(1 - sway_per_moment * c.ground * c.cos_alpha) * ground
     )
-    # As θ changes ψ, it changes 2Rθ̈ cos ψ by less than 2R(p² + |θ̈|)|θ|.
+    # With ψ = α − |θ|, a rotation θ changes the horizontal acceleration 2Rθ̈ cos ψ by less than
+    # 2R(p² + |θ̈|)|θ|.
     by_angle = 2 * beam_per_moment * (c.gravity + c.ground * ground) * bounces.height
     return at_uplift + by_angle + c.two_R * bounces.speed**2

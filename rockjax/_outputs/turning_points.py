@@ -8,10 +8,10 @@ moments, W:
     M = G + W/(1 + W/w),   G = [cos(α−α_o) − cos(α−θ_m)] / d,   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / d,
     d = cos(α−α_o) − cos α,
 
-where f is the decelerating moment at the turning point without gravity, divided by the coefficient of gravity
-in Eq. (24), f⁺ is the positive part of f, and w = 0.02. A column that reaches α_o with the speed θ̇ has the
-excess energy I θ̇²/2 there, and the margin −I θ̇²/2 divided by the depth. I is the inertia of columns, beam
-and superstructure moving together, as they do near the unstable equilibrium.
+where f is the decelerating moment of all but gravity at the turning point, divided by the coefficient of
+gravity in Eq. (24), f⁺ is the positive part of f, and w = 0.02. A column that reaches α_o with the speed θ̇
+has the excess energy I θ̇²/2 there, and the margin −I θ̇²/2 divided by the depth. I is the inertia of
+columns, beam and superstructure moving together, as they do near the unstable equilibrium.
 
 M passes through zero with a finite slope, both during the shaking and after it. The slopes on both sides are
 equal if only gravity acts, and nearly equal if the ground still moves or the superstructure vibrates. With
@@ -20,9 +20,9 @@ restrainers the potential V of (C3) replaces the potential of gravity, (C21):
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
 The margin of a scene is the least margin of all turning points, 1 if the columns never lift, and the margin
-at α_o if the scene overturns. Turning points appear and vanish as the parameters change, and each has
-its own f. The term with W is therefore limited to w. Away from the boundary, M then depends mainly on the
-largest rotation, which is continuous.
+at α_o if the scene overturns. Turning points, each with its own f, appear and vanish as the parameters
+change, which makes M jump. These jumps are small because the term with W is limited to w: away from the
+boundary, M depends mainly on the largest rotation, which is continuous.
 """
 
 from __future__ import annotations
@@ -68,5 +68,6 @@ def margin_at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Valu
 
 
 def _moment(c: Coefficients, theta: Value, rate: Value) -> Value:
-    """Return I times `rate`, per N m_c. `rate` is an angular acceleration or a squared speed [rad²/s²]."""
+    """Return I times `rate`, divided by N m_c; `rate` is an angular acceleration or a squared speed
+    [rad²/s²]."""
     return c.two_R**2 / 3 * rotational_inertia(c, jnp.ones_like(theta), theta) * rate

@@ -20,8 +20,7 @@ class PeakVelocityJump(AbstractEventOutput):
     """The largest jump of the horizontal velocity of the deck at an impact, max|Δv_b|, (L3) [m/s].
 
     `is_final` bounds the jump at the fastest impact that can follow. At an impact, where θ = 0, the potential
-    energy is zero, and the kinetic energy is at least ½(`c.spin` + η(2R sin α)²)θ̇². The kinetic energy
-    cannot exceed the largest energy that can follow.
+    energy is zero, and the kinetic energy, at least ½(`c.spin` + η(2R sin α)²)θ̇², is at most `bounds.energy`.
     """
 
     name = "peak_velocity_jump"

@@ -282,14 +282,15 @@ class Step:
         shortens_step: bool = True,
         sizes: Sizes = "absolute",
     ) -> Maximum:
-        """Return the largest absolute value of a quantity in the step, and the fraction of the step to try
-        next to end on this maximum.
+        """Return the largest value of a quantity f in the step, and the fraction of the step to try next to
+        end on this maximum.
 
         - `course`: the quantity over the step
-        - `accumulator`: largest absolute value so far
+        - `accumulator`: largest value so far
         - `end_zone`: fraction of the step at both ends where a maximum needs no shorter step
         - `shortens_step`: whether the step is shortened at all
-        - `sizes`: "absolute" for |f|, "signed" for f, "both" for a pair of −f and f, in `accumulator` too
+        - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f;
+          `accumulator` has the same form
         """
         span, ends = self.span, self._ends(course)
         return largest(course.path, span.h, span.long, accumulator, ends, end_zone, shortens_step, sizes)
@@ -402,7 +403,7 @@ class StepEnd(NamedTuple):
     - `accepted`: whether the step is accepted; otherwise the loop discards the updated accumulators
     - `lands`, `hit`, `toppled`: whether the step ends on an event, on an impact, on overturning
     - `after`: time from the end of the step to the event [s]
-    - `now`: time of the end, with its derivative [s]; `stamp`: the stamp of this time [s]
+    - `now`: time of the end, with its derivative [s]; `stamp`: the same time, held constant [s]
     - `x`, `v`: positions and velocities after the transition
     - `impact`: the impact, valid where `hit`
     - `jolt`: the jump of the ground's velocity at the end of the step; None if the motion has no jumps
@@ -444,8 +445,8 @@ class Rest:
 
     @functools.cached_property
     def extreme_ground_accelerations(self) -> tuple[Value, Value]:
-        """Smallest and largest ü_g during the rest [m/s²], with derivatives as above; 0 after the end of the
-        excitation. Not valid unless `lasts`."""
+        """Smallest and largest ü_g during the rest [m/s²], with derivatives as in
+        `largest_ground_acceleration`; 0 after the end of the excitation. Not valid unless `lasts`."""
         end = jax.lax.stop_gradient(self.scene.excitation.support[1])
         becomes_still = self._end > end
 

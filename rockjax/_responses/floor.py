@@ -35,7 +35,8 @@ MIN_BEAM_WEIGHT = 1e-12  # a smaller weight of the beam, |1 − ΣW_i|, counts a
 DEGREE = 7  # degree of the polynomials of accelerations
 MAX_LAST_COEFFICIENT = 1e-8  # limit of the last Chebyshev coefficient divided by the largest acceleration
 MAX_HALVINGS = 12  # largest number of times that a piece is halved
-MOTION_PIECES = 64  # least number of pieces in a ground motion; one step in full contact may cover all of it
+# Least number of pieces in a ground motion, which one step in full contact may otherwise cover.
+MOTION_PIECES = 64
 POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))  # fractions of a piece
 TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T  # values at the points → coefficients c_k
 # Values at the points → coefficient of the last Chebyshev polynomial.

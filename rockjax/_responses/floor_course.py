@@ -75,7 +75,7 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
     times = jnp.where(is_used, nodes.event_time, last)
     starts = jax.lax.stop_gradient(jnp.where(is_used, nodes.t, last))
     lengths = jnp.append(jnp.diff(starts), 0.0)
-    # All steps at their nodes, then the ends of steps just before the impacts.
+    # The motion at the `NODES` of every step, then just before the impacts.
     is_impact = jnp.isfinite(nodes.impact_time) & is_used
     t = starts[:, None] + lengths[:, None] * (0.5 + 0.5 * jnp.asarray(NODES))[None, :]
     left = jnp.broadcast_to(NODES[-1] == NODES, t.shape)

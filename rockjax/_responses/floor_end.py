@@ -93,8 +93,8 @@ def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: boo
 
 
 def ratio_after_end(later: Any, largest: Any) -> Any:
-    """Return `later`, a bound of later displacements, divided by the `largest` so far; inf if only the
-    latter is zero, and 0 if both are. The arguments may be traced."""
+    """Return `later`, a bound of later displacements, divided by the `largest` so far; inf if
+    only `largest` is zero, and 0 if both are zero. The arguments may be traced."""
     xp = array_module(later, largest)
     ratio = later / xp.where(largest > 0, largest, 1.0)
     return xp.where(largest > 0, ratio, xp.where(later > 0, xp.inf, 0.0))

@@ -116,7 +116,7 @@ class Slopes(NamedTuple):
 
     - `motions`: derivatives of the motion of modes and beam at fixed times
     - `times`: derivatives of the starts of the pieces [s]
-    - `ground`: these derivatives times the jumps of the ground acceleration at the starts, horizontal and
+    - `ground`: `times` multiplied by the jumps of the ground acceleration at the starts, horizontal and
       vertical, shape (n, 2)
     - `weights`: derivatives of the weights of the modes, by level
     """
