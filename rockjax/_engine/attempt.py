@@ -53,7 +53,7 @@ class StepOutcome(NamedTuple):
     accepted: Flag
     retry_fraction: Value  # fraction of this step that is tried next; inf if no shorter step is needed
     lands: Flag  # the step ends on an event, apart from the short time `after`
-    after: Value  # time from the end of the step to its event or breakpoint [s]; it has the derivative
+    after: Value  # time from the end of the step to its event or breakpoint, with the derivative [s]
     false_uplift: Flag  # the step does not confirm the uplift, so the columns return to full contact
     largest: tuple[Any, ...]  # largest value of each output in the step; None if the output has no maximum
 

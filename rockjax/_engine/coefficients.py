@@ -76,13 +76,13 @@ class Joints(NamedTuple):
 class Coefficients(NamedTuple):
     """Constants of a podium's equations, per mass N m_c of all columns; None for parts that are absent."""
 
-    alpha: Value
+    alpha: Value  # slenderness α [rad]
     sin_alpha: Value
     cos_alpha: Value
-    p: Value
+    p: Value  # frequency parameter [rad/s]
     restitution: Value  # restitution factor e, Eq. (27) or another law
-    uplift: Value  # uplift threshold q_up, Eq. (9)
-    two_R: Value
+    uplift: Value  # uplift threshold q_up, Eq. (9) [m/s²]
+    two_R: Value  # 2R [m]
     inertia: Value  # 3γ + ¾(1+λ), Eq. (24)
     centrifugal: Value  # 3η
     gravity: Value  # p² (2η+2γ+1)
@@ -90,7 +90,7 @@ class Coefficients(NamedTuple):
     weight: Value  # 2Rg (η+γ+½), Eq. (19)
     spin: Value  # (1+λ+4γ) R², Eq. (18)
     impulse: Value  # C of the energy bound, see `energy_after`
-    g: Value
+    g: Value  # [m/s²]
     eta: Value  # η, ratio of the vibrating mass
     vibration: Vibration | None
     restraint: Restraint | None

@@ -32,7 +32,7 @@ class Nodes(NamedTuple):
     t: Float[Array, " n"]  # times [s]; inf for unused nodes
     x: tuple[Float[Array, " n ..."], ...]  # positions
     v: tuple[Float[Array, " n ..."], ...]  # velocities
-    sigma: Float[Array, " n"]  # modes
+    sigma: Float[Array, " n"]  # contact modes
     piece: Array  # pieces of the excitation
     impact_time: Float[Array, " n"]  # time of the impact [s]; NaN unless the node is an impact
     event_time: Float[Array, " n"]  # equal to `t`, with the derivative of the event or breakpoint there [s]
@@ -214,11 +214,12 @@ def replay(
     - `capacity`: number of nodes to store; None stores none
 
     Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints.
-    Rounding differs between compilations, so a step might be accepted in one computation and rejected in
-    the other; states and cotangents would then belong to different times. Recorded decisions prevent this.
+    Rounding differs between compilations, so a step might be accepted the first time and rejected the second
+    time; states and cotangents would then belong to different times. Recorded decisions prevent this.
 
-    There are two levels of checkpoints, √`max_steps` steps apart. Each stores only the state before a step.
-    More levels or more data per step would double the compilation time.
+    Checkpoints have two levels: one before each block of about √`max_steps` steps, and one before each step
+    of a block that is computed again. A checkpoint contains only the state. More levels or more data would
+    double the compilation time.
     """
     initial = state
 

@@ -1,7 +1,7 @@
 """The quintic Hermite polynomial of a step, on z ∈ [0, 1], with its turning points and roots.
 
-It joins value, slope and curvature at both ends of a step, so its error is O(h⁶) with a small constant. This
-is below the local error of a fifth-order method, and accurate enough to locate events for methods of any
+It matches value, slope and curvature at both ends of a step, so its error is O(h⁶) with a small constant.
+This is below the local error of a fifth-order method, and accurate enough to locate events for methods of any
 order.
 """
 

@@ -1,7 +1,8 @@
 """The model: equations of motion, uplift demand and impact map, with the paper's equation numbers.
 
 σ ∈ {−1, 0, +1} is the contact mode: 0 is full contact, ±1 rocking with the sign of θ. One vector field serves
-all modes: for σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ, u_b and u̇_b vanish, and Eq. (22) becomes Eq. (4).
+all contact modes: for σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ, u_b and u̇_b vanish, and Eq. (22) becomes
+Eq. (4).
 
 A state consists of positions x and velocities v. Both are tuples: (θ,) for rigid podiums, (θ, u) with an
 elastic superstructure, where u is a scalar for one vibration mode and an array (u_1, …, u_n) for several. The

@@ -73,16 +73,16 @@ def plan_for(
     )
 
 
-# In the closer solution the columns rest IMPACTS_LATER impacts later: the rest velocity is multiplied by
+# In the closer solution rocking stops IMPACTS_LATER impacts later: the rest velocity is multiplied by
 # e^IMPACTS_LATER, limited to [MIN_REST, MAX_REST]. The factor is MIN_REST for rigid podiums that lose little
 # speed in an impact, 1 − e < LITTLE_LOSS · rtol.
 IMPACTS_LATER, MAX_REST, MIN_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
-# A step ends on an event if their distance, divided by the length of the step, is less than LANDING · √rtol
-# and MAX_LANDING. A Taylor expansion at the end of the step then carries the state to the event.
+# A step ends on an event if their distance, divided by the length of the step, is at most LANDING · √rtol and
+# at most MAX_LANDING. A Taylor expansion at the end of the step then carries the state to the event.
 LANDING, MAX_LANDING = 10.0, 0.02
 # If a breakpoint is less than two steps away, the usual solution takes one step or two equal steps to it. The
 # first step of the closer solution covers a third of the distance, so that its errors differ. This also holds
-# if one step would do, unless the proposed step is more than UNSPLIT_CLOSER times as long as the distance.
+# if the proposed step is longer than the distance, but at most UNSPLIT_CLOSER times as long.
 SPLIT, SPLIT_CLOSER, UNSPLIT_CLOSER = 0.5, 1 / 3, 2.0
 LANDING_CLOSER = 0.1  # factor on the landing fraction in the closer solution, so that landing errors differ
 
@@ -106,9 +106,9 @@ def _closer(options: Options, closer: Value | float, usual: Value | float) -> Va
 def _estimate_factor(plan: Plan, options: Options) -> Value | None:
     """Return the factor on error estimates of unusually low order.
 
-    The order of an estimate is usually one lower than that of the method; then the result is None. If the
-    estimate has another n orders less, it is too large by the factor rtol^(−n/order) at steps of the
-    longest length that the tolerance allows.
+    The order of an estimate is usually one lower than that of the method; then the result is None. An
+    estimate whose order is lower by another n is too large by the factor rtol^(−n/order) at the longest steps
+    that the tolerance allows.
     """
     missing_order = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (missing_order / plan.tableau.order) if missing_order else None
@@ -159,7 +159,7 @@ def _landing_fraction(options: Options) -> Value:
 def _rest_speed(c: Coefficients, options: Options) -> Value:
     """Return the speed below which columns come to rest after an impact [rad/s].
 
-    In the closer solution the columns rest some impacts later. This shows the error of the rest velocity.
+    In the closer solution rocking stops some impacts later, which shows the error due to the rest velocity.
     """
     relative = options.rtol if options.rest_velocity is None else options.rest_velocity
     e = jnp.clip(c.restitution, 0.0, 1.0)
@@ -231,7 +231,7 @@ def _scene(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest_speed=rest_speed,
         estimate_factor=_estimate_factor(plan, options),
-        skip_below=_closer(options, 0.0, 1.0),  # the closer solution skips no sample, to show their error
+        skip_below=_closer(options, 0.0, 1.0),  # the closer solution skips no sample, to show the error
         log_restitution=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         min_impact_speed=constant(rest_speed / jnp.maximum(c.restitution, jnp.finfo(rest_speed.dtype).tiny)),
         landing_fraction=_landing_fraction(options),

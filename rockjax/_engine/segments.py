@@ -9,8 +9,8 @@ scenes. Diffrax's events alone are not accurate enough, so four corrections are 
   time, and Newton's method finds the event from there.
 - The interpolant is sampled densely. If the guard breaks and recovers inside a step, the segment is solved
   again up to the first sample at which it is broken.
-- After an impact or an uplift the guard is exactly zero. The first step is then shorter than the hop, so that
-  it cannot miss the next impact.
+- After an impact or an uplift the guard is exactly zero. The first step is then shorter than the hop (the
+  motion up to the next impact), so that it cannot miss this impact.
 - Peaks are not interpolated: the segment is solved again up to the time of the peak.
 """
 
@@ -231,7 +231,7 @@ class _Path(NamedTuple):
         - `quantity`: (t, x, v) ↦ the quantity
         - `accumulator`: largest value so far
 
-        If a maximum inside the segment may exceed it, the segment is solved again up to this maximum.
+        If a maximum inside the segment may exceed the accumulator, the segment is solved again up to it.
         """
         values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)
@@ -367,8 +367,8 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
     """Advance by one segment, and append its steps to the nodes.
 
-    If the guard breaks at a sample although no event was reported, the state stays, and `trial_limit` becomes
-    the time up to which the segment is solved next.
+    If the guard breaks at a sample although no event was reported, the motion stays as it was, and
+    `trial_limit` becomes the time up to which the segment is solved next.
     """
     ground_at = scene.excitation.piece(state.piece)
     path = _path(_ContactMode(scene, state.sigma, ground_at, natural_units(scene.c)), options, state)

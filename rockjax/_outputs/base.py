@@ -54,7 +54,7 @@ def worst_component(name: str, values: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class AbstractOutput:
-    """An output of a scene. Subclass it, set the class attributes, and write `quantity`:
+    """An output of a scene. Subclass it, set the class attributes, and define `quantity`:
 
         class PeakBeamSpeed(rockjax.AbstractOutput):
             name, unit, description = "peak_beam_speed", "m s-1", "peak speed of the beam"

@@ -102,8 +102,8 @@ class Span(NamedTuple):
 
     - `h`: length of the step
     - `long`: whether the step is long enough for accurate curvatures of polynomials (`hermite.is_long`)
-    - `before`, `after`: time from the start to the event or breakpoint there, and the same at the end; zero
-      or short, with derivatives
+    - `before`, `after`: time from the start, and from the end, to the event or breakpoint there; zero or
+      short, with derivatives
     """
 
     h: Value
@@ -135,7 +135,7 @@ class Step:
       polynomials
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the current piece of the excitation [m/s²]
-    - `trial`, `guard`: the step and its guard
+    - `trial`, `guard`: the step, and the quantity that ends its contact mode (`rockjax._engine.guard`)
     - `before`, `after`: as in `Span`
     """
 

@@ -52,7 +52,7 @@ def skipped_bounces(
     Bounces are not skipped if the superstructure is elastic, restrainers act, an output needs every
     impact, or the excitation has no bound over a time interval.
     """
-    if replayed is not None:  # the recorded contact mode includes the decision to skip
+    if replayed is not None:  # the recorded contact mode shows whether bounces were skipped
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
     to_rest = None
     if "bounces" in plan.fast_forwards and scene.c.restraint is None:

@@ -37,8 +37,8 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
 
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
     # The derivative of the uplift's time is that of the time at which the demand crosses the threshold, or of
-    # the breakpoint at which the demand jumps above the threshold. If the demand crosses it at a breakpoint,
-    # the piece before the breakpoint applies.
+    # the breakpoint at which the demand jumps above the threshold. If the demand crosses the
+    # threshold at a breakpoint without a jump, the piece before the breakpoint applies.
     edge = excitation.breakpoint(excitation.before(piece))
     on_edge = constant(edge) == stamp
     jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)

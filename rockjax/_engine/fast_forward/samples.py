@@ -72,7 +72,7 @@ def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     a = barrier(field(ground, state.x, state.v))
     field_after = lambda s, x, v: field(ground + slope * s, x, v)
     end = barrier(runge_kutta(nystrom(), field_after, 0.0, h, state.x, state.v, a))
-    # The last sample is not skipped, since the motion may jump to zero there.
+    # The last sample is not skipped, since the ground acceleration may jump to zero there.
     skips = present(state.may_skip) & (piece < count - 1) & (stamp < constant(scene.end))
     skips &= constant(scaled_error(scene, state.x, state.v, end)) <= scene.skip_below
     skips &= _rocks_on(scene, state, a, end, h)
