@@ -35,7 +35,7 @@ class Attempt(NamedTuple):
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at `stop`
-    stop: Value  # time of the next breakpoint or of the end of the scene [s]; varies with the parameters
+    stop: Value  # time of the next breakpoint or of the end of the scene, with its derivative [s]
     ends_scene: Flag  # the step ends at the end of the scene
     starts_at_zero: Flag  # the step starts on θ = 0, after an impact or an uplift
     a0: Vector  # accelerations at the start

@@ -367,7 +367,7 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
     """Advance by one segment, and append its steps to the nodes.
 
-    If the guard breaks at a sample although no event was reported, the motion stays as it was, and
+    If the guard breaks at a sample although no event was reported, the motion does not advance, and
     `trial_limit` becomes the time up to which the segment is solved next.
     """
     ground_at = scene.excitation.piece(state.piece)

@@ -65,10 +65,10 @@ class AbstractOutput:
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
     value of the quantity in the scene, with derivatives. Override `over_step`, `at_impact`, `update` or
-    `answer` for other forms of answers. Further methods save time. Rests, samples of the ground motion
-    and bounces are skipped only if every requested output overrides `over_rest`, `over_sample` or
-    `over_bounces` respectively. A scene continues to overturning or `t_end` unless `is_final` returns True
-    for every output.
+    `answer` for other forms of answers. Further methods save time. Rests (full contact of a rigid podium),
+    samples of the ground motion and bounces are skipped only if every requested output overrides `over_rest`,
+    `over_sample` or `over_bounces` respectively. A scene continues to overturning or `t_end` unless
+    `is_final` returns True for every output.
 
     - `name`: name in `Options.outputs` and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of

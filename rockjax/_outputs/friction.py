@@ -167,7 +167,7 @@ class PeakFriction(AbstractJointOutput):
 @dataclasses.dataclass(frozen=True)
 class FrictionUse(AbstractJointOutput):
     """The largest use of friction 1 − (μN − |T|)/(μN_0) at a joint [–], with the dead load N_0 of the mean
-    column. If it exceeds 1, the joint would slide. The answer is 0 at a joint without dead load. Targets use
+    column. At a use above 1, the joint would slide. The answer is 0 at a joint without dead load. Targets use
     this output because it is smooth where a joint would open, unlike |T|/N.
 
     The accumulator contains the largest |T| − μN of each joint [m/s²].

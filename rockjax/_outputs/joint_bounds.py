@@ -1,7 +1,7 @@
 """Bounds on forces in the joints, (F17), from bounds on the remaining motion of a scene.
 
-Forces are per column and divided by m_c [m/s²], as in `joint_forces`. All bounds are for σ = 1; the other
-contact mode is its mirror image.
+Forces are per column and divided by m_c [m/s²], as in `joint_forces`. Bounds while rocking are for σ = 1;
+rocking with σ = −1 is the mirror image.
 """
 
 from __future__ import annotations

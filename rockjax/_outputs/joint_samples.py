@@ -18,7 +18,7 @@ from .views import Moment, Sample
 
 class SampleForces(NamedTuple):
     """Forces at both ends of a sampling interval of length h, and bounds on h² times their second derivatives
-    [m/s²]. They are held constant under differentiation."""
+    [m/s²]. All are held constant under differentiation."""
 
     start: EndForces[Value]
     end: EndForces[Value]

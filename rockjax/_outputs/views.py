@@ -77,7 +77,7 @@ def deck_acceleration(moment: Moment) -> Value:
     return beam_absolute(moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a)
 
 
-Quantity = Callable[[Moment], Any]  # of values, or of tuples of values
+Quantity = Callable[[Moment], Any]  # returns values, or a tuple of values
 
 
 class Turn(NamedTuple):
@@ -438,8 +438,9 @@ class Rest:
     def largest_ground_acceleration(self) -> Value:
         """Largest |ü_g| during the rest [m/s²].
 
-        The result is 0 after the end of the excitation. At an end of the rest, a jump or a kink, the result
-        has the derivative with respect to this time. At a smooth maximum this derivative is zero.
+        The result is 0 after the end of the excitation. If the maximum is at an end of the rest, a jump or a
+        kink, the result also has the derivative due to the time of this point. At a smooth maximum this
+        derivative is zero.
         """
         return jnp.where(self._is_shaken, jnp.abs(self._extreme(None)), 0.0)
 

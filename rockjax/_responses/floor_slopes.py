@@ -201,7 +201,7 @@ def slope_of_load(
     - `weights`, `change`: weights W_i of the floor and their derivatives, shape (modes,)
     - `direction`: "horizontal" or "vertical"
 
-    The derivatives of the velocities just before and after an event, at its time held constant, differ by
+    The derivatives, at a fixed time, of the velocities just before and just after an event differ by
     Δv' + (a⁻ − a⁺ + jump of ü_g) t'. The velocity jump (a⁻ − a⁺) t' + Δv' in (L8) is this difference minus
     the jump of ü_g times t'.
     """
