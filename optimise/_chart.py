@@ -45,7 +45,9 @@ def design_chart(
     options: rj.Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Return the smallest safe value of a design variable, such as α, against the pulse period; outside jit.
+    """Return the smallest safe value of a design variable, such as α, against the pulse period.
+
+    The function cannot be called inside `jax.jit`.
 
     - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; all other parameters keep their values
     - `vary`: (name, (lowest, highest)) in the unit of the parameter, as in [`optimise.design`][]

@@ -18,7 +18,7 @@ from ._results import CONVERGED, INFEASIBLE, STALLED
 class Evaluation(NamedTuple):
     """Evaluation of a design point, in scaled variables (0 and 1 are the bounds).
 
-    - `f`: values of the objective (k,); `c`: margins of all targets (m,) [–]
+    - `f`: the k values whose largest is the objective, (k,); `c`: margins of all targets (m,) [–]
     - `f_slope`, `c_slope`: their Jacobians, (k, n) and (m, n)
     - `overturned`: number of overturned scenes of each target and, as the last entry, of the objective; empty
       if not counted
@@ -61,7 +61,7 @@ class Rules(NamedTuple):
 
     @property
     def accepted_violation(self) -> float:
-        """Largest accepted shortfall from `shift` [–]; small enough that the targets still hold."""
+        """How far a margin may lie below `shift` [–]. It is then still positive, so that the target holds."""
         return 0.5 * self.shift
 
 

@@ -1,9 +1,8 @@
 """Exchange of finished scenes: lanes store answers and load the next scenes.
 
 To serve a lane means to store the answers (all outputs) of its finished scene and to load the next scene. The
-few lanes of a CPU are served one after another, so that only changed rows are copied, and the loop over a
-chunk of scenes compiles to one function of machine code. The thousands of lanes of an accelerator are served
-in parallel.
+few lanes of a CPU are served one after another: only changed rows are copied, and the loop over a chunk
+compiles to one function of machine code. The thousands of lanes of an accelerator are served in parallel.
 """
 
 from __future__ import annotations
@@ -29,7 +28,9 @@ class Lanes(NamedTuple):
     parts: list[Any]  # leaves of `Scene` that differ between scenes, with a row for each lane
     scene_index: jax.Array  # for each lane, index of its scene in the batch; −1 without a scene
     slopes: LaneDerivatives | None = None  # derivatives; None if no sensitivities are requested
-    edge_distance: jax.Array | None = None  # edge distance of each scene so far; None if not requested
+    edge_distance: jax.Array | None = (
+        None  # of each scene so far, see `edge_distance.py`; None if not requested
+    )
 
 
 class Done(NamedTuple):
@@ -41,7 +42,7 @@ class Done(NamedTuple):
     integers: dict[str, jax.Array]  # answers that are integers or flags
     used: jax.Array  # number of scenes that have ended
     trials: jax.Array  # number of trials, in which all lanes take part together
-    useful: jax.Array  # number of trials in all lanes that advanced a scene
+    useful: jax.Array  # number of trials that advanced a scene, summed over all lanes
     left: jax.Array  # number of lanes that still hold a running scene
 
 

@@ -43,8 +43,8 @@ REFINEMENT_ROUNDS = 8  # largest number of rounds in which such intervals are re
 PARTS = 4  # number of parts into which a round divides an interval
 MIN_INTERVAL = 1e-6  # shorter intervals are not refined [length of the line]
 
-DIP_DIVISIONS = 256  # steps beside the lowest dips are divided into at least this number of parts
-WINDOW_DIVISIONS = 16  # this number if only dips are refined in which an overturning interval may open
+DIP_DIVISIONS = 256  # intervals beside the lowest dips are divided into at least this number of parts
+WINDOW_DIVISIONS = 16  # the same if only dips that may reach below zero are refined
 BRACKET_RTOL_SHARE = 0.1  # brackets are not made narrower than this multiple of rtol, relative to y
 
 
@@ -90,7 +90,7 @@ class Scan(NamedTuple):
     crossings: Crossings
     starts_surviving: np.ndarray  # for each line, True if its lower end survives
     dip: np.ndarray  # lowest dip below the first crossing of each line; 1 for a line without dips
-    certain_width: np.ndarray  # no interval wider than this overturns below the first crossing of each line
+    certain_width: np.ndarray  # largest width of an overturning interval that the scan may have missed
     scenes: int  # number of solved scenes
 
 
@@ -233,7 +233,7 @@ def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Opti
     leaves, structures = zip(*map(jax.tree.flatten, equal_if_scaled), strict=True)
     if structures[0] != structures[1]:
         return False
-    # Under a transformation JAX traces counts that are derived from concrete values; they do not depend on y.
+    # Under a transformation, numbers of samples are tracers; they do not depend on y and are not compared.
     pairs = [pair for pair in zip(*leaves, strict=True) if not any(isinstance(y, Tracer) for y in pair)]
     return all(a is b or np.allclose(np.asarray(a), np.asarray(b), rtol=1e-6, atol=0.0) for a, b in pairs)
 

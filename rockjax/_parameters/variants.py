@@ -103,7 +103,7 @@ def is_fixed(podium: Podium, parameter: Parameter) -> bool:
     """
     try:
         return not jax.tree.leaves(_stored_value(podium.split_rows(), parameter.attribute_path))
-    except AttributeError:  # a residual mass of 0 is left out
+    except AttributeError:  # a residual mass of 0 is not stored, so it cannot vary
         return True
 
 
@@ -205,9 +205,9 @@ def _index_of_class(members: tuple, class_name: str) -> int:
 
 
 def _for_all_modes(podium: Podium, path: str, value: Any) -> Any:
-    """Repeat the values of several podiums for each mode, if this path holds one value for all modes.
+    """Give the values of several podiums a last axis of modes, if the parameter has one value for all modes.
 
-    Otherwise the axis of podiums would be taken for the axis of modes.
+    Without this axis, the axis of podiums would be taken for the axis of modes.
     """
     superstructure, field = podium.superstructure, path.removeprefix("superstructure.")
     if field == path or superstructure is None or field not in superstructure.rows:

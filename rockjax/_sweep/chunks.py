@@ -101,7 +101,7 @@ def solve_scenes(
     - `devices`: JAX devices, as for [`rockjax.sweep`][]
     - `sensitivities`: parameters of the sensitivities
     """
-    stop = threading.Event()  # makes Ctrl-C raise `Interrupted`
+    stop = threading.Event()  # with this event `responses` catches Ctrl-C and raises `Interrupted`
     workers = _worker_arguments(devices, threads)
     return responses(*arguments, options, False, stop, sensitivities=sensitivities, **workers)
 
