@@ -61,7 +61,7 @@ class Rules(NamedTuple):
 
     @property
     def accepted_violation(self) -> float:
-        """How far a margin may lie below `shift` [–]. It is then still positive, so that the target holds."""
+        """Largest accepted difference of a margin below `shift` [–]; the margin is still positive."""
         return 0.5 * self.shift
 
 

@@ -28,9 +28,7 @@ class Lanes(NamedTuple):
     parts: list[Any]  # leaves of `Scene` that differ between scenes, with a row for each lane
     scene_index: jax.Array  # for each lane, index of its scene in the batch; −1 without a scene
     slopes: LaneDerivatives | None = None  # derivatives; None if no sensitivities are requested
-    edge_distance: jax.Array | None = (
-        None  # of each scene so far, see `edge_distance.py`; None if not requested
-    )
+    edge_distance: jax.Array | None = None  # so far, see `edge_distance.py`; None if not requested
 
 
 class Done(NamedTuple):

@@ -45,7 +45,7 @@ class PeakDeformation(AbstractOutput):
         return jnp.zeros(() if modes is None else modes.omega2.shape, start.t.dtype), None
 
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
-        # If the method is more accurate than the polynomial over the step, steps are shortened to end on maxima.
+        # Steps are shortened to end on maxima if the method is more accurate than the polynomial of a step.
         return step.largest(
             step.deformations, accumulator, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima
         )

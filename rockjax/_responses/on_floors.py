@@ -216,9 +216,10 @@ def _solve_group(
 
 
 def _weights_of(podium: Podium, system: Any) -> Values:
-    """Return the weights of the modes and the beam in the motion of the floor under a system, shape
-    (2, modes + 2). The rows give the horizontal and the vertical motion of the floor; the columns belong to
-    the modes, then to the horizontal and the vertical motion of the beam. The vertical weights are zero for contents that ignore the vertical motion."""
+    """Return the weights of the modes and the beam in the motion of the floor under a system, shape (2, modes
+    + 2). The rows give the horizontal and the vertical motion of the floor; the columns belong to the modes,
+    then to the horizontal and the vertical motion of the beam. The vertical weights are zero for contents
+    that ignore the vertical motion."""
     with_beam_weight = with_beam(jnp.asarray(floor_weights("on_floors", podium, system.level)))
     horizontal, vertical = (in_direction(with_beam_weight, direction) for direction in DIRECTIONS)
     return jnp.stack([horizontal, float(getattr(system, "vertical", True)) * vertical])
@@ -226,8 +227,8 @@ def _weights_of(podium: Podium, system: Any) -> Values:
 
 def _stackable(system: Any) -> Any:
     """Return the system with its static fields set to common values, so that systems of one class have the
-    same tree structure and can be stacked. `level` and `vertical` become constants, since the weights contain their effect; a restitution
-    factor replaces a restitution law."""
+    same tree structure and can be stacked. `level` and `vertical` become constants, since the weights contain
+    their effect; a restitution factor replaces a restitution law."""
     system = dataclasses.replace(system, level=DECK)
     if isinstance(system, Contents):
         e = GivenRestitution(system.block(jnp.ones(())).restitution_factor)
