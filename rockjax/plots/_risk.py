@@ -65,6 +65,6 @@ def design_point(point: DesignPoint, podium: Podium) -> Figure:
     """
     figure = response(simulate(podium, point.record))
     impacts = "1 impact" if point.mode == 1 else f"{point.mode} impacts"
-    suffix = "" if point.smooth else ", at a kink of the limit state"
+    suffix = "" if point.smooth else ", at an edge of the limit state"
     figure.suptitle(rf"Design point: $\beta$ = {point.beta:.2f}, {impacts}{suffix}")
     return figure

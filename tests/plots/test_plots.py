@@ -205,7 +205,7 @@ def test_the_picture_of_a_design_point():
     point = rj.DesignPoint(np.zeros(3), 2.5, shaking(), 1, False, {"alpha": 3.0})
     figure = plots.design_point(point, block)
     title = figure.get_suptitle()
-    assert all(words in title for words in ("2.50", "1 impact,", "kink"))
+    assert all(words in title for words in ("2.50", "1 impact,", "edge"))
     assert [ax.get_ylabel() for ax in figure.axes] == [plots.ROTATION, r"$\ddot u_g$ [g]"]
 
 
