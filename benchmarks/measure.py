@@ -154,9 +154,9 @@ def stored_rows_if_any(name: str) -> list[dict]:
 
 
 def _cores() -> int:
-    from rockjax._machine.threads import cores
+    from rockjax._batch.executors import workers
 
-    return cores()
+    return workers()
 
 
 def show(rows: list[dict], columns: Iterable[str] = ()) -> None:

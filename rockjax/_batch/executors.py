@@ -6,6 +6,7 @@ from __future__ import annotations
 import abc
 import contextlib
 import functools
+import os
 from collections.abc import Callable, Iterable, Sequence
 
 import jax
@@ -13,7 +14,6 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from rockjax._machine.threads import cores
 from rockjax._options import Options
 from rockjax._programs.program import StoredProgram
 
@@ -172,7 +172,7 @@ def executor_for(owner: str, devices: Sequence | None = None, threads: int | Non
     if devices is None:
         platform = "cpu" if threads else _platform()
         return (
-            ThreadExecutor(threads or cores())
+            ThreadExecutor(threads or workers())
             if platform == "cpu"
             else DeviceExecutor(jax.local_devices(backend=platform))
         )
@@ -200,3 +200,11 @@ def _platform() -> str:
     """Return the platform on which JAX places new arrays."""
     default_device = jax.config.jax_default_device
     return getattr(default_device, "platform", default_device) or jax.default_backend()
+
+
+def workers() -> int:
+    """Return the number of cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1

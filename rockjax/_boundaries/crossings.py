@@ -15,8 +15,9 @@ from jax.core import Tracer
 
 from rockjax import _results as results
 from rockjax._batch.batch import LANES, bare_responses
+from rockjax._batch.executors import workers
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._machine.threads import cores, submit
+from rockjax._machine.threads import submit
 from rockjax._options import Options
 from rockjax._progress import bar
 from rockjax._roots import Brackets, narrow_brackets
@@ -171,7 +172,7 @@ def scan(
             y[survivor], y[overturned], margin[survivor], margin[overturned], finished.impacts[overturned]
         )
         tolerance = max(BRACKET_TOLERANCE, BRACKET_RTOL_SHARE * float(options.rtol))
-        brackets = narrow_brackets(brackets, evaluate, tolerance, LANES * min(2, cores()))
+        brackets = narrow_brackets(brackets, evaluate, tolerance, LANES * min(2, workers()))
         crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.output_at_b)
     gaps = widest_gaps(solved, spacing, y_range[1])
     return Scan(crossings, starts_surviving, least_dip(finished), gaps, scenes)

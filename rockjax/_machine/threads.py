@@ -6,7 +6,7 @@ import contextlib
 import importlib
 import os
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any
 
@@ -56,27 +56,6 @@ def run_in_threads(work: Callable[[], None], count: int, stop: threading.Event, 
         wait(futures)
         if raises or not isinstance(error, KeyboardInterrupt):
             raise
-
-
-def map_in_threads(function: Callable[[Any], Any], values: Iterable[Any]) -> list[Any]:
-    """Return the values of a function, computed in one thread for each core. After an exception or Ctrl-C no
-    further value is computed."""
-    x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
-
-    def run(value: Any) -> Any:
-        with precision(x64):
-            return function(value)
-
-    with ThreadPoolExecutor(cores(), "rockjax") as pool:
-        return list(pool.map(run, values))
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1
 
 
 def import_in_background(*modules: str) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 
 from rockjax._checks import as_strings, concrete, require_instance, require_number
 from rockjax._excitations.ground import GroundMotion
-from rockjax._machine.threads import map_in_threads
 from rockjax._motions.convert import AnyMotions, as_motions, single_motions
 from rockjax._motions.record import Record
 from rockjax._structures import Podium
@@ -73,7 +72,7 @@ def simplified_methods(
     if vertical is None:
         vertical = _vertical_peak(motions)
     case = Case(podium, Block.of(podium), horizontal, friction, vertical, factor)
-    return tuple(map_in_threads(lambda name: METHODS[name].evaluate(case), names))
+    return tuple(METHODS[name].evaluate(case) for name in names)
 
 
 def _require_single(podium: Podium) -> None:

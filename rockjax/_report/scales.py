@@ -12,7 +12,6 @@ from rockjax._batch.batch import LANES
 from rockjax._boundaries.boundary import BOUNDARY, overturning_scale
 from rockjax._boundaries.crossings import margins
 from rockjax._boundaries.first import BRACKET_TOLERANCE
-from rockjax._machine.threads import map_in_threads
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._responses.simulate import peak_response
@@ -93,10 +92,10 @@ def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
 def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     import xarray
 
-    scenes.describe(f"overturning factors of {motions.name}")
-    problem, podium = scenes.problem, scenes.problem.podium
-    found = map_in_threads(lambda y: float(_overturning_scale(problem, podium, y)), motions.excitations)
-    factors = np.array(found)
+    factors = np.full(len(motions), np.nan)
+    for k, (name, excitation) in enumerate(zip(motions.names, motions.excitations, strict=True)):
+        scenes.describe(f"overturning factor of {name}")
+        factors[k] = _overturning_scale(scenes.problem, scenes.problem.podium, excitation)
     # Boundaries are bisected to rounding, so the error of a factor is that of its scenes.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
     survives, overturns = _window_ends(scenes.problem, motions, factors)
