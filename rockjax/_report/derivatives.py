@@ -24,7 +24,7 @@ from rockjax._types import Value
 from .entry import Entry
 from .problem import Problem
 from .scenes import Scenes
-from .store import fingerprint
+from .store import dataset_of, fingerprint
 
 if TYPE_CHECKING:
     import xarray
@@ -92,8 +92,6 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
 
     - `name`: the set; `motion`: index of the motion
     """
-    import xarray
-
     problem, motions = scenes.problem, scenes.motion_set(name)
     excitation = motions.excitations[motion]
     options = problem.options.replace(outputs=tuple(scenes.needed[name].outputs), throw=False)
@@ -105,15 +103,12 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
         answers, slopes, indices = solve_with_slopes(problem.podium, excitation, initial, None, options)
         directions = _directions(problem, excitation, options.of_joints)
         directions = np.array([directions[i] for i in indices])
-        data = {}
+        arrays = {}
         for key in variables_of(options.outputs):
             if key in slopes:
-                y = np.asarray(answers[key])
-                dims = tuple(f"{key}_axis{k}" for k in range(y.ndim))
-                data[key] = dims, y
-                slope = np.tensordot(np.asarray(slopes[key]), directions, axes=(0, 0))
-                data[f"{key}_slope"] = (*dims, "parameter"), slope
-        return xarray.Dataset(data)
+                arrays[key] = answers[key]
+                arrays[f"{key}_slope"] = np.tensordot(np.asarray(slopes[key]), directions, axes=(0, 0))
+        return dataset_of(arrays)
 
     data = scenes.store.get(f"derivatives.{name}.{motion}", inputs_hash, solve)
 

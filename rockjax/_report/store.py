@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -124,6 +124,15 @@ class Store:
         attrs = {"title": "Scenes of a report", "kind": "report", "Conventions": CONVENTIONS}
         tree = xarray.DataTree.from_dict({"/": xarray.Dataset(attrs=attrs), **self.data})
         write_atomically(path, lambda name: tree.to_netcdf(name, engine="netcdf4"))
+
+
+def dataset_of(arrays: Mapping[str, Any]) -> xarray.Dataset:
+    """Return arrays as variables of a dataset. The axes of each array become dims of its own."""
+    import xarray
+
+    values = {name: np.asarray(y) for name, y in arrays.items()}
+    dims = {name: tuple(f"{name}_axis{k}" for k in range(y.ndim)) for name, y in values.items()}
+    return xarray.Dataset({name: (dims[name], y) for name, y in values.items()})
 
 
 def _partial(path: Path) -> Path:

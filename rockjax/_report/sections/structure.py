@@ -10,7 +10,7 @@ import numpy as np
 from rockjax._parameters.registry import STRUCTURE
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
 from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
-from rockjax._report.store import fingerprint
+from rockjax._report.store import dataset_of, fingerprint
 from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Word
 from rockjax._report.units import Units, kind_of_unit
 from rockjax._structures import Podium
@@ -216,13 +216,8 @@ def _numbers(evaluation: Evaluation) -> xarray.Dataset:
             values["core_distance"] = podium.core_distance
         return values
 
-    def compute() -> xarray.Dataset:
-        import xarray
-
-        values = jax.jit(numbers)(podium)  # outside jit every operation compiles separately
-        dims = lambda name, y: tuple(f"{name}_axis{k}" for k in range(np.ndim(y)))
-        return xarray.Dataset({name: (dims(name, y), np.asarray(y)) for name, y in values.items()})
-
+    # Outside jit every operation compiles separately.
+    compute = lambda: dataset_of(jax.jit(numbers)(podium))
     return evaluation.scenes.store.get("structure", fingerprint(podium), compute)
 
 
