@@ -12,11 +12,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import DEFAULT_WIDTH, Module, concrete, fit_capacities
+from rockjax.internal import DEFAULT_WIDTH, Module, fit_capacities, require
 
 from ._suite import Suite, Values
 
@@ -81,17 +82,15 @@ def severity(peaks: rj.Peak, options: rj.Options) -> Values:
 
 
 def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
-    """Raise `ValueError` unless all values are concrete, finite, > 0 and < `below`.
+    """Raise `ValueError` unless all values are known numbers, finite, > 0 and < `below`.
 
     - `owner`, `name`: class and argument, for the error
     - `value`: number or array; `below`: exclusive upper limit
     """
-    values = concrete(value)
-    if values is None:
+    if isinstance(value, Tracer):
         raise ValueError(f"{owner}: {name} must be a number, not a traced value; make the target outside jit")
-    if not np.all(np.isfinite(values) & (values > 0) & (values < below)):
-        accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
-        raise ValueError(f"{owner}: {name} must be finite and {accepted}, got {name} = {value!r}")
+    accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
+    require(owner, name, value, lambda v: (v > 0) & (v < below), f"finite and {accepted}")
 
 
 class NoOverturning(AbstractResponseTarget):

@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._batch.batch import peak_responses
-from rockjax._checks import array_module, as_array, as_float, concrete, product, require
+from rockjax._checks import array_module, as_array, as_float, product, require
 from rockjax._engine.solve import solve
 from rockjax._motions.records import Records
 from rockjax._options import Options
@@ -86,7 +87,7 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
         kind = LIMITS[name]
         if podium is not None and not STRUCTURES[kind.structure](podium):
             raise ValueError(f"{owner}: limit {name!r} needs {kind.structure}; this podium has none")
-        if concrete(value) is None:
+        if isinstance(value, Tracer):
             raise ValueError(f"{owner}: limit {name!r} must be a number, not a traced value")
         require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
         if name == "rotation" and float(value) >= 1:
