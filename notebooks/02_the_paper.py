@@ -158,8 +158,9 @@ ax.grid(alpha=0.3)
 legend = ax.legend()
 
 # %% [markdown]
-# As $T_s\to0$, the compatible restitution tends to that of the rigid building. The restitution of the paper
-# does not: it dissipates much less energy. Therefore "$T_s=0$" means `Rigid` in rockjax, not a small period.
+# As $T_s\to0$, the effective factor of the compatible law tends to the factor of the rigid building. With the
+# law of the paper it does not: much less energy is dissipated. Therefore "$T_s=0$" means `Rigid` in rockjax,
+# not a small period.
 #
 # ## Third contradiction: the numbers quoted in Section 4
 #

@@ -80,7 +80,7 @@ for name in ("PGA", "PGV", "CAV", "D5_95", "acceleration_ratio", "velocity_ratio
 # %% [markdown]
 # ## Incremental dynamic analysis
 #
-# Every record is scaled to increasing intensities. `rj.Records` stores the samples once for all scenes, also
+# Every record is scaled to increasing intensities. `rj.Records` stores the samples once for all scenes, even
 # if lengths and intervals differ. The intensity is PGA here; `rj.Measure` defines others. The analysis
 # computes the responses at the levels and the exact least overturning intensity of each record.
 

@@ -121,7 +121,7 @@ axes[0].legend()
 
 # %% [markdown]
 # The cabinets on the fifth and sixth story overturn in the building with a fixed base and stand on the
-# podium. The bookshelves overturn on every story except the first one on the podium. The impacts add short
+# podium. All bookshelves overturn, except the one on the first story above the podium. The impacts add short
 # periods to the motions of the stories, but the podium removes the long periods, which overturn large blocks.
 # The friction demands on the podium are between 0.21 and 0.54.
 #
