@@ -76,8 +76,8 @@ class Options(Module):
     )
     history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
-    # Factor on the longest step. It is below 1 in the second solution, which estimates errors and in which
-    # `_engine/scene.py` also changes the landing on events and the rest velocity.
+    # Factor on the longest step. It is below 1 in the second solution, which estimates errors. In that
+    # solution, `_engine/scene.py` also changes the landing on events and the rest velocity.
     _stride: float = 1.0
 
     def __check_init__(self):
@@ -130,9 +130,11 @@ class Options(Module):
             )
 
     def _repr_html_(self):
-        from ._problem.models import Options as Keys
+        from ._problem.models import Options as OptionsModel
 
-        return card(self, {name: field.description or "" for name, field in Keys.model_fields.items()})
+        return card(
+            self, {name: field.description or "" for name, field in OptionsModel.model_fields.items()}
+        )
 
     @property
     def requested(self) -> tuple[AbstractOutput, ...]:

@@ -19,11 +19,11 @@ from rockjax._units import STANDARD_GRAVITY
 
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # a larger PGA suggests samples in gal that were read as m/s²
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY  # a smaller PGA also suggests a wrong unit
-# If the user, not the file, gives the unit m/s², a smaller PGA suggests samples in g.
+# If the unit m/s² comes from the user, a smaller PGA suggests samples in g.
 LOWEST_USER_PGA = 0.05 * STANDARD_GRAVITY
 SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # range of sampling intervals without a warning [s]
 RAW = "raw"  # metadata["processing"] starts with this word for uncorrected data
-DRIFT = 0.2  # a final velocity above this fraction of PGV suggests a record cut short or uncorrected
+MAX_FINAL_VELOCITY = 0.2  # share of PGV; a larger final velocity suggests a cut or uncorrected record
 
 
 class RecordWarning(PlausibilityWarning):
@@ -61,7 +61,7 @@ class Accelerogram:
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last sample [s]."""
+        """Time between the first and the last sample [s]."""
         return (len(self) - 1) * self.dt
 
     @property
@@ -157,7 +157,7 @@ def warn_if_implausible(
         )
         return
     final_velocity = abs(float(motion.velocity[-1]))
-    if final_velocity > DRIFT * motion.pgv:
+    if final_velocity > MAX_FINAL_VELOCITY * motion.pgv:
         warn_about_units(
             f"{where}: the motion ends with a velocity of "
             f"{final_velocity:.3g} m/s, {final_velocity / motion.pgv:.0%} of PGV, so its baseline drifts or "

@@ -9,7 +9,7 @@ _UP_NAME = re.compile(
     r"|accz|az|compz|düşey)\d*"
 )
 _DOWN_NAME = re.compile(r"(?:dn|dwn|down|downwards?|vertdown)\d*")
-# Channel codes of band, instrument and orientation (HNZ, BHZ), optionally with a location before or after.
+# Channel codes: band, instrument and orientation (HNZ, BHZ), optionally with a location before or after.
 _CHANNEL_CODE = re.compile(r"(?:\d{2})?[a-z]{2}z\d{0,2}|\d{2}z")
 # Suffixes of vertical components, longer ones first. Other names rarely end like this.
 _VERTICAL_SUFFIX = re.compile(
@@ -23,8 +23,8 @@ def _normalise(name: str) -> str:
 
 
 def is_vertical(name: str) -> bool:
-    """Return whether a component's name, its first word, or its part after the last point means the vertical,
-    such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`."""
+    """Return whether a name, such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`, means a vertical component.
+    The whole name counts, and so do its first word and the part after its last point."""
     return any(
         _matches_vertical(_normalise(word)) for word in (name, (name.split() or [""])[0], name.split(".")[-1])
     )
@@ -35,8 +35,7 @@ def _matches_vertical(normalised: str) -> bool:
 
 
 def points_down(name: str) -> bool:
-    """Return whether a vertical component's name or its first word, such as `DWN`, means that downwards is
-    positive."""
+    """Return whether the name of a vertical component, such as `DWN`, means that downwards is positive."""
     return any(_DOWN_NAME.fullmatch(_normalise(word)) for word in (name, (name.split() or [""])[0]))
 
 

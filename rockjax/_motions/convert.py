@@ -56,8 +56,8 @@ def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcita
 
 
 def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
-    """Return one or several motions as one excitation: a `Motion` as a record, several records as a table,
-    several motions of another class as one motion with arrays; an excitation unchanged."""
+    """Return one or several motions as one excitation. Several records become a table, several motions of
+    another class one motion with arrays of parameters. An excitation is returned unchanged."""
     if isinstance(value, Motion):
         return value.record()
     return (
@@ -68,8 +68,8 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
 
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
-    """Return all records, or all pairs of records, as one table, and the names of the records (None if a
-    record has no name, as in a table)."""
+    """Return records, or pairs of records, as one table, with the names of the records. The names are None
+    if a record has no name, as in a table."""
     if isinstance(value, RecordPairs):
         return value, None
     if isinstance(value, Records):
@@ -197,8 +197,8 @@ def _records_of_table(owner: str, records: Records, name: str) -> list[Record]:
 
 
 def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:
-    """Return single motions as one batch: records as one table, pairs of components as one pair of
-    batches, motions of another class as one motion with arrays of parameters."""
+    """Return single motions as one batch. Records become a table, pairs of components a pair of batches, and
+    motions of another class one motion with arrays of parameters."""
     if all(isinstance(member, Record) for member in members):
         return Records.of(members)
     if all(isinstance(member, GroundMotion) for member in members):
@@ -214,8 +214,8 @@ def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractEx
 
 
 def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], AbstractExcitation]:
-    """Check an argument that makes pulses. Return a class of pulses unchanged; wrap a function (a_p, T_p) ↦
-    excitation so that its results are checked."""
+    """Check an argument that makes pulses. A class of pulses is returned unchanged. A function (a_p, T_p) ↦
+    excitation is wrapped, so that its results are checked."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return value
     if isinstance(value, AbstractPulse):
@@ -256,7 +256,7 @@ class _CheckedPulse:
             pass
         motion = self.function(a_p, T_p)
         require_instance(
-            self.owner, f"what {self.name}(a_p, T_p) returns", motion, AbstractExcitation, "a rockjax motion"
+            self.owner, f"the result of {self.name}(a_p, T_p)", motion, AbstractExcitation, "a rockjax motion"
         )
         return motion
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from rockjax._units import UNITS, unit_of
 
-# Kinds of quantities, and patterns of their headings. The first pattern that matches determines the kind.
+# Kinds of quantities with patterns of their headings. The first pattern that matches determines the kind.
 _QUANTITIES = [
     ("probability", r"\b(?:poe|pe|prob\w*|pexc\w*)(?:\b|\d)|\bp\([a-z>]"),
     ("return period", r"\breturn period|\brp\b|\bt r\b"),
@@ -23,8 +23,7 @@ _QUANTITIES = [
     ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
     ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
 ]  # fmt: skip
-# Kind of quantity ↦ dimensions that its unit may have. Units of all other kinds have the dimension of the
-# same name.
+# Kind of quantity ↦ dimensions that its unit may have. Any other kind has the dimension of the same name.
 _DIMENSIONS = {
     "probability": {"ratio"},
     "rate": {"rate", "ratio"},

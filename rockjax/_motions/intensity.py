@@ -1,8 +1,8 @@
 """Intensity measures of ground motions.
 
-They are exact for motions that are linear between samples. Only the significant duration is approximate: it
-interpolates the cumulative Arias intensity linearly. Sa is the maximum over all times, not only over the
-samples as in eqsig and pyRotd.
+They are exact for motions that are linear between samples, except for the significant duration, which
+interpolates the cumulative Arias intensity linearly. Sa is the maximum over all times; eqsig and pyRotd take
+it over the samples only.
 """
 
 from __future__ import annotations
@@ -91,8 +91,8 @@ def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: f
 def measure_motion(
     motion: Accelerogram, measure: str, period: float | None, damping: float
 ) -> tuple[float, int]:
-    """Return the value of an intensity measure, and the power n of the scale factor to which the value is
-    proportional.
+    """Return the value of an intensity measure, and the exponent n such that a factor f on the motion
+    multiplies the value by fⁿ.
 
     - `motion`: ground motion
     - `measure`: `"PGA"`, `"PGV"`, `"PGD"`, `"CAV"`, `"arias_intensity"` or `"Sa"`
@@ -122,17 +122,17 @@ def measure_motion(
     return compute(), power
 
 
-LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
+SA_LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
 
 
 def measure_by_label(motion: Accelerogram, label: str) -> float:
-    """Return the intensity measure that a label of hazard and fragility curves names, in SI units.
+    """Return the value of an intensity measure in SI units, by its label in hazard and fragility curves.
 
     - `label`: `"PGA"`, `"PGV"`, or a label such as `"Sa(0.5 s)"`; Sa has 5 % damping
 
     Raises `ValueError` for other labels.
     """
-    match = LABEL.fullmatch(label)
+    match = SA_LABEL.fullmatch(label)
     if match:
         return measure_motion(motion, "Sa", float(match["period"]), 0.05)[0]
     if label not in ("PGA", "PGV"):

@@ -131,8 +131,8 @@ class Motion(Accelerogram):
         - `order`: degree of the polynomial in the velocity, 1 to 8. From the acceleration, order 1 removes
           a constant, 2 a straight line, 3 a parabola
 
-        The polynomial is zero at the start and equals the velocity at the end, so that the corrected
-        motion starts and ends at rest. In between, it is fitted to the velocity by least squares.
+        The polynomial is zero at the start and equals the velocity at the end, so the corrected motion
+        starts and ends at rest. In between, it is fitted to the velocity by least squares.
 
         Raises `ValueError` for an order that is not a whole number from 1 to 8.
         """
@@ -187,7 +187,7 @@ class Motion(Accelerogram):
         return dataclasses.replace(trimmed, vertical=vertical._with_samples(vertical.acceleration[window]))
 
     def save(self, path: str | Path) -> Path:
-        """Write the motion to a file, atomically, in the format of its suffix: `.AT2` or `.csv`.
+        """Write the motion to a file, atomically. The suffix, `.AT2` or `.csv`, determines the format.
 
         `.AT2` (PEER) contains the acceleration in g with 8 digits, and 0 for samples below 1e-99 g. `.csv`
         contains the time [s] and the exact acceleration [m/s²]. [`rockjax.read_motion`][] reads both

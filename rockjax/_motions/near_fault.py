@@ -28,7 +28,7 @@ QUANTITIES = ("velocity", "displacement")
 PERIODS = (0.3, 12.0)  # default range of initial periods [s]; the record's duration is another upper limit
 OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # initial values of γ
 FREQUENCIES = 40  # number of initial frequencies
-STARTS = 4  # number of pulses from which the least squares start
+STARTS = 4  # number of pulses from which least-squares fits start
 
 
 class PulseTable(NamedTuple):
@@ -86,9 +86,9 @@ class PulseFit:
     """A pulse fitted to a record.
 
     - `pulse`: the pulse, centred on t = 0
-    - `time`: time in the record of the pulse's centre [s]
-    - `share`: fraction of ∫v² dt of the record that the pulse explains, or of ∫d² dt if the displacement
-      is fitted [–]
+    - `time`: time of the pulse's centre in the record [s]
+    - `share`: share of the record's ∫v² dt, with the velocity v, that the pulse explains; of ∫d² dt if the
+      displacement d is fitted [–]
     - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`
     """
 
@@ -135,7 +135,7 @@ def fit_pulse(
     - `shortest`, `longest`: range of the initial periods 1/f_p [s]
 
     For 40 initial periods and 5 numbers of oscillations, correlation finds the best time of the pulse in the
-    record. Least squares (Levenberg–Marquardt) start from the four best pulses of different periods.
+    record. Least-squares fits (Levenberg–Marquardt) start from the four best pulses of different periods.
     [`rockjax.refit_pulse`][] gives derivatives of the pulse with respect to the samples. Raises
     `ValueError` for traced samples, for none or several motions, for a motion that is zero throughout, and
     for invalid periods.
@@ -154,8 +154,10 @@ def fit_pulse(
     if not np.any(record.velocity):
         raise ValueError(f"{owner}: {record.name} is zero throughout")
     longest = max(min(longest, record.duration), 1.0001 * shortest)
-    starts = _starts(record.velocity, record.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES))
-    # The number of starts is the same for every record, so that one program serves all records.
+    starts = _starting_pulses(
+        record.velocity, record.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES)
+    )
+    # Starts are repeated up to a fixed number, so that one compiled program serves all records.
     starts += starts[:1] * (STARTS - len(starts))
     stacked_starts = jax.tree.map(lambda *ys: np.stack(ys), *starts)
     leaves = _refit_stacked(record.acceleration, record.dt, stacked_starts, quantity=quantity)
@@ -173,9 +175,9 @@ def _refit_leaves(acceleration, dt, starts: PulseFit, *, quantity: str) -> list[
 _refit_stacked = StoredProgram(_refit_leaves)
 
 
-def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
-    """Return the starting points of the least squares: at most four pulses, whose frequencies are local
-    maxima of the explained share.
+def _starting_pulses(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
+    """Return the starting points of the fits: at most four pulses, at whose frequencies the explained share
+    has local maxima.
 
     - `velocity`: velocity of the record, shape (n,) [m/s]
     - `dt`: sampling interval [s]
@@ -194,15 +196,15 @@ def _starts(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[Pu
 
 
 def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
-    """Return the best pulse with the frequency f_p and γ oscillations: the part of Σv² that the pulse
-    explains, the time of its centre, A, γ and ν."""
+    """Return the best pulse with the frequency f_p and γ oscillations, as (explained part of Σv², time of the
+    centre, A, γ, ν)."""
     from scipy.signal import fftconvolve
 
     half_count = math.floor(0.5 * gamma / f_p / dt)  # number of samples in half of the pulse
     phase = 2 * math.pi * f_p * dt * np.arange(-half_count, half_count + 1)
     window = 0.5 * (1 + np.cos(phase / gamma))
     shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
-    # Normal equations for every time of the centre, diagonal since one shape is even and the other odd.
+    # The normal equations for a time of the centre are diagonal, as one shape is even and the other odd.
     correlations = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
     norms = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
     explained = np.sum(correlations**2 / norms, axis=0)

@@ -62,8 +62,8 @@ def _station_key(motion: Accelerogram) -> tuple[str, ...]:
 
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
-    """Return the vertical motions whose stem (name without component) is the longest with which the name of
-    the motion starts. The list is empty if the motion's header states a station."""
+    """Return the vertical motions that match a motion by name: its name starts with their stem (name without
+    component). Only the longest such stems count. Empty if the motion's header states a station."""
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]

@@ -67,8 +67,8 @@ def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndar
 
 
 def _normal(seed: int, k: int, count: int) -> np.ndarray:
-    """Return `count` standard normal numbers for motion k: the method of Box & Muller applied to bits of
-    PCG64. Unlike the distributions of a `Generator`, these bits are the same in every version of NumPy."""
+    """Return `count` standard normal numbers for motion k, by the method of Box & Muller from bits of PCG64.
+    Unlike the distributions of a `Generator`, these bits are the same in every version of NumPy."""
     bits = np.random.PCG64(np.random.SeedSequence([seed, k])).random_raw(2 * count)
     u, v = ((bits >> np.uint64(11)).astype(float) + 0.5).reshape(2, count) * 2.0**-53
     return np.sqrt(-2 * np.log(u)) * np.cos(2 * math.pi * v)
@@ -83,15 +83,17 @@ def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
 
 
 def _end_at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, at_origin: bool) -> np.ndarray:
-    """Return the acceleration minus `weight` times a constant, so that the velocity ends at zero. With
+    """Subtract `weight` times a constant from the acceleration, so that the velocity ends at zero. With
     `at_origin`, subtract `weight` times a straight line, so that the displacement also ends at zero."""
 
-    def ends(a):
+    def final_values(a):
         motion = Motion(a, dt)
         return np.array([motion.velocity[-1], motion.displacement[-1]][: 1 + at_origin])
 
     shapes = [weight * np.linspace(0, 1, len(weight)) ** k for k in range(1 + at_origin)]
-    c = np.linalg.solve(np.stack([ends(shape) for shape in shapes], axis=1), ends(acceleration))
+    c = np.linalg.solve(
+        np.stack([final_values(shape) for shape in shapes], axis=1), final_values(acceleration)
+    )
     return acceleration - sum(factor * shape for factor, shape in zip(c, shapes, strict=True))
 
 
@@ -119,10 +121,10 @@ def synthetic_motions(
     - `dt`: sampling interval [s]
     - `duration`: duration [s], at least 50 dt
     - `pga`: peak of the noise, without the pulse, > 0 [m/s²]
-    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][], or one for each motion. The pulse is centred on the
-      peak of the envelope, or as near to it as the duration permits.
-      Mavroeidis & Papageorgiou (2003) find A about 1 m/s close to the fault and
-      log10(1/f_p) = 0.5 M_w − 2.9 for the moment magnitude M_w
+    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][] for all motions, or a list with one for each. It is
+      centred on the peak of the envelope, or as near to it as the duration permits. Mavroeidis &
+      Papageorgiou (2003) find A about 1 m/s close to the fault and log10(1/f_p) = 0.5 M_w − 2.9 for the
+      moment magnitude M_w
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil (Kanai 1957, Tajimi 1960);
       15 and 0.6 for firm soil
     - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter (Clough &
@@ -130,8 +132,8 @@ def synthetic_motions(
     - `envelope_peak`: time at which the envelope (Saragoni & Hart 1974) is 1, divided by the duration [–]
     - `envelope_end`: value of the envelope at the end [–]
 
-    Velocity and displacement of the noise are zero at the start and at the end: the envelope times a
-    straight line is subtracted. The pulse ends with zero velocity, but its phase may leave a
+    Velocity and displacement of the noise are zero at the start and at the end, because the envelope times
+    a straight line is subtracted. The pulse ends with zero velocity, but its phase may leave a
     displacement. Names are synthetic-0001 …; the metadata state that the motions are synthetic, and
     contain all parameters.
 

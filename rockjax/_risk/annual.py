@@ -29,8 +29,8 @@ class AnnualFrequency:
     """Mean annual frequency of reaching a limit state.
 
     - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)| [1/year]
-    - `extrapolated`: share of `frequency` from intensities outside the points of the hazard curve and, for an
-      incremental dynamic analysis, from those above its highest level [–]
+    - `extrapolated`: share of `frequency` from intensities outside the range of the hazard curve's points
+      and, for an incremental dynamic analysis, from intensities above its highest level [–]
     - `sensitivities`: d ln λ_f/d ln y for y = `median` and for every structural parameter y whose
       sensitivities the fragility contains; d ln λ_f/dβ for y = `dispersion`. Empty for an incremental
       dynamic analysis
@@ -128,7 +128,7 @@ def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None
 
 
 def read_limits(curve: xarray.Dataset) -> integral.Limits:
-    """Return the limits of a fragility curve, applied in the order of OpenQuake's engine.
+    """Return the limits of a fragility curve, as OpenQuake's engine applies them.
 
     Intensities are first clipped to the range from `min_intensity` to `max_intensity`; then P = 0 up to
     `no_damage_limit`, which has no effect if `min_intensity` is larger.
@@ -148,8 +148,8 @@ def _limited_probability(
 ) -> np.ndarray:
     """Return P at intensities x (n,), with limits applied.
 
-    If a limit keeps P > 0 at low intensities, P is 0 below both the limit and `first`, the first point of
-    the hazard curve.
+    A limit may hold P constant at low intensities. Then P is 0 at intensities below both this limit and
+    `first`, the first point of the hazard curve.
     """
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
     probability = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
@@ -224,8 +224,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     The contribution is the density F(x) |dλ/d ln x| divided by the frequency. Its integral over ln x is 1.
 
     - `curve`, `hazard`: as for [`rockjax.annual_frequency`][], but the curve must be lognormal
-    - `at`: intensities (n,), > 0; by default 400 values, from 1/1000 of the median or of the first point of
-      the hazard, whichever is smaller, to 10 times the median or the last point, whichever is larger
+    - `at`: intensities (n,), > 0; by default 400 values, from 1/1000 of the median or of the hazard's first
+      point, whichever is smaller, to 10 times the median or the last point, whichever is larger
 
     Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve
     jumps, `hazard` [1/year] and `fragility` [–]. `given` holds the rates at the points of the hazard curve,

@@ -22,14 +22,15 @@ if TYPE_CHECKING:
 
 NRML = "http://openquake.org/xmlns/nrml/0.5"
 MIN_IML = "1e-10"  # minIML written for a curve without a lower limit, as in OpenQuake
-# For a curve without an upper limit, the ln of maxIML is this many β above ln m; there 1 − P = 1e-12.
+# A curve with median m and dispersion β, but without an upper limit, gets maxIML = m e^(7β), where
+# 1 − P = 1e-12.
 MAX_DEVIATIONS = 7.0
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
     """Return the arguments of `Hazard` from a file; `site` is the row of an OpenQuake file, or None."""
     lines = read_text(path).splitlines()
-    rows = [_Row.of(number, line, _delimiter(lines)) for number, line in enumerate(lines, 1)]
+    rows = [_Row.parse(number, line, _delimiter(lines)) for number, line in enumerate(lines, 1)]
     rows = [row for row in rows if any(row.cells)]
     comments = [row for row in rows if row.is_comment]
     rows = [row for row in rows if not row.is_comment]
@@ -53,7 +54,7 @@ class _Row(NamedTuple):
     cells: list[str]
 
     @classmethod
-    def of(cls, number: int, line: str, delimiter: str) -> _Row:
+    def parse(cls, number: int, line: str, delimiter: str) -> _Row:
         cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
         if delimiter != ",":  # then a comma in a number is a decimal comma
             cells = [
@@ -148,7 +149,7 @@ def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
 
 
 def _si_unit(path: str | Path, heading: Heading) -> tuple[float, str]:
-    """Return the factor to SI units of a heading's unit, and the name of the SI unit."""
+    """Return the factor from a heading's unit to the SI unit, and the name of the SI unit."""
     factor_and_unit = in_si(heading.unit or "")
     if factor_and_unit is None:
         raise ValueError(
@@ -279,10 +280,11 @@ def write_fragility_model(
     - `fragilities`: one or more datasets of [`rockjax.fragility`][] or [`rockjax.read_fragility_model`][]
     - `names`: names of the structures, by default `structure-1` …
 
-    NRML contains the mean and the standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV):
-    `mean` = m e^(β²/2), `stddev` = mean √(e^(β²) − 1). Limits that a curve has from a file are written
-    unchanged. OpenQuake requires minIML and maxIML. A curve without these limits gets 1e-10 and m e^(7β),
-    where 1 − P is 1e-12. Returns the path. Raises `ValueError` for measures that OpenQuake does not support.
+    NRML contains the mean and the standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV).
+    For the median m and the dispersion β, `mean` = m e^(β²/2) and `stddev` = mean √(e^(β²) − 1). Limits that
+    a curve has from a file are written unchanged. OpenQuake requires minIML and maxIML. A curve without these
+    limits gets 1e-10 and m e^(7β), where 1 − P is 1e-12. Returns the path. Raises `ValueError` for measures
+    that OpenQuake does not support.
     """
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
     names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
@@ -387,7 +389,7 @@ def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
 
 
 def _limits_to_write(curve: xarray.Dataset, factor: float) -> dict[str, str]:
-    """Return the limits of a curve as attributes of NRML; `factor`: from OpenQuake's unit to SI."""
+    """Return the limits of a curve as attributes of NRML; `factor` converts OpenQuake's unit to SI."""
     highest = float(curve["median_capacity"]) / factor * math.exp(MAX_DEVIATIONS * float(curve["dispersion"]))
     stated = {key: f"{float(curve[name]) / factor:.15g}" for key, name in LIMITS.items() if name in curve}
     return {"minIML": MIN_IML, "maxIML": f"{highest:.15g}"} | stated

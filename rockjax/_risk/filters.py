@@ -81,11 +81,11 @@ def _denominator(omega: Array, zeta: Array) -> Array:
 def in_series(
     dynamics: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
-    """Return A and C of the system ṡ = A s with output C s, extended by filters of the output.
+    """Return A and C of the system ṡ = A s with output C s, after its output has passed filters.
 
     - `dynamics`: A (m, m); `output`: C (m,); `filters`: filters in the order in which the output passes them
 
-    Each filter adds two states, x and ẋ of ẍ + a₁ẋ + a₀x = input.
+    Each filter adds two states to s, x and ẋ of ẍ + a₁ẋ + a₀x = input.
     """
     size = len(output)
     added = 2 * len(filters)

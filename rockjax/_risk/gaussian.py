@@ -1,13 +1,14 @@
 """Gaussian ground motions: modulated white noise, filtered after Kanai–Tajimi and Clough–Penzien.
 
 With u ∈ ℝⁿ standard normal and the envelope e(t), the noise w_j = u_j e(t_j) √(2π S₀/dt) is constant over
-each interval. It passes, from rest, through
+each interval. It passes, from rest, through a soil layer and a high-pass filter:
 
     ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),
     ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).
 
-Further filters may follow. Therefore ü_g = A u, where A is lower triangular with a zero diagonal. The
-product A u is a recurrence; the recurrence and its transpose, which reverse mode uses, need O(n) operations.
+Further filters may follow. All filters are linear, and ü_g(t_j) depends only on earlier noise. Therefore
+ü_g = A u, where A is lower triangular with a zero diagonal. The product A u is computed by a recurrence, which
+needs O(n) operations, like its transpose in reverse mode.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Envelope(Module):
 
     - `t_1`: end of the rise, > 0 [s]; `t_2`: start of the decay, ≥ t₁ [s]; `c`: rate of the decay, ≥ 0 [1/s]
 
-    A `GaussianMotion` accepts any other function t ↦ e(t) of arrays as well.
+    A `GaussianMotion` also accepts any other function t ↦ e(t) of arrays.
     """
 
     t_1: Number = eqx.field(converter=as_float, default=2.0)
@@ -122,7 +123,7 @@ class GaussianMotion(Module):
     - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter, > 0
     - `envelope`: function t ↦ e(t), by default a [`rockjax.Envelope`][]
     - `pulse`: a [`rockjax.RandomPulse`][] that is added to the noise, or None
-    - `filters`: one or more filters ([`rockjax.Filter`][]), which the noise passes after soil and high-pass
+    - `filters`: one or more filters ([`rockjax.Filter`][]) that follow the soil and the high-pass filter
 
     Motions are differentiable with respect to u and every parameter. [`rockjax.synthetic_motions`][] is a
     different model: it filters stationary noise first, and then applies Saragoni & Hart's envelope, a
@@ -175,7 +176,7 @@ class GaussianMotion(Module):
             raise ValueError(f"GaussianMotion: u must have shape (…, {self.dimension}), got {u.shape}")
         return _acceleration(self, u)
 
-    def _motion_of_one(self, u: Float[Array, " d"]) -> Float[Array, " n"]:
+    def _single_acceleration(self, u: Float[Array, " d"]) -> Float[Array, " n"]:
         """Return ü_g (n,) for one u (d,)."""
         transition, gain, output = self._discrete_filters()
 
@@ -288,7 +289,7 @@ class GaussianMotion(Module):
 
 def _filtered(motion: GaussianMotion, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
     """Return ü_g for a batch of u."""
-    return jnp.vectorize(motion._motion_of_one, signature="(d)->(n)")(u)
+    return jnp.vectorize(motion._single_acceleration, signature="(d)->(n)")(u)
 
 
 _acceleration = StoredProgram(_filtered)

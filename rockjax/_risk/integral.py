@@ -1,7 +1,7 @@
 """The integral ∫ F(x) |dλ(x)| of a fragility F along a hazard curve λ, in closed form on every segment.
 
 ln λ is linear in ln x between the points of a hazard curve, and the first and last segment are extrapolated.
-On a segment λ = k₀ x^(−k), and for a lognormal F = Φ(z), z = (ln x − ln m)/β,
+On a segment λ = k₀ x^(−k). For a lognormal F = Φ(z), z = (ln x − ln m)/β, with median m and dispersion β,
 
     ∫ F |dλ| = [−F λ] + k₀ m^(−k) e^(k²β²/2) [Φ(z + kβ)].
 
@@ -61,13 +61,13 @@ def log_rate_at(
 
 
 def _log_difference(low: Array, high: Array) -> Array:
-    """Return ln[Φ(high) − Φ(low)] for low < high, which may be infinite. To avoid cancellation, the tail of
-    the distribution is used in which both values of Φ are small."""
+    """Return ln[Φ(high) − Φ(low)] for low < high, which may be infinite. To avoid cancellation, both values
+    are taken from the tail of the distribution in which they are small."""
     is_upper_tail = low + high > 0
     a, b = jnp.where(is_upper_tail, -high, low), jnp.where(is_upper_tail, -low, high)
     larger, smaller = norm.logcdf(b), norm.logcdf(a)
     difference = smaller - larger
-    # A difference below rounding counts as 1e-300, so that its logarithm is finite.
+    # A difference that rounds to zero counts as 1e-300, so that its logarithm is finite.
     return larger + jnp.log(-jnp.expm1(jnp.where(difference < 0, difference, -1e-300)))
 
 

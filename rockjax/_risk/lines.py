@@ -19,7 +19,7 @@ from .limit_state import AbstractLimitState
 class Division(NamedTuple):
     """Settings for the division of intervals with a crossing.
 
-    An interval is divided into `parts` equal parts, and additionally on both sides of the root of its secant.
+    An interval is divided into `parts` equal parts, and also at two positions around the root of its secant.
 
     - `rounds`: largest number of successive divisions; `parts`: number of equal parts of a division
     - `root_offset`: distance of the additional positions from the root, relative to the interval [–]

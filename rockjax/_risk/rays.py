@@ -1,10 +1,10 @@
 """Probabilities of failure of several structures from one sample, by rays through failing samples.
 
-A ray is a half-line from u = 0 in a direction e. It fails between its crossings r with the surface of
-failure, so the probability of failure along it is q(e) = Σ ±Q(r), where Q is the upper tail of the chi
-distribution (the distribution of |u|). The mean over all directions is P = E q(e). The directions of
-failing samples of a first structure (index 0) have the density q₀/P₀ relative to all directions, so for
-another structure, with u multiplied by k,
+A ray is a half-line from u = 0 in a direction e. Its probability of failure is q(e) = Σ ±Q(r), summed over
+its crossings r with the surface of failure: + where the ray enters failure, − where it leaves. Q is the upper
+tail of the chi distribution (the distribution of |u|). The mean over all directions is P = E q(e). The
+directions of failing samples of a first structure (index 0) have the density q₀/P₀ relative to all
+directions, so for another structure, with u multiplied by k,
 
     P(k) = P₀ E[q(e; k)/q₀(e)]
 
@@ -36,10 +36,12 @@ TRIALS = 12  # largest number of trial factors on u
 TRIAL_SAMPLES = 200  # number of samples of a level in the runs of a trial
 TRIAL_SHARE = 0.1  # share of these samples that passes to the next level
 UNREFINED = Division(rounds=0)
-REFINED = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)  # accurate enough for a Newton step
+REFINED = Division(
+    rounds=4, parts=4, root_offset=0.01, min_share=0.03
+)  # accurate enough to start Newton steps
 SHARP = Division(rounds=3, parts=16)  # for crossings at which a Newton step fails and G may jump
 MAX_WEIGHT = 5.0  # largest weight of a ray, divided by the median weight
-JUMP_STEP = 1e-4  # G jumps at a polished crossing if a further Newton step exceeds this share of r
+JUMP_STEP = 1e-4  # G counts as jumping at a crossing if the last Newton step exceeds this share of r
 
 
 class ScaledLimitState(AbstractLimitState):
@@ -90,12 +92,12 @@ class FactorSolution(NamedTuple):
 
 
 def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: float, seed: int) -> Rays:
-    """Sample rays through failing samples of motions that are scaled to a probability of failure.
+    """Scale motions to a probability of failure, and return rays through failing samples.
 
     - `limit`: limit state; it must survive at u = 0
     - `probability`: target probability of failure, in (0, 1); the scaled motions have about this probability
     - `count`: number of failing samples through which rays are drawn
-    - `cov`: coefficient of variation of the sampled probability to reach
+    - `cov`: coefficient of variation that the sampled probability must reach
     - `seed`: seed of the random numbers
 
     Raises `ValueError` if the limit state fails at u = 0, if no factor on u leads to the probability, and if
@@ -192,6 +194,7 @@ class _RayScan:
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
         self.limit, self.directions = limit, directions
         d = directions.shape[1]
+        # Ends of the scanned range of |u|.
         self.ends = float(scipy.stats.chi.ppf(BELOW_SCAN, d)), float(scipy.stats.chi.isf(ABOVE_SCAN, d))
         # Positions are multiples of the step, so the result does not depend on the guess.
         self.step = SPACING / math.sqrt(d)
@@ -269,7 +272,7 @@ def solve_factor(
     jumps, along_ray, slopes = _polish(limit, rays, scan, names)
     d = rays.directions.shape[1]
     k = _root(scan, rays.weights, probability, k)
-    # dP/d ln k = Σ ± weight φ(r/k) r/k
+    # dP/d ln k = Σ ± weight φ(r/k) r/k, with the chi density φ.
     rate = weight * scan.sign * scipy.stats.chi.pdf(scan.r / k, d) * scan.r / k
     smooth_rate = np.where(jumps, 0.0, rate)
     log_r_slopes = -slopes / np.where(jumps, 1.0, along_ray)[:, None]  # d ln r/d ln y

@@ -30,7 +30,7 @@ class FailureProbability:
     - `standard_error`: standard error of `probability` [–]
     - `interval`: 95 % confidence interval. (NaN, NaN) if the estimate has not converged, except for
       `"monte-carlo"`, whose interval is exact for any number of scenes
-    - `method`: name of the estimator, the argument of the call
+    - `method`: name of the estimator
     - `scenes`: number of evaluations of the limit state, including the search for design points
     - `effective_sample_size`: effective number of failures in the sample
     - `first_order`: probability of the union of the half-spaces of the design points; NaN for methods without
@@ -42,8 +42,8 @@ class FailureProbability:
       a few samples; otherwise the probability may be wrong by a large factor
     - `sensitivities`: (dP/dy, standard error) by the name of the parameter y, for the limit state of a
       structure and the method `"line"`; else empty
-    - `jumps`: share of the surface of failure across which the limit-state function G jumps, which the
-      sensitivities leave out; NaN without sensitivities
+    - `jumps`: share of the surface of failure across which the limit-state function G jumps. The
+      sensitivities leave this part out. NaN without sensitivities
     """
 
     probability: float
@@ -138,7 +138,7 @@ def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np
 
 
 def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int, max_scenes: int) -> None:
-    """Raise `ValueError`, in the name of `owner`, for invalid arguments of `reliability`.
+    """Raise `ValueError`, with `owner` in the message, for invalid arguments of `reliability`.
 
     - `method`: must be the name of an estimator
     - `cov`: must be in (0, 1)
@@ -271,9 +271,10 @@ def _to_result(
 
 
 def first_order_probability(points: DesignPoints) -> float:
-    """Return the probability of the union of the half-spaces α_i·u ≥ β_i; NaN if there are no design points.
+    """Return the probability of the union of half-spaces α_i·u ≥ β_i; NaN if there are no design points.
 
-    The value is exact for up to two half-spaces, and Ditlevsen's lower bound for more.
+    Design point i has the direction α_i and the distance β_i. The value is exact for up to two half-spaces,
+    and Ditlevsen's lower bound for more.
     """
     if points.beta.size == 0:
         return math.nan

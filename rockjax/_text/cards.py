@@ -38,7 +38,7 @@ def card(module: eqx.Module, meanings: Mapping[str, str] | None = None) -> str:
 
 
 def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]:
-    """Return names and values of fields; fields that hold an empty tuple only with `empty`."""
+    """Return names and values of public fields, without empty tuples unless `empty` is True."""
     fields = [
         (field.name, getattr(module, field.name))
         for field in dataclasses.fields(module)

@@ -28,7 +28,7 @@ _TOUCHING = re.compile(rf"\s*({_MANTISSA}{_EXPONENT}|{_MANTISSA}(?=[\s+-]|$))", 
 _MISSING = {"nan", "na", "n/a", "<na>", "nil", "none", "null", "-", "--", ""}  # words for missing values
 _RAW = re.compile(r"(?<![a-z])(?:un-?corrected|un-?processed|raw|volume 1|not removed)(?![a-z])", re.I)
 _FORTRAN = re.compile(r"\((\d{1,3})[FEI](\d{1,3})(?:\.\d+)?\)", re.I)
-Component = int | str | None
+Component = int | str | None  # number or name of a channel; None if the file has one only
 
 
 @dataclasses.dataclass
@@ -67,8 +67,8 @@ def require_only_component(path: Path, component: Component, samples: Samples) -
 
 
 def _names_component(requested: int | str, name: str) -> bool:
-    """Return True if a name means the requested component; any two names of vertical components agree if
-    both point up or both point down."""
+    """Return True if a name means the requested component. Two names of vertical components agree if both
+    point up or both point down."""
     if normalise_name(requested) == normalise_name(name):
         return True
     both_vertical = is_vertical(str(requested)) and is_vertical(name)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._lognormal import Lognormal
-from rockjax._motions.intensity import LABEL
+from rockjax._motions.intensity import SA_LABEL
 from rockjax._problem import models
 from rockjax._problem.reading import Reader
 from rockjax._problem.risk import check_structure, fragility_of
@@ -286,7 +286,7 @@ def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
 
 def _measure_of_hazard(hazard: Hazard) -> tuple[str, float | None]:
     """Return name and period of the intensity measure of a hazard curve."""
-    match = LABEL.fullmatch(hazard.measure)
+    match = SA_LABEL.fullmatch(hazard.measure)
     return ("Sa", float(match["period"])) if match else (hazard.measure, None)
 
 

@@ -36,8 +36,8 @@ class ProbabilitySlopes(NamedTuple):
     """Derivatives of a probability with respect to parameters."""
 
     by_name: dict[str, tuple[float, float]]  # (derivative, standard error) by the name of the parameter
-    # Share of the surface of failure, weighted by its density, across which G jumps; the derivatives leave
-    # this part out.
+    # Share of the surface of failure across which G jumps, weighted by the density of u. The derivatives
+    # leave this part out.
     jumps: float
 
 

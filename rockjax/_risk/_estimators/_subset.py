@@ -2,9 +2,9 @@
 
 The method needs neither derivatives nor design points. A run descends through levels of G. At each level, the
 samples with the lowest G (one twentieth by default) start chains of moves, and a move is accepted if G does
-not exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015), u' = √(1 − s²) u + s ξ with
-standard normal ξ, for each component with probability 1/4 (more in low dimensions, so that about ten
-components move): a long move of few components decorrelates sooner than a short move of all components. A run
+not exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015): u' = √(1 − s²) u + s ξ with
+the size s and standard normal ξ. Each component moves with probability 1/4, or more in low dimensions, so
+that about ten components move. Long moves of few components decorrelate sooner than short moves of all. A run
 ends at the level 0, or without failure after `MAX_LEVELS` levels.
 
 The samples of a run are correlated within their chains and across levels, so a run cannot measure its error.
@@ -109,7 +109,7 @@ class Subset(AbstractEstimator):
         return _Run(0.0, math.inf, samples, np.zeros((0, self.limit.dimension)))
 
     def _chains(self, u, g, level: float, move_size: float):
-        """Continue samples by chains of moves below a level. Return samples, G, and s of the next move."""
+        """Extend chains of moves below a level. Return samples, G, and the size of the next move."""
         us, gs = [u], [g]
         move_share = max(MOVE_SHARE, MIN_MOVED / self.limit.dimension)
         for _ in range(round(1 / self.share) - 1):
@@ -129,7 +129,7 @@ class Subset(AbstractEstimator):
         return len(self.runs) >= MIN_ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> ProbabilityEstimate:
-        # Much smaller runs vary too much, and served only to choose the size of later runs.
+        # Much smaller runs vary too much. They served only to choose the size of later runs.
         largest = max(run.samples for run in self.runs)
         runs = [run for run in self.runs if run.samples >= largest / 4]
         p = np.array([run.probability for run in runs])
