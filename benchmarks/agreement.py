@@ -325,7 +325,7 @@ def compare(kind: SceneKind, batch: Scenes, with_ways: bool = False) -> list[Dif
     speed = np.asarray(peaks[TOLERANCES[-1]].smallest_impact_speed / (batch.podium.p * batch.podium.alpha))
     names = labels(peaks[TOLERANCES[0]], outputs)
     codes = [results.code_of(y.result) for y in peaks.values()]
-    answered = np.max(codes, axis=0) <= results.OVERTURNED
+    answered = ~results.did_not_finish(np.max(codes, axis=0))
     unsettled = {
         "grazing": ~differences.settled & (speed < GRAZES)[:, None],
         "unsettled": ~differences.settled,

@@ -27,7 +27,7 @@ from scipy.special import ndtri
 
 import rockjax as rj
 from rockjax._lognormal import fit_capacities, fit_counts
-from rockjax._results import OVERTURNED, code_of
+from rockjax._results import code_of, did_not_finish
 from rockjax._studies.intervals import Capacities, profile_intervals
 
 from .boundaries import motions, read_records
@@ -71,7 +71,8 @@ def compare_errors(source: str, structure: str, records: rj.Records, n: int) -> 
         peak = rj.peak_responses(podium, motion, options=options(rtol, "errors"))
         assert peak.errors is not None
         lifted = np.asarray(reference.uplifted)
-        answered = np.all([np.asarray(code_of(y.result)) <= OVERTURNED for y in (peak, reference)], axis=0)
+        codes = [np.asarray(code_of(y.result)) for y in (peak, reference)]
+        answered = ~np.any(did_not_finish(np.array(codes)), axis=0)
         flipped = np.asarray(peak.overturned) != np.asarray(reference.overturned)
         undecided = np.asarray(peak.errors.undecided)
         survived = answered & lifted & ~flipped & ~np.asarray(reference.overturned)

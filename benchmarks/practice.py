@@ -28,7 +28,7 @@ from rockjax._practice.block import Block
 from rockjax._practice.circolare import SLV, Mechanism
 from rockjax._practice.roots import HIGHEST, LOWEST
 from rockjax._practice.spectra import spectrum
-from rockjax._results import OVERTURNED, code_of
+from rockjax._results import code_of, did_not_finish
 
 from .measure import G, options, show, store_rows
 
@@ -204,7 +204,7 @@ class Slenderness:
         responses = rj.peak_responses(
             rj.Podium(self.alpha, R), picked.scaled(factor), options=options(1e-7), threads=1
         )
-        finished = code_of(responses.result) <= OVERTURNED
+        finished = ~did_not_finish(code_of(responses.result))
         return np.where(finished, np.where(responses.overturned, 1.0, responses.peak_rotation), np.nan)
 
 

@@ -45,7 +45,8 @@ class RESULTS(eqx.Enumeration):
     )
 
 
-# Codes of the results inside the integration loop. A scene without a result has the code RUNNING.
+# Codes of the results inside the integration loop. A scene without a result has the code RUNNING. Scenes with
+# a code above OVERTURNED did not finish.
 RUNNING = -1
 (
     SETTLED,
@@ -80,22 +81,28 @@ def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
     return result._value
 
 
+def did_not_finish(code: Any) -> Any:
+    """Return True for the code of a scene that ended without an answer; elementwise for arrays of codes."""
+    return code > OVERTURNED
+
+
 def explain(code: int) -> str:
-    """Return the name of the result with a code, and its message with the cure."""
+    """Return the name of a result and its message, which includes the cure, by the code of the result."""
     return f"{NAMES[code]}: {RESULTS[getattr(RESULTS, NAMES[code])]}"
 
 
 def explain_failures(codes) -> str:
-    """Return a message with the number of scenes that did not finish, and cause and cure for each result of
-    such scenes. The message is empty if all scenes finished.
+    """Return a message about the scenes that did not finish: their number, and cause and cure for each of
+    their results. The message is empty if all scenes finished.
 
     - `codes`: codes of results, of any shape
     """
-    failures, counts = np.unique(np.asarray(codes)[np.asarray(codes) > OVERTURNED], return_counts=True)
+    codes = np.asarray(codes)
+    failures, counts = np.unique(codes[did_not_finish(codes)], return_counts=True)
     if not failures.size:
         return ""
     causes = [f"{count} {explain(int(code))}" for code, count in zip(failures, counts, strict=True)]
-    return f"{counts.sum()} of {np.size(codes)} scenes did not finish. {' '.join(causes)}"
+    return f"{counts.sum()} of {codes.size} scenes did not finish. {' '.join(causes)}"
 
 
 class Interrupted(KeyboardInterrupt):

@@ -120,7 +120,7 @@ def warn_of_failures(peaks: Peak, stacklevel: int) -> None:
 
 
 def _warn_of_codes(codes: np.ndarray, stacklevel: int) -> None:
-    failed = codes[codes > results.OVERTURNED]
+    failed = codes[results.did_not_finish(codes)]
     if failed.size:
         names = {results.NAMES[k] for k in np.unique(failed)}
         message = f"{failed.size} of {codes.size} scenes did not finish: {names}"

@@ -363,7 +363,8 @@ def _search_in_program(leaves, structure, uses_margin: bool) -> FirstBoundary:
         def solve_scale(scale):
             (floats, _), (integers, _) = solve(podium, excitation.scaled(scale), REST, None, accuracy)
             value = signed_margin(floats, integers["overturned"], options.overturn_ratio, uses_margin)
-            return jnp.where(integers["code"] > results.OVERTURNED, jnp.nan, value), integers["impacts"]
+            unfinished = results.did_not_finish(integers["code"])
+            return jnp.where(unfinished, jnp.nan, value), integers["impacts"]
 
         return jax.vmap(solve_scale)(scales)
 

@@ -212,7 +212,7 @@ def margins(
                 np.isnan(floats["edge_distance"]), 0.0, floats["edge_distance"]
             ) * np.abs(y)
     value = signed_margin(floats, overturned, float(options.overturn_ratio), uses_margin, np)
-    failed = codes > results.OVERTURNED
+    failed = results.did_not_finish(codes)
     value, edge_distance = (
         np.where(failed, np.nan, value),
         np.where(failed, 0.0, np.nan_to_num(edge_distance, posinf=np.inf)),

@@ -130,14 +130,14 @@ def _report_curves(
     """
     import numpy as np
 
-    from rockjax._results import OVERTURNED
+    from rockjax._results import did_not_finish
     from rockjax._units import displayed_or_empty
 
     name, unit = analysis.attrs["measure"], displayed_or_empty(analysis["intensity"].attrs["units"])
     unit_suffix = f" {unit}" if unit else ""
     low, high = (float(analysis["intensity"][k]) for k in (0, -1))
     count, overturning = analysis.sizes["record"], int(analysis["capacity"].notnull().sum())
-    failed = int((analysis["result"] > OVERTURNED).sum())
+    failed = int(did_not_finish(analysis["result"]).sum())
     console.say(
         f"{count} records at "
         f"{analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{unit_suffix}: "

@@ -85,7 +85,7 @@ def response(request: Request, console: Console, output: Output = "rockjax-respo
         for name, y in data.data_vars.items()
         if y.dims and y.dims[-1] in labels_by_dim
     }
-    if code > results.OVERTURNED:
+    if results.did_not_finish(code):
         console.error(f"the scene did not finish. {results.explain(code)}")
 
 

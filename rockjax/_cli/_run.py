@@ -79,9 +79,9 @@ class Console:
     def say_scenes(self, data: xarray.Dataset, total: int) -> dict[str, Any]:
         """Print how many of `total` scenes overturned or did not finish; return these numbers by name."""
         from rockjax._responses.peak import UNTIL_OVERTURNING
-        from rockjax._results import OVERTURNED
+        from rockjax._results import did_not_finish
 
-        overturned, failed = float(data["overturned"].mean()), int((data["result"] > OVERTURNED).sum())
+        overturned, failed = float(data["overturned"].mean()), int(did_not_finish(data["result"]).sum())
         note = f" (peaks {UNTIL_OVERTURNING})" if overturned else ""
         self.say(f"{total} scenes: {overturned:.1%} overturned{note}, {failed} without an answer")
         return {"scenes": total, "overturned": overturned, "without_answer": failed}

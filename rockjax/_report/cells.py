@@ -28,7 +28,7 @@ def number_cell(
 def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | Word:
     """Return a cell with a peak of scene `k`; a note gives the time of overturning, where peaks end."""
     code = int(data["result"].values[k])
-    if code > results.OVERTURNED:
+    if results.did_not_finish(code):
         return Word(results.NAMES[code].replace("_", " "), "unanswered")
     if bool(data["overturned"].values[k]):
         until = f"until {float(data['overturn_time'].values[k]):.2f} s"

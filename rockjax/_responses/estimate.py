@@ -101,7 +101,7 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
         first, second = jax.lax.stop_gradient((first, second))
     (a, integers), (b, second_integers) = first, second
     codes = integers["code"], second_integers["code"]
-    unfinished = (codes[0] > results.OVERTURNED) | (codes[1] > results.OVERTURNED)
+    unfinished = results.did_not_finish(codes[0]) | results.did_not_finish(codes[1])
 
     def difference_of(name):
         equal = a[name] == b[name]  # both may be inf

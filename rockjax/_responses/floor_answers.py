@@ -126,7 +126,7 @@ def floor_rows(answers: Sequence[Any]) -> Iterator[tuple[str, str]]:
     for k, answer in enumerate(answers, 1):
         code = int(results.code_of(answer.result))
         is_block = isinstance(answer, ContentsAnswer)
-        if code > results.OVERTURNED:
+        if results.did_not_finish(code):
             value = results.NAMES[code]
         elif is_block:
             value = _block_in_words(answer)

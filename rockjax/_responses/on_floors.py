@@ -188,7 +188,7 @@ def _on_floors(structures, excitation, initial, t_end, options: Options, *, capa
     for members in groups.values():
         answers_of_group = _solve_group(podium, [systems[k] for k in members], course, options, reversible)
         answer_of |= dict(zip(members, answers_of_group, strict=True))
-    has_failed = code > results.OVERTURNED
+    has_failed = results.did_not_finish(code)
     floats, integers = zip(*(answer_of[k] for k in range(len(systems))), strict=True)
     floats = jax.tree.map(lambda y: jnp.where(has_failed, jnp.nan, y), floats)
     flags = {"until_overturning": code == results.OVERTURNED}

@@ -219,7 +219,7 @@ def raise_if_unfinished(code: Array) -> None:
     codes = concrete(code)
     if codes is None:
         return
-    failed = np.argwhere(codes > results.OVERTURNED)
+    failed = np.argwhere(results.did_not_finish(codes))
     if len(failed):
         first = tuple(int(k) for k in failed[0])
         name = results.NAMES[int(codes[first])]

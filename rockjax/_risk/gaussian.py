@@ -7,8 +7,8 @@ each interval. It passes, from rest, through a soil layer and a high-pass filter
     ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).
 
 Further filters may follow. All filters are linear, and ü_g(t_j) depends only on earlier noise. Therefore
-ü_g = A u, where A is lower triangular with a zero diagonal. The product A u is computed by a recurrence, which
-needs O(n) operations, like its transpose in reverse mode.
+ü_g = A u, where A is lower triangular with a zero diagonal. The product A u is computed by a recurrence,
+which needs O(n) operations, like its transpose in reverse mode.
 """
 
 from __future__ import annotations

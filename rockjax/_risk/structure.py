@@ -121,9 +121,8 @@ class StructureLimitState(AbstractLimitState):
         """Return G at the rows of u, at most `BATCH`; NaN for a scene that does not finish."""
         peaks = self._peaks(u)
         value = _limit_value(getattr(peaks, self.limit.output), peaks.overturned, self.limit)
-        return np.where(
-            np.asarray(results.code_of(peaks.result)) > results.OVERTURNED, np.nan, np.asarray(value)
-        )
+        unfinished = results.did_not_finish(np.asarray(results.code_of(peaks.result)))
+        return np.where(unfinished, np.nan, np.asarray(value))
 
     def _peaks(self, u: np.ndarray, names: Sequence[str] = (), *outputs: str):
         """Return the peaks at the rows of u, at most `BATCH`, with sensitivities to the parameters `names`.

@@ -178,7 +178,7 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     reached = (rotation >= states) | data["contents_overturned"]
     reached = reached.where(states > 0, data["contents_uplifted"]).astype(bool)
     podium_stands = ~data["overturned"]
-    counted = (data["contents_result"] <= results.OVERTURNED) & podium_stands
+    counted = ~results.did_not_finish(data["contents_result"]) & podium_stands
     if exceed:
         reached, counted = reached | ~podium_stands, counted | ~podium_stands
     reached_dims = ("contents", "damage_state", "record", "intensity")

@@ -195,7 +195,7 @@ class Ensemble:
     @functools.cached_property
     def unanswered(self) -> np.ndarray:
         """True for scenes that did not finish, shape (n,); `data["result"]` has their causes."""
-        return self.data["result"].values > results.OVERTURNED
+        return results.did_not_finish(self.data["result"].values)
 
     @functools.cached_property
     def undecided(self) -> np.ndarray:

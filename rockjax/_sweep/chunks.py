@@ -52,7 +52,7 @@ class Job(NamedTuple):
             peaks = solve_scenes(arguments, self.options, threads, devices, self.sensitivities)
         variables = data_variables(peaks, self.options.outputs, ())
         arrays = {name: values for name, (_, values, _) in variables.items()}
-        failed = int(np.sum(arrays["result"] > results.OVERTURNED))
+        failed = int(np.sum(results.did_not_finish(arrays["result"])))
         return store.write(
             k, arrays, time.perf_counter() - start_time, float(count_trial_steps(peaks).sum()), failed
         )

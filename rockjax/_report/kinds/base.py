@@ -238,6 +238,6 @@ def unanswered_scenes(data: Any) -> list[str]:
     """Return the reason why each scene has no result, such as "undecided"; "" for scenes with a result."""
     undecided = np.asarray(data["undecided"], bool) if "undecided" in data else np.zeros(data.sizes["motion"])
     return [
-        results.NAMES[int(code)] if code > results.OVERTURNED else "undecided" if is_undecided else ""
+        results.NAMES[int(code)] if results.did_not_finish(code) else "undecided" if is_undecided else ""
         for code, is_undecided in zip(np.asarray(data["result"]), undecided, strict=True)
     ]

@@ -85,7 +85,7 @@ class FloorKind(Kind):
             if words[k] == "joint opens":  # the word for an infinite value, here of an overturned block
                 time = float(data["contents_overturn_time"].values[k, worst[k]])
                 words[k] = f"{locations[k]} overturned at {time:.2f} s"
-            elif not words[k] and (codes[k] > results.OVERTURNED).any():
+            elif not words[k] and results.did_not_finish(codes[k]).any():
                 unanswered[k] = results.NAMES[int(codes[k].max())]
             elif not words[k] and np.isinf(errors[k]):
                 unanswered[k] = "undecided"

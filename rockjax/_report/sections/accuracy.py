@@ -58,7 +58,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
                 Quantity(len(codes), "count"),
                 Quantity(int(data["overturned"].values.sum()), "count"),
                 Quantity(int(undecided.sum()), "count"),
-                Quantity(int((codes > results.OVERTURNED).sum()), "count"),
+                Quantity(int(results.did_not_finish(codes).sum()), "count"),
                 Quantity(int(data["steps"].values.sum()), "count"),
             )
         )

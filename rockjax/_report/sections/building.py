@@ -70,7 +70,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _stories(evaluation: Evaluation, name: str) -> Table:
     """Return the table of peaks in each storey over the surviving scenes of a set."""
     data, heights = evaluation.scenes.peaks(name), evaluation.problem.story_heights
-    survives = ~data["overturned"].values & (data["result"].values <= results.OVERTURNED)
+    survives = ~data["overturned"].values & ~results.did_not_finish(data["result"].values)
     drift, acceleration = (data[y].values[survives] for y in ("peak_drift", "peak_floor_acceleration"))
     columns = (
         Column("Storey"),
