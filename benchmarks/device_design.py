@@ -37,7 +37,7 @@ from scipy.stats import wilcoxon
 import optimise
 import rockjax as rj
 from optimise._descent import Evaluation
-from optimise._objectives import AbstractObjective, OfPodium
+from optimise._objectives import AbstractObjective, PodiumFunction
 from optimise._optimality import optimality
 from optimise._suite import Suite
 from optimise._targets import AbstractResponses
@@ -245,7 +245,7 @@ def least_force(motions: Motions, over_critical: float = 0.0, from_force: float 
     return Problem(
         base,
         {"tendon_force": (from_force, 400e3)},
-        OfPodium(prestress),
+        PodiumFunction(prestress),
         (optimise.PeakRotation(LIMIT, motions),),
         motions,
     )
@@ -255,7 +255,7 @@ def least_stiffness(motions: Motions) -> Problem:
     """Return the problem of the least stiffness of tendons without prestress."""
     base = optimise.Dimensions(**RIGID, tendon_stiffness=20e6)
     vary, target = {"tendon_stiffness": (1e5, 1e9)}, optimise.PeakRotation(LIMIT, motions)
-    return Problem(base, vary, OfPodium(stiffness), (target,), motions)
+    return Problem(base, vary, PodiumFunction(stiffness), (target,), motions)
 
 
 def least_largest_force(motions: Motions) -> Problem:
@@ -263,7 +263,7 @@ def least_largest_force(motions: Motions) -> Problem:
     base = optimise.Dimensions(**RIGID, tendon_force=50e3, tendon_stiffness=1e6)
     vary = {"tendon_force": (0.0, 400e3), "tendon_stiffness": (0.0, 5e6)}
     target = optimise.PeakRotation(LIMIT, motions)
-    return Problem(base, vary, OfPodium(force_at_limit), (target,), motions)
+    return Problem(base, vary, PodiumFunction(force_at_limit), (target,), motions)
 
 
 def least_rotation(shear: float) -> Problem:
@@ -286,7 +286,7 @@ def least_inertance(motions: Motions, law: str | float) -> Problem:
     """Return the problem of the least inertance with max|θ| ≤ 0.4 α."""
     problem = best_inertance(motions, law)
     target = optimise.PeakRotation(LIMIT, problem.motions)
-    return problem._replace(minimise=OfPodium(inertance), targets=(target,))
+    return problem._replace(minimise=PodiumFunction(inertance), targets=(target,))
 
 
 def force_rows() -> list[dict]:

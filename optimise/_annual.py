@@ -1,4 +1,4 @@
-"""Target on a risk: the mean annual frequency with which the columns overturn at a site."""
+"""Target on the mean annual frequency of overturning at a site."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class AnnualFrequency(AbstractScaleTarget):
         if exceedance_rate >= at_most:
             raise ValueError(
                 f"{owner}: max_intensity = {highest:g} {hazard.units} is exceeded {exceedance_rate:.3g} "
-                f"times a year, not less often than at_most = {at_most:g}; give a higher max_intensity"
+                f"times a year; this must be below at_most = {at_most:g}; give a higher max_intensity"
             )
         unscaled = suite.records(owner) if isinstance(suite, FreshSamples) else suite
         motions = as_motions(owner, unscaled, "suite")

@@ -1,4 +1,4 @@
-"""Design charts: values of a design variable with which a structure survives pulses, by pulse period."""
+"""Design charts: the smallest safe value of a design variable against the pulse period."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def design_chart(
     pad = lambda table: np.pad(table, ((0, 0), (0, boundary_count - table.shape[1])), constant_values=np.nan)
     unit = parameter(podium, name).unit
     safe_attrs = {"units": unit, "long_name": f"smallest {name} above which all values survive"}
-    boundary_attrs = {"units": unit, "long_name": f"{name} where survival changes"}
+    boundary_attrs = {"units": unit, "long_name": f"{name} at changes between survival and overturning"}
     return xarray.Dataset(
         {
             "smallest_safe_value": (("a_p", "T_p"), np.stack(smallest_safe_value), safe_attrs),

@@ -61,7 +61,7 @@ class Rules(NamedTuple):
 
     @property
     def accepted_violation(self) -> float:
-        """Largest accepted difference of a margin below `shift` [–]; the margin is still positive."""
+        """Largest accepted shortfall of a margin from `shift` [–]; such a margin is still positive."""
         return 0.5 * self.shift
 
 
@@ -134,7 +134,7 @@ def objective_scale(evaluations: list[Evaluation]) -> float:
     return max([float(np.max(np.abs(e.f))) for e in evaluations if np.any(e.f != 0)], default=1.0)
 
 
-def result_at_rest(current: Evaluation, residual: float, rules: Rules) -> int:
+def final_result(current: Evaluation, residual: float, rules: Rules) -> int:
     """Return the result code of a descent that no step improves further."""
     if current.violation > rules.shift:
         return INFEASIBLE

@@ -18,7 +18,7 @@ from ._evaluator import Evaluator, build_problem, fresh_samples_of, run_descents
 from ._failure import FailureProbability
 from ._gradients import MAX_ITERATIONS as GRADIENT_STEPS
 from ._gradients import GradientSteps, transformation_of
-from ._objectives import AbstractObjective, OfPodium
+from ._objectives import AbstractObjective, PodiumFunction
 from ._results import INFEASIBLE, INTERRUPTED, NOT_FINITE
 from ._sampling import SampledTargets
 from ._sqp import MAX_ITERATIONS, descend
@@ -92,7 +92,7 @@ def design(
     _check_arguments(starts, tolerance, max_iterations, targets, minimise)
     variables = make_variables(podium, vary)
     objective = (
-        minimise if isinstance(minimise, AbstractObjective) or minimise is None else OfPodium(minimise)
+        minimise if isinstance(minimise, AbstractObjective) or minimise is None else PodiumFunction(minimise)
     )
     options = options.replace(throw=False)
     sampled_targets = SampledTargets(variables, targets)

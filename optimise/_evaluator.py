@@ -22,7 +22,7 @@ from rockjax.internal import Module, as_float
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
 from ._fresh import FreshSamples
-from ._objectives import AbstractObjective, OfPodium
+from ._objectives import AbstractObjective, PodiumFunction
 from ._sampling import SampledTargets
 from ._suite import Suite, is_same_suite
 from ._targets import AbstractResponses, AbstractScaleTarget, AbstractTarget
@@ -132,15 +132,15 @@ def _trace_functions(variables: Variables, objective: AbstractObjective | None) 
     """Replace user functions by traced ones, whose jaxpr identifies them in the store of programs."""
 
     def trace(leaf: Any) -> Any:
-        if not isinstance(leaf, OfPodium) or isinstance(leaf.function, TracedFunction):
+        if not isinstance(leaf, PodiumFunction) or isinstance(leaf.function, TracedFunction):
             return leaf
         podium_shape = jax.eval_shape(variables.podium, jax.ShapeDtypeStruct((len(variables.names),), float))
         try:
-            return OfPodium(TracedFunction(leaf.function, podium_shape))
+            return PodiumFunction(TracedFunction(leaf.function, podium_shape))
         except Exception:  # the error is reported when the function is evaluated
             return leaf
 
-    return jax.tree.map(trace, objective, is_leaf=lambda leaf: isinstance(leaf, OfPodium))
+    return jax.tree.map(trace, objective, is_leaf=lambda leaf: isinstance(leaf, PodiumFunction))
 
 
 @functools.partial(StoredProgram, arrays_only=True, description="the design with its derivatives")

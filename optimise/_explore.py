@@ -64,7 +64,7 @@ class Explorer:
     - `widget`: widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
     - `values`: name → value in the unit of the parameter; exactly the initial value until the slider moves
     - `structure`, `podium`, `excitation`, `peak`: structure, motion and peak response for these values
-    - `picture`: picture of the response as PNG, with twice as many pixels a row as on the page
+    - `picture`: picture of the response as PNG; its width in pixels is twice its width on the page
     """
 
     def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):

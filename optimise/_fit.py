@@ -75,10 +75,10 @@ class Fit(Module):
         return "\n".join(lines)
 
 
-def _check_measurement(times, theta, variables: int, earliest: float) -> tuple[np.ndarray, np.ndarray]:
+def _check_measurement(times, theta, variable_count: int, earliest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return times and rotations as arrays; raise `ValueError` if they are invalid.
 
-    - `variables`: number of variables, which need as many measurements
+    - `variable_count`: number of variables; at least as many measurements are required
     - `earliest`: start of the excitation [s]
     """
     times, theta = (
@@ -90,10 +90,10 @@ def _check_measurement(times, theta, variables: int, earliest: float) -> tuple[n
         )
     if not (np.isfinite(times).all() and np.isfinite(theta).all() and (np.diff(times) > 0).all()):
         raise ValueError("fit: times and theta must be finite, and times must be ascending")
-    if len(times) < variables:
+    if len(times) < variable_count:
         raise ValueError(
-            f"fit: {len(times)} measurements do not determine {variables} variables; give more measurements "
-            "or vary fewer"
+            f"fit: {len(times)} measurements do not determine {variable_count} variables; give more "
+            "measurements or vary fewer"
         )
     if times[0] < earliest:
         raise ValueError(
@@ -118,9 +118,9 @@ def fit(
     """Fit parameters of a podium to a measured rotation θ(t) by least squares; outside jit.
 
     - `podium`, `vary`: as in [`optimise.design`][]; `podium` is the first start
+    - `excitation`: the ground motion of the measurement
     - `times`: times of the measurement, ascending, n ≥ 2 [s]; `theta`: rotation measured at `times` [rad]
     - `initial`: the state at the start of the excitation's support
-    - `excitation`: the ground motion of the measurement
     - `starts`: number of starting points, ≥ 1; all but the first are drawn at random from `seed`
     - `options`: options of the simulations; their `history` is the number of steps that a simulation can have
     - `tolerance`: relative and absolute tolerance of the least-squares solver, > 0 [–]

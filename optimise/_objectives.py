@@ -156,7 +156,7 @@ class WorstFloorAcceleration(WorstPeak):
         super().__init__("peak_floor_acceleration", excitations)
 
 
-class OfPodium(AbstractObjective):
+class PodiumFunction(AbstractObjective):
     """A function of the podium that returns a number, or a vector whose largest entry is minimised."""
 
     function: Callable[[rj.Podium], Any] = eqx.field(static=True)
@@ -185,7 +185,7 @@ class ExpectedLoss(AbstractObjective):
     Raises `ValueError` for invalid arguments.
     """
 
-    cost: OfPodium
+    cost: PodiumFunction
     loss: Any
     risk: AnnualFrequency
 
@@ -195,7 +195,7 @@ class ExpectedLoss(AbstractObjective):
             raise ValueError(f"{owner}: function must be a function of a podium, got {function!r}")
         check_limit(owner, "loss", loss)
         require_instance(owner, "risk", risk, AnnualFrequency, "an optimise.AnnualFrequency")
-        self.cost, self.loss, self.risk = OfPodium(function), float(loss), risk
+        self.cost, self.loss, self.risk = PodiumFunction(function), float(loss), risk
 
     def values(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.cost.values(podium, options) + self.loss * self.risk.frequency(podium, options)

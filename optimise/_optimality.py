@@ -19,8 +19,8 @@ class Optimality(NamedTuple):
     They belong to the step that minimises the merit of linear models plus half the squared step length.
 
     - `multipliers`: multipliers of the margins (m,)
-    - `residual`: largest absolute entry of this step, comparable to the norm of a projected gradient; 0
-      exactly where the merit is stationary within the bounds
+    - `residual`: largest absolute entry of this step, comparable to the norm of a projected gradient; it
+      is 0 if and only if the merit is stationary within the bounds
     - `violation`: modelled violation after this step [–]
     """
 

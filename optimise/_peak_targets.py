@@ -188,7 +188,7 @@ class PeakFloorAcceleration(PeakLimit):
 
 
 class PeakFriction(PeakLimit):
-    """The joints of all columns need at most the friction coefficient `limit`: max|T|/N ≤ limit, (F9).
+    """The joints of all columns need at most the friction coefficient `limit`: max|T|/N ≤ limit.
 
     - `limit`: > 0 [–], such as μ divided by a safety factor
     - `excitations`: a motion or a list of them; `name`: name in reports
@@ -209,7 +209,7 @@ class PeakFriction(PeakLimit):
 
 
 class PeakFoundationShear(PeakLimit):
-    """The shear on the foundation divided by the total weight is at most `limit`: max|V|/W_0 ≤ limit, (F5).
+    """The shear on the foundation divided by the total weight is at most `limit`: max|V|/W_0 ≤ limit.
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: name in reports
     """
@@ -222,7 +222,7 @@ class PeakFoundationShear(PeakLimit):
 
 
 class LeastAxialForce(AbstractResponseTarget):
-    """The axial force in all joints is at least a fraction of the dead load: N ≥ at_least·N_0, (F8).
+    """The axial force in all joints is at least a fraction of the dead load: N ≥ at_least·N_0.
 
     - `at_least`: 0 ≤ at_least < 1 [–]; 0 keeps the joints closed
     - `excitations`: a motion or a list of them; `name`: name in reports

@@ -3,8 +3,9 @@
     minimise    w·max_i(f_i + ∇f_i·d) + ν v + ½ dᵀB d        over d, v
     subject to  c_j + ∇c_j·d ≥ −v,   v ≥ 0,   lower ≤ d ≤ upper
 
-In the solver, the maximum is a further variable with lower bounds f_i + ∇f_i·d (epigraph form). Because
-violations up to v are allowed at the price ν v, a solution always exists.
+The weight w and the penalty ν are given. In the solver, the maximum is a further variable with lower
+bounds f_i + ∇f_i·d (epigraph form). Because violations up to v are allowed at the price ν v, a solution
+always exists.
 """
 
 from __future__ import annotations

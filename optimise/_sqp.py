@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ._descent import Descent, End, Evaluation, Iterate, Rules, rank, result_at_rest, scale_evaluation
+from ._descent import Descent, End, Evaluation, Iterate, Rules, final_result, rank, scale_evaluation
 from ._optimality import EvaluatedPoints, linear_models, optimality, points_near
 from ._quadratic import Model, Step, Vector, solve
 from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
@@ -223,7 +223,7 @@ class _DescentState:
         return np.maximum(-self.x, -self.merit.radius), np.minimum(1 - self.x, self.merit.radius)
 
     def reset_curvature(self) -> int | None:
-        """Reset the curvature to the identity, because the solver failed; stall if it is the identity."""
+        """Reset the curvature to the identity after a failure of the solver; stall if it already is."""
         if np.array_equal(self.merit.curvature, np.eye(len(self.x))):
             return STALLED
         self.merit = self.merit._replace(curvature=np.eye(len(self.x)))
@@ -235,7 +235,7 @@ class _DescentState:
             self.merit = self.merit._replace(radius=0.25 * self.merit.radius)
             self.cuts = self.near_points
             return None
-        return result_at_rest(self.current, self.residual, self.rules)
+        return final_result(self.current, self.residual, self.rules)
 
     def predict_decrease(self, step: Step) -> tuple[float, float]:
         """Return the predicted decrease of the merit and a bound of its rounding error."""
@@ -303,7 +303,7 @@ class _DescentState:
         if self.merit.radius > 0.1 * self.rules.tolerance:
             return None
         self.iteration += 1
-        return result_at_rest(self.current, self.residual, self.rules)
+        return final_result(self.current, self.residual, self.rules)
 
 
 def _step_and_penalty(

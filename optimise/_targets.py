@@ -120,7 +120,7 @@ class OverturningAcceleration(AbstractTarget):
     - `pulse`: class of the pulse, such as `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
     - `max_acceleration_ratio`: largest searched amplitude [g tan α], above `at_least`; if no searched
       amplitude overturns, a_ov is this amplitude, with zero derivative
-    - `width`: verification misses no overturning window below a_ov that is wider than this fraction of the
+    - `width`: verification finds every overturning window below a_ov that is wider than this fraction of the
       searched range [–]
 
     The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for arguments out of range.
