@@ -32,7 +32,7 @@ def cache(
     if clear:
         removed = store.clear()
         console.say(f"removed {removed} programs from {folder}")
-        console.facts |= {"removed": removed}
+        console.json_object |= {"removed": removed}
     entries = store.entries()
     size, limit = sum(entry.size for entry in entries) / 2**20, store.limit() / 2**20
     reason_unused = store.reason_unused()
@@ -42,7 +42,7 @@ def cache(
         console.say(f"the least recently used program was used {days:.1f} days ago")
     if reason_unused:
         console.say(f"the cache is not in use: {reason_unused}")
-    console.facts |= {
+    console.json_object |= {
         "folder": str(folder),
         "programs": len(entries),
         "MiB": round(size, 1),

@@ -35,7 +35,7 @@ def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
 
 
 def load(path: Path, count: int) -> list[xarray.Dataset | None]:
-    """Load the saved datasets, some of which may be incomplete; None for podiums without results.
+    """Load the datasets of an interrupted run, which may be incomplete; None for podiums without results.
 
     Raises `ValueError` if the file does not exist, cannot be read or was not saved for `count` podiums.
     """

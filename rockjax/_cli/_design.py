@@ -42,7 +42,7 @@ def design(request: Request, console: Console, output: Output = "rockjax-design"
         console.say(line)
     for path in written:
         console.add_file(path)
-    console.facts |= {
+    console.json_object |= {
         name: value for name, value in optimise.design_record(best).items() if name != "history"
     }
     if interrupt is not None:

@@ -20,10 +20,9 @@ from ._run import Console, command
 def ensemble(request: Request, console: Console, output: Output = "rockjax-ensemble") -> None:
     """Estimate distributions of the peaks of random structures under random motions, with confidence bounds.
 
-    The table [ensemble.spread] of the problem file has the distributions of parameters. From a set of
-    several motions, each scene draws one. Prints quantiles; writes OUTPUT.nc with all scenes, and a
-    picture of the empirical distribution for each peak, such as OUTPUT-peak-rotation.png. Ctrl-C saves
-    nothing.
+    The table [ensemble.spread] of the problem file has the distributions of parameters. Each scene draws
+    one motion from the set of motions. Prints quantiles; writes OUTPUT.nc with all scenes, and a picture
+    of the empirical distribution of each peak, such as OUTPUT-peak-rotation.png. Ctrl-C saves nothing.
 
     \b
     Examples:
@@ -53,7 +52,7 @@ def ensemble(request: Request, console: Console, output: Output = "rockjax-ensem
         )
     console.write(files.data(), result.data)
     share, low, high = result.overturning_probability()
-    console.facts |= result.counts | {
+    console.json_object |= result.counts | {
         "overturning": share,
         "overturning_interval": [low, high],
         "quantiles": {},
@@ -61,7 +60,7 @@ def ensemble(request: Request, console: Console, output: Output = "rockjax-ensem
     for name in (name for name in pictures if name in result.answers):
         console.draw(files.picture(pictures[name]), "ensemble", result, output=name)
         quantiles = result.quantiles(name)
-        console.facts["quantiles"][name] = {
+        console.json_object["quantiles"][name] = {
             f"{float(q):g}": [float(quantiles[y][k]) for y in ("quantile", "lower", "upper")]
             for k, q in enumerate(quantiles["probability"])
         }

@@ -63,7 +63,7 @@ def floors(request: Request, console: Console, output: Output = "rockjax-floors"
     g, overturned = float(podium.g), np.atleast_1d(data["overturned"].values)
     note = f"; {int(overturned.sum())} overturned, and their values cover only the time before overturning"
     console.say(f"{overturned.size} scenes{note if overturned.any() else ''}; largest values:")
-    facts = {}
+    largest_values = {}
     for level in data["level"].values.tolist():
         at_level = data.sel(level=level)
         spectrum = at_level["pseudo_acceleration"]
@@ -74,7 +74,7 @@ def floors(request: Request, console: Console, output: Output = "rockjax-floors"
             f"  {level:<6} acceleration {peak / g:.4g} g, velocity jump {jump:.4g} m/s, spectrum "
             f"{float(spectrum[k]) / g:.4g} g at {periods[k]:.3g} s"
         )
-        facts[level] = {
+        largest_values[level] = {
             "peak_acceleration": peak,
             "peak_velocity_jump": jump,
             "spectrum": float(spectrum[k]),
@@ -82,4 +82,8 @@ def floors(request: Request, console: Console, output: Output = "rockjax-floors"
     may_grow = ~(data["remaining_ratio"].values <= 1)
     if may_grow.any():
         console.say(f"  {may_grow.mean():.0%} of the values may still grow after the end of their scene")
-    console.facts |= {"scenes": overturned.size, "overturned": float(overturned.mean()), "levels": facts}
+    console.json_object |= {
+        "scenes": overturned.size,
+        "overturned": float(overturned.mean()),
+        "levels": largest_values,
+    }

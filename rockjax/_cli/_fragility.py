@@ -143,7 +143,7 @@ def _report_curves(
         f"{analysis.sizes['intensity']} levels of {name} from {low:.3g} to {high:.3g}{unit_suffix}: "
         f"{analysis.attrs['scenes']} scenes, {overturning} of the records overturn"
     )
-    console.facts |= {
+    console.json_object |= {
         "records": count,
         "overturning_records": overturning,
         "scenes": analysis.attrs["scenes"],
@@ -155,7 +155,7 @@ def _report_curves(
         _report_contents(console, contents, unit_suffix)
         console.draw(files.picture("contents"), "contents_fragility", contents)
     if curve is None:
-        # Save the analysis: it is expensive and shows which levels would be better.
+        # The analysis is expensive, and shows which levels would allow a fit.
         console.write(files.data(), analysis, groups)
         console.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
         return
@@ -164,13 +164,13 @@ def _report_curves(
     console.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
     median, dispersion = float(curve["median_capacity"]), float(curve["dispersion"])
     median_note = dispersion_note = ""
-    console.facts |= {"units": unit or "1", "median": median, "dispersion": dispersion}
+    console.json_object |= {"units": unit or "1", "median": median, "dispersion": dispersion}
     if "interval" in curve:
         median_bounds, dispersion_bounds = np.asarray(curve["interval"].transpose("quantity", "bound"))
         interval = f", {settings.confidence:.0%} interval"
         median_note = f"{interval} {median_bounds[0]:.4g} to {median_bounds[1]:.4g}"
         dispersion_note = f"{interval} {dispersion_bounds[0]:.3f} to {dispersion_bounds[1]:.3f}"
-        console.facts |= {
+        console.json_object |= {
             "median_interval": list(median_bounds),
             "dispersion_interval": list(dispersion_bounds),
             "confidence": settings.confidence,
@@ -183,7 +183,7 @@ def _report_curves(
         )
         for parameter, value in slopes.items():
             console.say(f"d ln(median)/d ln {parameter}: {value:.4g}")
-        console.facts["median_sensitivity"] = slopes
+        console.json_object["median_sensitivity"] = slopes
     if failed:
         from rockjax._results import explain_failures
 
@@ -195,20 +195,21 @@ def _report_contents(console: Console, data: xarray.Dataset, unit_suffix: str) -
     from rockjax._text.tables import align_rows
 
     rows = [["contents", "max|φ|/α_c", f"median {data.attrs['measure']}{unit_suffix}", "dispersion"]]
-    facts: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
     for name in data["contents"].values.tolist():
         for state in data["damage_state"].values.tolist():
             curve = data.sel(contents=name, damage_state=state)
             median, dispersion = float(curve["median_capacity"]), float(curve["dispersion"])
             rows.append([name, f"{state:g}" if state else "rocks", f"{median:.4g}", f"{dispersion:.3f}"])
-            facts.append({"name": name, "damage_state": state, "median": median, "dispersion": dispersion})
+            entries.append({"name": name, "damage_state": state, "median": median, "dispersion": dispersion})
     for line in align_rows(rows):
         console.say(line)
-    console.facts["contents"] = facts
+    console.json_object["contents"] = entries
 
 
 def _curve(console: Console, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:
-    """Return the fragility curve; without confidence intervals if these fail, None if no curve fits."""
+    """Return the fragility curve, without confidence intervals if they cannot be computed; None if no curve
+    fits."""
     import rockjax as rj
 
     try:
@@ -224,7 +225,7 @@ def _curve(console: Console, analysis: xarray.Dataset, settings: models.Fragilit
 
 
 def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motions:
-    """Return the suite: records from files, synthetic motions, or a set of the problem file."""
+    """Return the motions: records from files, synthetic motions, or a set of the problem file."""
     from rockjax._motions.synthetic import synthetic_motions
 
     if paths and synthetic is not None:
@@ -246,7 +247,7 @@ def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motion
         raise ValueError(
             f"--{name} applies only to files on the command line; set {name} in the problem file instead"
         )
-    return request.reader.records(sets, request.set_name(request.settings.motions, "motions"))
+    return request.reader.records(sets, request.motion_set_name(request.settings.motions, "motions"))
 
 
 def _measure(settings: models.Fragility, suite: Motions) -> rj.Measure:

@@ -1,4 +1,4 @@
-"""Warnings about joints in which assumptions of the model do not hold."""
+"""Warnings if assumptions of the model do not hold in the joints."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 VARIABLES = ("least_axial_force", "least_impulse_share", "peak_friction", "peak_impact_friction")
 OUTPUTS = ("peak_friction", "axial_force", "impact_friction")  # outputs that contain `VARIABLES`
-ROUNDING = 1e-9  # rounding error of the impact eccentricity ξ_J
+ROUNDING = 1e-9  # allowed rounding error of the impact eccentricity ξ_J
 
 
 def request_joints(podium: rj.Podium, options: rj.Options) -> rj.Options:
-    """Return the options; if the podium has an elevation, with the outputs of the joints added."""
+    """Return the options, with the outputs of joints added if the podium has an elevation."""
     if podium.elevation is None:
         return options
     return options.replace(outputs=tuple(dict.fromkeys((*options.outputs, *OUTPUTS))))
@@ -26,8 +26,8 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     """Yield a line for each assumption about the joints that does not hold or cannot be checked.
 
     - `podium`: the structure
-    - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of one scene or of a batch, in
-      which scenes that overturn are ignored; None to check only the podium
+    - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of a scene or a batch; None to
+      check only the podium. Scenes of a batch that overturn are ignored
     - `friction`: friction coefficient μ of the joints [–]; None if unknown
     """
     import numpy as np
@@ -50,7 +50,7 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     survives = ~overturned if overturned.ndim else np.ones((), bool)
 
     def extreme(name: str, sign: int) -> np.ndarray:
-        """Return the larger (sign 1) or smaller (−1) value of the two joints in each scene."""
+        """Return the larger (sign 1) or smaller (−1) value of the two joints in each surviving scene."""
         values = getattr(peaks, name)
         joint_axis = values.dims.index("joint") if hasattr(values, "dims") else -1
         return sign * np.max(sign * np.asarray(values), axis=joint_axis)[survives]

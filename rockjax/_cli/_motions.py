@@ -129,23 +129,23 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], cons
     if not problem.motions:
         reader.fail("motions", "the file has no set of motions; add one, such as [motions.design]")
     podium = None if problem.structure is None else reader.structure(problem.structure)
-    facts = [
+    rows = [
         {"set": name, "number": number} | _motion_row(member, reader.folder)
         for name in problem.motions
         for number, member in enumerate(reader.members(problem.motions, name, podium), 1)
     ]
-    _print_table(console, facts)
+    _print_table(console, rows)
 
 
-def _print_table(console: Console, facts: list[dict[str, Any]], numbers: bool = False) -> None:
+def _print_table(console: Console, rows: list[dict[str, Any]], numbers: bool = False) -> None:
     """Print a table of motions with headings; `numbers`: align all columns but the first to the right."""
     from rockjax._text.tables import align_rows
 
     for line in align_rows(
-        [tuple(facts[0]), *(tuple(map(_format_cell, row.values())) for row in facts)], numbers=numbers
+        [tuple(rows[0]), *(tuple(map(_format_cell, row.values())) for row in rows)], numbers=numbers
     ):
         console.say(line)
-    console.facts["motions"] = facts
+    console.json_object["motions"] = rows
 
 
 def _motion_row(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
@@ -234,7 +234,7 @@ def synthetic(
     for motion in suite:
         motion.save(output / f"{motion.name}.AT2")
         writer.writerow([f"{motion.name}.AT2", motion.name, *(motion.metadata[key] for key in parameters)])
-    # The table is written last, after all motions in it.
+    # The table is written last, when all files in it exist.
     console.add_file(
         write_atomically(
             output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")
@@ -242,4 +242,4 @@ def synthetic(
     )
     console.say(repr(suite))
     console.say(f"wrote {len(suite)} motions and suite.csv into {output}")
-    console.facts["motions"] = suite.names
+    console.json_object["motions"] = suite.names

@@ -28,13 +28,13 @@ PULSE_DEFAULTS = {"acceleration_ratio": 2.5, "T_p": 1.0}
 
 
 def option(*names: str, panel: str, help: str, **option_arguments: Any) -> Any:
-    """Return a Typer option in the group `panel` of the help. Brackets in `help` enclose units, so they are
-    escaped as markup."""
+    """Return a Typer option in the group `panel` of the help. Brackets in `help`, which enclose units, are
+    escaped, because Typer would read them as markup."""
     return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **option_arguments)
 
 
 def argument(help: str, **option_arguments: Any) -> Any:
-    """Return a Typer argument. Brackets in `help` enclose units, so they are escaped as markup."""
+    """Return a Typer argument. Brackets in `help` are escaped, as in `option`."""
     return typer.Argument(help=help.replace("[", r"\["), **option_arguments)
 
 
@@ -136,7 +136,10 @@ def accuracy_options(**defaults: Any) -> dict[str, Option]:
 
 
 def _option_type(annotation: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
-    """Return the Typer type for a key, the conversion to its value, and arguments for its option."""
+    """Return the Typer type for a key, the conversion to its value, and arguments for its option.
+
+    `annotation`: type of the key in its model
+    """
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _option_type(arguments[0])

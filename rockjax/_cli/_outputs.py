@@ -90,7 +90,7 @@ def store_path(output: Path) -> Path:
 
 
 def require_writable(path: Path) -> None:
-    """Raise `OSError` if a path cannot be written, tested by a temporary file in its nearest folder."""
+    """Raise `OSError` if a path cannot be written, tested by a temporary file in the nearest folder."""
     if path.is_dir():
         raise OSError(f"{path} could not be written: it is a folder")
     folder = path.parent

@@ -79,4 +79,7 @@ def overturning(
     frequencies_with_windows = int((panels["boundaries"].count("boundary") > 1).sum())
     scenes = int(sum(data.attrs["scenes"] for data in spectra))
     console.say(f"{scenes} scenes; windows of survival at {frequencies_with_windows} frequencies")
-    console.facts |= {"scenes": scenes, "frequencies_with_windows_of_survival": frequencies_with_windows}
+    console.json_object |= {
+        "scenes": scenes,
+        "frequencies_with_windows_of_survival": frequencies_with_windows,
+    }

@@ -11,7 +11,11 @@ if TYPE_CHECKING:
 
 
 def make_pulse(name: str, vertical_ratio: float | None) -> Any:
-    """Return the function (a_p, T_p) ↦ motion of a pulse; `vertical_ratio` adds a vertical component."""
+    """Return the function (a_p, T_p) ↦ ground motion of a kind of pulse.
+
+    - `name`: name of the kind
+    - `vertical_ratio`: vertical divided by horizontal acceleration [–]; None for no vertical motion
+    """
     from rockjax._excitations.ground import GroundMotion
     from rockjax._excitations.pulses import PULSES
 
@@ -24,14 +28,14 @@ def combine_panels(datasets: list, ratios: list[float], periods: list[float], ze
 
     - `datasets`: spectrum of each panel: all periods of the first mass ratio, then of the second, …
     - `ratios`: mass ratios η/γ [–]
-    - `periods`: periods T_s [s]; 0 for rigid
+    - `periods`: periods T_s [s]; 0 for a rigid superstructure
     - `zeta`: damping ratio [–]
     """
     import numpy as np
     import xarray
 
     next_spectra = iter(datasets)
-    # Spectra with fewer boundaries are padded.
+    # Spectra with fewer boundaries than others are padded.
     concat_options = {
         "combine_attrs": "drop_conflicts",
         "join": "outer",
@@ -75,7 +79,7 @@ def report_minima(
     for ratio, row in zip(ratios, values, strict=True):
         line = ", ".join(f"T_s = {T:g} s: {value:.4f}" for T, value in zip(periods, row, strict=True))
         console.say(f"least overturning a_p/(g tan α), η/γ = {ratio:g}: {line}")
-    console.facts["least_overturning"] = [
+    console.json_object["least_overturning"] = [
         {"eta_over_gamma": ratio, "T_s": T, "acceleration_ratio": value}
         for ratio, row in zip(ratios, values.tolist(), strict=True)
         for T, value in zip(periods, row, strict=True)

@@ -76,13 +76,13 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
     )
     console.write(files.data(), data)
     console.draw(files.picture(), "peaks", data)
-    console.facts |= console.say_scenes(data, len(labels))
+    console.json_object |= console.say_scenes(data, len(labels))
     rows = _rows(data)
     for line in align_rows(
         [tuple(rows[0]), *(tuple(map(_format_cell, row.values())) for row in rows)], numbers=True
     ):
         console.say(f"  {line}")
-    console.facts["motions"] = rows
+    console.json_object["motions"] = rows
     for line in joint_warnings(podium, result if "least_axial_force" in data else None, settings.friction):
         console.say(f"  {line}")
     if message := explain_failures(data["result"]):

@@ -84,7 +84,7 @@ def report(
     if xlsx is not None:
         console.add_file(written_report.to_xlsx(xlsx))
     console.say(repr(written_report))
-    console.facts |= {
+    console.json_object |= {
         "verdict": written_report.evaluation.verdict,
         "checks": {check.id: check.result for check in written_report.evaluation.checks},
     }

@@ -1,4 +1,4 @@
-"""Request of a command: tables of a problem file, overridden by command-line options and checked."""
+"""Problem of a command: the tables of a problem file, overridden by command-line options and validated."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ def problem_file(problem: Path | None, example: str | None) -> Path | None:
 
 
 class Request:
-    """An optional problem file and the options that override it; the result is the model `problem`.
+    """The problem of a command. Options override the problem file, if there is one.
+
+    `problem` is the validated result.
 
     - `command`: name of the command; `settings` is the table of this name in `problem`
     - `path`: path of the problem file, or None
@@ -64,7 +66,7 @@ class Request:
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
         self.file_tables = {} if path is None else reading.load_table(path)
         self.reader = reading.Reader(path, explicit)
-        # keys of the command's table in the problem file
+        # Keys of the command's table in the problem file.
         self.keys = getattr(models, command.title(), models.Keys).model_fields
         self.tables = self._merge(values)
         self.problem = self.reader.check(models.Problem, self.tables)
@@ -186,7 +188,7 @@ class Request:
         return bool(self.chosen((*_MOTION_KEYS, "number")))
 
     def options(self, **defaults: Any) -> rj.Options:
-        """Return the options; `defaults`: values that neither the command line nor the problem file sets."""
+        """Return the options; `defaults`: values of keys that neither an option nor the problem file sets."""
         return self.reader.options(self.problem.options, **defaults)
 
     def podium(self) -> rj.Podium:
@@ -200,17 +202,17 @@ class Request:
         return self.reader.structure(structure)
 
     def contents(self) -> dict[str, rj.Contents]:
-        """Return the blocks on floors of the problem file by name."""
+        """Return the blocks on floors in the problem file: name → block."""
         return self.reader.contents(self.problem.contents)
 
     def oscillators(self) -> dict[str, rj.Oscillator]:
-        """Return the oscillators on floors of the problem file by name."""
+        """Return the oscillators on floors in the problem file: name → oscillator."""
         return self.reader.oscillators(self.problem.oscillators)
 
     def panels(self) -> Panels:
         """Return the podiums of a spectrum: one for each mass ratio η/γ and period T_s (0 for rigid).
 
-        The structure of a problem file is the only podium unless the options or the table of the command set
+        The structure in a problem file is the only podium unless an option or the table of the command sets
         η, η/γ, T_s or ζ. Raises `ValueError` for contradictory options, and for options that cannot change
         the superstructure.
         """
@@ -245,7 +247,7 @@ class Request:
             tops = [superstructure_of(eta, T or None, zeta, stories) for eta in etas for T in periods]
         return Panels([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
 
-    def set_name(self, name: str | None, key: str = "motion") -> str:
+    def motion_set_name(self, name: str | None, key: str = "motion") -> str:
         """Return the chosen set of motions, by default the only set; `key`: key of the choice."""
         sets = self.problem.motions
         if name is None and len(sets) > 1:
@@ -258,7 +260,7 @@ class Request:
 
     def motion(self, podium: rj.Podium) -> Any:
         """Return the chosen motion of the chosen set."""
-        name, number = self.set_name(self.settings.motion), self.settings.number
+        name, number = self.motion_set_name(self.settings.motion), self.settings.number
         members = self.reader.members(self.problem.motions, name, podium)
         if (number is None and len(members) > 1) or (number is not None and number > len(members)):
             self.reader.fail(
@@ -275,7 +277,7 @@ class Request:
         sets, name = self.problem.motions, self.settings.motion
         if (name is None and len(sets) > 1) or self.changes_motion:
             return to_excitation(self.motion(podium))
-        name = self.set_name(name)
+        name = self.motion_set_name(name)
         if not has_pulses(sets[name]):
             motions: Any = self.reader.records(sets, name)
         else:
@@ -288,7 +290,7 @@ class Panels(NamedTuple):
 
     podiums: list[rj.Podium]
     ratios: list[float]  # mass ratios η/γ [–]
-    periods: list[float]  # longest periods of the superstructures [s]; 0 for rigid
+    periods: list[float]  # longest periods of the superstructures [s]; 0 if rigid
     zeta: float  # damping ratio of the modes with these periods [–]
 
 
@@ -297,7 +299,7 @@ def read_records(reader: Any, paths: list[Path], keys: Mapping[str, Any]) -> Mot
 
     - `reader`: checks and reads the entries
     - `paths`: the files, folders and tables
-    - `keys`: values of keys of all these entries, such as `units` and `dt`; `pattern` is used for folders
+    - `keys`: values of keys for all these paths, such as `units` and `dt`; only folders use `pattern`
     """
     from rockjax._motions.readers import is_table
 

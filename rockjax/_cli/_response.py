@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def residual_share(podium: rj.Podium) -> float:
-    """Return the share of the superstructure's mass that is in no mode and moves with the beam."""
+    """Return the share of the superstructure's mass that is in no mode, so that it moves with the beam."""
     superstructure = podium.superstructure
     if superstructure is None or not superstructure.rows:
         return 0.0
@@ -79,8 +79,8 @@ def response(request: Request, console: Console, output: Output = "rockjax-respo
 
     code = int(results.code_of(history.result))
     peaks = {name: getattr(history, name) for name in all_variables() if name != "margin"}
-    console.facts |= {"result": results.NAMES[code], **peaks, "inputs": dict(data.attrs)}
-    console.facts |= {
+    console.json_object |= {"result": results.NAMES[code], **peaks, "inputs": dict(data.attrs)}
+    console.json_object |= {
         str(name): dict(zip(labels_by_dim[str(y.dims[-1])], y.values.tolist(), strict=True))
         for name, y in data.data_vars.items()
         if y.dims and y.dims[-1] in labels_by_dim
@@ -94,13 +94,13 @@ def _describe_inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
     g = attrs["g_m_s2"]
     for component in ("", "vertical_"):
         prefix = f"{component}record_"
-        facts = {name.removeprefix(prefix): y for name, y in attrs.items() if name.startswith(prefix)}
-        if not facts:
+        record = {name.removeprefix(prefix): y for name, y in attrs.items() if name.startswith(prefix)}
+        if not record:
             continue
-        parts = [str(facts[name]) for name in ("name", "source") if name in facts]
-        parts += [f"dt = {facts['dt_s']:g} s, PGA = {facts['pga_m_s2'] / g:.4g} g"]
-        parts += [f"{name} {facts[name]:g}" for name in ("scale", "seed") if name in facts]
-        yield f"{'vertical' if component else 'record':<16} {', '.join(parts)}, SHA-256 {facts['sha256']}"
+        parts = [str(record[name]) for name in ("name", "source") if name in record]
+        parts += [f"dt = {record['dt_s']:g} s, PGA = {record['pga_m_s2'] / g:.4g} g"]
+        parts += [f"{name} {record[name]:g}" for name in ("scale", "seed") if name in record]
+        yield f"{'vertical' if component else 'record':<16} {', '.join(parts)}, SHA-256 {record['sha256']}"
     law = attrs["restitution"] if isinstance(attrs["restitution"], str) else "given"
     yield f"{'impact law':<16} {law}, e = {attrs['restitution_factor']:.6g}"
     uplift, demand = attrs["uplift_ground_acceleration_m_s2"] / g, attrs["uplift_demand_m_s2"] / g

@@ -58,8 +58,8 @@ def risk(request: Request, console: Console, output: Output = "rockjax-risk") ->
         console.say(
             f"{share:.0%} of the frequency comes from intensities beyond the points of the hazard curve"
         )
-    console.facts |= {"frequency_per_year": frequency, "return_period_years": return_period}
-    console.facts |= {
+    console.json_object |= {"frequency_per_year": frequency, "return_period_years": return_period}
+    console.json_object |= {
         "years": settings.years,
         "probability": probability,
         "extrapolated": share,
@@ -70,5 +70,5 @@ def risk(request: Request, console: Console, output: Output = "rockjax-risk") ->
 
 
 def _path(request: Request, name: str) -> Path:
-    """Return the path of a file in the working directory, or else in the folder of the problem file."""
+    """Return the path of a file: in the working directory or, if it is not there, beside the problem file."""
     return Path(name) if request.path is None or Path(name).exists() else request.path.parent / name

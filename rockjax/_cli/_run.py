@@ -1,4 +1,4 @@
-"""Execution of commands: options, problem files, warnings, reports and exit status."""
+"""Execution of commands: options, problem files, warnings, printed output and exit status."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130  # exit statuses
 class Console:
     """Output of a command: a summary or a JSON object on stdout, progress and remarks on stderr.
 
-    - `facts`: contents of the JSON object
+    - `json_object`: entries of the JSON object that `--json` prints
     - `written`: files that the command has written
     - `status`: exit status
     """
@@ -34,7 +34,7 @@ class Console:
     def __init__(self, quiet: bool = False, verbose: bool = False, json: bool = False):
         self.quiet, self.verbose, self.json = quiet, verbose, json
         self.start_time = time.perf_counter()
-        self.facts: dict[str, Any] = {}
+        self.json_object: dict[str, Any] = {}
         self.written: list[Path] = []
         self.status = 0
 
@@ -98,9 +98,9 @@ class Console:
             from rockjax._files import as_json
             from rockjax._version import __version__
 
-            run_facts = {"command": COMMAND.get(), "version": __version__, "seconds": round(seconds, 3)}
-            facts = run_facts | self.facts | {"files": list(map(str, self.written))}
-            typer.echo(as_json(facts, ascii=True))  # valid in every encoding of stdout
+            run_entries = {"command": COMMAND.get(), "version": __version__, "seconds": round(seconds, 3)}
+            json_object = run_entries | self.json_object | {"files": list(map(str, self.written))}
+            typer.echo(as_json(json_object, ascii=True))  # valid in every encoding of stdout
         if self.verbose:
             self.note(_describe_programs())
             self.note(f"{seconds:.1f} s in total")
@@ -110,7 +110,7 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
     """Return a decorator that turns a function into a command.
 
     - `groups`: options from the models of problem files, by key
-    - `jax`: True to configure JAX's cache of compiled programs and logging before the call
+    - `jax`: whether to configure JAX's cache of compiled programs, and logging, before the call
 
     The function takes `console` and its own options. It may also take `request`, which has the problem file
     and the options of `groups`, or `reader`, which checks these options without a problem file.
@@ -233,9 +233,9 @@ def configure_jax(console: Console) -> None:
     from rockjax._programs import key, store
 
     if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        # JAX's own cache serves programs that every run traces. The process runs only this command, so the
-        # setting affects nothing else. Programs loaded from JAX's cache cannot be stored by rockjax, so each
-        # version of rockjax has its own folder.
+        # JAX's own cache keeps the programs that rockjax does not store. The process runs only this command,
+        # so the setting affects nothing else. rockjax cannot store a program that JAX has loaded from its
+        # cache. With a folder for each version of rockjax, a new version compiles and stores its programs.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if console.quiet:
@@ -258,7 +258,7 @@ def save_interrupted(
 
     - `output`: prefix of the files of the command
     - `datasets`: results of each podium, complete or not; None for a podium without results
-    - `message`: reason of the interruption, which is printed
+    - `message`: the printed reason of the interruption
     """
     from rockjax._cli import _checkpoint
 

@@ -84,10 +84,10 @@ def spectrum(
     if parameters:
         console.draw(files.picture("sensitivity"), "sensitivity_spectra", panels)
     _checkpoint.path_of(files.prefix).unlink(missing_ok=True)
-    facts = console.say_scenes(panels, total)
+    counts = console.say_scenes(panels, total)
     report_minima(console, panels["minimum"].min("frequency_ratio"), ratios, periods)
-    console.facts |= facts
-    if facts["without_answer"]:
+    console.json_object |= counts
+    if counts["without_answer"]:
         from rockjax._results import explain_failures
 
         console.error(explain_failures(panels["result"]))

@@ -105,7 +105,7 @@ def sweep(
         if dry_run:
             plan: Any = rj.sweep(*scenes, **arguments, client=client, dry_run=True)
             console.say(repr(plan))
-            console.facts |= dataclasses.asdict(plan)
+            console.json_object |= dataclasses.asdict(plan)
             return
         try:
             data: Any = rj.sweep(*scenes, **arguments, client=client)
@@ -113,8 +113,8 @@ def sweep(
             typer.echo(f"\nrockjax: {interrupt}", err=True)
             raise typer.Exit(INTERRUPTED) from None
     console.add_file(store)
-    console.facts |= console.say_scenes(data, scenes.size)
-    failed = console.facts["without_answer"]
+    console.json_object |= console.say_scenes(data, scenes.size)
+    failed = console.json_object["without_answer"]
     if failed:
         console.error(
             f"{failed} of {scenes.size} scenes did not finish; the variable 'result' names the cause of each"
@@ -159,7 +159,7 @@ def _parse_axis(text: str) -> Any:
 
 @contextlib.contextmanager
 def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
-    """Yield the client of the requested cluster; None without a cluster."""
+    """Yield a Dask client of the requested cluster; None without a cluster."""
     if workers is None and scheduler is None:
         yield None
         return

@@ -1,4 +1,4 @@
-"""Rocking of unanchored bodies by ASCE/SEI 43-05, Eqs. (P5), in the form derived from the energy.
+"""Rocking of unanchored bodies by ASCE/SEI 43-05, Eqs. (P5), in the form derived from the energy balance.
 
 ĥ is the half height of the equivalent block.
 """
@@ -27,12 +27,12 @@ def rise(theta, tan_alpha: float):
 
 
 def inertia_factor(tan_alpha: float) -> float:
-    """Return C_3 = 4/3 (1+tan²α), (P5) [–]."""
+    """Return the inertia factor C_3 = 4/3 (1+tan²α), (P5) [–]."""
     return 4 / 3 * (1 + tan_alpha**2)
 
 
 def capacity(theta, tan_alpha: float):
-    """Return S_a,cap/g = 2B(θ)/θ, (P5) with F_v = 1 [–].
+    """Return S_a,cap/g = 2B(θ)/θ, the spectral acceleration for a rotation θ, (P5) with F_v = 1 [–].
 
     - `theta`: rotation > 0, a number or an array of any shape [rad]
     - `tan_alpha`: tan α [–]
@@ -52,7 +52,7 @@ def frequency(theta, tan_alpha: float, g_over_height: float):
 
 
 def damping(restitution: float) -> float:
-    """Return β_e = G/√(4π²+G²), G = −2 ln e, (P5) [–]; inf for e ≤ 0.
+    """Return the equivalent damping ratio β_e = G/√(4π²+G²), G = −2 ln e, (P5) [–]; inf for e ≤ 0.
 
     - `restitution`: velocity factor e of an impact [–]
     """

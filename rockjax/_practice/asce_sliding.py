@@ -17,7 +17,7 @@ REFINEMENT_POINTS = 64  # periods in each of the three refinements of f_es
 
 
 def effective_friction(friction: float, vertical: float, g: float) -> float:
-    """Return μ_e = μ(1 − 0.4A_v/g), at least 0, ASCE 43-05 Eq. (A-1), (P6) [–].
+    """Return the effective friction μ_e = μ(1 − 0.4A_v/g) ≥ 0, ASCE 43-05 Eq. (A-1), (P6) [–].
 
     - `friction`: coefficient of friction μ ≥ 0 [–]
     - `vertical`: largest vertical ground acceleration A_v ≥ 0 [m/s²]
@@ -29,11 +29,11 @@ def effective_friction(friction: float, vertical: float, g: float) -> float:
 def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
     """Return the largest spectral acceleration at 10 % damping [m/s²], and the frequency f_es [Hz].
 
-    f_es is the lowest frequency at which the spectrum reaches c_s; nan if the spectrum is below c_s at all
-    periods from 2 dt to 10 s, where dt is the time step of the motion.
+    f_es is the lowest frequency at which the spectrum reaches `capacity`. It is nan if the spectrum is lower
+    at all periods from 2 dt to 10 s, where dt is the time step of the motion.
 
     - `motion`: ground motion
-    - `capacity`: capacity c_s [m/s²]
+    - `capacity`: capacity c_s for sliding [m/s²]
     """
     values_at = lambda periods: spectrum(motion, periods, DAMPING).acceleration
     periods = period_grid(2 * motion.dt, LONGEST_PERIOD)
@@ -76,7 +76,7 @@ class AsceSliding(AbstractMethod):
         return tuple(reasons)
 
     def outcome(self, case: Case) -> Outcome:
-        if case.friction is None or case.vertical is None:  # for type checkers: `obstacles` excludes it
+        if case.friction is None or case.vertical is None:  # `obstacles` excludes this; for type checkers
             return Outcome(is_complete=False)
         g = case.block.g
         mu_e = effective_friction(case.friction, case.vertical, g)

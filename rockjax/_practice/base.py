@@ -65,14 +65,14 @@ class MethodResult:
     """Result of a simplified method for one podium and n motions.
 
     - `name`: name for programs; `title`: name for readers; `source`: publication and clause
-    - `equation`, `formula`: number and text of the formula
+    - `equation`: number of the formula, such as "(P1)"; `formula`: its text
     - `quantity`, `unit`: what capacity and demand measure, and their unit (`"1"` for ratios)
     - `capacity`: capacity; None if it was not computed
     - `demand`: demand in each motion, shape (n,); None if it was not computed
-    - `statistic`: whether the `"max"` or the `"mean"` of the n demands is compared with the capacity
-    - `passes`: whether the method accepts the podium; None if the method is incomplete
-    - `rotation_ratio`: largest of `answers` in each motion; 1 for overturning, 0 without uplift, (n,) [–].
-      None for methods that compute no rotation
+    - `statistic`: the demand that is compared with the capacity: `"max"` or `"mean"` of the n demands
+    - `passes`: whether the method accepts the podium; None without a verdict
+    - `rotation_ratio`: largest of `answers` for each motion, shape (n,) [–]; 1 for overturning, 0 without
+      uplift. None for methods that compute no rotation
     - `answers`: all stable solutions θ/α for each motion, ascending; 1 stands for overturning. None for
       methods that compute no rotation
     - `values`: intermediate numbers by name, each a `Quantity`
@@ -144,7 +144,7 @@ class MethodResult:
 class Outcome:
     """Results of a method for a case.
 
-    - `rotations`: roots for each motion; None for methods that compute no rotation
+    - `rotations`: solutions θ/α for each motion; None for methods that compute no rotation
     - `is_complete`: whether the numbers suffice for a verdict
     - other fields: as in `MethodResult`
     """
@@ -210,14 +210,14 @@ class AbstractMethod(abc.ABC):
 
 
 def restrainer_obstacles(case: Case) -> tuple[str, ...]:
-    """Return the reason why no method applies to a podium with restrainers; () for other podiums."""
+    """Return why no method applies to a podium with tendons, dampers or inerters; () for other podiums."""
     if case.podium.without_idle_restrainers().restrainers:
         return ("not made: no simplified method covers tendons, dampers or inerters",)
     return ()
 
 
 def damping_obstacles(damping: float) -> tuple[str, ...]:
-    """Return the reason why a damping ratio outside [0, 1) prevents a method; () for other ratios."""
+    """Return why a method cannot use a damping ratio outside [0, 1); () for ratios in this range."""
     if math.isfinite(damping) and 0 <= damping < 1:
         return ()
     return ("not made: the equivalent damping ratio for this restitution factor is not below 1",)

@@ -13,12 +13,12 @@ from rockjax._structures import Podium
 class Block:
     """A solitary rocking block that replaces a podium.
 
-    The block rocks like a podium with a rigid superstructure (`Podium.equivalent_block`). For an elastic
-    superstructure, the block is an assumption of the methods, which treat every superstructure as rigid.
+    The block rocks like a podium with a rigid superstructure (`Podium.equivalent_block`). The methods also
+    use it for elastic superstructures, as if these were rigid.
 
     - `alpha`: slenderness α, in (0, π/2) [rad]; `g`: acceleration of gravity, > 0 [m/s²]
     - `R`: half diagonal of a column, > 0 [m]; `lam`: inertia factor λ of a column, ≥ 0 [–]
-    - `mass_ratio`: Γ = γ + η, the mass of beam and superstructure divided by that of the columns, ≥ 0 [–]
+    - `mass_ratio`: Γ = γ + η, the mass of beam and superstructure divided by the mass of the columns, ≥ 0 [–]
     - `restitution`: velocity factor e of an impact, from the restitution law of the podium [–]
     """
 
@@ -48,7 +48,7 @@ class Block:
 
     @property
     def threshold(self) -> float:
-        """Ground acceleration g tan α that lifts the columns of a rigid podium, Eq. (5) [m/s²]."""
+        """Ground acceleration g tan α that lifts columns below a rigid superstructure, Eq. (5) [m/s²]."""
         return self.g * self.tan_alpha
 
     @property

@@ -12,8 +12,8 @@ class LimitState(NamedTuple):
     """A limit state of the Circolare.
 
     - `name`: SLV (life safety) or SLC (collapse)
-    - `share`: displacement d of the limit state, divided by d_0 of `Mechanism` [–]
-    - `period_factor`: period divided by π√(d/a), where a = a(d) is the capacity curve of `Mechanism` [–]
+    - `share`: displacement d divided by d_0 of `Mechanism` [–]
+    - `period_factor`: period divided by π√(d/a(d)), where a(d) is the capacity curve of `Mechanism` [–]
     - `damping`: damping ratio ξ of the demand spectrum [–]
     """
 
@@ -30,9 +30,9 @@ SLC = LimitState("SLC", 0.6, 1.56, 0.10)
 class Mechanism(NamedTuple):
     """Linear capacity curve a(d) = a_0*(1 − d/d_0) of the frame, (P7), with Γ = `Block.mass_ratio`.
 
-    - `mass_share`: e* = (1+2Γ)²/[(1+Γ)(1+4Γ)], the share of the mass that takes part [–]
-    - `acceleration`: a_0* = g tan α/(e* FC) [m/s²]
-    - `displacement`: d_0 = B(1+4Γ)/(1+2Γ) [m]
+    - `mass_share`: participating mass ratio e* = (1+2Γ)²/[(1+Γ)(1+4Γ)] [–]
+    - `acceleration`: acceleration that starts the mechanism, a_0* = g tan α/(e* FC) [m/s²]
+    - `displacement`: displacement without resistance, d_0 = B(1+4Γ)/(1+2Γ) [m]
     """
 
     mass_share: float

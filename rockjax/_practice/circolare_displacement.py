@@ -38,9 +38,9 @@ class CircolareDisplacement(AbstractMethod):
             for state in (SLV, SLC)
         }
         values = {
-            "e_star": Quantity(mechanism.mass_share, "1", "e*, share of the mass that takes part"),
+            "e_star": Quantity(mechanism.mass_share, "1", "e*, participating mass ratio"),
             "a_0_star": Quantity(mechanism.acceleration, "m/s2", "a_0*, acceleration of the mechanism"),
-            "d_0": Quantity(mechanism.displacement, "m", "d_0, displacement without strength"),
+            "d_0": Quantity(mechanism.displacement, "m", "d_0, displacement without resistance"),
         }
         for state in (SLV, SLC):
             damping = f"{state.damping:.0%} damping"

@@ -28,7 +28,7 @@ class CircolareForce(AbstractMethod):
         mechanism = Mechanism.of(case.block, case.confidence_factor)
         values = {
             "alpha_0": Quantity(case.block.tan_alpha, "1", "α_0 = tan α, multiplier of the mechanism"),
-            "e_star": Quantity(mechanism.mass_share, "1", "e*, share of the mass that takes part"),
+            "e_star": Quantity(mechanism.mass_share, "1", "e*, participating mass ratio"),
             "a_0_star": Quantity(mechanism.acceleration, "m/s2", "a_0*, acceleration of the mechanism"),
         }
         return Outcome(BEHAVIOUR_FACTOR * mechanism.acceleration, case.pga, values=values)

@@ -14,7 +14,7 @@ def damping(restitution: float) -> float:
 
 
 class Fema(Priestley):
-    """The method of Priestley et al. with another damping ratio, (P4)."""
+    """The method of Priestley et al. with the damping ratio β = 0.4(1−e), (P4)."""
 
     name = "fema_356"
     title = "FEMA 356"

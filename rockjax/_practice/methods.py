@@ -31,11 +31,11 @@ def simplified_methods(
 ) -> tuple[MethodResult, ...]:
     """Apply simplified methods of practice, (P1) to (P7), to a podium and ground motions, outside jit.
 
-    The methods are for comparison with the exact answer ([`rockjax.peak_responses`][]) and do not replace it;
-    each result states how reliable its method is. Only (P2) considers that the superstructure vibrates; the
-    others treat it as rigid. Vertical motion enters only (P6), as A_v.
+    The methods are for comparison with the exact answer ([`rockjax.peak_responses`][]) and do not replace it.
+    Each result states how reliable its method is. Only (P2) includes vibrations of the superstructure; the
+    other methods treat it as rigid. Only (P6) includes vertical motion, by its largest acceleration A_v.
 
-    - `podium`: a single podium, with any superstructure. With tendons, dampers or inerters no method applies
+    - `podium`: a single podium, with any superstructure; no method applies to tendons, dampers or inerters
     - `motions`: n sampled motions: a [`rockjax.Motion`][], [`rockjax.Motions`][], records or a list of them
     - `friction`: coefficient of friction μ in (P6), ≥ 0 [–]; (P6) needs it
     - `vertical`: largest vertical ground acceleration A_v in (P6), ≥ 0 [m/s²]; by default the largest of the

@@ -42,8 +42,8 @@ def amplitude_after_impacts(phi: float, restitution: float, impacts: int) -> flo
 
 
 def damping_of_decay(phi: float, restitution: float, impacts: int) -> float:
-    """Return β = ln(φ_0/φ_n)/(nπ), the damping ratio of an oscillator that decays like n impacts of a block,
-    Eq. (10) of Makris & Konstantinidis (2003) [–]. `damping` approximates this β.
+    """Return the damping ratio of an oscillator that decays as much as a block in n impacts,
+    β = ln(φ_0/φ_n)/(nπ), Eq. (10) of Makris & Konstantinidis (2003) [–]. `damping` approximates it.
 
     - `phi`: amplitude φ_0 = θ/α at the start, in (0, 1) [–]
     - `restitution`: velocity factor e of an impact, in (0, 1] [–]

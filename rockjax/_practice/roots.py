@@ -1,4 +1,4 @@
-"""Solutions of a method that computes a rotation F(φ) from an assumed rotation φ: roots of F(φ) = φ."""
+"""Solutions φ of F(φ) = φ, where F(φ) is the rotation that a method computes from an assumed rotation φ."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-LOWEST, HIGHEST = 0.01, 0.999  # ends of the scanned rotations φ = θ/α [–]
+LOWEST, HIGHEST = 0.01, 0.999  # range of the scanned rotations φ = θ/α [–]
 SCAN_POINTS = 1001  # points of the scan
 REFINEMENT_POINTS = 64  # points of each of the two refinements of a bracket
 
 
 class Roots(NamedTuple):
-    """Roots φ = θ/α of F(φ) = φ, ascending [–]. F(φ) is the rotation that a method computes from φ.
+    """Roots φ = θ/α of F(φ) = φ, ascending [–].
 
-    - `stable`: roots at which F − φ changes from + to −, to which an iteration converges
-    - `unstable`: roots at which F − φ changes from − to +
+    - `stable`: roots with F(φ) > φ just below and F(φ) < φ just above
+    - `unstable`: roots with F(φ) < φ just below and F(φ) > φ just above
     - `overturns`: whether F(φ) ≥ φ at the end of the scan, φ = 0.999
     """
 
@@ -26,7 +26,7 @@ class Roots(NamedTuple):
 
     @property
     def answer(self) -> float:
-        """The largest solution θ/α: 1 for overturning, 0 if there is no stable root [–]."""
+        """Largest stable solution θ/α [–]; 1 for overturning, 0 without a stable root."""
         return 1.0 if self.overturns else float(self.stable.max(initial=0.0))
 
     @property
@@ -38,8 +38,8 @@ class Roots(NamedTuple):
 def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
     """Return the roots of F(φ) − φ in 0.01 ≤ φ ≤ 0.999.
 
-    `excess` is evaluated at 1001 equally spaced points. Two roots between neighbouring points are missed.
-    The bracket of each root is divided twice into 63 parts; in the last part, `excess` is taken as linear.
+    `excess` is evaluated at 1001 equally spaced points; two roots between neighbouring points are missed. The
+    bracket of each root is divided twice into 63 parts. `excess` is interpolated linearly in the last part.
 
     - `excess`: F(φ) − φ, or a quantity of the same sign, for an array of φ [–]
     """

@@ -12,7 +12,7 @@ import numpy as np
 from rockjax._motions.motion import Motion
 from rockjax._oscillators import ground_load, largest
 
-PERIOD_RATIO = 1.02  # largest ratio of consecutive periods in the search for the largest value of a spectrum
+PERIOD_RATIO = 1.02  # largest ratio of consecutive periods in the search for a maximum
 REFINEMENT_POINTS = 32  # periods in each of the two refinements of a maximum
 NEAR_LARGEST = 0.98  # local maxima above this fraction of the largest value are refined
 
@@ -62,7 +62,7 @@ def refined_maximum(
 
 
 def period_grid(shortest: float, longest: float) -> np.ndarray:
-    """Return periods from `shortest` to `longest` [s] in equal ratios of at most 2 %."""
+    """Return periods from `shortest` to `longest` [s] with a constant ratio of at most 1.02."""
     return np.geomspace(
         shortest, longest, 2 + math.ceil(math.log(longest / shortest) / math.log(PERIOD_RATIO))
     )
@@ -71,8 +71,7 @@ def period_grid(shortest: float, longest: float) -> np.ndarray:
 def largest_displacement(motion: Motion, longest: float, damping: float) -> float:
     """Return the largest S_d(T) of all periods 0 < T ≤ `longest` [m].
 
-    Since |ü_g| ≤ PGA implies |x| ≤ PGA/ω² coth(πζ/(2√(1−ζ²))), S_d is below S_d(`longest`) at short periods,
-    which are not searched.
+    Short periods are not searched: there the bound S_d ≤ PGA/ω² coth(πζ/(2√(1−ζ²))) is below S_d(`longest`).
 
     - `motion`: ground motion
     - `longest`: longest period > 0 [s]

@@ -23,10 +23,10 @@ from .tables import (
     Text,
     Tone,
     Word,
+    format_error,
+    format_number,
+    format_series,
     head,
-    shown,
-    shown_error,
-    shown_series,
     with_unit,
 )
 from .units import Units
@@ -54,9 +54,9 @@ def text(content: Text, units: Units) -> Markup:
 
 def _part(part: Part, units: Units) -> Markup:
     if isinstance(part, Quantity):
-        return safe(with_unit(shown(part, units), part.kind, units))
+        return safe(with_unit(format_number(part, units), part.kind, units))
     if isinstance(part, Bare):
-        return safe(shown(part.quantity, units))
+        return safe(format_number(part.quantity, units))
     if isinstance(part, Formula):
         return formula(part).replace('display="block"', 'display="inline"')
     if isinstance(part, Code):
@@ -98,9 +98,9 @@ def value(cell: Cell, units: Units, *, shows_unit: bool = True) -> Markup:
             first = emphasised(first, cell.tone)
         return first + second_line(cell.note, units)
     if isinstance(cell, Series):
-        digits, error = shown_series(cell, units), Markup("")
+        digits, error = format_series(cell, units), Markup("")
     else:
-        digits, error = shown(cell, units), shown_error(cell, units)
+        digits, error = format_number(cell, units), format_error(cell, units)
         error = Markup("<small>± {}</small>").format(error) if error else Markup("")
     return (
         safe(with_unit(digits, cell.kind, units) if shows_unit else digits)

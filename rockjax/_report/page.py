@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from . import markup
 from .blocks import Limit, Page
-from .tables import SPACE, Quantity, Word, shown, with_unit
+from .tables import SPACE, Quantity, Word, format_number, with_unit
 from .units import Units, in_unit
 
 # Colours of rows and words of the summary, as classes of page.css, by result.
@@ -72,7 +72,7 @@ def _limit(limit: Limit | Word, units: Units) -> Markup:
     if isinstance(limit, Word):
         return markup.value(limit, units)
     quantity = limit.quantity
-    digits = with_unit(shown(quantity, units), quantity.kind, units)
+    digits = with_unit(format_number(quantity, units), quantity.kind, units)
     content = Markup("{}{}{}").format(limit.comparison, SPACE, _breakable(digits))
     if limit.unit is not None and limit.unit != units.unit(quantity.kind):
         given = f"{in_unit(quantity.value, limit.unit, quantity.kind, units.g):.6g} {limit.unit}"
@@ -99,7 +99,7 @@ def _utilisation(cell: Quantity | Word, units: Units) -> Markup:
     bar = Markup('<span class="bar"><i{} style="width:{:.0f}%"></i><b></b></span>').format(
         Markup(attributes), percent
     )
-    return Markup('<span class="u">{}<span>{}</span></span>').format(bar, shown(cell, units))
+    return Markup('<span class="u">{}<span>{}</span></span>').format(bar, format_number(cell, units))
 
 
 @functools.cache

@@ -274,7 +274,7 @@ class Table:
         return cls(name, caption, heads, cells, **options)
 
 
-def shown(quantity: Quantity, units: Units) -> str:
+def format_number(quantity: Quantity, units: Units) -> str:
     """Return the digits of a quantity in the units of a page, without unit and error.
 
     Numbers have four significant digits, fewer if the error affects earlier digits. Inputs have no trailing
@@ -292,7 +292,7 @@ def shown(quantity: Quantity, units: Units) -> str:
     return _signed(_significant(value, digits, error))
 
 
-def shown_error(quantity: Quantity, units: Units) -> str:
+def format_error(quantity: Quantity, units: Units) -> str:
     """Return the error of a quantity with one digit, without unit; "" if the error is None."""
     if quantity.error is None:
         return ""
@@ -305,9 +305,12 @@ def with_unit(digits: str, kind: str, units: Units) -> str:
     return digits if symbol == NO_UNIT else digits + ("" if symbol == "°" else SPACE) + symbol
 
 
-def shown_series(series: Series, units: Units) -> str:
+def format_series(series: Series, units: Units) -> str:
     """Return the numbers of a series in the units of a page, without unit: "7 × 260, 220"."""
-    digits = [shown(Quantity(value, series.kind, is_input=series.is_input), units) for value in series.values]
+    digits = [
+        format_number(Quantity(value, series.kind, is_input=series.is_input), units)
+        for value in series.values
+    ]
     runs: list[tuple[int, str]] = []
     for number in digits:
         if runs and runs[-1][1] == number:
@@ -334,9 +337,9 @@ def plain(text: Text, units: Units) -> str:
 def plain_part(part: Part, units: Units) -> str:
     """Return a part of a text without markup; a formula becomes its LaTeX source."""
     if isinstance(part, Quantity):
-        return with_unit(shown(part, units), part.kind, units)
+        return with_unit(format_number(part, units), part.kind, units)
     if isinstance(part, Bare):
-        return shown(part.quantity, units)
+        return format_number(part.quantity, units)
     if isinstance(part, Formula):
         return formulas.latex(part.name)
     return part if isinstance(part, str) else part.text
@@ -348,7 +351,7 @@ def plain_cell(cell: Cell, units: Units, *, shows_unit: bool = True) -> str:
         return plain(cell.text, units)
     if isinstance(cell, Formula):
         return plain_part(cell, units)
-    digits = shown(cell, units) if isinstance(cell, Quantity) else shown_series(cell, units)
+    digits = format_number(cell, units) if isinstance(cell, Quantity) else format_series(cell, units)
     return with_unit(digits, cell.kind, units) if shows_unit else digits
 
 

@@ -17,7 +17,7 @@ import pytest
 from rockjax._report import blocks, formulas, markup
 from rockjax._report._formats import FORMATS
 from rockjax._report.page import css_string
-from rockjax._report.tables import Quantity, Table, shown
+from rockjax._report.tables import Quantity, Table, format_number
 from rockjax._report.units import KINDS, Units, si_unit
 
 from . import sample
@@ -198,7 +198,9 @@ def test_all_files_have_the_same_numbers(units):
                     continue
                 assert (entry["value"], entry["unit"]) == (cell.value, si_unit(cell.kind))
                 assert entry.get("error") == cell.error
-                assert visible(rows[number][k]).startswith(shown(Quantity(**_read(entry, cell)), units))
+                assert visible(rows[number][k]).startswith(
+                    format_number(Quantity(**_read(entry, cell)), units)
+                )
                 value = repr(units.show(cell.value, cell.kind))
                 assert value in flat
                 assert float(f"{float(value):.16G}") in sheet  # the digits that XlsxWriter writes
@@ -312,7 +314,7 @@ def test_a_printed_page_is_a4_and_breaks_no_row(browser, tmp_path):
     texts = printed(browser, path)
     assert all(row.id in texts[0] for row in content.sections[0].blocks[0].rows)
     assert len(content.sections[0].blocks[0].rows) == 14
-    rows = [shown(row[2], UNITS) + shown(row[3], UNITS) for row in sample.motions().rows]
+    rows = [format_number(row[2], UNITS) + format_number(row[3], UNITS) for row in sample.motions().rows]
     found = [[k for k, text in enumerate(texts) if row in text] for row in rows]
     assert {len(places) for places in found} == {1}
     heads = [k for k, text in enumerate(texts) if "No.Source" in text]

@@ -15,12 +15,12 @@ from rockjax._report.tables import (
     Strong,
     Table,
     Word,
+    format_error,
+    format_number,
+    format_series,
     head,
     plain,
     plain_cell,
-    shown,
-    shown_error,
-    shown_series,
 )
 from rockjax._report.units import Units
 
@@ -64,12 +64,12 @@ UNITS = Units.parse("kN,m,deg,g,mm")
     ],
 )
 def test_digits(quantity, digits, error):
-    assert (shown(quantity, UNITS), shown_error(quantity, UNITS)) == (digits, error)
+    assert (format_number(quantity, UNITS), format_error(quantity, UNITS)) == (digits, error)
 
 
 def test_series_of_equal_numbers():
     masses = Series((260e3,) * 7 + (220e3,), "mass", is_input=True)
-    assert shown_series(masses, UNITS) == "7 × 260, 220"
+    assert format_series(masses, UNITS) == "7 × 260, 220"
     assert plain_cell(masses, UNITS) == "7 × 260, 220\u00a0t"
     with pytest.raises(ValueError, match="values must not be empty"):
         Series((), "mass")
@@ -189,11 +189,11 @@ def test_digits_of_random_numbers():
         error = abs(value) * 10 ** float(draw.uniform(-14, 2))
         unit = 10.0 ** math.floor(math.log10(float(f"{error:.0e}")))
         exact, estimated = Quantity(value, "number"), Quantity(value, "number", error)
-        assert number(shown(exact, UNITS)) == pytest.approx(value, rel=5.01e-4)
-        assert abs(number(shown(estimated, UNITS)) - value) <= max(5.01e-4 * abs(value), 0.501 * unit)
-        assert number(shown_error(estimated, UNITS)) == pytest.approx(error, rel=0.34)
+        assert number(format_number(exact, UNITS)) == pytest.approx(value, rel=5.01e-4)
+        assert abs(number(format_number(estimated, UNITS)) - value) <= max(5.01e-4 * abs(value), 0.501 * unit)
+        assert number(format_error(estimated, UNITS)) == pytest.approx(error, rel=0.34)
         given = Quantity(value, "number", is_input=True)
-        assert number(shown(given, UNITS)) == pytest.approx(value, rel=5.01e-6)
+        assert number(format_number(given, UNITS)) == pytest.approx(value, rel=5.01e-6)
         used = 1 + float(draw.choice([-1, 1]) * 10 ** draw.uniform(-15, 0))
-        seen = number(shown(Quantity(used, "utilisation"), UNITS))
+        seen = number(format_number(Quantity(used, "utilisation"), UNITS))
         assert (seen > 1, seen < 1) == (used > 1, used < 1)

@@ -12,9 +12,9 @@ from rockjax._report.tables import (
     Series,
     Table,
     Word,
+    format_number,
     plain,
     plain_cell,
-    shown,
 )
 from rockjax._report.units import NO_UNIT, Units
 
@@ -54,7 +54,7 @@ def _main_column(cells: list[Cell], column: Column, units: Units) -> tuple[str, 
     note = plain(column.note, units)
     name = f"{column.head} ({note})" if note else column.head
     return name, [
-        Number(units.show(cell.value, cell.kind), shown(cell, units))
+        Number(units.show(cell.value, cell.kind), format_number(cell, units))
         if isinstance(cell, Quantity)
         else plain_cell(cell, units, shows_unit=False)
         for cell in cells

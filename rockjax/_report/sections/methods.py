@@ -71,12 +71,12 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
         Column("Capacity"),
         Column("U", "utilisation"),
         Column("Verdict"),
-        Column("What is known of it"),
+        Column("Reliability"),
     )
     rows = []
     for result in results:
         kind = kind_of_unit(result.unit)
-        is_made = result.governing_demand is not None and result.capacity is not None
+        has_values = result.governing_demand is not None and result.capacity is not None
         verdict = {
             True: Word("accepts", "pass"),
             False: Word("rejects", "fail"),
@@ -87,10 +87,10 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
             (
                 Word(f"{result.title} {result.equation}", note=result.source),
                 Word(f"{result.quantity}, {result.statistic}"),
-                number_cell(result.governing_demand, kind) if is_made else Word("not made", "not made"),
-                number_cell(result.capacity, kind) if is_made else Word("not made", "not made"),
+                number_cell(result.governing_demand, kind) if has_values else Word("not made", "not made"),
+                number_cell(result.capacity, kind) if has_values else Word("not made", "not made"),
                 number_cell(result.utilisation, "utilisation", word="no capacity")
-                if is_made
+                if has_values
                 else Word("not made", "not made"),
                 verdict[result.passes],
                 Word(result.reliability, note=missing),
