@@ -17,7 +17,8 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax.internal import DEFAULT_WIDTH, Module, fit_capacities, require
+from rockjax._checks import require
+from rockjax.internal import DEFAULT_WIDTH, Module, fit_capacities
 
 from ._suite import Suite, Values
 
