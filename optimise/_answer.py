@@ -185,7 +185,7 @@ def _html(design: Design) -> str:
     """Return the design as HTML for notebooks."""
     headline, *tables = _tabulate(design)
     parts = [f"<p><b>Design</b>: {escape(headline)}</p>"]
-    parts += [html(rows, heads="row") for rows in tables if len(rows) > 1]
+    parts += [html(rows, headings="row") for rows in tables if len(rows) > 1]
     parts += [f"<p>{escape(sentence)}</p>" for sentence in _remarks(design)]
     return "".join(parts)
 

@@ -77,7 +77,7 @@ class Dimensions(Module):
     tendon_stiffness: Any = 0.0
     damper_coefficient: Any = 0.0
     damper_exponent: Any = eqx.field(
-        converter=functools.partial(as_exponent, what="Dimensions: damper_exponent"), default=1.0
+        converter=functools.partial(as_exponent, label="Dimensions: damper_exponent"), default=1.0
     )
     inertance: Any = 0.0
     stories: int | None = eqx.field(static=True, default=None)

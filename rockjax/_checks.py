@@ -23,18 +23,18 @@ def float_type() -> np.dtype:
 _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 
 
-def as_float(x, what: str = "the value") -> Array:
+def as_float(x, label: str = "the value") -> Array:
     """Return `x` as an array of the default floating-point type, see `float_type`.
 
     A scalar becomes a read-only NumPy array, because the first JAX array of a process starts threads, and
-    then the process cannot be forked. Raises `ValueError`, whose message begins with `what`, for anything
+    then the process cannot be forked. Raises `ValueError`, whose message begins with `label`, for anything
     but numbers, and for gaps (missing values).
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
     if type(x) is np.ndarray and x.ndim == 0 and x.dtype == float_type() and not x.flags.writeable:
         return x  # pyright: ignore[reportReturnType]
-    refuse_gaps(what, x)
+    refuse_gaps(label, x)
     try:
         if x is None or isinstance(x, str | bytes) or _contains_string(x):
             raise TypeError
@@ -47,13 +47,13 @@ def as_float(x, what: str = "the value") -> Array:
             return array  # pyright: ignore[reportReturnType]
         return jnp.asarray(x, dtype=float_type())
     except (TypeError, ValueError):
-        raise ValueError(f"{what} must be a number or an array of numbers, got {format_value(x)}") from None
+        raise ValueError(f"{label} must be a number or an array of numbers, got {format_value(x)}") from None
 
 
-def as_numpy_unless_traced(x, what: str = "the value") -> Any:
+def as_numpy_unless_traced(x, label: str = "the value") -> Any:
     """Return `as_float(x)`, as a NumPy array unless `x` is traced, because outside jit every jnp call
     compiles separately."""
-    x = as_float(x, what)
+    x = as_float(x, label)
     return x if isinstance(x, Tracer) else np.asarray(x)
 
 
@@ -151,7 +151,7 @@ def _contains_string(x) -> bool:
 
 def as_number(name: str) -> Callable[..., Array]:
     """Return the converter `as_float` for a field that messages call `name`."""
-    return functools.partial(as_float, what=name)
+    return functools.partial(as_float, label=name)
 
 
 def check_dtype(owner: str, name: str, tree) -> None:

@@ -27,8 +27,8 @@ LEAST_ATOL = 1e-17  # smallest accepted `atol`
 HISTORY = 4096  # default of `history`
 
 
-def _names(outputs) -> tuple[str | AbstractOutput, ...]:
-    """Return the requested outputs: those of the registry as names, user-defined ones as instances."""
+def _normalise_outputs(outputs) -> tuple[str | AbstractOutput, ...]:
+    """Return the requested outputs. Outputs of the registry become names; user-defined ones are kept."""
     requested: tuple[Any, ...] = as_strings("Options", "outputs", outputs)
     return tuple(name_if_registered(y) if isinstance(y, AbstractOutput) else y for y in requested)
 
@@ -72,7 +72,7 @@ class Options(Module):
     rest_velocity: float | None = None
     max_steps: int = eqx.field(static=True, default=1_000_000)
     outputs: tuple[str | AbstractOutput, ...] = eqx.field(
-        static=True, default=DEFAULT_OUTPUTS, converter=_names
+        static=True, default=DEFAULT_OUTPUTS, converter=_normalise_outputs
     )
     history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
@@ -156,20 +156,20 @@ class Options(Module):
         return dataclasses.replace(self, **changes)
 
 
-def as_compiled(podium: Podium, options: Options) -> Options:
-    """Return options that compile to the same program, so that equivalent requests share it.
+def canonical_options(podium: Podium, options: Options) -> Options:
+    """Return the canonical form of options. Requests with equal canonical options share a compiled program.
 
     `history` and `throw` have their defaults, outputs are in the order of the registry, and outputs that do
     not apply to the podium are removed.
     """
     parameters, treedef = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
-    return jax.tree.unflatten(_as_compiled(treedef, applicable), parameters)
+    return jax.tree.unflatten(_canonical_treedef(treedef, applicable), parameters)
 
 
 @functools.lru_cache(maxsize=256)
-def _as_compiled(treedef, applicable: frozenset[str]):
-    """Return the tree structure of the options that `as_compiled` returns."""
+def _canonical_treedef(treedef, applicable: frozenset[str]):
+    """Return the tree structure of the canonical options."""
     options = jax.tree.unflatten(treedef, [1e-3] * treedef.num_leaves)
     user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
     select = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)

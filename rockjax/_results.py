@@ -68,8 +68,8 @@ NAMES = (
 FLAGS = {"flag_values": np.arange(len(NAMES), dtype=np.int8), "flag_meanings": " ".join(NAMES)}
 
 
-def named(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:
-    """Return the named results for codes from the integration loop."""
+def result_of(code: Int[Array | np.ndarray, "*batch"]) -> RESULTS:
+    """Return the result with a code, or the results of an array of codes."""
     return jax.tree.unflatten(_RESULT, [code])
 
 
@@ -77,7 +77,7 @@ _RESULT = jax.tree.structure(RESULTS.settled)
 
 
 def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
-    """Return the code of a result, or the codes of a batch of results."""
+    """Return the code of a result, or the codes of a batch."""
     return result._value
 
 

@@ -78,7 +78,7 @@ def test_text_is_escaped_and_aligned():
     rows = [("name", "value"), ("a < b", "1.25"), ("c", "10")]
     assert tables.align_rows(rows) == ["name   value", "a < b  1.25", "c      10"]
     assert tables.align_rows(rows, numbers=True) == ["name   value", "a < b   1.25", "c         10"]
-    made = tables.html(rows, caption="<x>", heads="row")
+    made = tables.html(rows, caption="<x>", headings="row")
     assert "<caption>&lt;x&gt;</caption>" in made
     assert "a &lt; b" in made
     assert made.count("<th") == 2

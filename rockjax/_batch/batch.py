@@ -23,7 +23,7 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES_PER_SCENE, BYTES_PER_SENSITIVITY, require_memory
 from rockjax._machine.threads import run_in_threads
 from rockjax._motions.convert import AnyMotions, as_batch
-from rockjax._options import Options, as_compiled
+from rockjax._options import Options, canonical_options
 from rockjax._parameters.variants import attribute_path_of
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import errors, second_options
@@ -252,7 +252,7 @@ def run_batch(
     executor = executor_for("run_batch") if executor is None else executor
     # All values in the options are converted to one type, so that one program serves all tolerances.
     options = jax.tree.map(lambda y: np.asarray(y, float_type()), options)
-    options = as_compiled(scenes.podium, options)
+    options = canonical_options(scenes.podium, options)
     lane_layout = layout(scenes, executor, sensitivities)._replace(edge_distance=edge_distance)
     idle, advance = executor.program(scenes, options, lane_layout)
     answers = _Answers(scenes, lane_layout.lanes)

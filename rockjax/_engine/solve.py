@@ -16,7 +16,7 @@ from jaxtyping import Array
 from rockjax import _results as results
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
-from rockjax._options import Options, as_compiled
+from rockjax._options import Options, canonical_options
 from rockjax._outputs.views import Ended
 from rockjax._programs.derivatives import (
     differentiable,
@@ -59,7 +59,7 @@ def solve(
     leaves = jax.tree.leaves(arguments)
     if options.engine != "flat" or not all(map(is_concrete, leaves)):
         return PROGRAM(*arguments, capacity=capacity)
-    arguments = podium, excitation.common_form(), initial, t_end, as_compiled(podium, options)
+    arguments = podium, excitation.common_form(), initial, t_end, canonical_options(podium, options)
     if any(isinstance(y, Tracer) for y in leaves):
         leaves, structure = jax.tree.flatten(arguments)
         return differentiable(PROGRAM, SLOPES, structure, capacity)(*leaves)
@@ -78,7 +78,7 @@ def solve_with_slopes(
     """
     podium = podium.split_rows()
     podium = podium if options.of_joints else podium.without_elevation()
-    arguments = podium, excitation.common_form(), initial, t_end, as_compiled(podium, options)
+    arguments = podium, excitation.common_form(), initial, t_end, canonical_options(podium, options)
     indices = scalar_positions(jax.tree.leaves(arguments[:2]))
     ((floats, _), _), (slopes, _) = SLOPES(*arguments, leaf_indices=indices, capacity=None)
     return floats, slopes, indices

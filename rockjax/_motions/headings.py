@@ -65,10 +65,10 @@ class Heading(NamedTuple):
     years: float | None
 
 
-def parse_heading(where: str, text: str) -> Heading:
+def parse_heading(location: str, text: str) -> Heading:
     """Return quantity, unit and investigation time of a heading.
 
-    - `where`: file and line, for messages
+    - `location`: file and line, for messages
     - `text`: the heading, such as `PGA [g]`, `Acc (cm/s2)`, `time, ms`, `a / g`, `accel_mg`, `Sa(0.3) (g)` or
       `probability of exceedance in 50 years`
 
@@ -85,14 +85,14 @@ def parse_heading(where: str, text: str) -> Heading:
     if match := _SPECTRAL_VALUE.search(words):
         standard_name = f"{'Sd' if match[1][-1] in 'dD' else 'Sa'}({float(match[2]):g} s)"
         words = words.replace(match[0], match[1])
-    quantity, unit = _split(where, text, words.strip(" ,;:/"))
+    quantity, unit = _split(location, text, words.strip(" ,;:/"))
     kind = _match_quantity(quantity) if quantity else ""
     if kind in ("", "index") and unit:
         kind = UNITS[unit].dimension
     elif unit and UNITS[unit].dimension not in _DIMENSIONS.get(kind, {kind}):
         suitable = [name for name, other in UNITS.items() if other.dimension in _DIMENSIONS.get(kind, {kind})]
         raise ValueError(
-            f"{where}: heading {text.strip()!r}: {unit} is not a unit of {kind}; use one of "
+            f"{location}: heading {text.strip()!r}: {unit} is not a unit of {kind}; use one of "
             f"{', '.join(suitable)}"
         )
     if not quantity and not unit:
@@ -107,7 +107,7 @@ def _match_quantity(words: str) -> str:
     return next((kind for kind, pattern in _QUANTITIES if re.search(pattern, normalised)), "")
 
 
-def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
+def _split(location: str, text: str, words: str) -> tuple[str, str | None]:
     """Split words into quantity and unit (None if there is no unit); messages quote the heading `text`."""
     if (unit := unit_of(words)) and not _match_quantity(words):
         return "", unit
@@ -123,7 +123,7 @@ def _split(where: str, text: str, words: str) -> tuple[str, str | None]:
         ):
             return words, None
         raise ValueError(
-            f"{where}: the unit {in_brackets!r} in the heading {text.strip()!r} is not known; use one of "
+            f"{location}: the unit {in_brackets!r} in the heading {text.strip()!r} is not known; use one of "
             f"{', '.join(UNITS)}"
         )
     if _is_symbol(words):

@@ -252,7 +252,7 @@ class Motion(Accelerogram):
         )
 
     def _repr_html_(self) -> str:
-        return tables.html(list(self._facts().items()), caption=self.name, heads="column")
+        return tables.html(list(self._facts().items()), caption=self.name, headings="column")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -364,4 +364,4 @@ class Motions(Sequence[Motion]):
         return "\n  ".join([f"{len(self)} motions", *tables.align_rows(self._rows(), numbers=True)])
 
     def _repr_html_(self) -> str:
-        return tables.html(self._rows(), heads="row")
+        return tables.html(self._rows(), headings="row")

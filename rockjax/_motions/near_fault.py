@@ -236,7 +236,7 @@ def refit_pulse(
     require_instance("refit_pulse", "start", start, PulseFit, "a rockjax.PulseFit")
     acceleration = jnp.asarray(acceleration, float)
     t = dt * jnp.arange(acceleration.shape[-1], dtype=float)
-    target = _integral(acceleration, dt)
+    target = _ground_velocity(acceleration, dt)
     if quantity == "displacement":
         # The velocity is a parabola between samples.
         increments = dt * (0.5 * (target[1:] + target[:-1])) - dt**2 / 12 * jnp.diff(acceleration)
@@ -257,7 +257,7 @@ def refit_pulse(
     return PulseFit(_normalise(_pulse(y)), y[4], share, quantity)
 
 
-def _integral(acceleration: Float[Array, " n"], dt) -> Float[Array, " n"]:
+def _ground_velocity(acceleration: Float[Array, " n"], dt) -> Float[Array, " n"]:
     """Return the velocity at the samples, starting from rest [m/s]."""
     increments = 0.5 * dt * (acceleration[1:] + acceleration[:-1])
     return jnp.concatenate([jnp.zeros(1), jnp.cumsum(increments)])

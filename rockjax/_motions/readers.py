@@ -154,7 +154,7 @@ def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
     return located_rows
 
 
-def _parse_cell(where: str, row: dict[str, str], name: str) -> float | None:
+def _parse_cell(location: str, row: dict[str, str], name: str) -> float | None:
     """Return the number in a cell; None for an empty cell. Raises `ValueError` for anything but a finite
     number."""
     try:
@@ -162,7 +162,7 @@ def _parse_cell(where: str, row: dict[str, str], name: str) -> float | None:
     except ValueError:
         value = float("nan")
     if value is not None and not np.isfinite(value):
-        raise ValueError(f"{where}: {name} must be a finite number, got {row[name]!r}")
+        raise ValueError(f"{location}: {name} must be a finite number, got {row[name]!r}")
     return value
 
 
@@ -183,9 +183,9 @@ def _read_all(
     - `advises_pattern`: whether the message about unreadable files advises the argument `pattern`
     """
     motions, problems = [], []
-    for where, row in rows:
+    for location, row in rows:
         row_component = row.get("component", component)
-        row_dt, row_scale = _parse_cell(where, row, "dt"), _parse_cell(where, row, "scale")
+        row_dt, row_scale = _parse_cell(location, row, "dt"), _parse_cell(location, row, "scale")
         try:
             motion = read(
                 row["file"],

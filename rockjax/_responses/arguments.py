@@ -67,7 +67,7 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     top = podium.superstructure
     if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.has_mode_axis):
         return initial  # without conversion, because in small batches copies to the device take most time
-    initial = jax.tree.map(functools.partial(as_float, what=f"{owner}: initial"), initial)
+    initial = jax.tree.map(functools.partial(as_float, label=f"{owner}: initial"), initial)
     if top is None or not top.has_mode_axis:
         return initial
     count = top.count

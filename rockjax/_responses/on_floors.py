@@ -282,7 +282,9 @@ def as_answers(systems: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...
         answer_class = KINDS[type(system)][1]
         fields = {field.name for field in dataclasses.fields(answer_class)}
         own_integers = {name: y for name, y in integers_of.items() if name in fields}
-        answers.append(answer_class(**floats_of, **own_integers, result=results.named(integers_of["code"])))
+        answers.append(
+            answer_class(**floats_of, **own_integers, result=results.result_of(integers_of["code"]))
+        )
     return tuple(answers)
 
 

@@ -188,7 +188,7 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
         **always,
         **{name: integers[name] for name in ("exceeded_alpha", "overturned", "uplifted")},
         "impacts": _impacts(floats, integers, options, history),
-        "result": results.named(code),
+        "result": results.result_of(code),
         "stats": stats,
         "user_outputs": tuple(y for y in options.outputs if not isinstance(y, str)),
     }

@@ -27,11 +27,11 @@ class Linear(float):
 jax.tree_util.register_pytree_node(Linear, lambda _: ((), None), lambda *_: Linear())
 
 
-def as_exponent(value, what: str = "Damper: exponent") -> Any:
+def as_exponent(value, label: str = "Damper: exponent") -> Any:
     """Convert the exponent of a damper. A Python number equal to 1 becomes `Linear`."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 1:
         return Linear()
-    return as_float(value, what)
+    return as_float(value, label)
 
 
 class Damper(AbstractRestrainer):

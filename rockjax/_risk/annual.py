@@ -110,7 +110,7 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
             answer,
             sensitivities=dict(answer.sensitivities) | _structure_sensitivities(curve, answer.sensitivities),
         )
-    return _frequency_of_stripes(owner, curve, hazard)
+    return _frequency_of_analysis(owner, curve, hazard)
 
 
 def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None:
@@ -200,7 +200,7 @@ def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -
     return dict(zip(curve["parameter"].values.tolist(), map(float, changes), strict=True))
 
 
-def _frequency_of_stripes(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
+def _frequency_of_analysis(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
     """Return the frequency from the shares of overturned records at the levels of an analysis."""
     levels, overturned_share = analysis["intensity"].values, analysis["overturned"].values.mean(axis=0)
     if levels.size < 2:

@@ -116,7 +116,7 @@ def _read_two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) 
     values = np.array(
         [[row.number(path, k) for k in (intensity_columns[0], rate_columns[0])] for row in rows[first:]]
     )
-    levels, rates = _annual_rates(path, rate_heading, values.reshape(-1, 2), _years(comments))
+    levels, rates = _annual_rates(path, rate_heading, values.reshape(-1, 2), _investigation_years(comments))
     measure = intensity_heading.quantity
     return {"intensity": levels * factor, "annual_rate": rates, "measure": measure, "units": units}
 
@@ -159,7 +159,7 @@ def _si_unit(path: str | Path, heading: Heading) -> tuple[float, str]:
     return factor_and_unit
 
 
-def _years(comments: list[_Row]) -> float | None:
+def _investigation_years(comments: list[_Row]) -> float | None:
     """Return the investigation time in the comments of a file [years]; None if they state none."""
     match = re.search(
         r"investigation[ _]time\W{0,4}([0-9.eE+]+)", " ".join(row.text for row in comments), re.I
@@ -219,7 +219,7 @@ def _read_openquake(
 ) -> dict[str, Any]:
     """Return the arguments of `Hazard` from one row of a hazard-curve CSV of OpenQuake."""
     columns = [k for k, cell in enumerate(rows[0].cells) if cell.startswith("poe-")]
-    years = _years(comments)
+    years = _investigation_years(comments)
     imt = re.search(r"imt\s*[=:]\s*['\"]?([A-Za-z]+(?:\([0-9.]+\))?)", " ".join(row.text for row in comments))
     if years is None or imt is None:
         raise ValueError(

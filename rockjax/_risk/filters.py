@@ -78,7 +78,7 @@ def _denominator(omega: Array, zeta: Array) -> Array:
     return jnp.stack([2 * zeta * omega, omega**2])
 
 
-def in_series(
+def append_filters(
     dynamics: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
     """Return A and C of the system ṡ = A s with output C s, after its output has passed filters.

@@ -33,7 +33,7 @@ from rockjax._motions.records import Records
 from rockjax._programs.program import StoredProgram
 from rockjax._tree import Module
 
-from .filters import Filter, in_series
+from .filters import Filter, append_filters
 
 if TYPE_CHECKING:
     import xarray
@@ -213,7 +213,7 @@ class GaussianMotion(Module):
                 output,
             ]
         )
-        dynamics, output = in_series(dynamics, output, self.filters)
+        dynamics, output = append_filters(dynamics, output, self.filters)
         size = len(output)
         block = jnp.zeros((size + 1, size + 1)).at[:size, :size].set(dynamics).at[1, size].set(-1.0)
         # If a filter is much faster than dt, the matrix has large entries and needs many squarings.

@@ -17,7 +17,7 @@ class AbstractLimitState(abc.ABC):
     """Interface of a limit state for the search and the estimators.
 
     - `dimension`: length d of u; `mirrored`: whether G(−u) = G(u)
-    - `scenes`: number of evaluations so far; `gradients_taken`: number of evaluations with derivatives
+    - `scenes`: number of evaluations so far
     """
 
     dimension: int
@@ -26,7 +26,6 @@ class AbstractLimitState(abc.ABC):
     def __init__(self, dimension: int):
         self.dimension = dimension
         self.scenes = 0
-        self.gradients_taken = 0
 
     def values(self, u: np.ndarray) -> np.ndarray:
         """Return G (m,) at the rows of u (m, d). Raises `ValueError` if G is NaN."""
@@ -38,7 +37,6 @@ class AbstractLimitState(abc.ABC):
     def gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return G (m,) and ∇G (m, d) at the rows of u (m, d)."""
         self.scenes += len(u)
-        self.gradients_taken += len(u)
         value, slope = self._gradients(u)
         return self._require_no_nan(u, np.asarray(value, float)), np.asarray(slope, float)
 

@@ -74,7 +74,7 @@ class _Intervals(NamedTuple):
         return self.a[:, None] + (self.b - self.a)[:, None] * fraction
 
 
-def crossings(
+def find_crossings(
     limit: AbstractLimitState,
     origin: np.ndarray,
     direction: np.ndarray,

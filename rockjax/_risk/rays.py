@@ -269,7 +269,7 @@ def solve_factor(
         return FactorSolution(k, np.zeros(len(names)), 0.0, 0.0)
     scan.narrow(REFINED)
     weight = rays.weights[scan.line]
-    jumps, along_ray, slopes = _polish(limit, rays, scan, names)
+    jumps, along_ray, slopes = _move_to_roots(limit, rays, scan, names)
     d = rays.directions.shape[1]
     k = _root(scan, rays.weights, probability, k)
     # dP/d ln k = Σ ± weight φ(r/k) r/k, with the chi density φ.
@@ -286,7 +286,7 @@ def solve_factor(
     )
 
 
-def _polish(
+def _move_to_roots(
     limit: StructureLimitState, rays: Rays, scan: _RayScan, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Move crossings to the roots of G by Newton steps.

@@ -253,7 +253,7 @@ def _to_result(
     return FailureProbability(
         probability=estimate.probability,
         standard_error=estimate.standard_error,
-        interval=estimate.interval if converged or estimator.always_covers else (math.nan, math.nan),
+        interval=estimate.interval if converged or estimator.has_exact_interval else (math.nan, math.nan),
         method=method,
         scenes=limit.scenes,
         effective_sample_size=estimate.effective,

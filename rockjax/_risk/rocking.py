@@ -81,7 +81,7 @@ def design_points(
     check_arguments(owner, "importance", 0.1, seed, starts, 1000)
     state = limit_state(owner, podium, motion, limit)
     points = find_design_points(owner, state, starting_directions(state, starts, seed))
-    _, slope, named = state.with_sensitivities(points.u)
+    _, slope, by_name = state.with_sensitivities(points.u)
     impacts = state.impacts(points.u)
     slope_norm = np.linalg.norm(slope, axis=1)
     return [
@@ -91,7 +91,7 @@ def design_points(
             record=motion.record(points.u[k]),
             mode=-1 if np.isnan(impacts[k]) else int(impacts[k]),
             smooth=bool(points.aligned[k]),
-            sensitivities={name: float(y[k] / slope_norm[k]) for name, y in named.items()},
+            sensitivities={name: float(y[k] / slope_norm[k]) for name, y in by_name.items()},
         )
         for k in range(points.beta.size)
     ]

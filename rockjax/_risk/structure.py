@@ -236,10 +236,10 @@ def _by_location(*slopes: Any) -> dict[str, np.ndarray]:
 
     Locations are in Python notation: `alpha`, `restrainers[0].prestress`, `superstructure.masses[2]`.
     """
-    named = {}
+    slopes_by_location = {}
     for tree in slopes:
         for path, y in jax.tree_util.tree_leaves_with_path(tree):
             name, values = jax.tree_util.keystr(path).lstrip("."), np.asarray(y)
             for index in np.ndindex(values.shape[1:]):
-                named[name + "".join(f"[{i}]" for i in index)] = values[:, *index]
-    return named
+                slopes_by_location[name + "".join(f"[{i}]" for i in index)] = values[:, *index]
+    return slopes_by_location

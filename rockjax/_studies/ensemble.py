@@ -392,7 +392,7 @@ class Ensemble:
 
     def _repr_html_(self) -> str:
         headline, *groups = self._tables()
-        return f"<p>{escape(headline)}</p>" + "".join(tables.html(rows, heads="row") for rows in groups)
+        return f"<p>{escape(headline)}</p>" + "".join(tables.html(rows, headings="row") for rows in groups)
 
     def _tables(self) -> tuple[Any, ...]:
         """Return a headline, and the tables of draws and of quantiles; empty tables are left out."""

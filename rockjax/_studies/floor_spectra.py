@@ -16,7 +16,7 @@ from rockjax._motions.convert import AnyMotions, single_motions
 from rockjax._motions.motion import Motion, Motions
 from rockjax._motions.provenance import describe_origin
 from rockjax._motions.records import Records
-from rockjax._options import Options, as_compiled
+from rockjax._options import Options, canonical_options
 from rockjax._oscillators import largest
 from rockjax._programs.program import StoredProgram
 from rockjax._progress import bar
@@ -238,7 +238,7 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
             response.excitation.common_form(),
             start,
             as_float(t_end),
-            as_compiled(response.podium, response.options),
+            canonical_options(response.podium, response.options),
             names=request.names,
             levels=tuple(request.stories.values()),
             history=capacity_for(int(response.nodes.used)),

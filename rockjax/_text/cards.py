@@ -34,7 +34,7 @@ def card(module: eqx.Module, meanings: Mapping[str, str] | None = None) -> str:
     rows += [
         (name, _format_value(getattr(module, name)), meaning) for name, meaning in other_meanings.items()
     ]
-    return tables.html(rows, caption=type(module).__name__, heads="column")
+    return tables.html(rows, caption=type(module).__name__, headings="column")
 
 
 def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]:

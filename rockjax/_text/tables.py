@@ -21,20 +21,20 @@ def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
     ]
 
 
-def html(rows: Rows, caption: str = "", heads: Literal["row", "column", "none"] = "none") -> str:
+def html(rows: Rows, caption: str = "", headings: Literal["row", "column", "none"] = "none") -> str:
     """Return an HTML table of escaped text, with headings in the first row, the first column, or nowhere.
 
     In a row of two cells of which the second is empty, the first cell spans both columns.
     """
-    body = "".join(f"<tr>{_cells(row, k, heads)}</tr>" for k, row in enumerate(rows))
+    body = "".join(f"<tr>{_cells(row, k, headings)}</tr>" for k, row in enumerate(rows))
     return f"<table>{f'<caption>{escape(caption)}</caption>' if caption else ''}{body}</table>"
 
 
-def _cells(row: Sequence[str], k: int, heads: str) -> str:
+def _cells(row: Sequence[str], k: int, headings: str) -> str:
     if len(row) == 2 and not row[1]:
         return f'<td colspan="2">{escape(row[0])}</td>'
     cells = []
     for j, cell in enumerate(row):
-        tag = "th" if (heads == "row" and k == 0) or (heads == "column" and j == 0) else "td"
+        tag = "th" if (headings == "row" and k == 0) or (headings == "column" and j == 0) else "td"
         cells.append(f'<{tag} style="text-align: left">{escape(cell)}</{tag}>')
     return "".join(cells)

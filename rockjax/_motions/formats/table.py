@@ -83,7 +83,7 @@ def _is_heading(cells: list[str]) -> bool:
     return _NUMBER_LIKE.match(cells[0]) is None
 
 
-def _heading_cells(text: str, count: int) -> list[str] | None:
+def _split_headings(text: str, count: int) -> list[str] | None:
     """Split a line of headings into `count` cells; None if no separator gives this number of cells."""
     text = text.strip().lstrip("#%!").strip()
     if count == 1:
@@ -113,7 +113,7 @@ def _parse_headings(path: Path, lines: list[tuple[int, str]], count: int) -> lis
     """Return the heading of each column, from one or several lines, such as names and units."""
     names = [""] * count
     for i, text in lines:
-        cells = _heading_cells(text, count)
+        cells = _split_headings(text, count)
         if cells is None or len(lines) > _MAX_HEADINGS:
             raise ValueError(
                 f"{path}:{i}: the heading {abbreviate(text.strip())} does not name {count} columns; give "
@@ -130,7 +130,7 @@ def _parse_headings(path: Path, lines: list[tuple[int, str]], count: int) -> lis
 
 def _headings_of_comment(path: Path, text: str, line: int, count: int) -> list[Heading] | None:
     """Return the headings in a comment above the numbers, as NumPy writes them; None if there are none."""
-    cells = _heading_cells(text, count)
+    cells = _split_headings(text, count)
     if cells is None or len(text.split()) > 4 * count:
         return None
     try:
@@ -275,7 +275,7 @@ def _is_rising(values: np.ndarray) -> bool:
     return bool(len(steps) and steps.min() > 0 and steps.max() < 2 * steps.min())
 
 
-def _rounding(times: list[str], values: np.ndarray) -> float:
+def _last_digit(times: list[str], values: np.ndarray) -> float:
     """Return the size of the last digit of times, in their unit; 0 if all times are 0. The times are assumed
     to have the same number of decimals, or of significant digits.
 
@@ -312,7 +312,7 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
         return None
     step = (values[-1] - values[0]) / (count - 1)
     deviations = np.abs(values - values[0] - step * np.arange(count))
-    rounding = _rounding([cells[column] for cells in table.cells], values) if table.cells else 0.0
+    rounding = _last_digit([cells[column] for cells in table.cells], values) if table.cells else 0.0
     digit = max(rounding, _FLOAT32 * float(np.abs(values).max()))
     allowed = max(TIME_TOLERANCE * step, min(digit, _MAX_ROUNDING * step))
     if (

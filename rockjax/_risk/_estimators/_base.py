@@ -13,7 +13,7 @@ import scipy
 from rockjax._risk.limit_state import AbstractLimitState
 from rockjax._risk.search import DesignPoints
 
-LEVEL = 0.95  # confidence level of the interval
+CONFIDENCE = 0.95  # confidence level of the interval
 MIN_ROUNDS = 2  # smallest number of rounds of a converged estimate
 MIN_EFFECTIVE = 20  # smallest effective number of failures of a converged estimate
 
@@ -23,7 +23,7 @@ class ProbabilityEstimate(NamedTuple):
 
     probability: float
     standard_error: float
-    interval: tuple[float, float]  # confidence interval at `LEVEL`
+    interval: tuple[float, float]  # confidence interval at `CONFIDENCE`
     effective: float  # effective number of failures in the sample
 
     @property
@@ -51,7 +51,7 @@ class AbstractEstimator(abc.ABC):
     """
 
     needs_design_points = True
-    always_covers = False  # True if the interval has its nominal coverage even before convergence
+    has_exact_interval = False  # True if the interval is valid even before convergence
 
     def __init__(self, limit: AbstractLimitState, points: DesignPoints, rng: np.random.Generator):
         self.limit, self.points, self.rng = limit, points, rng
@@ -137,6 +137,8 @@ def lognormal_interval(p: float, error: float, count: int) -> tuple[float, float
     For p = 0, the interval follows from `count` samples without failure.
     """
     if p == 0:
-        return 0.0, 1 - (1 - LEVEL) ** (1 / count)
-    factor = math.exp(float(scipy.stats.norm.ppf(0.5 + LEVEL / 2)) * math.sqrt(math.log1p((error / p) ** 2)))
+        return 0.0, 1 - (1 - CONFIDENCE) ** (1 / count)
+    factor = math.exp(
+        float(scipy.stats.norm.ppf(0.5 + CONFIDENCE / 2)) * math.sqrt(math.log1p((error / p) ** 2))
+    )
     return p / factor, min(p * factor, 1.0)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from rockjax._risk.lines import crossings
+from rockjax._risk.lines import find_crossings
 
 from ._base import AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes, lognormal_interval
 
@@ -78,7 +78,7 @@ class Line(AbstractEstimator):
         positions = [
             self._scan_positions(low, max(HALF_LENGTH, b + FINE_RANGE), float(b)) for low, b in pairs
         ]
-        crossed = crossings(self.limit, lines.u, direction, positions)
+        crossed = find_crossings(self.limit, lines.u, direction, positions)
         # A failing segment ends at a crossing; beyond the ends of a full line, G is assumed to keep its sign.
         line_probability = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(crossed.fails_first, line_probability, 0.0)

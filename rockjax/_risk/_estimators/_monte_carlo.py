@@ -6,7 +6,7 @@ import math
 
 import scipy
 
-from ._base import LEVEL, AbstractMean, ProbabilityEstimate
+from ._base import CONFIDENCE, AbstractMean, ProbabilityEstimate
 
 BATCH = 4096  # number of samples in memory at once
 
@@ -15,7 +15,7 @@ class MonteCarlo(AbstractMean):
     """Monte Carlo: each contribution is 1 for a failure and 0 otherwise."""
 
     needs_design_points = False
-    always_covers = True  # the binomial interval is exact
+    has_exact_interval = True  # the binomial interval is exact
 
     def round(self, size: int) -> None:
         for start in range(0, size, BATCH):
@@ -25,6 +25,6 @@ class MonteCarlo(AbstractMean):
     def estimate(self) -> ProbabilityEstimate:
         failures = round(self.total)
         p = failures / self.count
-        interval = scipy.stats.binomtest(failures, self.count).proportion_ci(LEVEL, method="exact")
+        interval = scipy.stats.binomtest(failures, self.count).proportion_ci(CONFIDENCE, method="exact")
         error = math.sqrt(p * (1 - p) / self.count)
         return ProbabilityEstimate(p, error, (float(interval.low), float(interval.high)), float(failures))

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ._base import LEVEL, MIN_ROUNDS, AbstractEstimator, ProbabilityEstimate, lognormal_interval
+from ._base import CONFIDENCE, MIN_ROUNDS, AbstractEstimator, ProbabilityEstimate, lognormal_interval
 
 SHARE = 0.05  # default share of the samples that pass to the next level
 RUNS = 6  # number of independent runs of a round, in one batch
@@ -34,7 +34,7 @@ MAX_LEVELS = 40  # largest number of levels of a run
 MOVE_SHARE = 0.25  # mean share of the components that a move changes
 MIN_MOVED = 10  # smallest mean number of changed components; all are changed if u has fewer
 ACCEPTED_SHARE = 0.35  # target of the share of accepted moves
-UPPER_PROBABILITY = 0.5 + LEVEL / 2  # probability below the upper end of the interval
+UPPER_PROBABILITY = 0.5 + CONFIDENCE / 2  # probability below the upper end of the interval
 
 
 class _Run(NamedTuple):
