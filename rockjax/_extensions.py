@@ -1,7 +1,7 @@
 """Extensions by other packages: entry points of the group `rockjax.extensions`, which are loaded on use.
 
-For example, the extension `design` implements the command `rockjax design`, and `design-chart` draws the
-files that this command writes. rockjax itself imports no extension.
+For example, the extension `design` implements the command `rockjax design`, and `design-chart` draws files of
+design charts. Without such a request, rockjax imports no extension.
 """
 
 from __future__ import annotations

@@ -72,8 +72,8 @@ def fit_capacities(
 
 
 def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[Array, " m"]) -> Lognormal:
-    """Fit a lognormal distribution to counts at several intensity levels (multiple stripes): a binomial
-    likelihood with a probit curve in ln x.
+    """Fit a lognormal distribution to counts at several intensity levels (multiple stripes), by the maximum
+    binomial likelihood of a probit curve in ln x.
 
     - `x`: levels, > 0, shape (m,)
     - `events`: numbers of motions at the levels that cause the event, shape (m,)

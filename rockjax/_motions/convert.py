@@ -34,7 +34,7 @@ AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
 
 
 class SingleMotions(NamedTuple):
-    """Single motions, and the name of each; `names` is None if a motion has no name."""
+    """Single motions and their names; `names` is None if a motion has no name."""
 
     members: Sequence[AbstractExcitation]
     names: list[str] | None
@@ -234,8 +234,8 @@ ACCEPTED_PULSES = "a class of pulses such as rockjax.Ricker, or a function (a_p,
 
 @dataclasses.dataclass(frozen=True)
 class _CheckedPulse:
-    """A user-defined function of (a_p, T_p) that checks its results. Instances with the same function are
-    equal, so that compiled programs are reused."""
+    """Wrapper that checks the results of a user-defined function of (a_p, T_p). Wrappers of the same function
+    are equal, so that compiled programs are reused."""
 
     owner: str
     name: str

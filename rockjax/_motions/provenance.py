@@ -47,9 +47,9 @@ def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
 
 
 def describe_motions(excitations: Any) -> dict[str, Any]:
-    """Return attributes that describe records, as lists for several records; empty for other excitations.
-    Attributes of a `Motion` are name, source, number of samples, dt, PGA and checksum; those of a table of
-    records are only dt, PGA and checksum."""
+    """Return attributes that describe a record, or lists of them for several records; empty for other
+    excitations. A `Motion` has name, source, number of samples, dt, PGA and checksum; a table of records has
+    only dt, PGA and checksum."""
     if isinstance(excitations, Motion):
         record = excitations.record()
         record = record.horizontal if isinstance(record, GroundMotion) else record

@@ -117,7 +117,7 @@ def is_table(path: Path) -> bool:
 
 
 def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
-    """Return the rows of a table of files: location `file:line`, for messages, and non-empty cells."""
+    """Return each row of a table of files: location `file:line`, for messages, and the non-empty cells."""
     reader = csv.reader(io.StringIO(read_text(path), newline=""))
     try:
         rows = [

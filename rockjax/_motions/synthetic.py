@@ -7,7 +7,7 @@ The noise has the spectral density
     S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.
 
 The envelope of Saragoni & Hart (1974), in the form of Boore (1983), has its maximum 1 at ε t_n and the
-value η at the end t_n. The pulse is that of Mavroeidis & Papageorgiou (2003).
+value η at the end t_n. The pulse follows Mavroeidis & Papageorgiou (2003).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Filters of Gaussian ground motions, applied after those of Kanai–Tajimi and Clough–Penzien."""
+"""Additional filters of Gaussian ground motions, after the soil layer and the high-pass filter."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Gaussian ground motions: modulated white noise, filtered after Kanai–Tajimi and Clough–Penzien.
 
-With u ∈ ℝⁿ standard normal and the envelope e(t), the noise w_j = u_j e(t_j) √(2π S₀/dt) is constant over
-each interval. It passes, from rest, through a soil layer and a high-pass filter:
+With u ∈ ℝⁿ standard normal, the envelope e(t) and the spectral density S₀, the noise
+w_j = u_j e(t_j) √(2π S₀/dt) is constant over each interval. It passes, from rest, through a soil layer and a
+high-pass filter:
 
     ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),
     ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).

@@ -35,7 +35,7 @@ MAX_SCENES = 10_000_000  # largest number of scenes of the sample from which ray
 TRIALS = 12  # largest number of trial factors on u
 TRIAL_SAMPLES = 200  # number of samples of a level in the runs of a trial
 TRIAL_SHARE = 0.1  # share of these samples that passes to the next level
-UNREFINED = Division(rounds=0)
+UNREFINED = Division(rounds=0)  # crossings at the scanned positions
 REFINED = Division(
     rounds=4, parts=4, root_offset=0.01, min_share=0.03
 )  # accurate enough to start Newton steps

@@ -83,7 +83,7 @@ def _bracket_failure(limit: AbstractLimitState, directions: np.ndarray, radii: n
 
 
 def _narrow(limit: AbstractLimitState, directions: np.ndarray, bracket: _Bracket) -> np.ndarray:
-    """Return the distances at which rays fail, on the failing side; inf if there is no failure."""
+    """Narrow brackets, and return the distances at which the rays fail; inf if there is no failure."""
     low, high, G_low, G_high = (y.copy() for y in bracket)
     failing = np.flatnonzero(np.isfinite(high))
     for _ in range(NARROWING_ROUNDS):

@@ -1,1 +1,1 @@
-"""Text for users: tables, text files, cards of objects."""
+"""Text for users: tables, text files, and representations of objects."""
