@@ -21,7 +21,7 @@ from rockjax._report.entry import Entry
 from rockjax._report.kinds import KINDS, check_model
 from rockjax._report.reading import read_checks
 from rockjax._studies.fragility import measure_of
-from rockjax._text.cards import format_call
+from rockjax._text.representations import format_call
 from rockjax.internal import parameters_of, read
 
 from ._annual import AnnualFrequency

@@ -23,7 +23,7 @@ import rockjax as rj
 from rockjax._parameters import variants
 from rockjax._parameters.registry import ROWS_OF_DIMENSIONS, Parameter, find_clash, numbered_parameter
 from rockjax._restrainers.damper import as_exponent
-from rockjax._text.cards import card, format_call
+from rockjax._text.representations import format_call, format_html
 from rockjax._units import STANDARD_GRAVITY
 from rockjax.internal import DIMENSIONS, Module, array_module, as_float, displayed, find_parameter
 
@@ -110,7 +110,7 @@ class Dimensions(Module):
         return format_call(self)
 
     def _repr_html_(self) -> str:
-        return card(self)
+        return format_html(self)
 
 
 Structure = rj.Podium | Dimensions

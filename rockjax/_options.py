@@ -16,7 +16,7 @@ from ._engine.methods import EXPLICIT, solver_of
 from ._outputs.base import AbstractOutput
 from ._outputs.registry import REGISTRY, name_if_registered
 from ._structures import Podium
-from ._text.cards import card
+from ._text.representations import format_html
 
 if TYPE_CHECKING:
     import diffrax
@@ -132,7 +132,7 @@ class Options(Module):
     def _repr_html_(self):
         from ._problem.models import Options as OptionsModel
 
-        return card(
+        return format_html(
             self, {name: field.description or "" for name, field in OptionsModel.model_fields.items()}
         )
 

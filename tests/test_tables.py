@@ -10,7 +10,7 @@ import pytest
 import optimise
 import rockjax as rj
 from rockjax._text import tables
-from rockjax._text.cards import card
+from rockjax._text.representations import format_html
 
 SHOWN = (
     rj.Podium(0.15, 1.5, 10.0, rj.Elastic(100.0, 0.5)),
@@ -70,7 +70,7 @@ def test_dimensions_are_shown_as_numbers():
 def test_batches_and_traced_numbers_are_shown_as_such():
     assert "array(shape (2,), 1 … 3)" in rj.Ricker(np.array([1.0, 3.0]), 1.0)._repr_html_()
     seen = []
-    jax.jit(lambda a: seen.append(card(rj.Ricker(a, 1.0))) or a)(2.0)
+    jax.jit(lambda a: seen.append(format_html(rj.Ricker(a, 1.0))) or a)(2.0)
     assert seen[0].count("traced") == 1
 
 

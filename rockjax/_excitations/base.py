@@ -21,7 +21,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
 from rockjax._programs.program import nans_allowed
-from rockjax._text.cards import card, format_call
+from rockjax._text.representations import format_call, format_html
 from rockjax._tree import Module
 from rockjax._types import Index, Number, Value
 
@@ -207,7 +207,7 @@ class AbstractExcitation(Module):
         return format_call(self)
 
     def _repr_html_(self):
-        return card(self)
+        return format_html(self)
 
 
 class _RestLookahead(AbstractLookahead):

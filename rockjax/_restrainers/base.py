@@ -18,7 +18,7 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 
 from rockjax._checks import concrete
-from rockjax._text.cards import card, format_call
+from rockjax._text.representations import format_call, format_html
 from rockjax._tree import Module
 from rockjax._types import Number, Value
 
@@ -145,4 +145,4 @@ class AbstractRestrainer(Module):
         return format_call(self)
 
     def _repr_html_(self):
-        return card(self)
+        return format_html(self)

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 
 from rockjax._checks import as_number, as_numpy_unless_traced, require, require_not_negative, require_positive
-from rockjax._text.cards import card, format_call
+from rockjax._text.representations import format_call, format_html
 from rockjax._tree import Module
 from rockjax._types import Number
 
@@ -94,7 +94,7 @@ class Contents(Module):
         return format_call(self)
 
     def _repr_html_(self):
-        return card(self)
+        return format_html(self)
 
 
 class Oscillator(Module):
@@ -125,4 +125,4 @@ class Oscillator(Module):
         return format_call(self)
 
     def _repr_html_(self):
-        return card(self)
+        return format_html(self)

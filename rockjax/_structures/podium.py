@@ -40,7 +40,7 @@ from rockjax._restrainers.combined import (
     stiffness,
 )
 from rockjax._restrainers.dimensions import restrainers_of
-from rockjax._text.cards import card, format_call
+from rockjax._text.representations import format_call, format_html
 from rockjax._tree import Module
 from rockjax._types import Number
 from rockjax._units import STANDARD_GRAVITY
@@ -533,7 +533,7 @@ class Podium(Module):
         return format_call(self)
 
     def _repr_html_(self):
-        return card(
+        return format_html(
             self,
             {
                 "p": "Frequency parameter p [rad/s]",

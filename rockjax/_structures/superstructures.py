@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._checks import array_module, as_number, concrete, require, require_not_negative
-from rockjax._text.cards import card, format_call
+from rockjax._text.representations import format_call, format_html
 from rockjax._tree import Module
 from rockjax._types import Array, Number
 
@@ -116,7 +116,7 @@ class AbstractSuperstructure(Module):
         return format_call(self)
 
     def _repr_html_(self):
-        return card(self)
+        return format_html(self)
 
 
 class Elastic(AbstractSuperstructure):

@@ -22,7 +22,7 @@ def format_call(module: eqx.Module) -> str:
     return f"{type(module).__name__}({arguments})"
 
 
-def card(module: eqx.Module, meanings: Mapping[str, str] | None = None) -> str:
+def format_html(module: eqx.Module, meanings: Mapping[str, str] | None = None) -> str:
     """Return a structure, motion or options as an HTML table of names, values and meanings with units.
 
     `meanings`: name → meaning, for properties, and for fields that are not in the tables of parameters. The
