@@ -20,7 +20,7 @@ class Outcome(NamedTuple):
     """Result of testing an assumption on a set of scenes.
 
     - `violated`: whether each scene violates the assumption, (n,)
-    - `worst`: number in the result, such as the tested value in the worst scene
+    - `worst`: number in `text`, such as the tested value in the worst scene
     - `text`: description of the result, with `{}` in place of `worst`
     """
 
@@ -30,11 +30,11 @@ class Outcome(NamedTuple):
 
 
 class Assumption(NamedTuple):
-    """An assumption.
+    """An assumption of the model.
 
     - `id`: number, such as "A1"; `text`: the assumption as a sentence
     - `conservative`: whether results are on the safe side if the assumption does not hold: "no" or "depends"
-    - `test`: function (problem, peaks of scenes) → outcome, or a text that states why there is no test
+    - `test`: function (problem, peaks of scenes) → outcome, or a sentence that states why there is no test
     - `invalidates`: whether a violation turns the result PASS into NOT VALID
     """
 
@@ -65,7 +65,7 @@ def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     worst = float(tested.max())
     if worst == -np.inf:
         return "Not tested: a joint opens under every motion."
-    return Outcome(tested > mu, worst, f"largest demand {{}} of μ = {mu:g} while all joints are closed")
+    return Outcome(tested > mu, worst, f"largest demand {{}} while all joints are closed, μ = {mu:g}")
 
 
 def _closed_under_vertical_motion(problem: Problem, data: xarray.Dataset) -> Outcome | str:
@@ -95,7 +95,7 @@ def _sharp_edges(problem: Problem, data: xarray.Dataset) -> Outcome | str:
 
 def _restitution_laws(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del data
-    return f"All checks again under the laws {', '.join(problem.report.laws)}, below."
+    return f"Checks of peaks are repeated under the laws {', '.join(problem.report.laws)}, below."
 
 
 def _linear_building(problem: Problem, data: xarray.Dataset) -> Outcome | str:

@@ -1,7 +1,7 @@
 """Contents of a report: a page of sections, and the blocks that sections consist of.
 
 `sections` builds the blocks from an evaluation; `page.py` and the formats show them. Numbers are in SI;
-numbers in texts are `Quantity` parts, which are shown in the units of the page.
+numbers in texts are `Quantity` parts, and the formats show them in the units of the page.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class Limit:
 
     - `comparison`: "≤" (at most) or "≥" (at least)
     - `quantity`: the limit [SI]
-    - `unit`: unit of the limit in the problem file, None if the file gives no unit; if the page uses another
+    - `unit`: unit of the limit in the problem file; None if the file gives no unit. If the page uses another
       unit, the limit is shown in both
     - `note`: source of the limit, such as a key of the problem file
     """
@@ -148,7 +148,7 @@ class SummaryRow:
     - `result`: one of `RESULTS`
     - `governs`: governing motion, story and time
     - `sensitivities`: the largest d ln U/d ln y of inputs y
-    - `spread`: range of U when each input is decreased or increased by the spread given in the problem file
+    - `spread`: range of U if one input at a time is decreased or increased by the spread of the file
     - `reason`: why there is no value; replaces `governs`, `sensitivities` and `spread`
     - `section`: number of the section with the details
     - `assumptions`: names of the violated assumptions, such as "A7", which are anchors in section 10
@@ -252,7 +252,7 @@ Block: TypeAlias = Paragraph | Verbatim | Equations | Figure | Pair | Summary | 
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """A section of the page, with the anchor "s" and its number, such as "s4".
+    """A section of the page. Its anchor is "s" followed by its number, such as "s4".
 
     - `number`: number of the section, from 1
     - `title`: heading
@@ -290,8 +290,8 @@ class Page:
     - `origin`: label → text below `head`, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages
 
-    Raises `ValueError` for a repeated number of a section, name of a table, or id of a row or of a part of a
-    figure, for links without a target, and for empty texts.
+    Raises `ValueError` if two sections have the same number, two tables the same name, or two rows or parts
+    of figures the same id; for links without a target; and for empty texts.
     """
 
     title: str

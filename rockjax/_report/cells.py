@@ -1,4 +1,4 @@
-"""Cells with a number, or a word in place of a missing number, and parts of names of tables."""
+"""Cells with a number, or with a word in place of a missing number; names of tables."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def number_cell(
 
 
 def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | Word:
-    """Return a cell with a peak of scene `k`; a note gives the time of overturning, where peaks end."""
+    """Return a cell with a peak of scene `k`; if it overturns, with the time of overturning as a note."""
     code = int(data["result"].values[k])
     if results.did_not_finish(code):
         return Word(results.NAMES[code].replace("_", " "), "unanswered")

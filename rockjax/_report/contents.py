@@ -31,8 +31,8 @@ def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -
 def page_of(evaluation: Evaluation, units: Units | None = None, command: str = "") -> Page:
     """Return the page of an evaluation.
 
-    - `units`: units of drawings and texts; by default those of `units_of`
-    - `command`: the command that made the report, for the head of the page
+    - `units`: units of drawings and texts; by default the result of `units_of`
+    - `command`: the command line that makes the report, shown at the head of the page
     """
     units = units or units_of(evaluation)
     problem = evaluation.problem
@@ -91,7 +91,7 @@ def _notices(evaluation: Evaluation):
         yield (
             "Assumption ",
             Link(name, name),
-            f" is violated in the motions of {', '.join(checks)}, whose numbers are not verified: ",
+            f" is violated in the scenes of {', '.join(checks)}, whose numbers are not verified: ",
             f"“{texts[name]}”",
         )
     undecided = [check.id for check in evaluation.checks if check.result == "UNDECIDED"]

@@ -1,7 +1,7 @@
 """Derivatives of the values of checks with respect to the logarithms of factors.
 
-Each of the n inputs of the structure has a factor; the motion has the last of the n + 1 factors. Derivatives
-are taken where all factors are 1, that is all logarithms 0.
+The first n factors multiply the n inputs of the structure, and the last multiplies the motion. Derivatives
+are taken where all factors are 1, so that all logarithms are 0.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ SlopesFunction = Callable[[], tuple[Any, Any]]
 
 
 def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunction]) -> xarray.Dataset:
-    """Return d ln(value)/d ln y of a check, along `motion` and `parameter`; y is an input or the factor on
-    the motion.
+    """Return the derivatives d ln(value)/d ln y of a check, with the dims `motion` and `parameter`.
+
+    The parameters y are the inputs of the structure and the factor on the motion.
 
     - `entry`: the check
     - `functions`: index of a motion or pulse → function that returns its value and derivatives
@@ -67,8 +68,8 @@ def slopes_of(
     """Return a function that computes the value and the derivatives of `function`.
 
     - `function`: function of the podium and of the logarithms, (n + 1,)
-    - `jit`: whether to compile it as one program; True for a function that solves no scenes, because outside
-      jit each of its operations compiles separately
+    - `jit`: whether to compile it as one program, instead of one program for each operation. Functions that
+      solve scenes need no jit
     """
     derivative = jax.value_and_grad(lambda logs: function(varied(problem, logs), logs))
     return lambda: (jax.jit(derivative) if jit else derivative)(jnp.zeros(len(problem.variables) + 1))
@@ -85,10 +86,10 @@ def varied(problem: Problem, logs: Any) -> Podium:
 
 
 def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return name of output → (value, derivatives) for a scene. The last axis of the derivatives has the
-    logarithms.
+    """Return name of output → (value, derivatives) for a scene. The last axis of the derivatives runs over
+    the logarithms.
 
-    One forward pass differentiates all outputs of the scene, and one program serves all motions of a set.
+    One solution gives the derivatives of all outputs, and one compiled program serves all motions of a set.
 
     - `name`: the set; `motion`: index of the motion
     """

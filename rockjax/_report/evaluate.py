@@ -35,10 +35,9 @@ def evaluate(
 
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
     - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
-      `"methods"` (the simplified methods) and `"spread"` (each input decreased and
-      increased)
-    - `store`: path of a file (.nc) for the results of scenes, so that a later call does not solve them again;
-      None for no file
+      `"methods"` (the simplified methods) and `"spread"` (checks with each input decreased and increased)
+    - `store`: path of a file (.nc) for the results of scenes, which a later call reads instead of solving the
+      scenes again; None for no file
     - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`, or None
 
     Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for invalid files and other names in `skip`.
@@ -115,7 +114,7 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         values,
     )
     slopes = _sensitivities(check, scenes)
-    # A motion that barely rocks may dominate the derivatives of a mean; if so, they are left out.
+    # Derivatives of a mean are left out if they are steep: a motion that barely rocks may dominate them.
     is_mean, spread = check.statistic == "mean", scenes.problem.report.spread
     is_smooth = not is_mean or all(abs(y) * spread <= 1 for y in slopes.values())
     return dataclasses.replace(
@@ -130,10 +129,9 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
 def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int]:
     """Return the statistic of values, its error, and the index of the governing motion.
 
+    - `values`: values of a check; ±inf for scenes that overturn
     - `statistic`: "max" (of the utilisation), "mean", "median" or "p84"
     - `is_minimum`: whether the least value governs
-
-    The value of a scene that overturns is ±inf.
     """
     y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
     errors = np.maximum(errors, ROUNDING * np.abs(np.where(np.isfinite(y), y, 0.0)))
@@ -161,7 +159,10 @@ def _quantile(y: np.ndarray, share: float) -> float:
 def utilisations_of(
     value: float, error: float, limit: float, is_minimum: bool, error_factor: float = SAFETY
 ) -> tuple[float, float, float]:
-    """Return the least, estimated and largest utilisation within `error_factor` errors of the value."""
+    """Return the least, estimated and largest utilisation for a value with an error.
+
+    The least and the largest belong to value ± `error_factor` · error.
+    """
 
     def utilisation(y: float) -> float:
         if not is_minimum:
@@ -180,7 +181,7 @@ def decide(utilisations: tuple[float, float, float], has_no_answer: bool, is_vio
 
     - `utilisations`: least, estimated and largest utilisation, from `utilisations_of`
     - `has_no_answer`: whether a scene of the set is undecided or has no answer
-    - `is_violated`: whether an assumption does not hold
+    - `is_violated`: whether an assumption is violated
     """
     least, _, largest = utilisations
     if least > 1:
@@ -191,7 +192,7 @@ def decide(utilisations: tuple[float, float, float], has_no_answer: bool, is_vio
 
 
 def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
-    """Return the ids, such as "A7", of the assumptions that do not hold in the tested scenes of a check."""
+    """Return the ids, such as "A7", of the assumptions that a tested scene of a check violates."""
     data = kind.tested_scenes(entry, scenes)
     outcomes = {} if data is None else {y.id: y.test(scenes.problem, data) for y in INVALIDATING}
     return tuple(name for name, y in outcomes.items() if isinstance(y, Outcome) and y.violated.any())
@@ -216,8 +217,8 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
 
 
 def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str = "") -> Any:
-    """Evaluate a check for another law of impact or a variation. Return its utilisations, as
-    `utilisations_of` does, and its values."""
+    """Evaluate a check again for another law of impact or a variation. Return the result of
+    `utilisations_of`, and the values."""
     values = check.kind.values(check.entry, scenes, law, variation)
     value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum)
     limit, is_minimum = check.entry.limit, check.kind.is_minimum

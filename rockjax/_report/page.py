@@ -18,7 +18,7 @@ from .blocks import Limit, Page
 from .tables import SPACE, Quantity, Word, format_number, with_unit
 from .units import Units, in_unit
 
-# Colours of rows and words of the summary, as classes of page.css, by result.
+# Result of a check → class of page.css, for the colour of its row in the summary.
 COLOURS = {
     "PASS": "pass",
     "FAIL": "fail",
@@ -68,7 +68,8 @@ def css_string(text: str) -> str:
 
 
 def _limit(limit: Limit | Word, units: Units) -> Markup:
-    """Return the limit of a check in the unit of the page, and in that of the problem file if they differ."""
+    """Return the limit of a check in the unit of the page, and also in the unit of the problem file if they
+    differ."""
     if isinstance(limit, Word):
         return markup.value(limit, units)
     quantity = limit.quantity

@@ -44,8 +44,8 @@ _REMOVED_ELEMENTS = re.compile(
 _FONT_FAMILY = re.compile(r"font-family: [^;\"]*")
 _ID_OR_REFERENCE = re.compile(r'(\bid="|url\(#|\bxlink:href="#)')
 _COLOUR = re.compile(r"\b(fill|stroke): (#[0-9a-f]{6})(?:; \1-opacity: ([0-9.]+))?")
-_DECIMALS = {"m": 2, "cm": 1, "mm": 0}  # decimals of dimensions in drawings
-_MARKED_FLOORS = 12  # up to this number of floors, every floor is marked with its mass
+_DECIMALS = {"m": 2, "cm": 1, "mm": 0}  # unit → decimals of dimensions in drawings
+_MARKED_FLOORS = 12  # largest number of floors that are all marked with their masses
 
 
 def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
@@ -122,13 +122,13 @@ def elevation_drawing(
 ) -> Figure:
     """Return a drawing to scale: the structure with dimensions and masses, and beside it one rotated column.
 
-    - `podium`: a single podium. Without an elevation, distances of columns have no dimension lines; without
-      heights, stories have none
+    - `podium`: a single podium. Distances of columns have dimension lines only if it has an elevation,
+      stories only if it has their heights
     - `units`: units of the numbers
     - `column_mass`: mass of one column [kg]; None omits all masses
     - `columns`: number of columns N of a podium without an elevation
-    - `rotation`: rotation of the column beside the structure [rad], drawn as α if larger; None for an upright
-      column
+    - `rotation`: rotation of the column beside the structure [rad], of which at most α is drawn; None for an
+      upright column
     - `label`: source of the rotation, such as "motion 9"
     """
     import matplotlib.pyplot as plt
@@ -239,7 +239,7 @@ def _rounded_mass(mass: float) -> float:
 
 
 def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[float, str]]:
-    """Return heights and texts of masses. Among more than 12 floors, a run of equal masses has one text."""
+    """Return heights and texts of masses. With more than 12 floors, consecutive equal masses share a text."""
     if len(masses) <= _MARKED_FLOORS:
         return list(zip(levels, masses, strict=True))
     notes, start = [], 0
@@ -254,7 +254,7 @@ def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[fl
 def _story_dimensions(
     base: float, levels: np.ndarray, length_text: Callable[[float], str]
 ) -> list[tuple[float, float, str]]:
-    """Return ends and texts of the dimension lines of stories; a run of equal stories has one line."""
+    """Return ends and texts of the dimension lines of stories; consecutive equal stories share a line."""
     ends = [base, *map(float, levels)]
     heights = [length_text(upper - lower) for lower, upper in itertools.pairwise(ends)]
     dimensions, start = [], 0

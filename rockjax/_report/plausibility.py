@@ -29,17 +29,17 @@ def warnings_of(evaluation: Evaluation) -> Iterator[str]:
         density = mass / (width * height * depth)
         if not DENSITIES[0] <= density <= DENSITIES[1]:
             yield (
-                f"The columns have {density:.4g} kg/m³; usual are 300 to 8000 kg/m³. Is "
+                f"The columns have {density:.4g} kg/m³; 300 to 8000 kg/m³ are usual. Is "
                 "structure.column_mass in kilograms?"
             )
         stress = float(np.asarray(podium.dead_load)[0]) * mass * float(podium.g) / (width * depth)
         if not STRESSES[0] <= stress <= STRESSES[1]:
-            yield f"The mean stress of the columns is {stress / 1e6:.3g} MPa; usual are 0.01 to 50 MPa."
+            yield f"The mean stress of the columns is {stress / 1e6:.3g} MPa; 0.01 to 50 MPa are usual."
     oscillators = None if podium.superstructure is None else podium.superstructure.oscillators
     if oscillators is not None:
         period = float(np.max(np.asarray(oscillators.T_s)))
         if not PERIODS[0] <= period <= PERIODS[1]:
-            yield f"The first period of the building is {period:.3g} s; usual are 0.05 to 10 s."
+            yield f"The first period of the building is {period:.3g} s; 0.05 to 10 s are usual."
     heights = problem.story_heights
     for check in evaluation.checks:
         if (

@@ -23,6 +23,7 @@ from rockjax._structures import Podium
 
 from .entry import Entry
 
+# Inputs that are counts, which cannot vary.
 COUNTS = ("columns", "stories", "modes", "superstructure.stories", "superstructure.modes")
 
 
@@ -77,8 +78,11 @@ class MotionSet:
 
 @dataclasses.dataclass(frozen=True)
 class Input:
-    """An input of the structure: key, such as `width` or `superstructure.T_s`; value or list of values; and
-    source that the file states, or None."""
+    """An input of the structure.
+
+    - `key`: key, such as `width` or `superstructure.T_s`; `value`: value or list of values
+    - `source`: source that the file states, or None
+    """
 
     key: str
     value: Any
@@ -138,8 +142,8 @@ class Problem:
 
     @property
     def leaf_derivatives(self) -> list[Any]:
-        """Derivatives of the leaves of `podium` with respect to ln y, where y runs over `variables` along the
-        last axis."""
+        """Derivatives of the leaves of `podium` with respect to ln y. The last axis runs over the inputs y in
+        `variables`."""
         return self._derivatives[0]
 
     @property

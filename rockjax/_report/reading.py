@@ -36,9 +36,9 @@ def read_problem(path: str | Path) -> Problem:
 
 
 def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
-    """Return the problem of a table, read from a file; the command line may have replaced some values.
+    """Return the problem of a table.
 
-    - `table`: contents of the file
+    - `table`: contents of a problem file, in which the command line may have replaced some values
     - `path`: path of the file, whose folder is the base of relative paths
     """
     reader = Reader(path)
@@ -152,7 +152,7 @@ def _entry(
     where: str,
     given: Mapping[str, Any],
 ) -> Entry:
-    """Return an entry without the defaults of `id` and `motions`.
+    """Return an entry in which `id` and `motions` do not have their defaults yet.
 
     - `reader`, `table`, `file`, `podium`: as for `read_checks`
     - `where`, `given`: key and table of the entry

@@ -107,7 +107,7 @@ def report(
     - `units`: units of the page, at most one for each kind, such as "kN,m,deg,g,mm"; by default those of
       the file
     - `skip`, `progress`: as for [`rockjax.evaluate`][]; unused for an `Evaluation`
-    - `command`: the command that makes the report, for the head of the page
+    - `command`: the command line that makes the report, shown at the head of the page
 
     Returns a [`rockjax.Report`][]. Raises `ValueError` before anything is solved for an invalid file, for
     unknown units, and for an `output` that is not .html (print the page from a browser to get a PDF).

@@ -29,7 +29,7 @@ from .uplift import UpliftRatio
 if TYPE_CHECKING:
     import xarray
 
-MAX_SCALE = 10.0  # end of the search for overturning factors
+MAX_SCALE = 10.0  # largest factor in the search for overturning
 JUST_BELOW = 1 - 1e-6  # a boundary times this factor gives a scene just below the boundary
 WINDOW_FACTORS = 1 + np.geomspace(1e-6, 1.0, 32)  # points above a boundary where a window may end
 BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances of boundaries
@@ -39,9 +39,9 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
     """Return for each motion of a set the least factor that lifts or overturns the columns, along `motion`,
     with an estimate of its error.
 
-    Above the least overturning factor, scenes overturn up to `survives_from`, and again from
-    `overturns_again_from`. Each is searched up to twice the least factor and NaN if not found; narrow windows
-    may be missed.
+    Above the least overturning factor, scenes overturn up to the factor `survives_from`, and again from
+    `overturns_again_from`. These factors are searched up to twice the least factor, and NaN if they are not
+    found. Narrow windows may be missed.
 
     - `name`: the set; `event`: "uplift" or "overturning"
     """
@@ -61,7 +61,7 @@ def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 
     scenes.describe(f"uplift factors of {motions.name}")
     factor = _estimate_uplift_factors(scenes, motions)
-    # Close to uplift, the relative error of the scenes is that of the factor.
+    # Close to uplift, the factor and the scenes have the same relative error.
     excitations = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
     data = scenes.solve(scenes.problem.podium, excitations, _uplift_options(scenes.problem), ("motion",))
     factor = 0.9 * factor / data["uplift_ratio"].values
@@ -74,7 +74,7 @@ def _uplift_options(problem: Problem) -> Options:
 
 
 def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
-    """Return the least factors that lift the columns, estimated from scenes that do not lift them."""
+    """Return estimates of the least factors that lift the columns, from scenes without uplift."""
     from rockjax._batch.batch import peak_responses
 
     podium, options = scenes.problem.podium, _uplift_options(scenes.problem)
@@ -96,7 +96,7 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     for k, (name, excitation) in enumerate(zip(motions.names, motions.excitations, strict=True)):
         scenes.describe(f"overturning factor of {name}")
         factors[k] = _overturning_scale(scenes.problem, scenes.problem.podium, excitation)
-    # Boundaries are bisected to rounding, so the error of a factor is that of its scenes.
+    # Boundaries are bisected to rounding, so the error of a factor is the error of the scenes.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
     survives, overturns = _window_ends(scenes.problem, motions, factors)
     variables = {

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Needs(NamedTuple):
-    """Needs of the checks of a set of motions: outputs, and name → block or oscillator on a floor."""
+    """Outputs and objects on floors (name → block or oscillator) that the checks of a set of motions need."""
 
     outputs: dict[str, None] = {}  # an ordered set
     on_floors: dict[str, Any] = {}
@@ -81,7 +81,7 @@ class Scenes:
         return {variation[:-1]: 1 + spread if variation[-1] == "+" else 1 - spread} if variation else {}
 
     def _podium(self, law: str | None = None, variation: str = "") -> Podium:
-        """Return the structure with a law of impact, None for its own, and a variation, "" for none."""
+        """Return the structure with a law of impact (None for its own) and a variation ("" for none)."""
         factors = {name: y for name, y in self.factors(variation).items() if name != "motion"}
         podium = self.problem.varied(factors) if factors else self.problem.podium
         return podium if law is None else podium.replace(restitution=law)
@@ -156,8 +156,8 @@ class Scenes:
     def _with_floor_errors(
         self, data: xarray.Dataset, excitations: Any, options: Options, on_floors: dict[str, Any]
     ) -> xarray.Dataset:
-        """Add the estimated errors of blocks and oscillators on floors to peaks: the difference from a second
-        solution, inf where a block overturns in only one of the two solutions."""
+        """Add the estimated errors of blocks and oscillators on floors to peaks. The error is the difference
+        from a second solution, and inf where a block overturns in only one of the two solutions."""
         if not on_floors:
             return data
         finer = second_options(options).replace(outputs=("peak_rotation",))
@@ -181,7 +181,8 @@ class Scenes:
     ) -> xarray.Dataset:
         """Return the peaks of a batch as a dataset.
 
-        - `podium`, `excitations`, `options`, `dims`: those of the batch
+        - `podium`, `excitations`, `options`: structure, motions and options of the batch
+        - `dims`: names of the axes of the batch
         - `on_floors`: name → block or oscillator; the names become coordinates
         """
         import xarray

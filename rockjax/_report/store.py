@@ -1,4 +1,4 @@
-"""Storage of a report's results, which a repeated report does not compute again."""
+"""Storage of the results of a report, so that a repeated report does not compute them again."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def fingerprint(*values: Any) -> str:
     return hashlib.sha256("\n".join(entries).encode()).hexdigest()
 
 
-MIN_WRITE_INTERVAL = 30.0  # least time between two writings of an unfinished store [s]
+MIN_WRITE_INTERVAL = 30.0  # least time between two writes of an unfinished store [s]
 
 
 class Store:
@@ -57,12 +57,12 @@ class Store:
         import xarray
 
         try:
-            # Report datasets have no times and no packed numbers; looking for them takes time.
+            # The datasets have no times and no packed numbers, so xarray need not look for them.
             groups = xarray.open_groups(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
             for name, data in groups.items():
                 if "fingerprint" in data.attrs:
                     self.data[name.strip("/")] = data.load()
-            for data in groups.values():  # closed after the last is read, because they share the open file
+            for data in groups.values():  # after the last is read, because all share the open file
                 data.close()
         except (OSError, ValueError, KeyError):
             self.data = {}

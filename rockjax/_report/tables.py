@@ -151,8 +151,8 @@ class Code:
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """A part of a text that leads to an anchor of the page: "s4" is section 4, `blocks.check_anchor("C1")` a
-    check, and "A7" the row of a table with this id."""
+    """A part of a text that leads to an anchor of the page: to section 4 by "s4", to a check by
+    `blocks.check_anchor("C1")`, to the row of a table with the id "A7" by "A7"."""
 
     text: str
     target: str
@@ -356,7 +356,7 @@ def plain_cell(cell: Cell, units: Units, *, shows_unit: bool = True) -> str:
 
 
 def _significant(value: float, digits: int, error: float | None = None) -> str:
-    """Return a number with at most `digits` significant digits, and no digit beyond the first of `error`."""
+    """Return a number with at most `digits` significant digits, up to the first digit of `error`."""
     exponent = _exponent(value, digits)
     decimals = digits - 1 - exponent if value else 0
     if error:
@@ -373,10 +373,10 @@ def _exponent(value: float, digits: int) -> int:
 
 
 def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
-    """Return `decimal`, or for a very large or small number a power of ten such as "1.609·10⁻⁴".
+    """Return `decimal`, or the form "1.609·10⁻⁴" for a very large or small number.
 
     - `value`: the number; `decimal`: its decimal form
-    - `decimals`: decimals before the power of ten; None for five without trailing zeros
+    - `decimals`: decimals before the power of ten; None for five decimals without trailing zeros
     """
     if value == 0 or 1e-3 <= abs(value) < 1e6:
         return decimal

@@ -24,8 +24,8 @@ class UpliftRatio(AbstractOutput):
     """Largest value over time of max(±q/q_up − r) [–].
 
     q is the demand of Eq. (9), q_up its threshold, and r the relative change of the threshold by vertical
-    motion, (C10). Without uplift the ratio is proportional to the motion, and its inverse is the least factor
-    on the motion that lifts the columns.
+    motion. Without uplift, the ratio is proportional to the motion, and its inverse is the least factor on
+    the motion that lifts the columns.
     """
 
     name = "uplift_ratio"
@@ -44,7 +44,7 @@ class UpliftRatio(AbstractOutput):
         return jnp.zeros(2, start.t.dtype), None
 
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
-        # `course`: the quantity over the step as a cubic.
+        # `course` approximates the quantity over the step by a cubic.
         return step.largest(step.course(self.quantity), accumulator, END_ZONE_CUBIC, sizes="signed")
 
     def answer(self, ended: Ended, accumulator: Any, note: Any) -> dict[str, Any]:

@@ -22,7 +22,7 @@ NONE = "none"  # text of a cell without an error or note
 
 
 class Number(NamedTuple):
-    """A number in the unit of the page, and its digits on the page; the digits of errors are ""."""
+    """A number in the unit of the page, and its digits on the page, "" for errors."""
 
     value: float
     digits: str
@@ -36,7 +36,7 @@ class Grid(NamedTuple):
 
 
 def grid(table: Table, units: Units) -> Grid:
-    """Return a table as rows of texts and numbers; numbers are not rounded, and in the chosen units."""
+    """Return a table as rows of texts and numbers. Numbers are in the chosen units and not rounded."""
     heads: list[str] = []
     rows: list[list[Number | str]] = [[] for _ in table.rows]
     for k, column in enumerate(table.columns):

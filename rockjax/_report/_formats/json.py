@@ -41,7 +41,7 @@ SCHEMA = "rockjax-report/1"  # incremented by changes that break programs which 
 
 
 def encode(page: Page, units: Units) -> dict[str, bytes]:
-    """Return the page as a JSON file in SI; of `units`, only the gravity is used."""
+    """Return the page as a JSON file in SI. Only the gravity of `units` is used."""
     return {
         "report.json": (json.dumps(document(page, units.g), ensure_ascii=False, indent=1) + "\n").encode()
     }

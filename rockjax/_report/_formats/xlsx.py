@@ -65,8 +65,8 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
 
 
 def _sheet_name(name: str, number: int) -> str:
-    """Return the name of the sheet of a table: its own name; if that is too long, its start and the number of
-    the table."""
+    """Return the name of the sheet of a table. The end of a name that is too long is replaced by the number
+    of the table."""
     if len(name) <= _MAX_NAME_LENGTH:
         return name
     ending = f"~{number}"

@@ -1,4 +1,4 @@
-"""All kinds of checks, which are also the kinds of design targets: one entry for each."""
+"""All kinds of checks, which are also the kinds of design targets."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ _ANNUAL = {
 }
 _SHARE = {
     "intensity": (Positive, "Factor on the motions [–]; by default 1."),
-    "smoothing": (Positive, "Width h of the smoothed count [–]." + _DESIGN_ONLY),
+    "smoothing": (Positive, "Bandwidth h of the smoothed share [–]." + _DESIGN_ONLY),
 }
 _FAILURE = {
     "motion": (models.GaussianKeys, "The random motion."),
-    "cov": (Positive, "Coefficient of variation of the estimate [–]."),
+    "cov": (Positive, "Coefficient of variation at which sampling stops [–]."),
     "rays": (Annotated[int, Field(ge=8)], "Number of rays." + _DESIGN_ONLY),
     "seed": (models.Index, "Seed of the samples."),
 }

@@ -35,7 +35,7 @@ class Values(NamedTuple):
     - `errors`: (n,) estimated errors, NaN where unknown
     - `words`: (n,) words that replace numbers, such as "overturned at 5.85 s"; "" for numbers
     - `locations`: (n,) storey, joint or time of each value; "" for none
-    - `unanswered`: why each scene, or the one estimate, has no result, such as "undecided"; "" if it has one
+    - `unanswered`: why each scene or the estimate has no result, such as "undecided"; "" if it has a result
     - `names`: (n,) names of the cases: motions or pulses
     - `remark`: text that the summary adds to the value, or ""
     - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit
@@ -165,7 +165,7 @@ class Kind(abc.ABC):
 
         - `entry`: the entry
         - `scenes`: solves and stores scenes
-        - `law`: law of impact that replaces the law of the structure; None keeps that law
+        - `law`: law of impact that replaces the law of the structure; None for no change
         - `variation`: one of `Scenes.variations`, such as "width+"; "" for none
         """
 
@@ -195,7 +195,7 @@ class Kind(abc.ABC):
         )
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
-        """Return tables with the details of a check; of tables with equal names, the page shows the first."""
+        """Return tables with the details of a check. The page shows only the first table of each name."""
         del entry, values, scenes
         return []
 
@@ -214,7 +214,7 @@ def with_words(
     locations: list[str],
     is_minimum: bool,
 ) -> Values:
-    """Return values of scenes, with words for overturned scenes and for infinite values, where a joint opens.
+    """Return the values of scenes. Words replace overturned scenes, and infinite values, where a joint opens.
 
     - `scenes`, `entry`: the scenes and the entry
     - `data`: dataset of the scenes, with the dim `motion` of length n

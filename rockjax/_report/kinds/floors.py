@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class FloorKind(Kind):
-    """A check of the largest peak among blocks or oscillators on floors: those it names, by default all.
+    """A check of the largest peak among the blocks or oscillators on floors that it names, by default all.
 
     - `table`: table of the problem file with the blocks or oscillators; `dim`: their dimension in datasets
     - `peak`: name of the peak, such as "peak_rotation"; `symbol`: symbol of the peak in headings

@@ -28,11 +28,11 @@ class PeakKind(Kind):
     """A check of a peak, multiplied by a factor that depends on the structure.
 
     - `variable`: name of the peak among the outputs
-    - `factor`: returns the factor, or one for each joint, storey or mode; None for 1
-    - `needs`: returns which input is missing, or ""
-    - `powers`: (input, exponent) for inputs whose variation `factor` ignores; the value varies as
-      input ** exponent
-    - `convert`: converts the multiplied peak to the value, or None
+    - `factor`: function that returns the factor, or one for each joint, storey or mode; None for 1
+    - `needs`: function that returns a sentence about missing inputs, or ""
+    - `powers`: pairs (input, exponent) for inputs that `factor` reads without their variation. If the input
+      is multiplied by y, the value is multiplied by y ** exponent
+    - `convert`: function that converts the multiplied peak to the value, or None
     """
 
     variable: str = ""

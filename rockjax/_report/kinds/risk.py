@@ -51,8 +51,8 @@ class FragilityKind(Kind):
         return kind_of_unit(unit_of_measure(measure_of_file(file)[0]))
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
-        """Return the result of `rockjax.fragility` for the set, with the additional variable `scale`: the
-        least factor on each motion that overturns."""
+        """Return the result of `rockjax.fragility` for the set. Its additional variable `scale` is the least
+        factor on each motion that overturns the columns."""
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
         settings = problem.fragility.model_dump(), measure
@@ -91,7 +91,7 @@ class FragilityKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class AnnualKind(FragilityKind):
-    """The annual frequency from a hazard curve and the fragility curve of `[risk]` or of a set."""
+    """The annual frequency from a hazard curve and a fragility curve, given in `[risk]` or made for a set."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = Kind.read(self, keys, reader, file, podium)
@@ -277,8 +277,8 @@ class FailureKind(Kind):
 
 
 def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
-    """Return name and period of the intensity measure in `[fragility]`; without this table, the factor on the
-    motions is the measure."""
+    """Return name and period of the intensity measure in `[fragility]`. Without this table, the measure is
+    the factor on the motions."""
     settings = file.fragility
     has_table = "fragility" in file.model_fields_set
     return (settings.measure, settings.measure_period) if has_table else ("scale", None)
@@ -315,7 +315,8 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
 
 
 def _numbers_of(curve: Any) -> list[float]:
-    """Return the numbers of a curve on which its annual frequency depends, median and dispersion first."""
+    """Return the numbers of a fragility curve that determine the annual frequency, the first of which are
+    median and dispersion."""
     if isinstance(curve, Lognormal):
         return list(map(float, curve))
     names = ("median_capacity", "dispersion", "no_damage_limit", "min_intensity", "max_intensity")

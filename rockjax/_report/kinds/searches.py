@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class ScaleKind(Kind):
-    """The least factor on each motion that causes the `event`, "uplift" or "overturning"."""
+    """The least factor on each motion that causes an `event`: "uplift" or "overturning"."""
 
     event: str = "overturning"
 
@@ -85,7 +85,7 @@ class PulseKind(Kind):
         return boundary_options(scenes.problem) | {"max_acceleration_ratio": MAX_ACCELERATION_RATIO} | given
 
     def _unit(self, entry: Entry, podium: Podium) -> Value:
-        """Return the unit of the amplitudes and the limit: g tan α or 1 [m/s²]."""
+        """Return the unit of the amplitudes and of the limit: g tan α or 1 m/s²."""
         return g_tan_alpha(podium.alpha, podium.g) if entry.arguments.get("ratio") else jnp.ones(())
 
     def _amplitudes(self, entry: Entry, scenes: Scenes) -> np.ndarray:

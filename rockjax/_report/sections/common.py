@@ -35,9 +35,9 @@ def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
 
 
 def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]) -> Figure:
-    """Return a picture from the store; if it is missing or has other inputs, draw and store it.
+    """Return a picture from the store; draw and store it if it is missing or was drawn from other inputs.
 
-    - `name`: name in the store; `inputs`: everything that the picture shows
+    - `name`: name in the store; `inputs`: all data that the picture shows
     - `draw`: function that returns the picture; the caption must be a string
     """
     store = evaluation.scenes.store
@@ -46,7 +46,7 @@ def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable
 
 
 def details(evaluation: Evaluation, section: int) -> list[Table]:
-    """Return the tables with the details of the checks of a section; tables of equal name appear once."""
+    """Return the tables with the details of the checks of a section; tables of the same name appear once."""
     tables: dict[str, Table] = {}
     for check in evaluation.checks:
         if check.values is not None and check.kind.section == section:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
 
 _NOTE = (
-    "A derivative belongs to one motion and one order of impacts. So the set is also evaluated again with "
-    "each input decreased and increased, which shows if another motion governs or the columns overturn."
+    "A derivative is valid for one motion and one order of impacts. Therefore the set is also evaluated with "
+    "each input decreased and increased, which shows whether another motion governs or the columns overturn."
 )
 
 

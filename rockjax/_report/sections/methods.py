@@ -45,7 +45,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _results(evaluation: Evaluation, name: str) -> list[MethodResult]:
-    """Return the results of the methods for a set of motions, from the store if they are there."""
+    """Return the results of the methods for a set of motions; compute them only if the store has none."""
     problem, motions = evaluation.problem, evaluation.problem.motions[name]
     friction = problem.joints.friction
 

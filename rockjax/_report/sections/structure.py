@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Input
 
-# Key of an input → (meaning, kind); other inputs have these in the registry of parameters, `STRUCTURE`.
+# Key of an input → (meaning, kind). Meanings of other inputs are in the registry of parameters, `STRUCTURE`.
 _MEANINGS = {
     "story_masses": ("Storey masses from the bottom", "mass"),
     "story_stiffnesses": ("Storey stiffnesses", "stiffness"),
@@ -196,7 +196,7 @@ def _derived(evaluation: Evaluation) -> Equations:
 
 
 def _numbers(evaluation: Evaluation) -> xarray.Dataset:
-    """Return the numbers of the section that follow from the structure, from the store if they are there."""
+    """Return the derived numbers of the section; compute them only if the store does not have them."""
     podium = evaluation.problem.podium
 
     def numbers(podium: Podium) -> dict[str, Any]:
@@ -230,7 +230,7 @@ def _modes(evaluation: Evaluation) -> list[Any]:
     periods, etas, zetas = np.broadcast_arrays(
         np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.eta), np.atleast_1d(oscillators.zeta)
     )
-    # The first frequency is that of the rocking mode.
+    # The first frequency belongs to the rocking mode.
     uplifted = _numbers(evaluation)["uplifted_frequencies"].values[1:] / (2 * np.pi)
     columns = {
         "Mode": "count",

@@ -91,7 +91,7 @@ def _slopes(check: Check) -> Text:
 
 
 def _spread(check: Check) -> Text:
-    """Return the range of U with changed inputs, and the change that gives the largest or no finite U."""
+    """Return the range of U with changed inputs, and the changes that give the largest U or no finite U."""
     if not check.spread:
         return "not repeated"
     changes = [
