@@ -49,7 +49,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
                 ("axial_force_mean", "F3"),
                 ("axial_force", "F8"),
                 ("friction", "F9"),
-                ("foundation_shear", "F10"),
+                ("foundation_shear", "F5"),
                 ("impulse_ratio", "F12"),
             )
         )

@@ -163,7 +163,7 @@ def _derived(evaluation: Evaluation) -> Equations:
     ]
     if eta:
         rows.append(Equation(Formula("superstructure_mass_ratio"), "", Quantity(eta, "number"), "2"))
-    laws: dict[str, Any] = {"paper": "27", "compatible": "26"}
+    laws: dict[str, Any] = {"paper": "27", "compatible": "C13"}
     for name, label in laws.items():
         factor = float(numbers[f"restitution_{name}"])
         note = " (in use)" if factor == factor_in_use else " (not in use)"
@@ -190,7 +190,7 @@ def _derived(evaluation: Evaluation) -> Equations:
         ]
     if podium.elevation is not None:
         rows.append(
-            Equation(Formula("core_distance"), "", Quantity(float(numbers["core_distance"]), "length"), "F18")
+            Equation(Formula("core_distance"), "", Quantity(float(numbers["core_distance"]), "length"), "F8")
         )
     return Equations(tuple(rows))
 
