@@ -88,7 +88,7 @@ def design_chart(
         scanned = scan(scene, periods, (low, high), resolution, options, progress, width=None)
         boundaries, _ = scanned.crossings.table(periods.size)
         boundary_tables.append(boundaries)
-        smallest_safe_value.append(_smallest_safe_value(boundaries, scanned.starts_surviving, low))
+        smallest_safe_value.append(_smallest_safe_value(boundaries, scanned.lower_end_survives, low))
         scene_counts.append(scanned.scenes)
     boundary_count = max(table.shape[1] for table in boundary_tables)
     pad = lambda table: np.pad(table, ((0, 0), (0, boundary_count - table.shape[1])), constant_values=np.nan)
@@ -121,14 +121,14 @@ def design_chart(
     )
 
 
-def _smallest_safe_value(boundaries: np.ndarray, starts_surviving: np.ndarray, low: float) -> np.ndarray:
+def _smallest_safe_value(boundaries: np.ndarray, lower_end_survives: np.ndarray, low: float) -> np.ndarray:
     """Return the smallest safe value at each period: the last boundary, `low` if there is no boundary, or
     NaN if the upper bound overturns."""
     counts = np.sum(np.isfinite(boundaries), axis=1)
     # An odd number of boundaries means that survival differs between the two ends of the range.
-    survives_at_end = starts_surviving ^ (counts % 2 == 1)
+    upper_end_survives = lower_end_survives ^ (counts % 2 == 1)
     last_boundary = boundaries[np.arange(len(counts)), np.maximum(counts - 1, 0)]
-    return np.where(survives_at_end, np.where(counts > 0, last_boundary, low), np.nan)
+    return np.where(upper_end_survives, np.where(counts > 0, last_boundary, low), np.nan)
 
 
 def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:

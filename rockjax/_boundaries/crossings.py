@@ -89,7 +89,7 @@ class Scan(NamedTuple):
     """Result of a scan. A dip is a minimum of the margin as a function of y."""
 
     crossings: Crossings
-    starts_surviving: np.ndarray  # for each line, True if its lower end survives
+    lower_end_survives: np.ndarray  # True for lines whose lower end survives
     dip: np.ndarray  # lowest dip below the first crossing of each line; 1 for a line without dips
     certain_width: np.ndarray  # largest width of an overturning interval that the scan may have missed
     scenes: int  # number of solved scenes
@@ -157,7 +157,7 @@ def scan(
         finished = solved.finished()
         if np.unique(finished.line).size < x.size:
             raise RuntimeError("no scene of a line finished; raise options.max_steps or loosen rtol")
-        starts_surviving = finished.margin[np.searchsorted(finished.line, lines)] > 0
+        lower_end_survives = finished.margin[np.searchsorted(finished.line, lines)] > 0
         changes = finished.changes(refine == "first")
         line, overturns = finished.line[changes], finished.margin[changes] > 0
         survivor = np.where(overturns, changes, changes + 1)
@@ -175,7 +175,7 @@ def scan(
         brackets = narrow_brackets(brackets, evaluate, tolerance, LANES * min(2, workers()))
         crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.output_at_b)
     gaps = widest_gaps(solved, spacing, y_range[1])
-    return Scan(crossings, starts_surviving, least_dip(finished), gaps, scenes)
+    return Scan(crossings, lower_end_survives, least_dip(finished), gaps, scenes)
 
 
 def margins(
