@@ -67,10 +67,10 @@ def motions(
     from rockjax._motions.intensity import intensity_measures
     from rockjax._units import STANDARD_GRAVITY
 
-    ratios = reader.chosen(("tan_alpha", "R"))
-    if len(ratios) == 1:
+    column = reader.chosen(("tan_alpha", "R"))
+    if len(column) == 1:
         raise typer.BadParameter("--tan-alpha and --R belong together; give both or neither")
-    podium = reader.structure(reader.check(models.ByRatios, ratios)) if ratios else None
+    podium = reader.structure(reader.check(models.ByRatios, column)) if column else None
     settings = reader.check(models.Measures, reader.chosen(("periods", "damping")))
     suite = read_records(reader, paths, reader.chosen(FILE_KEYS))
     data = intensity_measures(suite, periods=settings.periods, damping=settings.damping, podium=podium)

@@ -104,7 +104,7 @@ def _describe_inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
     law = attrs["restitution"] if isinstance(attrs["restitution"], str) else "given"
     yield f"{'impact law':<16} {law}, e = {attrs['restitution_factor']:.6g}"
     uplift, demand = attrs["uplift_ground_acceleration_m_s2"] / g, attrs["uplift_demand_m_s2"] / g
-    yield f"{'lifts at':<16} {uplift:.4g} g of slow ground motion (demand of Eq. (9): {demand:.4g} g)"
+    yield f"{'uplift at':<16} {uplift:.4g} g of slow ground motion (demand q of Eq. (9): {demand:.4g} g)"
     if "columns" in attrs:
         masses = [
             f"{name.removesuffix('_kg').replace('_', ' ')} {_format_masses(attrs[name])}"

@@ -70,9 +70,9 @@ class AsceSliding(AbstractMethod):
     def obstacles(self, case: Case) -> tuple[str, ...]:
         reasons = []
         if case.friction is None:
-            reasons.append("not made: it needs friction, the coefficient of friction μ")
+            reasons.append("the method needs friction, the coefficient of friction μ")
         if case.vertical is None:
-            reasons.append("not made: it needs vertical, the largest vertical ground acceleration A_v")
+            reasons.append("the method needs vertical, the largest vertical ground acceleration A_v")
         return tuple(reasons)
 
     def outcome(self, case: Case) -> Outcome:

@@ -133,7 +133,7 @@ class MethodResult:
     def __repr__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
         demand, capacity = (
-            "not made" if value is None else f"{value:.4g}{unit}"
+            "not computed" if value is None else f"{value:.4g}{unit}"
             for value in (self.governing_demand, self.capacity)
         )
         verdict = {True: "passes", False: "fails", None: "no verdict"}[self.passes]
@@ -212,7 +212,7 @@ class AbstractMethod(abc.ABC):
 def restrainer_obstacles(case: Case) -> tuple[str, ...]:
     """Return why no method applies to a podium with tendons, dampers or inerters; () for other podiums."""
     if case.podium.without_idle_restrainers().restrainers:
-        return ("not made: no simplified method covers tendons, dampers or inerters",)
+        return ("no simplified method covers tendons, dampers or inerters",)
     return ()
 
 
@@ -220,4 +220,4 @@ def damping_obstacles(damping: float) -> tuple[str, ...]:
     """Return why a method cannot use a damping ratio outside [0, 1); () for ratios in this range."""
     if math.isfinite(damping) and 0 <= damping < 1:
         return ()
-    return ("not made: the equivalent damping ratio for this restitution factor is not below 1",)
+    return ("the equivalent damping ratio must be below 1; the restitution factor is too small",)

@@ -56,7 +56,7 @@ class SpectralUplift(AbstractMethod):
 
     def obstacles(self, case: Case) -> tuple[str, ...]:
         if np.any(_modes(case.podium)[2] >= 1):
-            return ("not made: response spectra need damping ratios of the superstructure below 1",)
+            return ("response spectra need damping ratios of the superstructure below 1",)
         return ()
 
     def outcome(self, case: Case) -> Outcome:

@@ -220,9 +220,11 @@ class Summary:
 
     def table(self) -> Table:
         """Return the summary as a table, for files."""
-        heads = ("No.", "Check", "Motions", "Value", "Comparison", "Limit", "U", "Result", "Reason")
-        heads += ("Governs", "Changes with", "U with spread", "Clause")
-        return Table("summary", "Summary of checks", tuple(map(Column, heads)), tuple(map(_cells, self.rows)))
+        headings = ("No.", "Check", "Motions", "Value", "Comparison", "Limit", "U", "Result", "Reason")
+        headings += ("Governs", "Changes with", "U with spread", "Clause")
+        return Table(
+            "summary", "Summary of checks", tuple(map(Column, headings)), tuple(map(_cells, self.rows))
+        )
 
 
 def _cells(row: SummaryRow) -> tuple[Quantity | Word, ...]:

@@ -109,7 +109,7 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         error,
         "" if math.isfinite(value) else (values.words[governing] or "no finite value"),
         utilisations[1],
-        None if kind.is_of_set else governing,
+        None if kind.has_one_value else governing,
         values.locations[governing],
         values,
     )
@@ -176,17 +176,17 @@ def utilisations_of(
     return min(results), results[1], max(results)
 
 
-def decide(utilisations: tuple[float, float, float], has_no_answer: bool, is_violated: bool) -> str:
+def decide(utilisations: tuple[float, float, float], is_unanswered: bool, is_violated: bool) -> str:
     """Return the result of a check, such as "PASS".
 
     - `utilisations`: least, estimated and largest utilisation, from `utilisations_of`
-    - `has_no_answer`: whether a scene of the set is undecided or has no answer
+    - `is_unanswered`: whether a scene of the set is undecided or has no answer
     - `is_violated`: whether an assumption is violated
     """
     least, _, largest = utilisations
     if least > 1:
         return "FAIL"
-    if has_no_answer or largest > 1 or math.isnan(largest):
+    if is_unanswered or largest > 1 or math.isnan(largest):
         return "UNDECIDED"
     return "NOT VALID" if is_violated else "PASS"
 

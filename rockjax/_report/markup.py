@@ -23,10 +23,10 @@ from .tables import (
     Text,
     Tone,
     Word,
+    column_heading,
     format_error,
     format_number,
     format_series,
-    head,
     with_unit,
 )
 from .units import Units
@@ -115,15 +115,15 @@ def table(content: Table, units: Units) -> Markup:
         all(isinstance(row[k], Quantity) for row in content.rows) or column.kind is not None
         for k, column in enumerate(content.columns)
     ]
-    heads = Markup("").join(
+    headings = Markup("").join(
         Markup('<th scope="col"{}>{}{}</th>').format(
-            _alignment(is_right_aligned), safe(head(column, units)), second_line(column.note, units)
+            _alignment(is_right_aligned), safe(column_heading(column, units)), second_line(column.note, units)
         )
         for column, is_right_aligned in zip(content.columns, is_number, strict=True)
     )
     rows = Markup("\n").join(_row(content, index, is_number, units) for index in range(len(content.rows)))
     return Markup("<table><caption>{}</caption><thead><tr>{}</tr></thead><tbody>{}</tbody></table>").format(
-        text(content.caption, units), heads, rows
+        text(content.caption, units), headings, rows
     )
 
 

@@ -175,18 +175,18 @@ _PARTS = (str, Quantity, Strong, Code, Link, Bare, Formula)
 class Column:
     """A column of a table.
 
-    - `head`: heading without a unit
+    - `heading`: heading without a unit
     - `kind`: what the numbers measure; their unit is added to the heading. None for texts and for numbers of
       several kinds, each of which is shown with its unit
     - `note`: a second line below the heading
     """
 
-    head: str
+    heading: str
     kind: str | None = None
     note: Text = ""
 
     def __post_init__(self) -> None:
-        checked_text(self.head, "Column.head")
+        checked_text(self.heading, "Column.heading")
         if self.kind is not None and self.kind not in KINDS:
             raise ValueError(f"Column: kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
         object.__setattr__(self, "note", checked_text(self.note, "Column.note", may_be_empty=True))
@@ -231,7 +231,7 @@ class Table:
                 if column.kind and isinstance(cell, Quantity | Series) and cell.kind != column.kind:
                     raise ValueError(
                         f"Table {self.name}: row {index} has {KINDS[cell.kind].article} {cell.kind} in the "
-                        f"column {column.head!r} of kind {column.kind}"
+                        f"column {column.heading!r} of kind {column.kind}"
                     )
         if self.ids and len(self.ids) != len(rows):
             raise ValueError(f"Table {self.name}: {len(self.ids)} ids for {len(rows)} rows")
@@ -261,17 +261,17 @@ class Table:
 
         Raises `ValueError` as the constructor does, and for a number in a column without a kind.
         """
-        heads = tuple(Column(head, kind) for head, kind in columns.items())
+        headings = tuple(Column(head, kind) for head, kind in columns.items())
         cells = tuple(
             tuple(
                 _cell(cell)
                 if isinstance(cell, str | tuple | Quantity | Series | Word | Formula)
                 else Quantity(cell, column.kind or "")
-                for cell, column in zip(row, heads, strict=True)
+                for cell, column in zip(row, headings, strict=True)
             )
             for row in rows
         )
-        return cls(name, caption, heads, cells, **options)
+        return cls(name, caption, headings, cells, **options)
 
 
 def format_number(quantity: Quantity, units: Units) -> str:
@@ -320,11 +320,11 @@ def format_series(series: Series, units: Units) -> str:
     return ", ".join(number if count == 1 else f"{count} × {number}" for count, number in runs)
 
 
-def head(column: Column, units: Units) -> str:
+def column_heading(column: Column, units: Units) -> str:
     """Return the heading of a column with its unit."""
     if column.kind is None or units.symbol(column.kind) == NO_UNIT:
-        return column.head
-    return f"{column.head} [{units.symbol(column.kind)}]"
+        return column.heading
+    return f"{column.heading} [{units.symbol(column.kind)}]"
 
 
 def plain(text: Text, units: Units) -> str:

@@ -231,7 +231,7 @@ def test_sliding_needs_friction_and_vertical_motion():
     assert any("friction" in reason for reason in bare.missing)
     assert any("vertical" in reason for reason in bare.missing)
     assert any("sliding distance" in reason for reason in bare.missing)
-    assert "not made" in repr(bare)
+    assert "not computed" in repr(bare)
     paired = [dataclasses.replace(motion, vertical=motion.scaled(0.25)) for motion in MOTIONS]
     made = one("asce_43_05_sliding", motions=paired, friction=0.6)
     assert made.values["A_v"].value == pytest.approx(1.0, rel=1e-12)

@@ -15,10 +15,10 @@ from rockjax._report.tables import (
     Strong,
     Table,
     Word,
+    column_heading,
     format_error,
     format_number,
     format_series,
-    head,
     plain,
     plain_cell,
 )
@@ -119,9 +119,9 @@ def test_a_text_follows_the_units_of_the_page():
 
 
 def test_a_heading_has_its_unit():
-    assert head(Column("PGA", "acceleration"), UNITS) == "PGA [g]"
-    assert head(Column("PGA", "acceleration"), Units.si()) == "PGA [m/s²]"
-    assert head(Column("θ/α", "number"), UNITS) == head(Column("θ/α"), UNITS) == "θ/α"
+    assert column_heading(Column("PGA", "acceleration"), UNITS) == "PGA [g]"
+    assert column_heading(Column("PGA", "acceleration"), Units.si()) == "PGA [m/s²]"
+    assert column_heading(Column("θ/α", "number"), UNITS) == column_heading(Column("θ/α"), UNITS) == "θ/α"
 
 
 def test_tables_are_complete():

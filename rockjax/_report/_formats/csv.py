@@ -27,7 +27,7 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
 def _content(table: Table, units: Units) -> bytes:
     table_grid, text = grid(table, units), io.StringIO(newline="")
     writer = csv.writer(text)
-    writer.writerow(map(_field, table_grid.heads))
+    writer.writerow(map(_field, table_grid.headings))
     writer.writerows([_field(cell) for cell in row] for row in table_grid.rows)
     return codecs.BOM_UTF8 + text.getvalue().encode()
 

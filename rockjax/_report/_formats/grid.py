@@ -31,28 +31,28 @@ class Number(NamedTuple):
 class Grid(NamedTuple):
     """Headings and rows of a table, with additional columns for its errors, units and notes."""
 
-    heads: list[str]
+    headings: list[str]
     rows: list[list[Number | str]]
 
 
 def grid(table: Table, units: Units) -> Grid:
     """Return a table as rows of texts and numbers. Numbers are in the chosen units and not rounded."""
-    heads: list[str] = []
+    headings: list[str] = []
     rows: list[list[Number | str]] = [[] for _ in table.rows]
     for k, column in enumerate(table.columns):
         cells = [row[k] for row in table.rows]
         parts = [_main_column(cells, column, units), *_extra_columns(cells, column, units)]
         for name, values in parts:
-            heads.append(name)
+            headings.append(name)
             for row, content in zip(rows, values, strict=True):
                 row.append(content)
-    return Grid(heads, rows)
+    return Grid(headings, rows)
 
 
 def _main_column(cells: list[Cell], column: Column, units: Units) -> tuple[str, list[Number | str]]:
     """Return the heading and the values of a column."""
     note = plain(column.note, units)
-    name = f"{column.head} ({note})" if note else column.head
+    name = f"{column.heading} ({note})" if note else column.heading
     return name, [
         Number(units.show(cell.value, cell.kind), format_number(cell, units))
         if isinstance(cell, Quantity)
@@ -69,13 +69,13 @@ def _extra_columns(cells: list[Cell], column: Column, units: Units) -> list[tupl
         error = cell.error if isinstance(cell, Quantity) else None
         errors.append(NONE if error is None else Number(units.show(error, _kind(cell)), ""))
     if any(isinstance(error, Number) for error in errors):
-        extra.append((f"{column.head}: error", errors))
+        extra.append((f"{column.heading}: error", errors))
     if any(isinstance(cell, Quantity | Series) for cell in cells):
         shown_units = [units.unit(_kind(cell)) if _kind(cell) else NO_UNIT for cell in cells]
-        extra.append((f"{column.head}: unit", [*shown_units]))
+        extra.append((f"{column.heading}: unit", [*shown_units]))
     notes = [NONE if isinstance(cell, Formula) else plain(cell.note, units) or NONE for cell in cells]
     if set(notes) != {NONE}:
-        extra.append((f"{column.head}: note", [*notes]))
+        extra.append((f"{column.heading}: note", [*notes]))
     return extra
 
 

@@ -112,7 +112,7 @@ class _Converter:
 
     def table(self, table: Table) -> dict[str, Any]:
         columns = [
-            {"head": column.head, **({"note": self.text(column.note)} if column.note else {})}
+            {"head": column.heading, **({"note": self.text(column.note)} if column.note else {})}
             for column in table.columns
         ]
         rows = [[self.cell(cell) for cell in row] for row in table.rows]

@@ -46,9 +46,9 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
         sheet = workbook.add_worksheet(_sheet_name(table.name, number))
         sheet.write_string(0, 0, plain(table.caption, units)[:_MAX_CELL_LENGTH], bold)
         table_grid = grid(table, units)
-        for column, name in enumerate(table_grid.heads):
+        for column, name in enumerate(table_grid.headings):
             sheet.write_string(1, column, name, bold)
-            longest = max(len(_text(row[column])) for row in [table_grid.heads, *table_grid.rows])
+            longest = max(len(_text(row[column])) for row in [table_grid.headings, *table_grid.rows])
             sheet.set_column(column, column, min(max(longest + 2, _WIDTH_RANGE[0]), _WIDTH_RANGE[1]))
         for row_index, row in enumerate(table_grid.rows, 2):
             for column, cell in enumerate(row):

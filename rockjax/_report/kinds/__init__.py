@@ -69,7 +69,7 @@ _KINDS: tuple[Kind, ...] = (
         True,
         section=7,
         keys=_SCALE,
-        is_of_set=True,
+        has_one_value=True,
         skip_name="risk",
     ),
     AnnualKind(
@@ -78,7 +78,7 @@ _KINDS: tuple[Kind, ...] = (
         "rate",
         section=7,
         keys=_ANNUAL | _WIDTH,
-        is_of_set=True,
+        has_one_value=True,
         skip_name="risk",
     ),
     ShareKind(
@@ -87,7 +87,7 @@ _KINDS: tuple[Kind, ...] = (
         "ratio",
         section=7,
         keys=_SHARE,
-        is_of_set=True,
+        has_one_value=True,
     ),
     FailureKind(
         "failure-probability",
@@ -96,7 +96,7 @@ _KINDS: tuple[Kind, ...] = (
         section=7,
         keys=_FAILURE,
         needs_motions=False,
-        is_of_set=True,
+        has_one_value=True,
         skip_name="risk",
     ),
     FloorKind(
@@ -126,7 +126,7 @@ _KINDS: tuple[Kind, ...] = (
         "Sliding displacement",
         "displacement",
         section=10,
-        reason="Columns do not slide in the model (A1); peak-friction shows the demand.",
+        reason="Columns do not slide in the model (A1); the check peak-friction gives the friction demand.",
     ),
     OutsideModel(
         "soil-rotation",

@@ -68,7 +68,7 @@ class Kind(abc.ABC):
     - `section`: section of the page with the details
     - `keys`: keys that only this kind has: name → (type, description)
     - `needs_motions`: whether the check needs a set of motions; `has_limit`: whether it has a limit
-    - `is_of_set`: whether the whole set has one value, so that no motion governs and no statistic applies
+    - `has_one_value`: whether the whole set has one value, so that no motion governs and no statistic applies
     - `skip_name`: name in `evaluate(skip=…)` that leaves the check out; "" if no name does
     """
 
@@ -80,7 +80,7 @@ class Kind(abc.ABC):
     keys: Mapping[str, tuple[Any, str]] = dataclasses.field(default_factory=dict)
     needs_motions: bool = True
     has_limit: bool = True
-    is_of_set: bool = False
+    has_one_value: bool = False
     skip_name: str = ""
 
     # ------------------------------------------------------------------------------------------------ reading
@@ -130,7 +130,7 @@ class Kind(abc.ABC):
 
     def check(self, keys: CheckKeys, uses_motions: bool) -> None:
         """Raise `ValueError` if an entry gives a statistic or motions that do not apply to the kind."""
-        if keys.statistic != "max" and (self.is_of_set or not uses_motions):
+        if keys.statistic != "max" and (self.has_one_value or not uses_motions):
             raise ValueError(
                 f"statistic must be left out: {self.name} has one value, not one for each motion"
             )
@@ -191,7 +191,9 @@ class Kind(abc.ABC):
         count = len(problem.motions[entry.motions])
         statistic = "least" if self.is_minimum and entry.keys.statistic == "max" else entry.keys.statistic
         return f"{entry.motions}, " + (
-            f"all {count} motions" if self.is_of_set else f"{STATISTICS.get(statistic, statistic)} of {count}"
+            f"all {count} motions"
+            if self.has_one_value
+            else f"{STATISTICS.get(statistic, statistic)} of {count}"
         )
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:

@@ -63,9 +63,9 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             )
         )
     if counts:
-        heads = ("Set", "Scenes", "Overturned", "Undecided", "Without an answer", "Trial steps")
+        headings = ("Set", "Scenes", "Overturned", "Undecided", "Without an answer", "Trial steps")
         kinds = [None, *["count"] * 5]
-        count_columns = tuple(Column(y, kind) for y, kind in zip(heads, kinds, strict=True))
+        count_columns = tuple(Column(y, kind) for y, kind in zip(headings, kinds, strict=True))
         blocks.append(Table("scenes", "Scenes of each set", count_columns, tuple(counts)))
     if rows:
         blocks.append(Table("errors", "Largest estimated errors", columns, tuple(rows)))

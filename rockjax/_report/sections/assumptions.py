@@ -38,11 +38,11 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         blocks.append(laws)
     missing = [check for check in evaluation.checks if check.result in ("NOT MADE", "BY OTHERS")]
     if missing:
-        heads = Column("Check"), Column("Name"), Column("Result"), Column("Reason")
+        headings = Column("Check"), Column("Name"), Column("Result"), Column("Reason")
         cells = tuple(
             (Word(y.id), Word(y.name), Word(y.result, y.result.lower()), Word(y.reason)) for y in missing
         )
-        blocks.append(Table("left-out", "Checks that were not made here", heads, cells))
+        blocks.append(Table("left-out", "Checks that were not made here", headings, cells))
     requested = {check.kind.name for check in evaluation.checks}
     unrequested = [name for name in KINDS if name not in requested and name != "by-others"]
     blocks.append(Paragraph(("Checks that the file does not ask for: ", Code(", ".join(unrequested)), ".")))

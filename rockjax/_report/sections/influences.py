@@ -25,8 +25,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     tables = [_table(check) for check in evaluation.checks if check.sensitivities or check.spread]
     if not tables:
         text = "No check has a finite value whose derivative or spread could be given."
-        return Section(8, "What moves the governing checks", (Paragraph(text),))
-    return Section(8, "What moves the governing checks", (Paragraph(_NOTE, is_note=True), *tables))
+        return Section(8, "Influence of the inputs", (Paragraph(text),))
+    return Section(8, "Influence of the inputs", (Paragraph(_NOTE, is_note=True), *tables))
 
 
 def _table(check: Check) -> Table:

@@ -73,6 +73,7 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
         Column("Verdict"),
         Column("Reliability"),
     )
+    not_computed = Word("not computed", "not made")
     rows = []
     for result in results:
         kind = kind_of_unit(result.unit)
@@ -87,11 +88,11 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
             (
                 Word(f"{result.title} {result.equation}", note=result.source),
                 Word(f"{result.quantity}, {result.statistic}"),
-                number_cell(result.governing_demand, kind) if has_values else Word("not made", "not made"),
-                number_cell(result.capacity, kind) if has_values else Word("not made", "not made"),
+                number_cell(result.governing_demand, kind) if has_values else not_computed,
+                number_cell(result.capacity, kind) if has_values else not_computed,
                 number_cell(result.utilisation, "utilisation", word="no capacity")
                 if has_values
-                else Word("not made", "not made"),
+                else not_computed,
                 verdict[result.passes],
                 Word(result.reliability, note=missing),
             )
@@ -100,7 +101,7 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
     with_rotation = [result for result in results if result.rotation_ratio is not None]
     if with_rotation:
         data = evaluation.scenes.peaks(name)
-        heads = (
+        headings = (
             Column("Motion"),
             Column("Exact max|θ|/α", "number"),
             *(Column(f"{result.title} {result.equation}", "number") for result in with_rotation),
@@ -113,7 +114,10 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
             )
         tables.append(
             Table(
-                f"rotations-{slug(name)}", f"Rotation by the methods, set {name}", heads, tuple(rotation_rows)
+                f"rotations-{slug(name)}",
+                f"Rotation by the methods, set {name}",
+                headings,
+                tuple(rotation_rows),
             )
         )
     return tables

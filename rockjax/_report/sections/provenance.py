@@ -38,7 +38,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     table = Table(
         "provenance",
         "Versions and files",
-        (Column("What"), Column("Version or hash")),
+        (Column("Item"), Column("Version or hash")),
         tuple((Word(name), Word(value)) for name, value in rows),
     )
     intro = Paragraph(("The problem file ", Code(problem.path.name), ", verbatim:"))
