@@ -132,7 +132,7 @@ def capacities(count: int, censored: float, trials: int, seed: int = 0) -> dict:
         has_fit = np.isfinite(median)
         z = ndtri(FRACTILES)[:, None]
         bounds = profile_intervals(
-            Capacities.of(sampled[has_fit], limit),
+            Capacities.from_values(sampled[has_fit], limit),
             median[has_fit],
             dispersion[has_fit],
             np.exp(DISPERSION * z),

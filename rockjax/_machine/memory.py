@@ -8,7 +8,7 @@ from pathlib import Path
 # assembled and written.
 BYTES_PER_SCENE = 160
 BYTES_PER_SENSITIVITY = 32  # additional memory per scene and sensitivity parameter [bytes]
-SYSTEM = Path("/")  # root of /proc and /sys
+SYSTEM_ROOT = Path("/")  # root of /proc and /sys
 
 # Advice in error messages.
 REQUEST_FEWER_OR_SWEEP = (
@@ -37,9 +37,11 @@ def require_memory(
     if needed < 2**20:  # too little to look up the free memory
         return
     try:
-        lines = (SYSTEM / "proc/meminfo").read_text().splitlines()
+        lines = (SYSTEM_ROOT / "proc/meminfo").read_text().splitlines()
         free += [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
-        max_file, used_file = (SYSTEM / "sys/fs/cgroup" / f"memory.{name}" for name in ("max", "current"))
+        max_file, used_file = (
+            SYSTEM_ROOT / "sys/fs/cgroup" / f"memory.{name}" for name in ("max", "current")
+        )
         free += [int(max_file.read_text()) - int(used_file.read_text())]  # limit of a container
     except (OSError, ValueError):  # another system, no container, or no limit (the file contains "max")
         pass

@@ -96,7 +96,7 @@ def _ratio(name: str, symbol: str, meaning: str, path: str, formula: str = "", n
 
 
 WIDTH_AND_HEIGHT = ("width", "height")  # dimensions of a column, which together determine alpha and R
-_SLENDER = "slenderness of the columns"
+_SLENDERNESS = "slenderness of the columns"
 _COLUMN_NAMES = ("alpha", "tan_alpha", "R")
 _PERIOD, _RIGID_NOTE = "period of the superstructure", "without it the superstructure is rigid"
 _TENDON, _DAMPER, _INERTER = "restrainers.Tendon.", "restrainers.Damper.", "restrainers.Inerter."
@@ -107,13 +107,13 @@ _STORIES_MEANING, _STORIES_PATH = (
 _HEIGHT = "height of the superstructure above the beam"
 _RESIDUAL_HEIGHT = "height of the residual mass above the beam"
 _LINEAR_NOTE = "1 is a linear damper"
-_BOTH_NOTE = "spans both joints of the column"
-_ROUND_NOTE = "less than H; not with restrainers"
+_SPAN_NOTE = "spans both joints of the column"
+_ENDS_NOTE = "less than H; not with restrainers"
 
 # Parameters of a podium. The podium stores those with an `attribute_path`; variants.py computes the others.
 STRUCTURE = _by_name(
-    Parameter("alpha", "α", "rad", ANGLE, _SLENDER, "alpha"),
-    Parameter("tan_alpha", "tan α", "1", POSITIVE, _SLENDER, formula="B/H", instead_of=("alpha",)),
+    Parameter("alpha", "α", "rad", ANGLE, _SLENDERNESS, "alpha"),
+    Parameter("tan_alpha", "tan α", "1", POSITIVE, _SLENDERNESS, formula="B/H", instead_of=("alpha",)),
     Parameter("R", "R", "m", POSITIVE, "half diagonal of a column", "R"),
     Parameter("width", "2B", "m", POSITIVE, "full width of a column", instead_of=_COLUMN_NAMES),
     Parameter("height", "2H", "m", POSITIVE, "full height of a column", instead_of=_COLUMN_NAMES),
@@ -147,8 +147,8 @@ ROWS = _by_name(
     Parameter("position", "x", "m", ANY, "position of the column", "elevation.columns"),
     Parameter("top_height", "h", "m", ANY, "height of the mode or floor", "elevation.top_height"),
 )
-# Parameters of superstructures with several modes that have one value for all modes.
-OVERALL = _by_name(
+# Scalar parameters of superstructures with several modes: one value for the whole superstructure.
+MULTI_MODE_SCALARS = _by_name(
     _ratio("residual", "η_r", "mass ratio of the residual mass", "superstructure.residual"),
     _ratio("story_damping", "ζ", "damping ratio of all modes", "superstructure.damping"),
 )
@@ -192,10 +192,10 @@ DIMENSIONS = _by_name(
     STRUCTURE["restitution"],
     STRUCTURE["g"],
     Parameter(
-        "tendon_force", "P₀", "N", NOT_NEGATIVE, "initial force of the tendon of a column", note=_BOTH_NOTE
+        "tendon_force", "P₀", "N", NOT_NEGATIVE, "initial force of the tendon of a column", note=_SPAN_NOTE
     ),
     Parameter(
-        "tendon_stiffness", "K", "N m-1", NOT_NEGATIVE, "stiffness of the tendon of a column", note=_BOTH_NOTE
+        "tendon_stiffness", "K", "N m-1", NOT_NEGATIVE, "stiffness of the tendon of a column", note=_SPAN_NOTE
     ),
     Parameter(
         "damper_coefficient",
@@ -203,11 +203,11 @@ DIMENSIONS = _by_name(
         "N (s/m)^ν",
         NOT_NEGATIVE,
         "coefficient of the damper of a column",
-        note=_BOTH_NOTE,
+        note=_SPAN_NOTE,
     ),
     Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note=_LINEAR_NOTE),
-    Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column", note=_BOTH_NOTE),
-    Parameter("end_radius", "r_c", "m", NOT_NEGATIVE, "radius of round ends of a column", note=_ROUND_NOTE),
+    Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column", note=_SPAN_NOTE),
+    Parameter("end_radius", "r_c", "m", NOT_NEGATIVE, "radius of round ends of a column", note=_ENDS_NOTE),
 )
 # Arguments with one value for each story or column. Names are numbered from 1, such as `story_mass_2`.
 ROWS_OF_DIMENSIONS = _by_name(

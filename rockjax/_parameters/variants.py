@@ -17,7 +17,7 @@ from rockjax._structures.modes import split_row, split_unless_scalar, stack_row,
 
 from .registry import (
     MOTION,
-    OVERALL,
+    MULTI_MODE_SCALARS,
     ROWS,
     STRUCTURE,
     WIDTH_AND_HEIGHT,
@@ -29,7 +29,7 @@ from .registry import (
 
 def find_parameter(name: str) -> Parameter | None:
     """Return the parameter of a structure with this name or attribute path; None if there is none."""
-    for table in (STRUCTURE, OVERALL):
+    for table in (STRUCTURE, MULTI_MODE_SCALARS):
         if name in table:
             return table[name]
     row, _, number = name.rpartition("_")
@@ -47,7 +47,7 @@ def attribute_path_of(name: str) -> str:
 
 def parameters_of(podium: Podium) -> dict[str, Parameter]:
     """Return the parameters of this podium by name, including derived ones."""
-    entries = (STRUCTURE | OVERALL).items()
+    entries = (STRUCTURE | MULTI_MODE_SCALARS).items()
     parameters = {
         name: entry for name, entry in entries if not entry.is_integer and has_parameter(podium, entry)
     }
@@ -65,7 +65,7 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
     path, _, field = entry.attribute_path.partition(".")
     holder = getattr(podium, path)
     if field not in getattr(holder, "rows", ()) or (
-        entry.attribute_path == _HEIGHTS_PATH and not _has_several_heights(podium)
+        entry.attribute_path == _TOP_HEIGHT_PATH and not _has_several_heights(podium)
     ):
         return ()
     values = getattr(holder, field)
@@ -82,12 +82,12 @@ def _has_several_heights(podium: Podium) -> bool:
     return superstructure is not None and superstructure.height_count is not None
 
 
-_HEIGHTS_PATH = STRUCTURE["top_height"].attribute_path
+_TOP_HEIGHT_PATH = STRUCTURE["top_height"].attribute_path
 
 
 def has_parameter(podium: Podium, parameter: Parameter) -> bool:
     """Return whether this podium has a parameter; every podium has derived ones."""
-    if parameter.attribute_path == _HEIGHTS_PATH:
+    if parameter.attribute_path == _TOP_HEIGHT_PATH:
         return podium.elevation is not None and not _has_several_heights(podium)
     try:
         _stored_value(podium, parameter.attribute_path)
@@ -177,7 +177,7 @@ def _stored_value(holder: Any, path: str) -> Any:
         elif isinstance(holder, tuple):
             holder = holder[_index_of_class(holder, step)]
         else:
-            rows = [] if path == _HEIGHTS_PATH else getattr(holder, "rows", ())
+            rows = [] if path == _TOP_HEIGHT_PATH else getattr(holder, "rows", ())
             holder = getattr(holder, step)
             if step in rows and path.endswith(step) and split_unless_scalar(holder) is not holder:
                 raise AttributeError(f"{step} is a row of numbers")

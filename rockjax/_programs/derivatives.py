@@ -42,12 +42,12 @@ def push_forward(
     tangents = jax.tree.leaves(tuple(slopes), is_leaf=is_none)
     varied = [i for i, tangent in enumerate(tangents) if tangent is not None]
     point = [leaves[i] for i in varied]
-    of_varied = _restrict(lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), leaves, varied)
+    restricted = _restrict(lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), leaves, varied)
     directions = [tangents[i] for i in varied]
     if loops:
-        push = lambda *direction: jax.jvp(of_varied, point, list(direction), has_aux=True)
+        push = lambda *direction: jax.jvp(restricted, point, list(direction), has_aux=True)
         return jax.vmap(push, out_axes=(None, 0, None))(*directions)
-    floats, linear, others = jax.linearize(of_varied, *point, has_aux=True)
+    floats, linear, others = jax.linearize(restricted, *point, has_aux=True)
     # The barrier stores the coefficients, so that all tangents share them.
     coefficients, linear_structure = jax.tree.flatten(linear)
     linear = jax.tree.unflatten(linear_structure, barrier(coefficients))
@@ -57,13 +57,13 @@ def push_forward(
 def _restrict(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) -> Callable:
     """Return the function of only the leaves with the indices `varied`; the other leaves are fixed."""
 
-    def of_varied(*values):
+    def restricted(*values):
         changed = list(leaves)
         for i, value in zip(varied, values, strict=True):
             changed[i] = value
         return function(*changed)
 
-    return of_varied
+    return restricted
 
 
 def _take_leaves(function: Callable, structure: Any, **keywords: Any) -> Callable:
@@ -104,8 +104,8 @@ def with_slopes(function: Callable) -> Callable:
     @functools.wraps(function)
     def evaluate(*arguments, leaf_indices: tuple[int, ...], capacity: int | None = None):
         leaves, structure = jax.tree.flatten(arguments)
-        of_leaves = _take_leaves(function, structure, capacity=capacity, reversible=False)
-        floats, jacobian, integers = _with_jacobian(of_leaves, leaves, leaf_indices)
+        function_of_leaves = _take_leaves(function, structure, capacity=capacity, reversible=False)
+        floats, jacobian, integers = _with_jacobian(function_of_leaves, leaves, leaf_indices)
         return (floats, integers), jacobian
 
     return evaluate
@@ -138,8 +138,8 @@ def _with_jacobian_rule(function: Callable, reversible: Callable, has_derivative
         directions = tuple(tangents[i] for i in varied)
         if any(jnp.ndim(primals[i]) for i in varied):
             point = tuple(_first_order_only(primals[i]) for i in varied)
-            of_varied = _restrict(reversible, primals, varied)
-            floats, floats_dot, integers = jax.jvp(of_varied, point, directions, has_aux=True)
+            restricted = _restrict(reversible, primals, varied)
+            floats, floats_dot, integers = jax.jvp(restricted, point, directions, has_aux=True)
         else:
             floats, jacobian, integers = _with_jacobian(function, primals, varied)
             direction = jnp.stack(directions)
@@ -292,5 +292,5 @@ def _differentiate_traced(
     """Differentiate the program through `jax.jit`: with respect to arrays, such as samples, with respect to
     initial states, and inside other transformations."""
     traced = lambda *leaves: program.through_jit(*jax.tree.unflatten(structure, leaves), capacity=capacity)
-    of_varied = _restrict(traced, primals, varied)
-    return jax.jvp(of_varied, [primals[i] for i in varied], [tangents[i] for i in varied])
+    restricted = _restrict(traced, primals, varied)
+    return jax.jvp(restricted, [primals[i] for i in varied], [tangents[i] for i in varied])

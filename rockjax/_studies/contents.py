@@ -51,7 +51,7 @@ def contents_fragility(
     """Fit fragility curves of blocks on the floors of a podium, one for each damage state.
 
     Every record is scaled to all levels of `intensity`. Each curve is fitted by maximum likelihood to the
-    number of records that reach the damage state at each level (multiple stripes).
+    numbers of records that reach the damage state at the levels (multiple stripes).
 
     - `podium`: podium with scalar parameters
     - `contents`: dict of name → [`rockjax.Contents`][]; or one or more `Contents`, which get the names
@@ -71,12 +71,13 @@ def contents_fragility(
     Returns a Dataset. `median_capacity` and `dispersion` (dims `contents`, `damage_state`) have the
     confidence intervals `interval` (further dims `quantity`, `bound`), from the jackknife over records.
     `probability` and the band from `lower` to `upper` have the further dim `at`. `counted` (dims `contents`,
-    `intensity`) is the number of records whose scene is not left out; `observed` (dims `contents`,
-    `damage_state`, `intensity`) is the share of the counted records that reach the state. The answers of the
-    podium, such as `overturned`, have the dims `record` and `intensity`, and those of the blocks, such as
-    `contents_peak_rotation`, also `contents`. Curves that the counts do not determine are NaN. A
-    `RuntimeWarning` names them; a second warning is issued for fewer than five records. A single curve,
-    `data.sel(contents="cabinet", damage_state=1.0)`, is valid for [`rockjax.annual_frequency`][].
+    `intensity`) is the number of records that count at a level: scenes that did not finish or are left out do
+    not count. `observed` (dims `contents`, `damage_state`, `intensity`) is the share of the counted records
+    that reach the state. Answers of the podium, such as `overturned`, have the dims `record` and `intensity`;
+    answers of the blocks, such as `contents_peak_rotation`, also have `contents`. Curves that the counts do
+    not determine are NaN, and a `RuntimeWarning` names them. Another warning is issued for fewer than five
+    records. A single curve, `data.sel(contents="cabinet", damage_state=1.0)`, is valid for
+    [`rockjax.annual_frequency`][].
 
     Raises `ValueError` for invalid inputs.
     """
@@ -118,7 +119,7 @@ def contents_fragility(
             "damage_state": (
                 "damage_state",
                 states,
-                {"units": "1", "long_name": "max|φ|/α_c that is reached; 0 if the block rocks"},
+                {"units": "1", "long_name": "threshold of max|φ|/α_c; state 0: the block rocks"},
             ),
             "at": ("at", x, {"units": measure.units, "long_name": measure.name}),
         },
@@ -167,7 +168,7 @@ def _checked_states(owner: str, damage_states: Any, blocks: Mapping[str, Content
 
 
 def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) -> None:
-    """Add counts, curves, intervals and bands to a dataset of peaks of podium and blocks, in place.
+    """Add counts, curves, intervals and bands to the dataset of the peaks, in place.
 
     - `exceed`: whether scenes in which the podium overturns count as reaching every damage state
     - `confidence`: confidence level, or None
@@ -196,7 +197,9 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     curves = np.full((*shape, x.size), np.nan)
     for index in np.ndindex(shape):
         reached_here, counted_here = reached.values[index], counted.values[index[0]]
-        fit, reduced_fits = _fit_and_refit(levels, reached_here.astype(float), counted_here.astype(float))
+        fit, reduced_fits = _fit_with_jackknife(
+            levels, reached_here.astype(float), counted_here.astype(float)
+        )
         medians[index], dispersions[index] = fit
         curves[index] = fit.probability(x)
         if confidence is not None:
@@ -224,13 +227,13 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     data.attrs["confidence"] = confidence
 
 
-def _fit_and_refit(
+def _fit_with_jackknife(
     levels: np.ndarray, reached: np.ndarray, counted: np.ndarray
 ) -> tuple[Lognormal, Lognormal]:
-    """Return the curve fitted to all records, and the curves fitted without one record each.
+    """Return the curve fitted to all records, and the curves that each omit one record.
 
     - `levels`: intensities, shape (m,)
-    - `reached`, `counted`: 1 where a record reaches the damage state, and where it is counted, shape (n, m)
+    - `reached`, `counted`: 1 where a record reaches the damage state, 1 where it counts, shape (n, m)
     """
     leave_one_out = lambda y: y.sum(axis=0) - np.concatenate([np.zeros((1, levels.size)), y])
     fits = jax.tree.map(np.asarray, fit_each_counts(levels, leave_one_out(reached), leave_one_out(counted)))

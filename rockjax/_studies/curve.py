@@ -44,7 +44,7 @@ def fragility(
     - `at`: intensities at which the curve is evaluated, shape (x,), > 0; by default 200 equally spaced
       values up to the highest level
     - `confidence`: confidence level of the intervals and the band, in (0, 1); None omits both
-    - `limit`: limit state in addition to overturning: (name, value) of a peak of the analysis, such as
+    - `limit`: a limit state in addition to overturning, the (name, value) of a peak of the analysis, such as
       `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium overturns, if the
       peak exceeds the value, or if a `least_…` variable is below the value, in at least one mode, story,
       floor or joint. The `options` of the analysis must request the output that contains this peak
@@ -73,7 +73,7 @@ def fragility(
     else:
         method = "stripes"
         analysis = _with_limit(analysis, limit)
-    data = _Outcomes.of(analysis)
+    data = _Outcomes.from_analysis(analysis)
     fit = _fit(method, data)
     x = checked_intensities("fragility", at, data.levels)
     curve = _dataset(analysis, fit, x, method)
@@ -122,7 +122,7 @@ class _Outcomes(NamedTuple):
     overturned: np.ndarray
 
     @classmethod
-    def of(cls, analysis: xarray.Dataset) -> _Outcomes:
+    def from_analysis(cls, analysis: xarray.Dataset) -> _Outcomes:
         capacity, levels = analysis["capacity"].values, analysis["intensity"].values
         capacity = np.where(np.isnan(capacity), np.inf, capacity)
         return cls(
@@ -136,7 +136,7 @@ class _Outcomes(NamedTuple):
 
 
 def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Dataset:
-    """Return the analysis with its outcomes and capacities redefined by a limit besides overturning."""
+    """Return the analysis with outcomes and capacities that include a limit state besides overturning."""
     names = [name for name, y in analysis.data_vars.items() if {"record", "intensity"} <= set(y.dims)]
     peaks = [str(name) for name in names if str(name).startswith(("peak_", "least_"))]
     if not (isinstance(limit, tuple) and len(limit) == 2 and limit[0] in peaks):
@@ -212,7 +212,7 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
             "median_capacity": variable((), float(fit.median), units, f"median {measure} of {event}"),
             "dispersion": variable((), float(fit.dispersion), "1", "standard deviation of the logarithm"),
             "probability": variable("at", fit.probability(x), "1", f"probability of {event}"),
-            "observed": variable("intensity", observed, "1", f"share of records: {event}"),
+            "observed": variable("intensity", observed, "1", f"share of records with {event}"),
             "capacity": analysis["capacity"],
         },
         coords={"at": variable("at", x, units, measure), "intensity": analysis["intensity"]},
@@ -258,7 +258,7 @@ def _intervals_of_capacities(
     """
     median, dispersion = float(fit.median), float(fit.dispersion)
     intervals = profile_intervals(
-        Capacities.of(data.capacity, data.levels[-1]), median, dispersion, x, confidence
+        Capacities.from_values(data.capacity, data.levels[-1]), median, dispersion, x, confidence
     )
     return np.exp(np.stack([intervals.log_median, intervals.log_dispersion])), intervals.probit
 
@@ -285,7 +285,7 @@ def stripe_bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return jackknife bounds of a curve fitted to counts, in the shapes of `_intervals_of_capacities`.
 
-    - `fit`: curve of all records; `reduced_fits`: curves that omit one record each, arrays of shape (n,)
+    - `fit`: curve of all records; `reduced_fits`: curves that each omit one record, arrays of shape (n,)
     - `x`: intensities, shape (x,), > 0; `confidence`: in (0, 1)
     """
 

@@ -13,7 +13,7 @@ from rockjax._problem import models
 
 
 def distribution_of(entry: Any) -> Any:
-    """Convert a value of `[ensemble.spread]` to a frozen distribution of `scipy.stats`; keep numbers."""
+    """Return the `scipy.stats` distribution of an entry of `[ensemble.spread]`; numbers stay numbers."""
     from scipy import stats
 
     if isinstance(entry, models.Uniform):

@@ -1,4 +1,7 @@
-"""Empirical distributions of samples that may have unknown values, with exact confidence bounds."""
+"""Empirical distributions of samples that may have unknown values, with exact confidence bounds.
+
+The equations (E1) to (E3) are in docs/ensembles.md.
+"""
 
 from __future__ import annotations
 
@@ -46,9 +49,9 @@ class Estimates(NamedTuple):
 def band_half_width(n: int, confidence: float) -> float:
     """Return the half width of the confidence band of an empirical distribution function [–].
 
-    ε = √(ln(2/a)/(2n)) with a = 1 − confidence, (E1): the inequality of Dvoretzky, Kiefer and Wolfowitz with
-    the constant of Massart (1990). The band holds for every n ≥ 1 and every distribution, at all values at
-    once.
+    ε = √(ln(2/a)/(2n)) with a = 1 − confidence, (E1), from the inequality of Dvoretzky, Kiefer and Wolfowitz
+    with the constant of Massart (1990). The band holds for every n ≥ 1 and every distribution, at all values
+    at once.
     """
     return math.sqrt(math.log(2 / (1 - confidence)) / (2 * n))
 
@@ -59,7 +62,7 @@ def share_up_to(ordered: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def distribution(sample: Sample, at: np.ndarray, confidence: float) -> Estimates:
-    """Return the empirical distribution function and its band, which holds for all `at` at once.
+    """Return the empirical distribution function and its band, which holds at all values at once.
 
     - `sample`: the values
     - `at`: values at which the function is evaluated, any shape
@@ -77,9 +80,9 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
     """Return quantiles with confidence intervals between order statistics, one for each probability.
 
     The estimate is the least value x with F(x) ≥ probability. The number of values below a quantile is
-    binomial, for every distribution, (E2) (David and Nagaraja, Order Statistics, 2003, section 7.1). The
-    true quantile lies below the interval with a probability ≤ (1 − confidence)/2, and above it likewise.
-    With too few values a bound is ±∞.
+    binomial for every distribution, (E2) (David and Nagaraja, Order Statistics, 2003, section 7.1). The
+    probability that the true quantile lies below the interval is at most (1 − confidence)/2, and so is the
+    probability that it lies above. With too few values a bound is ±∞.
 
     - `sample`: the values
     - `probability`: in (0, 1), shape (q,)
@@ -115,8 +118,9 @@ class Comparison(NamedTuple):
 
     - `statistic`: D, the largest distance between the empirical distribution functions [–]
     - `at`: value at which the functions have the distance D
-    - `p_value`: approximate probability that two samples from one distribution have a distance ≥ D [–]; with
-      unknown values, D is here the least distance that they allow. Too large for discontinuous distributions
+    - `p_value`: approximate probability that two samples from one distribution have a distance ≥ D [–]. If
+      there are unknown values, D is here the least distance that they allow. For discontinuous distributions
+      the `p_value` is too large
     - `lower`, `upper`: confidence interval of the largest distance between the true distributions, from the
       bands of both samples, (E3) [–]; if `lower` > 0, the distributions differ
     - `confidence`: confidence level of the interval [–]
@@ -143,7 +147,7 @@ def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
 
     x = np.unique(np.concatenate([[-np.inf], first.values, second.values]))
     difference = np.abs(share_up_to(np.sort(first.values), x) - share_up_to(np.sort(second.values), x))
-    # Bounds of both functions for any unknown values give the least and the largest distance.
+    # The bounds hold for any unknown values, so they give the least and the largest possible distance.
     bounds = [[share_up_to(y, x) for y in (sample.highest, sample.lowest)] for sample in (first, second)]
     (low_1, high_1), (low_2, high_2) = bounds
     least = max(float(np.max(np.maximum(low_1 - high_2, low_2 - high_1))), 0.0)

@@ -74,8 +74,8 @@ def ensemble(
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
     Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is an ensemble in which unsolved scenes count as
-    unanswered. Raises `ValueError` for invalid inputs, unknown names, and draws out of range, before solving
-    any scene.
+    not finished. Raises `ValueError` for invalid inputs, unknown names, and draws out of range, before any
+    scene is solved.
     """
     owner = "ensemble"
     check_types(owner, podium, options)
@@ -141,20 +141,21 @@ def _find_parameter(podium: Podium, name: str) -> Parameter:
 class Ensemble:
     """Answers (peaks and other results) of random scenes, and the empirical distributions of answers.
 
-    - `data`: dataset of [`rockjax.ensemble`][] with the dim `scene`: drawn parameters by name, `motion` (the
-      label of the drawn motion, if there are several), and the answers. `Ensemble(xarray.load_dataset(path))`
-      restores an ensemble from a file
+    - `data`: dataset with the dim `scene`: drawn parameters by name, `motion` (the label of the drawn motion,
+      if there are several), and the answers. `Ensemble(xarray.load_dataset(path))` restores an ensemble from
+      a file
     - `peaks`: the answers as a [`rockjax.Peak`][] of shape (n,); None if restored from a file
     - `variants`: podium, motions and initial state, used by `scene`; None if restored from a file
 
     Distributions include every scene:
 
-    - a scene that overturned has the worst possible value: +∞ for a peak, −∞ for a `least_…` answer. Only the
-      margin, which is also defined beyond overturning, keeps its computed value
-    - the value of an unanswered (unfinished) or undecided scene counts as unknown. Confidence bounds hold for
-      any such value. Estimates use the worst value if the scene is unanswered, else the computed value
+    - a scene that overturned has the worst possible value: +∞ for a peak, −∞ for a `least_…` answer. The
+      margin, which is also defined beyond overturning, and times of uplift and overturning keep their values
+    - the value of a scene that did not finish (`unanswered`) or that is `undecided` counts as unknown.
+      Confidence bounds hold for any unknown value. Estimates use the worst value if the scene did not finish,
+      else the computed value
 
-    Raises `ValueError` if `data` is not a dataset of `rockjax.ensemble`.
+    Raises `ValueError` if `data` is not a dataset of [`rockjax.ensemble`][].
     """
 
     data: xarray.Dataset
@@ -194,7 +195,7 @@ class Ensemble:
 
     @functools.cached_property
     def unanswered(self) -> np.ndarray:
-        """True for scenes that did not finish, shape (n,); `data["result"]` has their causes."""
+        """True for scenes that did not finish, shape (n,); `data["result"]` names the causes."""
         return results.did_not_finish(self.data["result"].values)
 
     @functools.cached_property
@@ -266,8 +267,8 @@ class Ensemble:
         """Return the empirical distribution function of an answer, with a confidence band.
 
         The band of Dvoretzky, Kiefer, Wolfowitz and Massart holds at all values at once. It has the half
-        width √(ln(2/a)/(2n)) with a = 1 − confidence, (E1): 0.0136 for n = 10⁴ and 95 %. Scenes with unknown
-        values widen the band by their share.
+        width √(ln(2/a)/(2n)) with a = 1 − confidence, (E1), which is 0.0136 for n = 10⁴ and 95 %. Scenes
+        with unknown values widen the band by their share.
 
         - `output`, `component`: the answer, as for `sample`
         - `at`: values at which the function is evaluated, shape (x,); by default all finite values
@@ -376,7 +377,7 @@ class Ensemble:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Numbers of all scenes, and of overturned, undecided and unanswered scenes."""
+        """Numbers of scenes: all, overturned, undecided, and `unanswered` (scenes that did not finish)."""
         names = "overturned", "undecided", "unanswered"
         return {"scenes": self.size} | {name: int(np.sum(getattr(self, name))) for name in names}
 
@@ -395,14 +396,14 @@ class Ensemble:
         return f"<p>{escape(headline)}</p>" + "".join(tables.html(rows, headings="row") for rows in groups)
 
     def _tables(self) -> tuple[Any, ...]:
-        """Return a headline, and the tables of draws and of quantiles; empty tables are left out."""
+        """Return a headline, the table of draws and the table of quantiles, without empty tables."""
         share, low, high = self.overturning_probability()
         counts = self.counts
         is_checked = "undecided" in self.data
         undecided = f"{counts['undecided']} undecided" if is_checked else "undecided not checked ('errors')"
         headline = (
             f"Ensemble of {self.size} scenes: {share:.3g} overturned ({CONFIDENCE:.0%}: {low:.3g} to "
-            f"{high:.3g}), {counts['unanswered']} unanswered, {undecided}"
+            f"{high:.3g}), {counts['unanswered']} did not finish, {undecided}"
         )
         draws = [
             (f"{name} [{displayed(self.data[name].attrs['units'])}]", *map(_format, _moments(y)))
@@ -410,15 +411,16 @@ class Ensemble:
         ]
         answers = []
         for name in (name for name in self.answers if name not in ALWAYS):
-            values = self.quantiles(name, _PRINTED)["quantile"].values
+            values = self.quantiles(name, _PRINTED_PROBABILITIES)["quantile"].values
             unit = displayed(self.data[name].attrs["units"])
             answers.append((f"{name} [{unit}]", *map(_format, values)))
-        headings = ("drawn", "mean", "std", "least", "largest"), ("answer", *(f"{q:.0%}" for q in _PRINTED))
+        quantile_names = [f"{q:.0%}" for q in _PRINTED_PROBABILITIES]
+        headings = ("drawn", "mean", "std", "least", "largest"), ("answer", *quantile_names)
         parts = zip(headings, (draws, answers), strict=True)
         return headline, *([heading, *rows] for heading, rows in parts if rows)
 
 
-_PRINTED = (0.05, 0.5, 0.95)  # probabilities of the printed quantiles
+_PRINTED_PROBABILITIES = (0.05, 0.5, 0.95)  # probabilities of the printed quantiles
 
 
 def _moments(values: np.ndarray) -> tuple[float, ...]:

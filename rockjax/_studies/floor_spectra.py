@@ -1,4 +1,7 @@
-"""Floor response spectra: largest responses of oscillators on the deck and on floors."""
+"""Floor response spectra: largest responses of oscillators on the deck and on floors.
+
+Equations with an L are in docs/floors.md and docs/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +56,10 @@ SPECTRA = {
 }
 PER_OSCILLATOR = {
     "peak_time": ("s", "time at which the displacement is largest"),
-    "remaining_ratio": ("1", "bound of |x| after the end divided by max|x|; final if at most 1"),
+    "remaining_ratio": (
+        "1",
+        "bound of |x| after the end of the scene, divided by max|x|; the spectrum is final if at most 1",
+    ),
 }
 PER_LEVEL = {
     "peak_acceleration": ("m s-2", "largest acceleration of the floor without velocity jumps"),
@@ -97,7 +103,7 @@ def floor_spectrum(
     - `weights`: weights of the modes that define a floor, (L2), shape (modes,) [–]; they replace `level`
     - `direction`: `"horizontal"` or `"vertical"`
     - `initial`, `options`: initial state and options of the scenes
-    - `t_end`: end of the scenes [s]; by default the default of `simulate` or, if this is later, 5 times the
+    - `t_end`: end of the scenes [s]; by default as for [`rockjax.simulate`][], but at least 5 times the
       longest T_e after the end of the ground motion
     - `fixed_base`: also compute the spectra of the ground, `ground_pseudo_acceleration` …, and of the same
       floors on a base that never lifts, `fixed_base_pseudo_acceleration` …
@@ -105,7 +111,8 @@ def floor_spectrum(
       [`rockjax.peak_responses`][]
     - `progress`: `True` for a progress bar over the motions, or any object with a method `update(number)`
 
-    Returns a Dataset. Its spectra have the dims (motion, level, damping, period):
+    Returns a Dataset. With ω = 2π/T_e and the displacement x of an oscillator relative to its floor, it has
+    the following spectra, whose dims are (motion, level, damping, period):
 
     - `pseudo_acceleration`: ω² max|x| [m/s²]
     - `absolute_acceleration`: largest absolute acceleration of the oscillator [m/s²]
@@ -150,7 +157,7 @@ def floor_spectrum(
     cases = [(podium, options, request)]
     if fixed_base:
         fixed_podium = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
-        # Under the fixed podium, spectra of the deck are those of the ground.
+        # The deck of the fixed podium moves with the ground.
         weights_with_deck = {DECK: 0 * next(iter(weights_by_level.values()))} | weights_by_level
         fixed_request = request._replace(weights=weights_with_deck, stories={}, names=())
         cases.append((fixed_podium, options.replace(overturn_ratio=1.0), fixed_request))
@@ -185,8 +192,7 @@ class _Request(NamedTuple):
     """The requested spectra, the same for every scene.
 
     - `weights`: weights of the modes by level
-    - `stories`: level → number of the story, for stories (whose weights depend on parameters); empty without
-      `names`
+    - `stories`: level → number of the story, for all levels except the deck; empty without `names`
     - `periods`, `damping`: axes of the spectra
     - `direction`: "horizontal" or "vertical"
     - `names`: names of the parameters for which sensitivities are computed
@@ -243,7 +249,7 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
             levels=tuple(request.stories.values()),
             history=capacity_for(int(response.nodes.used)),
         )
-        # The same scene, with the nodes for which derivatives are known.
+        # The same scene, but with the nodes of `solution`, which have derivatives.
         scene = response.podium.split_rows(), scene[1], jax.tree.map(np.asarray, solution.nodes), *scene[3:]
     end = deck.last(t_end)
     (pieces, motion), slopes = pieces_of(scene, end), []
@@ -257,19 +263,23 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     per_level: dict[str, list[float]] = {name: [] for name in PER_LEVEL}
     for level, weights in request.weights.items():
         load = load_of(pieces, motion, in_direction(with_beam(weights), request.direction))
-        has_fallen = bool(response.overturned)
-        remaining_impulse = np.inf if has_fallen else bound_after_end(ended, weights, damping, is_vertical)
+        overturned = bool(response.overturned)
+        remaining_impulse = np.inf if overturned else bound_after_end(ended, weights, damping, is_vertical)
         load_slopes = [
             slope_of_load(
                 load, pieces, motion, slope, weights, slope.weights.get(level, 0 * weights), request.direction
             )
             for slope in slopes
         ]
-        rests = bool(ended.rests) and not np.any(remaining_impulse) and not has_fallen
-        peaks = largest(load, period, damping, rests, tuple(load_slopes))
+        ends_at_rest = bool(ended.rests) and not np.any(remaining_impulse) and not overturned
+        peaks = largest(load, period, damping, ends_at_rest, tuple(load_slopes))
         displacement = peaks.displacement
-        later = np.minimum(peaks.later, displacement) if rests else peaks.envelope + remaining_impulse / omega
-        ratio = ratio_after_end(later, displacement)
+        later_displacement = (
+            np.minimum(peaks.later, displacement)
+            if ends_at_rest
+            else peaks.envelope + remaining_impulse / omega
+        )
+        ratio = ratio_after_end(later_displacement, displacement)
         spectrum_values = omega**2 * displacement, peaks.acceleration, displacement, peaks.time, ratio
         slope_values = omega**2 * peaks.slopes[0], peaks.slopes[1], peaks.slopes[0]
         for name, value in zip(values, spectrum_values, strict=True):
@@ -325,9 +335,9 @@ def _attributes(unit: str, meaning: str) -> dict[str, str]:
 
 
 def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
-    """Broaden the peaks of a floor spectrum: take the largest value between T/(1+β) and T/(1−β), (L11).
+    """Broaden the peaks of a floor spectrum by the largest value between T/(1+β) and T/(1−β), (L11).
 
-    - `spectrum`: result of [`rockjax.floor_spectrum`][] with ascending periods, or of `envelope`
+    - `spectrum`: result of [`rockjax.floor_spectrum`][] with ascending periods, or of [`rockjax.envelope`][]
     - `ratio`: β, in [0, 1) [–]; 0.15 is usual for nuclear facilities
 
     The spectrum is interpolated linearly in log T between its periods, and not extrapolated. The result has
@@ -368,8 +378,8 @@ def envelope(
     - `spectra`: result of [`rockjax.floor_spectrum`][]
     - `over`: dim that is reduced, `"motion"` or `"level"`
     - `quantile`: quantile in [0, 1], such as 0.84 [–]; None for the largest value
-    - `overturned`: treatment of scenes that overturned, whose spectra are lower bounds: `"raise"` an error,
-      or `"drop"` the scenes (only over `"motion"`)
+    - `overturned`: `"raise"` raises an error if scenes overturned, because their spectra are lower bounds;
+      `"drop"` leaves out such scenes (only over `"motion"`)
 
     The result has only the variables `pseudo_acceleration`, `absolute_acceleration` and
     `relative_displacement`. Raises `ValueError` if scenes overturned and are not dropped, if all scenes

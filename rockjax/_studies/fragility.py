@@ -1,4 +1,4 @@
-"""Incremental dynamic analysis of records, and the distribution of their least overturning scales."""
+"""Incremental dynamic analysis of records, and the distribution of their least overturning scale factors."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from .spectra import boundary_axis
 if TYPE_CHECKING:
     import xarray
 
-DEFAULT_OPTIONS = Options()  # as for single scenes, to share compiled programs
+DEFAULT_OPTIONS = Options()  # as for single scenes, so that they share compiled programs
 
 
 class Measure(NamedTuple):
@@ -58,7 +58,7 @@ def pga(records: Records | RecordPairs) -> Measure:
     return Measure("PGA", np.asarray(records.magnitudes()).max(axis=1), "m s-2")
 
 
-HIGHEST = 6.0  # default highest level, as PGA/(g tan α)
+DEFAULT_MAX_RATIO = 6.0  # default highest level, as PGA/(g tan α)
 
 
 def measure_of(name: str, period: float | None, suite: Motions) -> Measure:
@@ -86,7 +86,7 @@ def levels_of(
     if ends is None:
         pga_of_suite = np.array([motion.pga for motion in suite])
         highest = (
-            HIGHEST
+            DEFAULT_MAX_RATIO
             * float(g_tan_alpha(podium.alpha, podium.g))
             * float(np.median(np.asarray(measure.values) / pga_of_suite))
         )
@@ -120,7 +120,7 @@ def checked_levels(owner: str, intensity) -> np.ndarray:
 
 
 def _record_variables(boundaries, impacts, certain_width, measure: Measure) -> dict[str, Any]:
-    """Return the variables of an incremental dynamic analysis that depend on the record alone.
+    """Return the variables of an incremental dynamic analysis that do not depend on the intensity.
 
     - `boundaries`, `impacts`: tables (records, boundaries); `certain_width`: shape (records,)
     - `measure`: intensity measure
@@ -135,7 +135,7 @@ def _record_variables(boundaries, impacts, certain_width, measure: Measure) -> d
         "capacity": variable("record", boundaries[:, 0], f"least overturning {name}"),
         "boundaries": variable(dims, boundaries, f"{name} at changes of the outcome"),
         "certain_width": variable(
-            "record", certain_width, f"no wider interval of {name} below the capacity overturns"
+            "record", certain_width, f"largest width of an undetected interval of {name} that overturns"
         ),
         "boundary_impacts": variable(dims, impacts, "impacts before overturning", "1"),
         "measure": variable("record", np.asarray(measure.values, float), f"{name} of the unscaled record"),
@@ -204,14 +204,14 @@ def incremental_dynamic_analysis(
     def plane(x, y):
         """Return the scenes of records with the indices x, scaled to intensities y."""
         record_index = np.asarray(x).astype(np.int32)
-        # NumPy, because JAX compiles a program for every shape.
+        # These are NumPy operations, because JAX would compile a program for every shape.
         return podium, records.pick_scaled(record_index, y / unscaled[record_index])
 
     import_in_background(*TABLE_MODULES)
     indices, search_range = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, indices, search_range, options, width)
     peaks = peak_responses(*plane(indices[:, None], levels), options=options, progress=progress)
-    # "below" omits a refinement that finds ever narrower survival windows above the capacity.
+    # refine="below" omits the refinement above the capacity, which would find ever narrower survival windows.
     search = scan(
         plane, indices, search_range, resolution, options, progress, refine="below", width=width, dips=False
     )
@@ -256,7 +256,7 @@ def incremental_dynamic_analysis(
 
 
 def checked_measure(owner: str, measure: Measure | str, records: Records | RecordPairs) -> Measure:
-    """Return an intensity measure of records. Raises `ValueError` for any other measure."""
+    """Return the intensity measure of records. Raises `ValueError` for an unknown or invalid measure."""
     if isinstance(measure, str):
         measures = {
             "PGA": lambda: pga(records),
@@ -287,7 +287,7 @@ def overturning_distribution(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Lognormal:
-    """Return the differentiable median and dispersion of the least overturning scales of records.
+    """Return the differentiable median and dispersion of the least overturning scale factors of records.
 
     The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A record
     that no scale up to `max_scale` overturns counts as censored at `max_scale`, with a derivative of zero.

@@ -51,7 +51,8 @@ def with_boundaries(
     with_boundary: dict[int, xarray.Dataset] = {}
     for members in group_by_structure(podiums).values():
         group = [spectra[k] for k in members]
-        overturned = np.stack([data["overturned"].values.T for data in group])  # podium, frequency, amplitude
+        # The axes are podium, frequency and amplitude.
+        overturned = np.stack([data["overturned"].values.T for data in group])
         ratios = group[0]["acceleration_ratio"].values
         podium_index, column, row = np.nonzero(np.diff(overturned, axis=2))
         boundaries = np.zeros(0)

@@ -1,11 +1,11 @@
 """Confidence intervals of the median, dispersion and probability of a fitted fragility curve.
 
-For capacities, the intervals follow from the profile likelihood: the largest likelihood for each value of the
-bounded quantity. As a function of θ = 1/σ and δ = μ/σ, with μ and σ the mean and standard deviation of
+For capacities, the intervals follow from the profile likelihood: the largest likelihood that each value of
+the quantity allows. As a function of θ = 1/σ and δ = μ/σ, with μ and σ the mean and standard deviation of
 ln(capacity), the log-likelihood is concave (Olsen 1978), so its profiles have one maximum. Without censored
 records, the profile of the median is a function of Student's t statistic, and the profile of the dispersion
 is a function of the χ² statistic. Bounds at the quantiles of t and χ² are therefore exact. With censored
-records the same quantiles are used.
+records the same quantiles give approximate bounds.
 
 For counts, the jackknife over records is used, because counts at different levels come from the same records
 and are not independent.
@@ -51,7 +51,7 @@ class Capacities(NamedTuple):
     log_limit: np.ndarray
 
     @classmethod
-    def of(cls, capacity: np.ndarray, limit) -> Capacities:
+    def from_values(cls, capacity: np.ndarray, limit) -> Capacities:
         """Return the statistics of capacities, shape (…, n); capacities above `limit` are inf."""
         finite = np.isfinite(capacity)
         log = np.log(np.where(finite, capacity, 1.0))
@@ -139,7 +139,8 @@ def profile_intervals(capacities: Capacities, median, dispersion, at, confidence
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
     maximum = capacities.log_likelihood(1 / dispersion, mu / dispersion)
-    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))  # largest fall of twice the log-likelihood
+    # At the bounds, twice the log-likelihood is smaller than its maximum by this value.
+    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))
 
     def bounds(excess: Callable, start) -> np.ndarray:
         ends = (_first_outside(lambda y: excess(y) > 0, start, direction) for direction in (-1, 1))
@@ -181,7 +182,7 @@ def jackknife_intervals(estimate: np.ndarray, reduced: np.ndarray, confidence: f
     """Return bias-corrected jackknife intervals (lower, upper) with Student's t, shape (2, …).
 
     - `estimate`: estimates from all records, shape (…)
-    - `reduced`: estimates without one record each, shape (n, …)
+    - `reduced`: estimates that each omit one record, shape (n, …)
     - `confidence`: confidence level, in (0, 1)
     """
     n = len(reduced)

@@ -52,8 +52,8 @@ def rocking_spectrum(
     - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
     - `options`: options of the scenes; `options.outputs` selects the variables
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
-    - `resume`: the incomplete spectrum of an interrupted call, whose missing scenes are solved: the `partial`
-      of the [`rockjax.Interrupted`][] that Ctrl-C raised
+    - `resume`: incomplete spectrum, of which only the missing scenes are solved: the `partial` of the
+      [`rockjax.Interrupted`][] that Ctrl-C raised
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is computed, as in
       [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The other parameters are held
       constant, so a_p and T_p do not change with the parameters of the podium
@@ -176,7 +176,7 @@ def rocking_spectra(
 
 
 def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], stop: threading.Event) -> list:
-    """Return the results of `solve` for groups of podiums, up to Ctrl-C, which also sets `stop`.
+    """Return the results of `solve` for groups of podiums. Ctrl-C sets `stop` and omits the remaining groups.
 
     Each group has its own thread, so one group is compiled while another runs.
     """

@@ -60,7 +60,7 @@ def _describe_labels(labels: np.ndarray) -> str:
 
 
 def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
-    """Return a grid of scenes over named axes, in the order of the arguments; call it outside jit.
+    """Return a grid of scenes over named axes, in the order of the arguments. Call this function outside jit.
 
     - `structure`: a single podium, whose parameters the axes vary
     - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list), which
@@ -70,8 +70,9 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
         - parameters of the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`, `gamma`, `lam`, `g`, `eta`,
           `T_s`, `zeta`, …, and `restitution` if it is a factor, not a law
         - `scale`, a factor on the motion (on both components of a [`rockjax.GroundMotion`][])
-        - parameters of a single motion, such as `a_p`, `T_p`, `f_p`. A name that the podium has too takes a
-          prefix: `excitation.gamma`. The vertical component of a `GroundMotion` has `vertical.a_p`
+        - parameters of a single motion, such as `a_p`, `T_p`, `f_p`. If the podium has a parameter of the
+          same name, a prefix is needed, as in `excitation.gamma`. Parameters of the vertical component of a
+          `GroundMotion` have another prefix, as in `vertical.a_p`
         - `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of a single pulse
 
     Names with a dot are given as `**{"excitation.gamma": …}`. Axes are broadcast, so a grid of 10⁸ scenes

@@ -22,9 +22,12 @@ class ChunkLayout(NamedTuple):
     chunk_shape: tuple[int, ...]
 
     @classmethod
-    def of(cls, shape: Sequence[int], chunk: int) -> ChunkLayout:
-        """Return a layout whose chunks have at most `chunk` scenes: the last axes in full, a part of the axis
-        before them, and length 1 along the first axes."""
+    def from_chunk_size(cls, shape: Sequence[int], chunk: int) -> ChunkLayout:
+        """Return a layout whose chunks have at most `chunk` scenes.
+
+        A chunk contains the last axes in full, a part of the axis before these, and one index of each other
+        axis.
+        """
         chunk_shape, remaining = [], max(1, chunk)
         for n in reversed(shape):
             chunk_shape.append(min(n, remaining))

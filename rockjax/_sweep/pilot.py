@@ -17,13 +17,13 @@ from .layout import ChunkLayout
 from .spec import SweepSpec
 from .store import compressed_size, variable_for
 
-SAMPLE = (256, 16384)  # smallest and largest number of sampled scenes
+SAMPLE_SIZES = (256, 16384)  # smallest and largest number of sampled scenes
 SCENES_PER_SAMPLE = 50  # scenes of the sweep for each sampled scene, within these limits
 # Shortest and longest wall time of a chunk [s]. Writing the files of shorter chunks would take a large share
 # of the time; longer chunks would lose more work after a failure.
 CHUNK_SECONDS = 2.5, 10.0
-# Smallest number of chunks per core, unless chunks would be shorter than `CHUNK_SECONDS`. With more chunks,
-# fewer cores are idle at the end.
+# Smallest number of chunks per core, unless chunks would take less than the shortest wall time. With more
+# chunks, fewer cores are idle at the end.
 CHUNKS_PER_CORE = 8
 
 
@@ -34,7 +34,7 @@ class Pilot(NamedTuple):
     steps: np.ndarray  # number of trial steps of each scene
     step_seconds: float  # time of one core for one trial step [s]
     variables: dict[str, Any]  # arrays of results, by name
-    scene_bytes: float  # size of a scene in the store [bytes]
+    scene_bytes: float  # size of the results of a scene in the store [bytes]
     memory: int  # peak memory of the process that solved the sample [bytes]
 
     def chunk_size(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
@@ -69,7 +69,7 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     - `devices`: JAX devices, as for [`rockjax.sweep`][]
     """
     scene_arrays, options = spec.scene_arrays, spec.options
-    low, high = SAMPLE
+    low, high = SAMPLE_SIZES
     count = min(scene_arrays.size, max(low, min(high, scene_arrays.size // SCENES_PER_SAMPLE)))
     rng = np.random.default_rng(0)
     edges = np.linspace(0, scene_arrays.size, count + 1).astype(np.int64)

@@ -15,7 +15,7 @@ from .pilot import Pilot, pilot
 from .spec import SweepSpec
 from .store import ChunkRow, Store
 
-REPEAT = "solved chunks are stored; repeat the call to continue"
+REPEAT_NOTE = "solved chunks are stored; repeat the call to continue"
 
 
 class LocalRunner:
@@ -124,11 +124,11 @@ def _result(task: Any) -> Any:
         return task.result()
     except (asyncio.CancelledError, concurrent.futures.CancelledError, CommClosedError) as error:
         raise RuntimeError(
-            f"sweep: the scheduler is lost, or has cancelled the tasks ({_first_line(error)}); {REPEAT}"
+            f"sweep: the scheduler is lost, or has cancelled the tasks ({_first_line(error)}); {REPEAT_NOTE}"
         ) from error
     except KilledWorker as error:
         raise RuntimeError(
-            f"sweep: workers died repeatedly while they solved a chunk ({_first_line(error)}); {REPEAT}"
+            f"sweep: workers died repeatedly while they solved a chunk ({_first_line(error)}); {REPEAT_NOTE}"
         ) from error
 
 
@@ -165,7 +165,7 @@ class ChunkProgress:
         return f"{self.done} of {self.count} chunks"
 
     def advance(self, k: int) -> None:
-        """Count chunk k as solved. The minimum prevents rounding errors from exceeding the total."""
+        """Count chunk k as solved, and keep rounding errors from pushing the bar beyond its total."""
         self.done += 1
         self.bar.set_description_str(self._describe(), refresh=False)
         self.bar.update(min(float(self.expected[k]), self.bar.total - self.bar.n))

@@ -10,7 +10,7 @@ import numpy as np
 
 from rockjax._batch.scenes import axes_of, own_dimensions
 
-GROUPS = ("structures", "excitations", "initial", "t_end")
+ARGUMENT_NAMES = ("structures", "excitations", "initial", "t_end")
 Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_end)
 
 
@@ -29,7 +29,7 @@ class SceneArrays(NamedTuple):
     shape: tuple[int, ...]
 
     @classmethod
-    def of(cls, owner: str, structures, excitations, initial, t_end) -> Self:
+    def from_arguments(cls, owner: str, structures, excitations, initial, t_end) -> Self:
         """Collect the leaves of the arguments of a batch of scenes.
 
         - `owner`: name of the public function, for error messages
@@ -40,7 +40,7 @@ class SceneArrays(NamedTuple):
         """
         arguments = (structures, excitations, initial, t_end)
         paths, treedef = jax.tree_util.tree_flatten_with_path(arguments)
-        names = [GROUPS[path[0].idx] + jax.tree_util.keystr(path[1:]) for path, _ in paths]
+        names = [ARGUMENT_NAMES[path[0].idx] + jax.tree_util.keystr(path[1:]) for path, _ in paths]
         leaves = [np.asarray(y) for _, y in paths]
         batch_shapes, shape = axes_of(owner, leaves, own_dimensions(treedef, excitations))
         if not shape:  # a single scene becomes a grid of shape (1,)

@@ -102,7 +102,7 @@ def make_spec(
     if options.engine != "flat":
         raise ValueError(f"sweep: options.engine must be 'flat', got {options.engine!r}")
     initial, t_end = as_start("sweep", initial, structures), as_end("sweep", t_end)
-    scene_arrays = SceneArrays.of("sweep", structures.split_rows(), excitations, initial, t_end)
+    scene_arrays = SceneArrays.from_arguments("sweep", structures.split_rows(), excitations, initial, t_end)
     dims, labels = _axes(coords, scene_arrays.shape)
     names = check_sensitivities("sweep", structures, excitations, sensitivities)
     return SweepSpec(scene_arrays, dims, labels, options, bool(jax.config.jax_enable_x64), names)  # pyright: ignore[reportAttributeAccessIssue]
@@ -132,7 +132,7 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
 
 def check_same(store: Store, spec: SweepSpec, chunk: int | None) -> None:
     """Raise `ValueError` unless a store contains this sweep, in chunks of `chunk` scenes (None: any size)."""
-    layout = store.layout if chunk is None else ChunkLayout.of(spec.shape, chunk)
+    layout = store.layout if chunk is None else ChunkLayout.from_chunk_size(spec.shape, chunk)
     differences = list(_differences(store.identity, spec.identity(layout)))
     if differences:
         raise ValueError(

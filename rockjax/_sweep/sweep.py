@@ -54,11 +54,12 @@ def sweep(
     progress: bool = True,
     dry_run: bool = False,
 ) -> xarray.Dataset | SweepPlan:
-    """Compute peak responses of any number of scenes in chunks, and save them in a zarr store; outside jit.
+    """Compute peak responses of any number of scenes in chunks, and save them in a zarr store.
 
-    Scenes are defined as for [`rockjax.peak_responses`][]: the parameters of `structures`, `excitations`,
-    `initial` and `t_end` may be arrays, which broadcast to the shape of the sweep. [`rockjax.grid`][] returns
-    the first three arguments for a grid. Arrays of shape (n,) define a list of scenes.
+    Call this function outside jit. Scenes are defined as for [`rockjax.peak_responses`][]: the parameters of
+    `structures`, `excitations`, `initial` and `t_end` may be arrays, which broadcast to the shape of the
+    sweep. [`rockjax.grid`][] returns the first three arguments for a grid. Arrays of shape (n,) define a list
+    of scenes.
 
     The same call resumes an interrupted sweep. Chunks in the store are verified by their checksums and
     reused; missing or damaged chunks are solved. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is
@@ -74,8 +75,8 @@ def sweep(
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is stored, as in
       [`rockjax.peak_responses`][]: `peak_rotation_sensitivity` … with the additional dim `parameter`
     - `chunk`: number of scenes in a chunk, ≥ 1; by default as many as take a few seconds
-    - `client`: a `dask.distributed.Client`, whose workers solve the chunks, each on one core. If None, all
-      cores of this machine solve one chunk after another
+    - `client`: a `dask.distributed.Client`, whose workers solve the chunks, by default one chunk on each
+      core. If None, all cores of this machine solve one chunk after another
     - `devices`: `"all"` for all JAX devices of the process that solves a chunk, or a list of devices of this
       machine. The default is all accelerators, or without accelerators the cores of the CPU
     - `progress`: True to show a bar with the remaining time
@@ -103,7 +104,9 @@ def sweep(
             require_creatable(store)
         pilot = runner.pilot(spec)
         chunk_size = chunk or pilot.chunk_size(spec.scenes, runner.cores, runner.cores_of_chunk)
-        layout = ChunkLayout.of(spec.shape, chunk_size) if open_store is None else open_store.layout
+        layout = (
+            ChunkLayout.from_chunk_size(spec.shape, chunk_size) if open_store is None else open_store.layout
+        )
         if dry_run:
             return _plan(spec, layout, pilot, open_store, runner, expand_path(store))
         open_store = _create_store(store, spec, layout, pilot, chunk, describe_motions(excitations))

@@ -77,7 +77,7 @@ def _meaning(module: eqx.Module, name: str) -> str:
         if hasattr(module, "support")
         else registry.STRUCTURE | registry.DIMENSIONS | registry.BUILDING
     )
-    for entry in (*entries.values(), *registry.ROWS.values(), *registry.OVERALL.values()):
+    for entry in (*entries.values(), *registry.ROWS.values(), *registry.MULTI_MODE_SCALARS.values()):
         if entry.attribute_path in paths or (not entry.attribute_path and entry.name == name):
             return entry.heading
     return ""

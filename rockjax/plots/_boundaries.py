@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from ._panels import grid_of_panels, legend_beside, mass_label, period_label
+from ._panel_layout import grid_of_panels, legend_beside, mass_label, period_label
 from ._spectra import dimensional_axes
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, curve_style, on_axes, styled, symbol_for
 

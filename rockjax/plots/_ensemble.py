@@ -12,7 +12,7 @@ from rockjax._checks import format_value, require_instance
 from rockjax._studies.ensemble import CONFIDENCE, Ensemble
 from rockjax._units import displayed
 
-from ._fragility import ABOVE, BAND
+from ._fragility import BAND_OPACITY, LEGEND_ABOVE
 from ._style import COLOURS, curve_style, on_axes
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def ensemble(
         at = np.unique(np.r_[low, samples[k][np.isfinite(samples[k])], high])
         curve, style = member.cdf(output, component=component, at=at, confidence=confidence), curve_style(k)
         ax.fill_between(
-            at, curve["lower"], curve["upper"], step="post", color=style["color"], alpha=BAND, lw=0
+            at, curve["lower"], curve["upper"], step="post", color=style["color"], alpha=BAND_OPACITY, lw=0
         )
         curve_label = f"{_legend_entry(label, member)}, {confidence:.0%} band"
         ax.step(at, curve["probability"], where="post", label=curve_label, **style)
@@ -59,7 +59,7 @@ def ensemble(
         ylim=(0, 1),
     )
     ax.grid(alpha=0.3)
-    ax.legend(**ABOVE)
+    ax.legend(**LEGEND_ABOVE)
     return ax
 
 
@@ -147,7 +147,8 @@ def _legend_entry(label: str, member: Ensemble) -> str:
     """Return the label of an ensemble with its numbers of scenes."""
     counts = member.counts
     parts = [f"{counts['scenes']} scenes", f"{100 * counts['overturned'] / counts['scenes']:.3g}% overturned"]
-    parts += [f"{counts[name]} {name}" for name in ("undecided", "unanswered") if counts[name]]
+    words = {"undecided": "undecided", "unanswered": "did not finish"}
+    parts += [f"{counts[name]} {text}" for name, text in words.items() if counts[name]]
     return f"{label}: {', '.join(parts)}".removeprefix(": ")
 
 

@@ -13,7 +13,7 @@ from ._style import COLOURS, label_log_x, plt, styled
 if TYPE_CHECKING:
     import xarray
 
-COLUMNS = 3  # largest number of panels in a row
+MAX_COLUMNS = 3  # largest number of panels in a row
 # prefix of the variable → (label, line style)
 CURVES: dict[str, tuple[str, dict[str, Any]]] = {
     "ground_": ("ground", {"color": "0.55", "linestyle": "--"}),
@@ -52,7 +52,7 @@ def floor_spectrum(
     label, in_g = LABELS[quantity]
     unit = float(data.attrs["g_m_s2"]) if in_g else 1.0
     levels = data["level"].values
-    columns = 2 if levels.size == 4 else min(COLUMNS, levels.size)
+    columns = 2 if levels.size == 4 else min(MAX_COLUMNS, levels.size)
     rows = -(-levels.size // columns)
     figure = plt.figure(figsize=(1.2 + 2.7 * columns, 0.6 + 2.5 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     import xarray
 
 # Legends are placed above the axes, where they hide nothing.
-ABOVE: dict[str, Any] = {
+LEGEND_ABOVE: dict[str, Any] = {
     "loc": "lower left",
     "bbox_to_anchor": (0.0, 1.01),
     "borderaxespad": 0.0,
     "frameon": False,
 }
-COLUMNS = 3  # largest number of panels in a row
-BAND = 0.2  # opacity of confidence bands
+MAX_COLUMNS = 3  # largest number of panels in a row
+BAND_OPACITY = 0.2  # opacity of confidence bands
 
 
 def _with_unit(name: str, unit: str) -> str:
@@ -75,7 +75,7 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
     if further_boundaries.size:
         windows_label = "boundaries of survival windows"
         marks.append(Line2D([], [], color=COLOURS[2], marker="_", ls="", label=windows_label))
-    ax.legend(handles=marks, **ABOVE)
+    ax.legend(handles=marks, **LEGEND_ABOVE)
     ax.set(
         xlabel=r"peak rotation $\max|\theta|\,/\,\alpha$",
         ylabel=_with_unit(dataset.attrs["measure"], dataset["intensity"].attrs["units"]),
@@ -106,7 +106,7 @@ def fragility(
     fit_text = rf"median {median_text}, $\beta$ = {dispersion:.2g}"
     curve_label = fit_text if label is None else f"{label}: {fit_text}"
     if "lower" in dataset:
-        ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=BAND, lw=0)
+        ax.fill_between(x, dataset["lower"], dataset["upper"], color=colour, alpha=BAND_OPACITY, lw=0)
         confidence = dataset.attrs.get("confidence")
         curve_label += ", with its band" if confidence is None else f", with its {confidence:.0%} band"
     ax.plot(x, dataset["probability"], color=colour, label=curve_label)
@@ -145,8 +145,8 @@ def contents_fragility(dataset: xarray.Dataset) -> Figure:
     fractions.
     """
     names = dataset["contents"].values
-    rows = -(-names.size // COLUMNS)
-    columns = min(COLUMNS, names.size)
+    rows = -(-names.size // MAX_COLUMNS)
+    columns = min(MAX_COLUMNS, names.size)
     figure = plt.figure(figsize=(1.2 + 2.9 * columns, 0.9 + 2.5 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for ax, name in zip(axes, names, strict=False):
@@ -154,7 +154,9 @@ def contents_fragility(dataset: xarray.Dataset) -> Figure:
         for k, state in enumerate(dataset["damage_state"].values):
             curve, colour = block_data.sel(damage_state=state), COLOURS[k % len(COLOURS)]
             if "lower" in curve:
-                ax.fill_between(curve["at"], curve["lower"], curve["upper"], color=colour, alpha=BAND, lw=0)
+                ax.fill_between(
+                    curve["at"], curve["lower"], curve["upper"], color=colour, alpha=BAND_OPACITY, lw=0
+                )
             ax.plot(curve["at"], curve["probability"], color=colour, label=_state_label(state))
             ax.plot(curve["intensity"], curve["observed"], "o", ms=4, mfc="none", color=colour)
         ax.set_title(str(name))
@@ -200,11 +202,11 @@ def _legend(ax: Axes) -> None:
         if isinstance(handle, Line2D) and (marker := handle.get_marker()) != "None":
             marks[marker] = max(marks.get(marker, ""), text, key=len)
         elif isinstance(handle, Line2D) and text.endswith("band"):
-            entries.append(((Patch(facecolor=handle.get_color(), alpha=BAND), handle), text))
+            entries.append(((Patch(facecolor=handle.get_color(), alpha=BAND_OPACITY), handle), text))
         else:
             entries.append((handle, text))
     entries += [
         (Line2D([], [], color="0.3", marker=marker, mfc="none", ls=""), text)
         for marker, text in marks.items()
     ]
-    ax.legend([handle for handle, _ in entries], [text for _, text in entries], **ABOVE)
+    ax.legend([handle for handle, _ in entries], [text for _, text in entries], **LEGEND_ABOVE)

@@ -37,7 +37,7 @@ class Picture:
     group: str | None = None
 
 
-def _panels(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
+def _with_panel_dims(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
     """Return a function that also draws a single spectrum, as one panel."""
 
     def figure(data: xarray.Dataset) -> Figure:
@@ -53,16 +53,16 @@ def _panels(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Datase
 # Pictures: kind of the dataset → name of the picture → picture.
 PICTURES: dict[str, dict[str, Picture]] = {
     "rocking-spectrum": {
-        "rotation": Picture(_panels(plots.spectra)),
-        "overturning": Picture(_panels(plots.overturning_curves)),
+        "rotation": Picture(_with_panel_dims(plots.spectra)),
+        "overturning": Picture(_with_panel_dims(plots.overturning_curves)),
         "sensitivity": Picture(
-            _panels(plots.sensitivity_spectra), required_variable="peak_rotation_sensitivity"
+            _with_panel_dims(plots.sensitivity_spectra), required_variable="peak_rotation_sensitivity"
         ),
-        "lift-off": Picture(_panels(plots.lift_off_spectra), required_variable="least_axial_force"),
+        "lift-off": Picture(_with_panel_dims(plots.lift_off_spectra), required_variable="least_axial_force"),
     },
     "overturning-spectrum": {
-        "boundaries": Picture(_panels(plots.overturning_boundaries)),
-        "sensitivity": Picture(_panels(plots.sensitivities), required_variable="sensitivity"),
+        "boundaries": Picture(_with_panel_dims(plots.overturning_boundaries)),
+        "sensitivity": Picture(_with_panel_dims(plots.sensitivities), required_variable="sensitivity"),
     },
     "response": {
         "response": Picture(plots.response),

@@ -202,7 +202,7 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
     At the saddle points θ = ±α (±θ_s with tendons), columns are in unstable equilibrium, Eq. (24). The
     separatrices pass through the saddle points. They assume a rigid superstructure and no ground motion,
-    impacts or dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), Eqs. (18), (19).
+    impacts or dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), with the potential energy P, Eqs. (18), (19).
     """
     assert ax is not None
     data = as_history(response)
@@ -273,9 +273,10 @@ def saddle_rotation(podium: Podium) -> float:
 def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot the restoring moment (`Response.restoring_moment`), divided by its value at uplift, against θ/α.
 
-    In full contact (θ = 0) the ratio is −q/q_up ∈ [−1, 1], Eq. (9). In rocking it is the sum of three moments
-    about the edges: of the weights, sin ψ/sin α (1 at θ = 0, 0 at θ = α), of the vertical inertia, Eq. (15),
-    and of restrainers. The thick line is the static moment of weights and tendons.
+    In full contact (θ = 0) the ratio is −q/q_up ∈ [−1, 1], with the demand q and its threshold q_up, Eq. (9).
+    While rocking, it is the sum of three moments about the edges: of the weights, sin ψ/sin α (1 at θ = 0, 0
+    at θ = α), of the vertical inertia, Eq. (15), and of restrainers. The thick line is the static moment of
+    weights and tendons.
     """
     assert ax is not None
     data = as_history(response)

@@ -18,12 +18,12 @@ from rockjax._responses.response import Response, with_joints
 
 from ._histories import TIME, as_history, time_limits
 from ._spectra import draw_panels
-from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, OVERTURNED, on_axes, styled
+from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, OVERTURNED_COLOUR, on_axes, styled
 
 if TYPE_CHECKING:
     import xarray
 
-OPEN = "#F7D9CC"  # background of times at which a joint would be open, N < 0
+OPEN_COLOUR = "#F7D9CC"  # background of times at which a joint would be open, N < 0
 LEVELS = (-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # N divided by the dead load
 _LINES = {"bottom": "-", "top": "--"}  # joint → line style
 _MAX_AXIS = 4.0  # upper limit of the friction axis if a joint opens, divided by max(tan α, μ)
@@ -110,7 +110,7 @@ def _shade_open_joints(data: xarray.Dataset, ax: Axes) -> None:
     spans = [(float(ends[i]), float(ends[j] - ends[i])) for i, j in changes]
     transform = ax.get_xaxis_transform()
     ax.broken_barh(
-        spans, (0, 1), transform=transform, facecolor=OPEN, lw=0, zorder=0, label="a joint is open"
+        spans, (0, 1), transform=transform, facecolor=OPEN_COLOUR, lw=0, zorder=0, label="a joint is open"
     )
 
 
@@ -190,7 +190,7 @@ def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LE
     ratios = (dataset["least_axial_force"] / loads).min("joint").where(~dataset["overturned"])
     values = ratios.transpose("acceleration_ratio", "frequency_ratio").values
     x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
-    ax.set_facecolor(OVERTURNED)
+    ax.set_facecolor(OVERTURNED_COLOUR)
     ax.contourf(x, y, values, levels=levels, cmap="RdBu", norm=CenteredNorm(halfrange=1.0), extend="both")
     if np.nanmin(values) < 0 < np.nanmax(values):
         ax.contour(x, y, values, levels=[0.0], colors="k", linewidths=1.0)

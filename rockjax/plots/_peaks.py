@@ -19,7 +19,7 @@ from ._style import COLOURS, plt, styled
 if TYPE_CHECKING:
     import xarray
 
-COLUMNS = 3  # largest number of panels in a row
+MAX_COLUMNS = 3  # largest number of panels in a row
 
 
 @styled
@@ -41,7 +41,7 @@ def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figu
         if name not in available:
             raise ValueError(f"plots.peaks: outputs must be among {', '.join(available)}; got {name!r}")
     labels, overturned = dataset["motion"].values.astype(str), dataset["overturned"].values
-    columns = min(COLUMNS, len(names))
+    columns = min(MAX_COLUMNS, len(names))
     rows = math.ceil(len(names) / columns)
     height = 0.9 + 0.19 * min(labels.size, 40)
     figure = plt.figure(figsize=(1.8 + 2.4 * columns, rows * height), layout="constrained")

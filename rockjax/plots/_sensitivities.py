@@ -10,9 +10,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 
-from ._panels import grid_of_panels
+from ._panel_layout import grid_of_panels
 from ._spectra import label_panel
-from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED, on_axes, styled, symbol_for
+from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED_COLOUR, on_axes, styled, symbol_for
 
 if TYPE_CHECKING:
     import xarray
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # both sides of zero.
 STEPS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 LEVELS = (*(-step for step in reversed(STEPS)), *STEPS)
-COLOURS_OF_SIGNS = "RdBu_r"
+COLOUR_MAP = "RdBu_r"
 
 
 @on_axes
@@ -41,8 +41,8 @@ def sensitivity_spectrum(
     slope, norm = _slope(dataset, parameter), BoundaryNorm(np.asarray(levels), 256, extend="both")
     x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
     values = slope.where(~dataset["overturned"]).transpose("acceleration_ratio", "frequency_ratio")
-    ax.set_facecolor(OVERTURNED)
-    ax.pcolormesh(x, y, values.values, norm=norm, cmap=COLOURS_OF_SIGNS, shading="nearest", rasterized=True)
+    ax.set_facecolor(OVERTURNED_COLOUR)
+    ax.pcolormesh(x, y, values.values, norm=norm, cmap=COLOUR_MAP, shading="nearest", rasterized=True)
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
     return ax
 
@@ -86,6 +86,6 @@ def _draw_colour_bar(figure: Figure, right_end: float) -> None:
     width, height = figure.get_figwidth(), figure.get_figheight()
     bar_height = min(0.8, 3.5 / height)
     bounds = (right_end + 0.75 / width, 0.5 - bar_height / 2, 0.16 / width, bar_height)
-    colours = ScalarMappable(BoundaryNorm(LEVELS, 256, extend="both"), COLOURS_OF_SIGNS)
+    colours = ScalarMappable(BoundaryNorm(LEVELS, 256, extend="both"), COLOUR_MAP)
     bar = figure.colorbar(colours, cax=figure.add_axes(bounds), ticks=LEVELS, spacing="uniform", format="%g")
     bar.set_label(r"$\partial(\max|\theta|\,/\,\alpha)\,/\,\partial\ln y$")

@@ -26,7 +26,7 @@ ROTATION = r"$\theta\,/\,\alpha$"
 COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 STYLES = ("-", "--", "-.", ":")
 
-OVERTURNED = "0.85"  # colour of cells that overturned
+OVERTURNED_COLOUR = "0.85"  # colour of cells that overturned
 
 
 def symbol_for(parameter: str) -> str:
@@ -61,8 +61,8 @@ STYLE: dict[str, Any] = {
 def in_style():
     """Return a context manager that applies `STYLE`.
 
-    The backend is loaded first: the end of the context restores earlier settings, and they must include the
-    interactive mode of the backend, with which notebooks show figures.
+    The backend is loaded first, because loading it may switch on the interactive mode, in which notebooks
+    show figures. If it were loaded inside the context, the end of the context would switch this mode off.
     """
     plt.draw_if_interactive()
     return plt.style.context(STYLE)

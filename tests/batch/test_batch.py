@@ -60,7 +60,7 @@ def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, mon
     }.items():
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).write_text(text)
-    monkeypatch.setattr(memory, "SYSTEM", tmp_path)
+    monkeypatch.setattr(memory, "SYSTEM_ROOT", tmp_path)
     few = rj.Records.of([rj.Record(np.ones(50), 0.01)])
     for owner, work in {
         "overturning_spectrum: 12900 scenes": lambda: rj.overturning_spectrum(

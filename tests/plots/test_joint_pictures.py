@@ -44,7 +44,7 @@ def labelled(ax):
 def spans(ax):
     """Return the shaded time spans."""
     (shaded,) = (y for y in ax.collections if y.get_label() == "a joint is open")
-    assert to_hex(shaded.get_facecolor()[0]) == plots._joints.OPEN.lower()
+    assert to_hex(shaded.get_facecolor()[0]) == plots._joints.OPEN_COLOUR.lower()
     return [(path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in shaded.get_paths()]
 
 
@@ -174,7 +174,7 @@ def spectrum() -> xarray.Dataset:
 def test_the_line_of_lift_off():
     ax = plots.lift_off_spectrum(spectrum())
     assert (ax.get_xlabel(), ax.get_ylabel()) == (plots.FREQUENCY_RATIO, plots.ACCELERATION_RATIO)
-    assert to_hex(ax.get_facecolor()) == to_hex(plots._style.OVERTURNED)
+    assert to_hex(ax.get_facecolor()) == to_hex(plots._style.OVERTURNED_COLOUR)
     _, line = ax.collections
     (zero,) = line.get_paths()
     np.testing.assert_allclose(zero.vertices[:, 0], 4.0)  # where the top joint opens

@@ -23,7 +23,7 @@ from rockjax._engine.energy import energy, potential
 from rockjax._parameters.registry import MOTION, STRUCTURE
 from rockjax._responses.datasets import describe_podium, podium_of
 from rockjax.plots import _from_file
-from rockjax.plots._panels import panels_title
+from rockjax.plots._panel_layout import panels_title
 from rockjax.plots._style import symbol_for
 from tests.scenes import PODIUMS, G, pulse, shaking
 

@@ -149,8 +149,8 @@ def test_unknown_scenes_are_counted_and_widen_every_bound(toppled):
     wide, narrow = found.quantiles(probability=0.2), toppled.quantiles(probability=0.2)
     assert wide["lower"][0] < narrow["lower"][0]
     assert wide["upper"][0] > narrow["upper"][0]
-    assert "8 unanswered, 12 undecided" in repr(found)
-    assert "0 unanswered, undecided not checked ('errors')" in repr(toppled)
+    assert "8 did not finish, 12 undecided" in repr(found)
+    assert "0 did not finish, undecided not checked ('errors')" in repr(toppled)
 
 
 def test_the_comparison_is_that_of_scipy(toppled):

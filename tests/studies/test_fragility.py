@@ -405,7 +405,7 @@ def test_intervals_have_the_stated_coverage(count, limit):
     fits = jax.jit(jax.vmap(_lognormal.fit_capacities))(drawn, np.full_like(drawn, limit))
     median, dispersion = (np.asarray(y) for y in fits)
     good = np.isfinite(median)
-    of = Capacities.of(drawn[good], limit)
+    of = Capacities.from_values(drawn[good], limit)
     found = profile_intervals(of, median[good], dispersion[good], np.array([[0.6], [1.6]]), 0.9)
     held = lambda bounds, truth: np.mean((bounds[0] <= truth) & (truth <= bounds[1]), axis=-1)
     shares = [held(found.log_median, 0), held(found.log_dispersion, np.log(0.4))]

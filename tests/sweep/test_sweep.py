@@ -76,7 +76,7 @@ def solved_chunks(monkeypatch):
     ("shape", "chunk"), [((7,), 3), ((4, 5, 6), 30), ((4, 5, 6), 7), ((4, 5, 6), 1000), ((3, 1, 8), 8)]
 )
 def test_chunks_hold_every_scene_once(shape, chunk):
-    layout = ChunkLayout.of(shape, chunk)
+    layout = ChunkLayout.from_chunk_size(shape, chunk)
     assert math.prod(layout.chunk_shape) <= chunk
     times = np.zeros(shape, int)
     sizes = layout.sizes()

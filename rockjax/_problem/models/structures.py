@@ -44,7 +44,7 @@ def type_of(entry: registry.Parameter) -> Any:
 
 
 _LAW = "'paper', 'compatible' or a factor in [0, 1]"
-# Additions to the headings of the table of parameters, in the descriptions of keys.
+# Ends of the descriptions of keys, after the heading of the parameter.
 _NOTES = {
     "alpha": ", instead of tan_alpha",
     "restitution": ": paper, Eq. (27); compatible, with Eq. (26); or a number",
