@@ -44,7 +44,7 @@ class Evaluation(NamedTuple):
         return weight * float(np.max(self.f)) + penalty * self.violation
 
 
-class Rules(NamedTuple):
+class Settings(NamedTuple):
     """Settings of a descent.
 
     - `scale`: number by which the descent divides the objective; `shift`: least margin aimed at [–]
@@ -107,12 +107,12 @@ class End(NamedTuple):
 Descent = Generator[Vector, Evaluation, End]
 
 
-def scale_evaluation(evaluation: Evaluation, rules: Rules) -> Evaluation:
+def scale_evaluation(evaluation: Evaluation, settings: Settings) -> Evaluation:
     """Return an evaluation in the units of a descent: values / scale, and margins − shift."""
     return Evaluation(
-        evaluation.f / rules.scale,
-        evaluation.c - rules.shift,
-        evaluation.f_slope / rules.scale,
+        evaluation.f / settings.scale,
+        evaluation.c - settings.shift,
+        evaluation.f_slope / settings.scale,
         evaluation.c_slope,
     )
 
@@ -134,8 +134,8 @@ def objective_scale(evaluations: list[Evaluation]) -> float:
     return max([float(np.max(np.abs(e.f))) for e in evaluations if np.any(e.f != 0)], default=1.0)
 
 
-def final_result(current: Evaluation, residual: float, rules: Rules) -> int:
+def final_result(current: Evaluation, residual: float, settings: Settings) -> int:
     """Return the result code of a descent that no step improves further."""
-    if current.violation > rules.shift:
+    if current.violation > settings.shift:
         return INFEASIBLE
-    return CONVERGED if residual <= 100 * rules.tolerance else STALLED
+    return CONVERGED if residual <= 100 * settings.tolerance else STALLED

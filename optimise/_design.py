@@ -13,7 +13,7 @@ from rockjax._progress import bar as bar_of
 from rockjax.internal import format_value, require_instance, require_number, require_whole
 
 from ._answer import Design, Effort, SampleEstimates, SearchResult, build_design
-from ._descent import End, Evaluation, Iterate, Rules, objective_scale, rank, scale_evaluation
+from ._descent import End, Evaluation, Iterate, Settings, objective_scale, rank, scale_evaluation
 from ._evaluator import Evaluator, build_problem, fresh_samples_of, run_descents
 from ._failure import FailureProbability
 from ._gradients import MAX_ITERATIONS as GRADIENT_STEPS
@@ -163,7 +163,7 @@ class DescentSearch:
         self.scale = objective_scale([e for e in first if e.is_finite])
         steps = 0 if self.transformation is None else self.max_iterations
         max_iterations = steps + MAX_ITERATIONS if steps else self.max_iterations
-        rules = Rules(self.scale, self.tolerance, 0.25, self.tolerance, max_iterations)
+        settings = Settings(self.scale, self.tolerance, 0.25, self.tolerance, max_iterations)
         points = self.points
         try:
             if self.transformation is not None:
@@ -173,14 +173,14 @@ class DescentSearch:
                 )
                 points = np.stack([x for x, _ in evaluate.best])
                 first = [evaluation for _, evaluation in evaluate.best]
-            descents = {k: descend(points[k], rules, self.history, k, steps) for k in starts}
+            descents = {k: descend(points[k], settings, self.history, k, steps) for k in starts}
             run_descents(descents, evaluate, points, first, self.ends)
-            self.correct(rules)
+            self.correct(settings)
             evaluate.use_accurate()
             self.verify()
         except KeyboardInterrupt:
             evaluate.use_accurate()
-            self.ends |= {k: self.end_so_far(k, rules) for k in starts if k not in self.ends}
+            self.ends |= {k: self.end_so_far(k, settings) for k in starts if k not in self.ends}
             self.evaluations = evaluate(self.end_points)
             return True
         return False
@@ -189,13 +189,13 @@ class DescentSearch:
         """Verify the ends by accurate simulation, and correct small violations by further descents."""
         tolerance = self.tolerance
         self.evaluations = self.evaluate_with_samples()
-        rules = Rules(self.scale, tolerance, 1e-2, tolerance, 12)
+        settings = Settings(self.scale, tolerance, 1e-2, tolerance, 12)
         limit = MAX_SAMPLE_VIOLATION if self.evaluate.sampled_targets.targets else 1e3 * tolerance
         for _ in range(MAX_REFINEMENTS):
             violations = {k: _small_violation(self.ends[k], e, limit) for k, e in enumerate(self.evaluations)}
             # Aim at a margin that is larger by twice the violation.
             descents = {
-                k: descend(self.ends[k].x, rules._replace(shift=tolerance + 2 * violation), [], k)
+                k: descend(self.ends[k].x, settings._replace(shift=tolerance + 2 * violation), [], k)
                 for k, violation in violations.items()
                 if violation
             }
@@ -218,7 +218,7 @@ class DescentSearch:
                 return evaluations
         return self.evaluate(self.end_points)
 
-    def correct(self, rules: Rules) -> None:
+    def correct(self, settings: Settings) -> None:
         """Continue from the ends while an independent sample contradicts the estimate of the search.
 
         The search stops after `MAX_CORRECTIONS` rounds.
@@ -230,13 +230,13 @@ class DescentSearch:
                 return
             end_points, first = self.end_points, self.evaluate(self.end_points)
             descents = {
-                k: descend(x, rules, [], k)
+                k: descend(x, settings, [], k)
                 for k, x in enumerate(end_points)
                 if self.ends[k].result != NOT_FINITE
             }
             run_descents(descents, self.evaluate, end_points, first, self.ends)
 
-    def end_so_far(self, k: int, rules: Rules) -> End:
+    def end_so_far(self, k: int, settings: Settings) -> End:
         """Return the best point of a start so far as its end; its multipliers are unknown (NaN)."""
         x, evaluation = self.evaluate.best[k]
         iterations = sum(row.start == k for row in self.history)
@@ -245,7 +245,7 @@ class DescentSearch:
             np.full(len(evaluation.c), np.nan),
             INTERRUPTED,
             iterations,
-            scale_evaluation(evaluation, rules),
+            scale_evaluation(evaluation, settings),
         )
 
     def estimate_samples(self, x: np.ndarray) -> SampleEstimates:

@@ -223,7 +223,7 @@ class Evaluator:
         bar,
     ):
         self.sampled_targets, self.draw_count, self.verification_scenes = sampled_targets, 0, 0
-        self.accurate = False  # whether evaluations use the tolerances of verification
+        self.is_accurate = False  # whether evaluations use the tolerances of verification
         fresh_samples = {k: fresh_samples_of(target) for k, target in enumerate(problem.targets)}
         self.fresh_samples = {k: samples for k, samples in fresh_samples.items() if samples is not None}
         self.start_count, self.target_margin, self.bar = len(points), target_margin, bar
@@ -240,11 +240,11 @@ class Evaluator:
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Return the evaluations at points (starts, n).
 
-        `count` is the number of points added to `evaluations`, by default all. If `accurate` is True,
+        `count` is the number of points added to `evaluations`, by default all. If `is_accurate` is True,
         simulations use the tolerances of verification, and targets the widths that the user gave.
         """
-        options = verification_options(self.options) if self.accurate else self.options
-        problem = self.full_problem if self.accurate else self.problem
+        options = verification_options(self.options) if self.is_accurate else self.options
+        problem = self.full_problem if self.is_accurate else self.problem
         if self.fresh_samples:  # draw new motions
             targets = list(problem.targets)
             for k, samples in self.fresh_samples.items():
@@ -303,7 +303,7 @@ class Evaluator:
 
     def use_accurate(self) -> None:
         """Switch permanently to accurate evaluations, including the sampled targets."""
-        self.accurate = True
+        self.is_accurate = True
         self.sampled_targets.use_accurate()
 
     def _rank_pair(self, pair: tuple[np.ndarray, Evaluation]) -> tuple[float, float]:

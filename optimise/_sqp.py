@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ._descent import Descent, End, Evaluation, Iterate, Rules, final_result, rank, scale_evaluation
+from ._descent import Descent, End, Evaluation, Iterate, Settings, final_result, rank, scale_evaluation
 from ._optimality import EvaluatedPoints, linear_models, optimality, points_near
 from ._quadratic import Model, Step, Vector, solve
 from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
@@ -32,24 +32,24 @@ AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # distances from this end, in scaled va
 ROUNDING = 1e-11  # smaller relative decreases of the merit are rounding errors
 
 
-def descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: int = 0) -> Descent:
+def descend(x: Vector, settings: Settings, history: list[Iterate], start: int, first: int = 0) -> Descent:
     """Minimise from x in [0, 1]ⁿ: a coroutine that yields points and receives their `Evaluation`s.
 
-    - `x`: first point (n,), in scaled variables; `rules`: scale, margins aimed at, stopping criteria
+    - `x`: first point (n,), in scaled variables; `settings`: scale, margins aimed at, stopping criteria
     - `history`: list to which iterates are appended; `start`: index of the start, stored in iterates
     - `first`: number of the first iteration
 
     Returns the `End`. Responses have ripples and the feasible set may be disconnected. A descent therefore
     searches along the axes at its end, and continues from a better point if it finds one.
     """
-    end = yield from _descend(x, rules, history, start, first)
+    end = yield from _descend(x, settings, history, start, first)
     for _ in range(MAX_AXIS_SEARCHES):
         if end.result in (NOT_FINITE, OUT_OF_ITERATIONS):
             break
-        better_point = yield from _search_axes(end, rules)
+        better_point = yield from _search_axes(end, settings)
         if better_point is None:
             break
-        continued = yield from _descend(better_point, rules, history, start, end.iterations)
+        continued = yield from _descend(better_point, settings, history, start, end.iterations)
         if rank(continued.evaluation) >= rank(end.evaluation):
             end = end._replace(iterations=continued.iterations)
             break
@@ -57,12 +57,12 @@ def descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: 
     return end
 
 
-def _descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first: int) -> Descent:
-    current = scale_evaluation((yield x), rules)
+def _descend(x: Vector, settings: Settings, history: list[Iterate], start: int, first: int) -> Descent:
+    current = scale_evaluation((yield x), settings)
     if not current.is_finite:
         return End(x, np.zeros(len(current.c)), NOT_FINITE, first, current)
-    search = _DescentState(x, current, rules, history, start, first)
-    while search.iteration < rules.max_iterations:
+    search = _DescentState(x, current, settings, history, start, first)
+    while search.iteration < settings.max_iterations:
         search.linearise()
         if search.is_stationary:
             result = search.end_or_reweight()
@@ -74,7 +74,7 @@ def _descend(x: Vector, rules: Rules, history: list[Iterate], start: int, first:
     return search.end(OUT_OF_ITERATIONS)
 
 
-def _search_axes(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector | None]:
+def _search_axes(end: End, settings: Settings) -> Generator[Vector, Evaluation, Vector | None]:
     """Search along the axes for a better point; return None if there is none."""
     best_rank, best_point = rank(end.evaluation), None
     for distance in AXIS_DISTANCES:
@@ -84,7 +84,7 @@ def _search_axes(end: End, rules: Rules) -> Generator[Vector, Evaluation, Vector
                 x[k] += shift
                 if not 0 <= x[k] <= 1:
                     continue
-                evaluation = scale_evaluation((yield x), rules)
+                evaluation = scale_evaluation((yield x), settings)
                 if (
                     evaluation.is_finite
                     and rank(evaluation) < best_rank
@@ -125,11 +125,17 @@ class _DescentState:
     """
 
     def __init__(
-        self, x: Vector, current: Evaluation, rules: Rules, history: list[Iterate], start: int, first: int
+        self,
+        x: Vector,
+        current: Evaluation,
+        settings: Settings,
+        history: list[Iterate],
+        start: int,
+        first: int,
     ):
-        self.x, self.current, self.rules = x, current, rules
+        self.x, self.current, self.settings = x, current, settings
         self.history, self.start, self.iteration = history, start, first
-        self.merit = _Merit(np.eye(len(x)), rules.radius, 10.0, 1.0)
+        self.merit = _Merit(np.eye(len(x)), settings.radius, 10.0, 1.0)
         self.multipliers = np.zeros(len(current.c))
         self.cuts: EvaluatedPoints = []
         self.is_initial = True  # the curvature is still the identity, not an update
@@ -140,8 +146,8 @@ class _DescentState:
 
     def record(self, step: float, accepted: bool) -> None:
         """Append an iterate to the history; `step`: largest absolute entry of the step."""
-        margin = float(np.min(self.current.c, initial=np.inf)) + self.rules.shift
-        value = float(np.max(self.current.f)) * self.rules.scale
+        margin = float(np.min(self.current.c, initial=np.inf)) + self.settings.shift
+        value = float(np.max(self.current.f)) * self.settings.scale
         radius, penalty = self.merit.radius, self.merit.penalty
         self.history.append(
             Iterate(
@@ -169,16 +175,16 @@ class _DescentState:
         self.model = linear_models(x, current, self.cuts)
         self.near_points = points_near(x, self.cuts)
         self.multipliers, self.residual, self.modelled_violation = optimality(
-            x, current, self.near_points, merit.weight, merit.penalty, self.rules.tolerance
+            x, current, self.near_points, merit.weight, merit.penalty, self.settings.tolerance
         )
-        self.is_violated = current.violation > self.rules.accepted_violation
+        self.is_violated = current.violation > self.settings.accepted_violation
 
     @property
     def is_stationary(self) -> bool:
         """True if no step improves the merit or removes much of a violation."""
         # Where margins are steep, a step shorter than the tolerance may remove a violation.
         is_correctable = self.is_violated and self.modelled_violation <= 0.5 * self.current.violation
-        return self.residual <= self.rules.tolerance and not is_correctable
+        return self.residual <= self.settings.tolerance and not is_correctable
 
     def end_or_reweight(self) -> int | None:
         """Return the result of a stationary point, or change the weights of the merit and return None."""
@@ -209,7 +215,7 @@ class _DescentState:
             return self.reset_curvature()
         predicted, rounding = self.predict_decrease(step)
         step_size = float(np.max(np.abs(step.d)))
-        if (step_size <= 1e-2 * self.rules.tolerance and not self.is_violated) or predicted <= rounding:
+        if (step_size <= 1e-2 * self.settings.tolerance and not self.is_violated) or predicted <= rounding:
             self.record(step_size, False)
             return self.drop_distant_cuts()
         trial = yield from self.try_step(step, predicted, rounding)
@@ -235,7 +241,7 @@ class _DescentState:
             self.merit = self.merit._replace(radius=0.25 * self.merit.radius)
             self.cuts = self.near_points
             return None
-        return final_result(self.current, self.residual, self.rules)
+        return final_result(self.current, self.residual, self.settings)
 
     def predict_decrease(self, step: Step) -> tuple[float, float]:
         """Return the predicted decrease of the merit and a bound of its rounding error."""
@@ -258,9 +264,9 @@ class _DescentState:
         """Try a step; if it violates the margins by more than modelled, try a second-order correction."""
         d = step.d
         x = np.clip(self.x + d, 0.0, 1.0)
-        evaluation = scale_evaluation((yield x), self.rules)
+        evaluation = scale_evaluation((yield x), self.settings)
         trial = _Trial(x, evaluation, self.decrease_ratio(evaluation, predicted, rounding))
-        exceeds_model = evaluation.violation > step.violation + self.rules.accepted_violation
+        exceeds_model = evaluation.violation > step.violation + self.settings.accepted_violation
         if not (evaluation.is_finite and trial.ratio < ACCEPT_RATIO and exceeds_model):
             return trial
         # Second-order correction: shift the models by their error at the trial point.
@@ -268,11 +274,11 @@ class _DescentState:
         shifted.c[: len(evaluation.c)] = evaluation.c - self.current.c_slope @ d
         merit = self.merit
         corrected = solve(shifted, merit.curvature, merit.weight, merit.penalty, *self.region)
-        if corrected is None or np.max(np.abs(corrected.d - d)) <= 0.1 * self.rules.tolerance:
+        if corrected is None or np.max(np.abs(corrected.d - d)) <= 0.1 * self.settings.tolerance:
             return trial
         self.cuts.append((x, evaluation))
         corrected_x = np.clip(self.x + corrected.d, 0.0, 1.0)
-        corrected_evaluation = scale_evaluation((yield corrected_x), self.rules)
+        corrected_evaluation = scale_evaluation((yield corrected_x), self.settings)
         corrected_ratio = self.decrease_ratio(corrected_evaluation, predicted, rounding)
         if corrected_ratio < ACCEPT_RATIO:
             return trial
@@ -300,10 +306,10 @@ class _DescentState:
         if trial.evaluation.is_finite:
             self.cuts.append((trial.x, trial.evaluation))
         self.merit = self.merit._replace(radius=(0.5 if trial.ratio > -1 else 0.25) * step_size)
-        if self.merit.radius > 0.1 * self.rules.tolerance:
+        if self.merit.radius > 0.1 * self.settings.tolerance:
             return None
         self.iteration += 1
-        return final_result(self.current, self.residual, self.rules)
+        return final_result(self.current, self.residual, self.settings)
 
 
 def _step_and_penalty(

@@ -97,9 +97,9 @@ class FreshSearch:
 
     def verify(self) -> None:
         """Evaluate the means: accurately for fixed motions, by a new independent sample for fresh ones."""
-        self.evaluate.accurate = True
+        self.evaluate.is_accurate = True
         exact = self.evaluate(self.x)
-        self.evaluate.accurate = False
+        self.evaluate.is_accurate = False
         self.estimates = [self.evaluate.estimates(x, self.sample_count) for x in self.x]
         self.sample_count += 1
         pairs = zip(exact, self.estimates, strict=True)
