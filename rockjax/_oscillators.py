@@ -1,4 +1,4 @@
-"""Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5) to (L8).
+"""Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5), (L7).
 
 With z = ẋ − λ̄x and λ = −ζω + iω_d, the equation ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex
 unknown instead of two real ones, and a velocity jump Δv of the floor becomes z⁺ = z⁻ − Δv. The solution over
@@ -29,8 +29,8 @@ SERIES_TERMS = 16  # terms of power series in s = λh; enough for pieces of an e
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
 LANES = 256  # largest number of oscillators in a group; the shortest period determines the pieces of all
 FEW_LANES = 16  # groups are padded to this number times a power of 4
-ROWS = 8  # number of pieces in a block; only states at the starts of blocks are stored
-BLOCKS = 32  # number of blocks that the compiled program solves in one call
+PIECES_PER_BLOCK = 8  # only states at the starts of blocks are stored
+BLOCKS_PER_CALL = 32  # number of blocks that one call of the compiled program solves
 PAIRS = 20_000  # largest number of pairs of a block and an oscillator that are searched together
 NEWTON_STEPS = 5  # iterations for a turning point, starting within a quarter of a piece
 TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first peak is returned
@@ -43,9 +43,11 @@ class Load(NamedTuple):
     - `terms`: coefficients c_k of a = Σ c_k (τ/h)^k, with the time τ from the start of the piece, shape
       (n, m+1) [m/s²]
     - `kick`: velocity jump Δv at the start of each piece, shape (n,) [m/s]
-    - `shift`: velocity jump of the floor, of which `kick` is the derivative, times `start_slope`, shape (n,)
-    - `start_slope`: derivative of the start of each piece with respect to the parameter, shape (n,); zero
-      for a load that is not a derivative
+    - `shift`: velocity jump of the floor times `start_slope`, shape (n,)
+    - `start_slope`: derivative of the start of each piece with respect to the parameter, shape (n,)
+
+    For an acceleration, `shift` and `start_slope` are zero. For a derivative, the start of a piece moves with
+    the parameter, so that z jumps by λ `shift` − `kick`.
     """
 
     start: np.ndarray
@@ -90,7 +92,7 @@ class Peaks(NamedTuple):
     """Largest responses of N oscillators.
 
     - `displacement`: S_d = max|x|, shape (N,) [m]; `time`: time at which S_d is first reached [s]
-    - `acceleration`: S_a, the largest absolute acceleration, (L6), shape (N,) [m/s²]
+    - `acceleration`: S_a, the largest absolute acceleration, shape (N,) [m/s²]
     - `slopes`: derivatives of S_d and S_a with respect to each parameter, shape (2, parameters, N)
     - `later`: largest |x| of free vibration after the end of the load, shape (N,) [m]
     - `envelope`: √(ẋ² + ω²x²)/ω at the end of the load, shape (N,) [m]
@@ -107,7 +109,7 @@ class Peaks(NamedTuple):
 def largest(
     load: Load, period: np.ndarray, damping: np.ndarray, rests: bool, slopes: tuple[Load, ...] = ()
 ) -> Peaks:
-    """Return the largest responses of oscillators that start at rest relative to their floor, (L5)–(L8).
+    """Return the largest responses of oscillators that start at rest relative to their floor.
 
     - `load`: acceleration of the floor
     - `period`, `damping`: T_e > 0 [s] and ζ in [0, 1) [–] of N oscillators, shape (N,)
@@ -179,7 +181,7 @@ def _series(length: np.ndarray, terms: np.ndarray) -> np.ndarray:
 class _States(NamedTuple):
     """States z of N oscillators, and sizes of their responses.
 
-    - `starts`: z at the start of each block of `ROWS` pieces, before a velocity jump, shape (blocks, N)
+    - `starts`: z at the start of each block of pieces, before a velocity jump, shape (blocks, N)
     - `end`: z at the end of the last piece, shape (N,)
     - `sizes`: largest |q| of each response at the ends of the pieces of a block, before and after velocity
       jumps, shape (responses, blocks, N)
@@ -192,7 +194,7 @@ class _States(NamedTuple):
 
 def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _States:
     """Return the states of oscillators that start from rest, and the sizes of responses with factors c."""
-    count, lanes, rows = pole.size, common_size(pole.size, FEW_LANES, 4), ROWS * BLOCKS
+    count, lanes, rows = pole.size, common_size(pole.size, FEW_LANES, 4), PIECES_PER_BLOCK * BLOCKS_PER_CALL
     parts = lambda y: np.pad(np.stack([np.real(y), np.imag(y)]), [(0, 0), (0, lanes - count)])
     constants = parts(pole), np.array([parts(y) for y in factors]).reshape(-1, 2, lanes)
     state: Any = np.zeros((2, lanes))
@@ -214,7 +216,7 @@ def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _S
 
 @StoredProgram
 def _solve_blocks(state, series, kick, shift, pole, factors):
-    """Return z after `BLOCKS` blocks of pieces, z at the start of each block, and the sizes of each block.
+    """Return z after `BLOCKS_PER_CALL` blocks, z at the start of each block, and the sizes of each block.
 
     Complex numbers are pairs of real numbers.
 
@@ -246,7 +248,9 @@ def _solve_blocks(state, series, kick, shift, pole, factors):
         (end, largest), _ = jax.lax.scan(solve_piece, (z, size(z)), pieces)
         return end, (z, largest)
 
-    blocks = (y.reshape(BLOCKS, ROWS, *y.shape[1:]) for y in (decay, forced, kick, shift))
+    blocks = (
+        y.reshape(BLOCKS_PER_CALL, PIECES_PER_BLOCK, *y.shape[1:]) for y in (decay, forced, kick, shift)
+    )
     end, (starts, sizes) = jax.lax.scan(solve_block, state, tuple(blocks))
     return end, starts, sizes
 
@@ -276,9 +280,9 @@ def _series_of_block(
     - `z`, `pole`, `block`: z at the start of each block, before a velocity jump; λ; and the block; shape (k,)
     """
     index, z = np.arange(z.size), z.copy()
-    for row in range(ROWS):
-        index = index[block[index] * ROWS + row < load.length.size]
-        piece, p = block[index] * ROWS + row, pole[index]
+    for row in range(PIECES_PER_BLOCK):
+        index = index[block[index] * PIECES_PER_BLOCK + row < load.length.size]
+        piece, p = block[index] * PIECES_PER_BLOCK + row, pole[index]
         after = z[index] - load.kick[piece] + p * load.shift[piece]
         series = _taylor(after, p, load.length[piece], load.terms[piece])
         z[index] = series.sum(axis=0)
@@ -288,7 +292,7 @@ def _series_of_block(
 def _series_in_piece(load: Load, states: _States, pole: np.ndarray, piece: np.ndarray) -> np.ndarray:
     """Return the coefficients of z in one piece of each oscillator, as returned by `_taylor`."""
     found = np.empty((SERIES_TERMS, piece.size), complex)
-    block, lanes = piece // ROWS, np.arange(piece.size)
+    block, lanes = piece // PIECES_PER_BLOCK, np.arange(piece.size)
     for index, reached, series in _series_of_block(load, states.starts[block, lanes], pole, block):
         is_here = reached == piece[index]
         found[:, index[is_here]] = series[:, is_here]
@@ -464,7 +468,7 @@ def _slope(
     slope: Load,
     slope_states: _States,
 ) -> np.ndarray:
-    """Return the derivative of the largest responses, (L8).
+    """Return the derivative of the largest responses with respect to a parameter.
 
     - `load`, `oscillators`, `factor`: the load, N oscillators, and c of the response q = Re(c z)
     - `states`, `peak`: states of the oscillators under the load, and their largest |q|

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax import _results as results
-from rockjax._engine.coefficients import present
+from rockjax._engine.coefficients import not_none
 from rockjax._engine.fast_forward.samples import skip_sample
 from rockjax._engine.flat import is_running, with_end_code
 from rockjax._engine.solve import answers
@@ -134,7 +134,7 @@ def _skip_samples(plan: Plan, options: Options, skip: Callable[[Lanes], Lanes], 
     if state.lane.may_skip is None:
         return state
     running_count = jnp.sum(makes_trials(plan, options, state.lane))
-    enough_can_skip = lambda state: SKIPPING_DIVISOR * jnp.sum(present(state.lane.may_skip)) > running_count
+    enough_can_skip = lambda state: SKIPPING_DIVISOR * jnp.sum(not_none(state.lane.may_skip)) > running_count
     return jax.lax.while_loop(enough_can_skip, skip, state)
 
 

@@ -25,7 +25,7 @@ from .state import Decision, LoopState, Plan, Scene
 SIMULTANEOUS = 100
 # Step-size control: safety factor, and the limits of the factor from one step length to the next.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
-# Limit of |y| in the predicted duration of a hop (`_length`); for y > 1 the columns would not return.
+# Limit of |y| in the series for the duration of a hop (`_length`); for y > 1 the columns would not return.
 MAX_SERIES_ARGUMENT = 0.8
 GroundAcceleration = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece of the excitation
 
@@ -78,11 +78,11 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     # A step ends at the next breakpoint at the latest. It covers a whole hop (the motion from one impact to
     # the next) if the tolerance allows.
     time_resolution = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
-    edge = scene.excitation.breakpoint(state.piece)
-    # A breakpoint just before the end of the scene is ignored. The step then ends with the scene, and its end
-    # has the derivative of the scene's end.
-    is_last = constant(scene.end) <= constant(edge) + SIMULTANEOUS * time_resolution
-    stop = jnp.where(is_last, scene.end, edge)
+    next_breakpoint = scene.excitation.breakpoint(state.piece)
+    # A breakpoint just before the end of the scene is ignored: the step goes on to the end of the scene, and
+    # the time of its end has the derivative of the scene's end.
+    is_last = constant(scene.end) <= constant(next_breakpoint) + SIMULTANEOUS * time_resolution
+    stop = jnp.where(is_last, scene.end, next_breakpoint)
     a0 = field(t, state.x, state.v)
     starts_at_zero = (state.sigma != 0) & (state.x[0] == 0)
     jerk = (
@@ -130,8 +130,8 @@ def _length(
     returns = starts_at_zero & (theta_dot * theta_ddot < 0)
     safe_theta_ddot = jnp.where(returns, theta_ddot, 1.0)
     hop = jnp.where(returns, -2 * theta_dot / safe_theta_ddot, jnp.inf)
-    # If θ̈ is linear in time, the hop lasts 2/(1 + √(1 − y)) times as long, here as a series in
-    # y = 8 θ̇ d³θ/dt³ / (3 θ̈²).
+    # If θ̈ is linear in time, the hop lasts 2/(1 + √(1 − y)) times as long, with
+    # y = 8 θ̇ d³θ/dt³ / (3 θ̈²). The factor is computed from its power series in y.
     if jerk is not None:
         y = 8 / 3 * jerk * theta_dot / safe_theta_ddot**2
         y = jnp.where(returns, jnp.clip(y, -MAX_SERIES_ARGUMENT, MAX_SERIES_ARGUMENT), 0.0)

@@ -13,7 +13,7 @@ from rockjax._excitations.base import Shaking
 from rockjax._excitations.ground import PairLookahead
 from rockjax._types import Flag, Flags, Index, Value, Values
 
-from .coefficients import Coefficients, Vibration, present, summed, weighted
+from .coefficients import Coefficients, Vibration, not_none, summed, weighted
 from .energy import energy, energy_after, potential, vertical_impulse
 from .model import horizontal, restraint_bound
 from .state import LoopState, Scene
@@ -34,12 +34,13 @@ class Bounds:
     - `well`: |θ| at the top of the potential well [rad]; with restrainers, at most the overturning angle
     - `ground`, `vertical`: bounds on the remaining |ü_g| and |v̈_g| [m/s²]; `vertical` is the float 0.0 if
       the ground does not move vertically
-    - `energy`: bound on the energy per mass N m_c of all columns, (C19) [m²/s²]
+    - `energy`: bound on the energy per mass N m_c of all columns [m²/s²]
     - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
     - `rests`: whether the columns rest for good
     - `demand`: bound on the uplift demand |q| of Eq. (9) in full contact [m/s²]
-    - `swing`: for each mode, bound on √(u̇_i² + ω_i²u_i²) in full contact [m/s]; None if there are no modes
+    - `velocity_amplitudes`: for each mode, bound on √(u̇_i² + ω_i²u_i²) in full contact [m/s]; None without
+      modes
     """
 
     c: Coefficients
@@ -52,7 +53,7 @@ class Bounds:
     stays_inside: Flag
     rests: Flag | bool
     demand: Value
-    swing: Values | None
+    velocity_amplitudes: Values | None
     _shared_results: dict[Callable[..., Any], Any]
 
     @classmethod
@@ -70,7 +71,7 @@ class Bounds:
 
         From now on the energy stays below `energy_after`. If the bound on |q| in full contact is below the
         uplift threshold, the columns never lift again, and the modes vibrate independently. Vertical motion
-        raises the bounds on the energy, (C19), and on the demand, (C20).
+        raises the bounds on the energy and on the demand.
         """
         self = cls()
         self._shared_results = {}
@@ -92,17 +93,19 @@ class Bounds:
             max_energy = energy_after(c, energy_now, impulse_sum)
         self.energy = max_energy
         self.stays_inside = (jnp.abs(x[0]) <= self.well) & (max_energy < potential(c, one, self.well))
-        self.rests, self.swing = False, None
+        self.rests, self.velocity_amplitudes = False, None
         if not follows_contact:
             return self
         demand = self.ground
         if c.vibration is not None:
             # √(u̇² + ω²u²) can grow by at most ∫|ü_g| dt.
             modes = c.vibration
-            self.swing = jnp.sqrt(v[1] ** 2 + modes.omega2 * x[1] ** 2) + impulse
-            demand = demand + weighted(modes.demand, jnp.sqrt(modes.omega2 + modes.damping**2) * self.swing)
+            self.velocity_amplitudes = jnp.sqrt(v[1] ** 2 + modes.omega2 * x[1] ** 2) + impulse
+            demand = demand + weighted(
+                modes.demand, jnp.sqrt(modes.omega2 + modes.damping**2) * self.velocity_amplitudes
+            )
         if not isinstance(self.vertical, float):
-            demand = demand + present(c.tilt) * self.vertical
+            demand = demand + not_none(c.uplift_slope) * self.vertical
         self.demand, self.rests = demand, (sigma == 0) & (demand < c.uplift)
         return self
 
@@ -117,21 +120,22 @@ class Bounds:
         return rocking if isinstance(self.rests, bool) else jnp.where(self.rests, at_rest, rocking)
 
     def modal_sum(self, weights: Values, beam_weight: Value | float = 0.0) -> Value:
-        """Bound Σ w_i y_i over the modes i, where |y_i| ≤ √(u̇_i² + ω_i²d_i²) and d_i is the deformation.
-        While the columns rock, `beam_weight` is added to Σ w_i²/η_i for the motion of the beam."""
+        """Bound Σ w_i y_i over the modes i, for any y_i with |y_i| ≤ √(u̇_i² + ω_i²d_i²), where d_i is the
+        deformation. While the columns rock, the bound is √(2E(Σ w_i²/η_i + `beam_weight`)) with the bound E
+        on the energy; `beam_weight` is for a further term with the velocity of the beam."""
         rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _nonzero(self.c.etas)) + beam_weight))
-        return self.either(weighted(jnp.abs(weights), present(self.swing)), rocking)
+        return self.either(weighted(jnp.abs(weights), not_none(self.velocity_amplitudes)), rocking)
 
     def deformations(self) -> Values:
         """Bound the deformation of each mode [m]."""
-        omega2 = present(self.c.vibration).omega2
+        omega2 = not_none(self.c.vibration).omega2
         rocking = jnp.sqrt(2 * self.energy / (_nonzero(self.c.etas) * omega2))
-        return self.either(present(self.swing) / jnp.sqrt(omega2), rocking)
+        return self.either(not_none(self.velocity_amplitudes) / jnp.sqrt(omega2), rocking)
 
     def springs(self, weights: Values) -> Value:
-        """Bound Σ w_i F_i over the modes i by the Cauchy–Schwarz inequality; F_i = V_i/m_i, Eq. (7)
-        [m/s²]."""
-        modes: Vibration = present(self.c.vibration)
+        """Bound Σ w_i F_i over the modes i [m/s²]. F_i is the force of spring and damper divided by the modal
+        mass, Eq. (7)."""
+        modes: Vibration = not_none(self.c.vibration)
         beam_weight = weighted(weights, modes.damping) ** 2 * self.c.two_R**2 / self.c.spin
         return self.modal_sum(weights * jnp.sqrt(modes.omega2 + modes.damping**2), beam_weight)
 
@@ -142,15 +146,14 @@ class Bounds:
         rocking = self.c.two_R * self.angular_acceleration_bound(springs)
         return self.ground + self.either(jnp.zeros_like(rocking), rocking)
 
-    def force(self) -> Value:
+    def base_shear(self) -> Value:
         """Bound the shear of a superstructure with at most one mode, divided by its mass [m/s²]."""
         return self.beam if self.c.vibration is None else self.springs(jnp.ones_like(self.c.eta))
 
-    def carried(self, weights: Values) -> Value:
-        """Bound Σ w_i F_i + (Σ w_i − 1) a_b [m/s²]: the forces of the springs and of the residual mass,
-        which moves with the beam."""
+    def floor_acceleration(self, weights: Values) -> Value:
+        """Bound the absolute acceleration of a floor with the weights w_i of the modes, (L2) [m/s²]."""
         springs = self.springs(weights)
-        if present(self.c.modal).residual is None:
+        if not_none(self.c.modal).residual is None:
             return springs
         return springs + jnp.abs(1 - summed(weights)) * self.beam
 
@@ -161,10 +164,10 @@ class Bounds:
         return c.sin_alpha if c.restraint is None else jnp.maximum(c.sin_alpha, jnp.sin(self.well - c.alpha))
 
     def angular_acceleration_bound(self, springs: Value | None) -> Value:
-        """Bound |θ̈| + θ̇²|sin ψ| inside the well, (C20) [rad/s²].
+        """Bound |θ̈| + θ̇²|sin ψ| inside the well by Eq. (24) [rad/s²].
 
         `springs` is the bound on Σ η_iF_i [m/s²], or None if nothing vibrates. By Eq. (14) the result times
-        2R also bounds |ü_b|. (C20) omits the factor |sin ψ|.
+        2R also bounds |ü_b|.
         """
         c, max_energy, max_sin_psi = self.c, self.energy, self.max_sin_psi
         weight = c.gravity if isinstance(self.vertical, float) else c.gravity * (1 + self.vertical / c.g)

@@ -1,4 +1,4 @@
-"""The certificate: when energy proves that no requested output can change any more."""
+"""The certificate: a proof, from the energy, that no requested output can change any more."""
 
 from __future__ import annotations
 

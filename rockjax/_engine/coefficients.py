@@ -26,17 +26,18 @@ class ModalConstants(NamedTuple):
     eta: Values  # mass ratios η_i of the modes
     shares: Values  # η_i divided by the mass ratio of the whole superstructure
     residual: Value | None  # η_r of the residual mass, a part of γ; None if the modes have all the mass
-    floors: Values | None  # Γ_iφ_ji of the floors j and the modes i; None if there are no floors
+    # Γ_iφ_ji, participation factor times mode shape, of the floors j and the modes i; None without floors.
+    floors: Values | None
 
 
 class Vibration(NamedTuple):
     """Constants of the vibrating superstructure: scalars for one oscillator, arrays for several modes."""
 
     coupling: Values  # 3η_i/(2R)
-    demand: Values  # 2η_i/(1+2γ), Eq. (9), (C10)
+    demand: Values  # 2η_i/(1+2γ), Eq. (9)
     omega2: Values  # ω_i² [rad²/s²]
     damping: Values  # 2ζ_iω_i [rad/s]
-    uplifted_frequency: Value  # frequency after uplift, Eq. (31), or the largest of several, (C15) [rad/s]
+    uplifted_frequency: Value  # frequency after uplift, Eq. (31), the largest of several [rad/s]
     modal: ModalConstants | None  # None for a single mode that is the whole superstructure
 
 
@@ -61,7 +62,7 @@ class Joints(NamedTuple):
     - `gamma`: ratio γ of the mass that moves with the beam; `lam`: inertia factor λ of a column
     - `dead_load`: axial force of the mean column at rest, at the bottom and the top joint [m_c g]
     - `impulses`: impulses of an impact divided by the impact speed |θ̇⁻|, (F12)
-    - `impulse_eccentricity`: eccentricity ξ_J of the impulses, (F13)
+    - `impulse_eccentricity`: eccentricity ξ_J of the impulses, divided by half the width of a column
     - `arms`: positions of the columns and first moments of the masses; None if no elevation is given
     """
 
@@ -74,7 +75,7 @@ class Joints(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Constants of a podium's equations, per mass N m_c of all columns; None for parts that are absent."""
+    """Constants of a podium's equations, per mass N m_c of all columns; None for missing parts."""
 
     alpha: Value  # slenderness α [rad]
     sin_alpha: Value
@@ -94,7 +95,8 @@ class Coefficients(NamedTuple):
     eta: Value  # η, ratio of the vibrating mass
     vibration: Vibration | None
     restraint: Restraint | None
-    tilt: Value | None  # K = tan α (1+2γ+2η)/(1+2γ), (C10); None without vertical ground motion
+    # tan α (1+2γ+2η)/(1+2γ), the factor of v̈_g in the threshold, (C10) of docs/control.md; None without v̈_g.
+    uplift_slope: Value | None
     joints: Joints | None  # None unless joint forces are requested
 
     @property
@@ -116,10 +118,13 @@ def divided_by_inertia(c: Coefficients) -> Coefficients:
     return c._replace(gravity=gravity, ground=ground, inertia=1.0)
 
 
-def present(value: T | None) -> T:
+def not_none(value: T | None) -> T:
     """Return a value of optional type that is known not to be None."""
     assert value is not None
     return value
+
+
+present = not_none  # the name that `joint_bounds` and `joint_samples` import
 
 
 def summed(values: Values) -> Value:
@@ -170,7 +175,9 @@ def coefficients(
         eta=vibrating,
         vibration=_vibration(podium),
         restraint=_restraint(podium, slip),
-        tilt=jnp.tan(podium.alpha) * (1 + 2 * (gamma + vibrating)) / (1 + 2 * gamma) if vertical else None,
+        uplift_slope=jnp.tan(podium.alpha) * (1 + 2 * (gamma + vibrating)) / (1 + 2 * gamma)
+        if vertical
+        else None,
         joints=_joints(podium) if joints else None,
     )
 
@@ -183,8 +190,8 @@ def _joints(podium: Podium) -> Joints:
     sin, cos = jnp.sin(podium.alpha), jnp.cos(podium.alpha)
     e = jnp.maximum(podium.restitution_factor, 0.0)
     impulses_per_speed = impulses(2 * podium.R, sin, cos, gamma, eta, (bottom, top), e)
-    # With μ_2 of inerters across both joints and μ_1 of inerters across one, the inertances at the bottom and
-    # the top joint are μ_2 + 2μ_1 and μ_2. The impulses need the mean of both, μ = μ_2 + μ_1.
+    # If inerters across both joints have the inertance μ_2, and inerters across one joint μ_1, the inertances
+    # at the bottom and the top joint are μ_2 + 2μ_1 and μ_2. The impulses need their mean, μ_2 + μ_1.
     eccentricity = impulse_eccentricity(sin**2, gamma, eta, podium.lam, 0.5 * (bottom + top), e)
     return Joints(gamma, podium.lam, podium.dead_load, impulses_per_speed, eccentricity, arms)
 

@@ -1,4 +1,4 @@
-"""Energies and their bounds: Eqs. (16) to (19), with restrainers (C3) to (C22)."""
+"""Energies, Eqs. (16) to (19), with the terms of restrainers, and bounds on the energy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .model import elongation
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the inertia of Eq. (24) for a superstructure fixed to the beam, including inerters, (C21)."""
+    """Return the inertia of Eq. (24) for a superstructure fixed to the beam, including inerters."""
     total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
     if mass is None:
         return total
@@ -21,7 +21,7 @@ def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
 
 
 def spin_with_inerters(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the factor of ½θ̇² in the kinetic energy of Eq. (18), including inerters, (C17)."""
+    """Return the factor of ½θ̇² in the kinetic energy of Eq. (18), including inerters."""
     mass = _apparent_mass(c)
     if mass is None:
         return c.spin
@@ -33,8 +33,8 @@ def _apparent_mass(c: Coefficients) -> Value | None:
 
 
 def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the potential energy per mass N m_c of all columns, zero in full contact [m²/s²]: gravity,
-    Eq. (19), and restrainers, (C3)."""
+    """Return the potential energy of gravity, Eq. (19), and of restrainers, per mass N m_c of all columns
+    [m²/s²]. It is zero in full contact."""
     s, cos = sincos(0.5 * theta)
     # cos ψ − cos α is computed as 2 sin(|θ|/2) sin(α − |θ|/2), which has no cancellation at small rotations.
     stored = c.weight * 2 * sigma * s * (c.sin_alpha * cos - c.cos_alpha * sigma * s)
@@ -48,14 +48,14 @@ def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
 
 
 def potential_slope(c: Coefficients, theta: Value) -> Value:
-    """Return the slope V' of the potential energy, (C5), at |θ| = `theta`, per N m_c [m²/s²]."""
+    """Return the slope V' of the potential energy at |θ| = `theta`, per N m_c [m²/s²]."""
     one = jnp.ones_like(theta)
     return jax.jvp(lambda angle: potential(c, one, angle), (theta,), (one,))[1]
 
 
 def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     """Return the mechanical energy of the motion relative to the ground, per N m_c [m²/s²]: Eqs. (16) to (19)
-    without the terms of the ground motion, (C17).
+    without the terms of the ground motion, but with the terms of restrainers.
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
@@ -71,17 +71,17 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
 
 
 def vertical_impulse(c: Coefficients, max_sin_psi: Value) -> Value:
-    """Return C_v/C of (C19), the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt, for |sin ψ| ≤ `max_sin_psi`."""
+    """Return the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt in `energy_after`, for |sin ψ| ≤ `max_sin_psi`."""
     spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
     return weight * max_sin_psi / jnp.sqrt(2 * (spin + 4 * c.eta * max_sin_psi**2)) / c.impulse
 
 
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
-    """Bound the energy at all later times from its value `now` and the remaining `impulse` ∫|ü_g| dt.
+    """Bound the energy E at all later times from its value `now` and the remaining `impulse` ∫|ü_g| dt.
 
-    The ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t] per N m_c. By Cauchy–Schwarz this is at most
-    2C|ü_g|√T with C² = (1+2γ)²/(2(1+λ+4γ)) + η/2, so √E grows at most at the rate C|ü_g|. Damping and impacts
-    only dissipate. The bound holds where the potential is not negative; without restrainers, this is
-    |θ| ≤ 2α.
+    Per N m_c, the ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t]. By the Cauchy–Schwarz inequality,
+    the rate is at most 2C|ü_g|√T with C² = (1+2γ)²/(2(1+λ+4γ)) + η/2 and the kinetic energy T. Where the
+    potential energy is not negative (without restrainers, for |θ| ≤ 2α), T ≤ E, so √E grows at most at the
+    rate C|ü_g|. Damping and impacts only dissipate.
     """
     return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse * impulse) ** 2

@@ -186,7 +186,7 @@ def _run_and_store(scene: Scene, plan: Plan, state: LoopState, max_steps: int, s
 
     Returns the final state and the storage. Under `vmap` a scene is called a lane, and all lanes leave
     the loop together; a lane that has ended stores nothing more. With this shared loop condition an iteration
-    writes one row; with a condition for each lane JAX would copy the whole storage.
+    writes only one row of the storage; with a condition for each lane JAX would copy all rows.
     """
 
     def body(carry):

@@ -85,7 +85,7 @@ def evaluate_guard(
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | starts_at_zero
     rising_at_end = constant(at_end.c1) > 0
     turned = rising != rising_at_end
-    # With the barrier, these flags are computed once for all kernels that use them.
+    # With the barrier, XLA computes these flags once for all kernels that use them.
     rising, rising_at_end, turned = barrier((rising, rising_at_end, turned))
     turn, dips = turning_point_or_dip(fixed, turned, rising)
     turn = jnp.where(turned, turn, one)
@@ -109,7 +109,7 @@ def evaluate_guard(
     clearance_at_end = _clearance(scene, rocking, at_end, end_value, ~rising_at_end)
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
     time_past_end, converges = _newton_root(clearance_at_end, 0.5 * h, rounding)
-    # The demand cannot exceed the sum of its absolute coefficients.
+    # On z ∈ [0, 1] the demand cannot exceed the sum of the absolute values of its coefficients.
     may_break = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)
     dips &= is_long(h, scene.max_step)
     turns_twice = turns_more_than_once(fixed, rising, rising_at_end, dips) & may_break

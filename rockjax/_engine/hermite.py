@@ -76,8 +76,8 @@ def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, max_step: Valu
     - `h`: length of the step [s]
     - `max_step`: longest step of the scene [s]
 
-    Over a very short step, rounding dominates the higher coefficients of the quintic. The mean of the third
-    derivative is used instead.
+    Over a very short step, rounding dominates the higher coefficients of the quintic. The result then is the
+    mean of the third derivative over the step.
     """
     return jnp.where(is_long(h, max_step), path.c3 + 4 * path.c4 + 10 * path.c5, (a1 - a0) * h**2 / 6)
 
@@ -110,7 +110,7 @@ def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, 
         lo, hi = jnp.where(value > 0, z, lo), jnp.where(value > 0, hi, z)
         newton = z - value / jnp.where(slope == 0, 1.0, slope)
         z = jnp.where((newton >= lo) & (newton <= hi), newton, 0.5 * (lo + hi))
-        # With the barrier, each iteration is computed once for all later ones.
+        # With the barrier, XLA computes each iteration once for all later ones.
         z, lo, hi = barrier((z, lo, hi))
     return z
 

@@ -8,8 +8,8 @@ A state consists of positions x and velocities v. Both are tuples: (θ,) for rig
 elastic superstructure, where u is a scalar for one vibration mode and an array (u_1, …, u_n) for several. The
 number of vibration modes is static. The equations are the same for any number; `summed` sums over the modes.
 
-Restrainers add forces that depend on an elongation and its rate; their equations are numbered (C1) … in
-docs/control.md. A podium without restrainers skips them.
+Restrainers add forces that depend on an elongation and its rate, (C1), (C8) and (C12) of docs/control.md. A
+podium without restrainers skips them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rockjax._programs.barrier import barrier
 from rockjax._sincos import sincos
 from rockjax._types import Value, Values, Vector
 
-from .coefficients import Coefficients, ModalConstants, Restraint, present, summed, weighted
+from .coefficients import Coefficients, ModalConstants, Restraint, not_none, summed, weighted
 
 # Longest step divided by |θ̇/θ̈|, while the columns slow down and while they speed up.
 MAX_SLOWING_STEP, MAX_SPEEDING_STEP = 0.75, 3.0
@@ -93,7 +93,7 @@ def _restraint(
 
 
 def restraint_bound(c: Coefficients, restraint: Restraint, theta: Value, theta_dot: Value) -> Value:
-    """Bound the moment of the restrainers in Eq. (24), (C20).
+    """Bound the moment of the restrainers in Eq. (24), by their forces at the largest elongation and rate.
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta`, `theta_dot`: largest |θ| [rad], at most `restraint.well`, and largest |θ̇| [rad/s]
@@ -120,8 +120,9 @@ def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
 
 
 def _threshold_ratio(c: Coefficients, ground: Shaking) -> Value:
-    """Return q_up(t) divided by its static value, (C10). It is positive as long as g + v̈_g is positive."""
-    return 1 + present(c.tilt) * ground.vertical / c.uplift
+    """Return q_up(t) divided by its static value, (C10) of docs/control.md. The ratio is positive as long as
+    g + v̈_g is positive."""
+    return 1 + not_none(c.uplift_slope) * ground.vertical / c.uplift
 
 
 def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple[Value, Value]:
@@ -135,7 +136,7 @@ def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple
     return c.two_R * (sigma * c.sin_alpha - s), c.two_R * theta_dot * cos
 
 
-def beam_climb(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> Value:
+def beam_vertical_velocity(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> Value:
     """Return the vertical velocity of the beam relative to the ground v̇_b [m/s], Eq. (15), upwards.
 
     - `c`: constants of the podium
@@ -158,7 +159,9 @@ def beam_acceleration(
     return c.two_R * (theta_ddot * cos + theta_dot**2 * s)
 
 
-def beam_rise(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value) -> Value:
+def beam_vertical_acceleration(
+    c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value
+) -> Value:
     """Return the vertical acceleration of the beam relative to the ground v̈_b [m/s²], Eq. (15), upwards.
 
     - `c`: constants of the podium
@@ -169,7 +172,7 @@ def beam_rise(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, the
     return c.two_R * (theta_ddot * s - theta_dot**2 * cos)
 
 
-def beam_absolute(
+def beam_absolute_acceleration(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> Value:
     """Return the absolute horizontal acceleration of the beam a_b = ü_g + ü_b [m/s²].
@@ -226,7 +229,7 @@ def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector
     - `x`, `v`: positions and velocities
 
     The columns lift to the side −sign q if |q| exceeds `c.uplift`. Under vertical motion q is divided by the
-    ratio of q_up(t) to its static value, (C10), so that the threshold is constant.
+    ratio of q_up(t) to its static value, so that the threshold is constant.
     """
     q = horizontal_demand(c, ground, x, v)
     return q / _threshold_ratio(c, ground) if isinstance(ground, Shaking) else q
@@ -258,7 +261,7 @@ def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
         return tuple(uplift_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))  # pyright: ignore[reportReturnType]
     q, q1, q2 = (horizontal_demand(c, ground, *y) for ground, y in zip(grounds, states, strict=True))
     r = _threshold_ratio(c, grounds[0])
-    r1, r2 = (present(c.tilt) * ground.vertical / c.uplift for ground in grounds[1:])
+    r1, r2 = (not_none(c.uplift_slope) * ground.vertical / c.uplift for ground in grounds[1:])
     demand = q / r
     rate = (q1 - demand * r1) / r
     return demand, rate, (q2 - 2 * rate * r1 - demand * r2) / r
@@ -281,19 +284,19 @@ def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: 
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
 
-    The shear is the absolute horizontal acceleration of the superstructure divided by −g. With several
-    vibration modes, this is the mean weighted by the modal masses and the residual mass.
+    The result is the absolute horizontal acceleration of the superstructure divided by −g. With several
+    vibration modes, the acceleration is a mean weighted by the modal masses and the residual mass.
     """
     ground = horizontal(ground)
     if c.vibration is None:
-        return -beam_absolute(c, sigma, ground, x, v, a) / c.g
+        return -beam_absolute_acceleration(c, sigma, ground, x, v, a) / c.g
     modal = c.modal
     if modal is None:
         return -(a[1] + ground) / c.g
-    return -_carried(c, modal, modal.shares, sigma, ground, x, v, a) / c.g
+    return -_floor_acceleration(c, modal, modal.shares, sigma, ground, x, v, a) / c.g
 
 
-def _carried(
+def _floor_acceleration(
     c: Coefficients,
     modal: ModalConstants,
     weights: Values,
@@ -303,12 +306,13 @@ def _carried(
     v: Vector,
     a: Vector,
 ) -> Value:
-    """Return Σ w_i(ü_i + ü_g) + (1 − Σ w_i) a_b over the retained modes i, with the absolute acceleration a_b
-    of the beam. The second term is left out if there is no residual mass."""
+    """Return the absolute acceleration of a floor with the weights w_i of the retained modes, (L2):
+    Σ w_i(ü_i + ü_g) + (1 − Σ w_i) a_b, with the absolute acceleration a_b of the beam. Without a residual
+    mass, the second term is zero and is left out."""
     of_modes = weighted(weights, a[1] + ground)
     if modal.residual is None:
         return of_modes
-    return of_modes + (1 - summed(weights)) * beam_absolute(c, sigma, ground, x, v, a)
+    return of_modes + (1 - summed(weights)) * beam_absolute_acceleration(c, sigma, ground, x, v, a)
 
 
 def floor_accelerations(
@@ -324,6 +328,6 @@ def floor_accelerations(
     The acceleration of floor j is −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b, summed over the retained modes i, with
     the absolute acceleration a_b of the beam and F_i = −(ü_i + ü_g).
     """
-    modal, ground = present(c.modal), horizontal(ground)
-    of_floor = lambda weights: _carried(c, modal, weights, sigma, ground, x, v, a)
-    return jax.vmap(of_floor)(present(modal.floors))
+    modal, ground = not_none(c.modal), horizontal(ground)
+    of_floor = lambda weights: _floor_acceleration(c, modal, weights, sigma, ground, x, v, a)
+    return jax.vmap(of_floor)(not_none(modal.floors))

@@ -1,7 +1,7 @@
 """Preparation of a scene for the loop: the plan, the constants and the initial state.
 
-A scene may be solved a second time with finer settings (`Options._stride` < 1) to estimate its error.
-This second solution is called the closer solution here, and the first one the usual solution.
+To estimate its error, a scene is solved a second time with finer settings (`Options._stride` < 1), the second
+solution.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from rockjax._structures.modes import repeat_scalar, stack_row
 from rockjax._structures.superstructures import Oscillators
 from rockjax._types import Value, Values, Vector
 
-from .coefficients import Coefficients, Vibration, coefficients, present
+from .coefficients import Coefficients, Vibration, coefficients, not_none
 from .fast_forward import allowed
 from .fast_forward.samples import can_skip_samples
 from .model import acceleration, uplift_demand
@@ -51,8 +51,8 @@ def plan_for(
     - `vertical`: True if the ground also moves vertically
     """
     elastic = podium.vibrates
-    velocities = elastic or bool(podium.restrainers) or options.engine != "flat"
-    tab = tableau_for(options.method, velocities)  # pyright: ignore[reportArgumentType]
+    depends_on_velocities = elastic or bool(podium.restrainers) or options.engine != "flat"
+    tab = tableau_for(options.method, depends_on_velocities)  # pyright: ignore[reportArgumentType]
     requested = {output.name: output.of(podium) for output in options.requested if output.applies(podium)}
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
@@ -66,25 +66,26 @@ def plan_for(
     return Plan(
         elastic=elastic,
         outputs=outputs,
-        absent=tuple(output.of(podium) for name, output in REGISTRY.items() if name not in requested),
+        unrequested=tuple(output.of(podium) for name, output in REGISTRY.items() if name not in requested),
         tableau=tab,
         to_the_end=history,
         fast_forwards=tuple(name for name in names if name == "rest" or "rest" in names),
     )
 
 
-# In the closer solution rocking stops IMPACTS_LATER impacts later: the rest velocity is multiplied by
-# e^IMPACTS_LATER, limited to [MIN_REST, MAX_REST]. The factor is MIN_REST for rigid podiums that lose little
-# speed in an impact, 1 − e < LITTLE_LOSS · rtol.
-IMPACTS_LATER, MAX_REST, MIN_REST, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
+# In the second solution rocking stops IMPACTS_LATER impacts later: the rest velocity is multiplied by
+# e^IMPACTS_LATER, limited to [MIN_REST_FACTOR, MAX_REST_FACTOR]. The factor is MIN_REST_FACTOR if nothing
+# vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS · rtol.
+IMPACTS_LATER, MAX_REST_FACTOR, MIN_REST_FACTOR, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
 # A step ends on an event if their distance, divided by the length of the step, is at most LANDING · √rtol and
 # at most MAX_LANDING. A Taylor expansion at the end of the step then carries the state to the event.
 LANDING, MAX_LANDING = 10.0, 0.02
-# If a breakpoint is less than two steps away, the usual solution takes one step or two equal steps to it. The
-# first step of the closer solution covers a third of the distance, so that its errors differ. This also holds
-# if the proposed step is longer than the distance, but at most UNSPLIT_CLOSER times as long.
-SPLIT, SPLIT_CLOSER, UNSPLIT_CLOSER = 0.5, 1 / 3, 2.0
-LANDING_CLOSER = 0.1  # factor on the landing fraction in the closer solution, so that landing errors differ
+# If a breakpoint is less than two steps away, the first solution takes one step or two equal steps to it. In
+# the second solution, the first of two steps covers a third of the distance, so that its errors differ. The
+# second solution takes two steps even if one step would suffice, unless the proposed step is longer than
+# UNSPLIT_SECOND times the distance.
+SPLIT, SPLIT_SECOND, UNSPLIT_SECOND = 0.5, 1 / 3, 2.0
+LANDING_SECOND = 0.1  # factor on the landing fraction in the second solution, so that landing errors differ
 
 
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
@@ -98,17 +99,17 @@ def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
     return excitation.support[1] + after
 
 
-def _closer(options: Options, closer: Value | float, usual: Value | float) -> Value:
-    """Return `closer` if this is the closer solution, else `usual`."""
-    return jnp.where(options._stride < 1, closer, usual)
+def _by_solution(options: Options, second: Value | float, first: Value | float) -> Value:
+    """Return `second` in the second solution, else `first`."""
+    return jnp.where(options._stride < 1, second, first)
 
 
 def _estimate_factor(plan: Plan, options: Options) -> Value | None:
     """Return the factor on error estimates of unusually low order.
 
-    The order of an estimate is usually one lower than that of the method; then the result is None. An
-    estimate whose order is lower by another n is too large by the factor rtol^(−n/order) at the longest steps
-    that the tolerance allows.
+    An error estimate usually has the order of the method minus one; then the result is None. If its order is
+    lower by another n, the estimate is too large by the factor rtol^(−n/order) at the longest steps that the
+    tolerance allows.
     """
     missing_order = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (missing_order / plan.tableau.order) if missing_order else None
@@ -135,8 +136,8 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
     intervals = [component.sampling.dt for component in components if isinstance(component, AbstractSampled)]
     if len(intervals) == len(components):  # steps end on every sample, so they are at most one interval long
         shortest = functools.reduce(jnp.minimum, intervals)
-        max_excited_step = _closer(
-            options, jnp.minimum(max_excited_step, (1 - SPLIT_CLOSER) * shortest), max_excited_step
+        max_excited_step = _by_solution(
+            options, jnp.minimum(max_excited_step, (1 - SPLIT_SECOND) * shortest), max_excited_step
         )
     return max_excited_step
 
@@ -144,7 +145,7 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
 def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
     threshold = None if plan.follows_contact else c.uplift
     if isinstance(excitation, GroundMotion):
-        return excitation.lookahead(threshold, present(c.tilt))
+        return excitation.lookahead(threshold, not_none(c.uplift_slope))
     lookahead = excitation.lookahead(threshold)
     return lookahead.with_sides() if plan.of_joints and not plan.follows_contact else lookahead
 
@@ -153,20 +154,20 @@ def _landing_fraction(options: Options) -> Value:
     """Return the largest distance at which a step still ends on an event, divided by the length of the
     step."""
     fraction = jnp.minimum(LANDING * jnp.sqrt(options.rtol), MAX_LANDING)
-    return fraction * _closer(options, LANDING_CLOSER, 1.0)
+    return fraction * _by_solution(options, LANDING_SECOND, 1.0)
 
 
 def _rest_speed(c: Coefficients, options: Options) -> Value:
     """Return the speed below which columns come to rest after an impact [rad/s].
 
-    In the closer solution rocking stops some impacts later, which shows the error due to the rest velocity.
+    In the second solution rocking stops some impacts later, which shows the error due to the rest velocity.
     """
     relative = options.rtol if options.rest_velocity is None else options.rest_velocity
     e = jnp.clip(c.restitution, 0.0, 1.0)
-    closer_factor = jnp.clip(e**IMPACTS_LATER, MIN_REST, MAX_REST)
+    factor = jnp.clip(e**IMPACTS_LATER, MIN_REST_FACTOR, MAX_REST_FACTOR)
     if c.vibration is None:  # otherwise the superstructure also damps the hops
-        closer_factor = jnp.where(1 - e < LITTLE_LOSS * options.rtol, MIN_REST, closer_factor)
-    return relative * c.p * c.alpha * _closer(options, closer_factor, 1.0)
+        factor = jnp.where(1 - e < LITTLE_LOSS * options.rtol, MIN_REST_FACTOR, factor)
+    return relative * c.p * c.alpha * _by_solution(options, factor, 1.0)
 
 
 def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
@@ -231,12 +232,12 @@ def _scene(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest_speed=rest_speed,
         estimate_factor=_estimate_factor(plan, options),
-        skip_below=_closer(options, 0.0, 1.0),  # the closer solution skips no sample, to show the error
+        skip_below=_by_solution(options, 0.0, 1.0),  # the second solution skips no sample, to show the error
         log_restitution=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         min_impact_speed=constant(rest_speed / jnp.maximum(c.restitution, jnp.finfo(rest_speed.dtype).tiny)),
         landing_fraction=_landing_fraction(options),
-        split_fraction=_closer(options, SPLIT_CLOSER, SPLIT),
-        unsplit_limit=_closer(options, UNSPLIT_CLOSER, 1.0),
+        split_fraction=_by_solution(options, SPLIT_SECOND, SPLIT),
+        unsplit_limit=_by_solution(options, UNSPLIT_SECOND, 1.0),
         rtol=jnp.asarray(options.rtol),
         atol=jnp.asarray(options.atol),
         max_step=constant(max_step),

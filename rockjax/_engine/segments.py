@@ -231,7 +231,8 @@ class _Path(NamedTuple):
         - `quantity`: (t, x, v) ↦ the quantity
         - `accumulator`: largest value so far
 
-        If a maximum inside the segment may exceed the accumulator, the segment is solved again up to it.
+        If a maximum inside the segment may exceed the accumulator, the segment is solved again up to the time
+        of this maximum.
         """
         values = jnp.abs(jax.vmap(quantity)(self.times, *self.samples))
         k = jnp.argmax(values)

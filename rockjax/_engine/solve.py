@@ -129,7 +129,7 @@ def answers(
     ended = Ended(scene, state.t, state.x, state.v, state.code, state.overturn_time)
     for output, accumulator, note in zip(plan.outputs, state.accumulators, state.notes, strict=True):
         floats |= output.answer(ended, accumulator, note)
-    for output in plan.absent:
+    for output in plan.unrequested:
         floats |= output.absent(ended)
     state = state if final is None else final
     ratio = state.peak / scene.c.alpha

@@ -24,7 +24,7 @@ class Plan:
     - `elastic`: True if the superstructure vibrates
     - `outputs`: the outputs that are computed, the rotation first; each is a `rockjax._outputs`
       AbstractOutput
-    - `absent`: outputs that are not requested
+    - `unrequested`: outputs that are not requested
     - `tableau`: tableau of the Runge–Kutta method
     - `to_the_end`: True if the scene is integrated until t_end or final rest, for a history
     - `fast_forwards`: names of the fast-forwards that may be used (see `fast_forward/`)
@@ -32,7 +32,7 @@ class Plan:
 
     elastic: bool
     outputs: tuple[Any, ...]
-    absent: tuple[Any, ...]
+    unrequested: tuple[Any, ...]
     tableau: Tableau
     to_the_end: bool
     fast_forwards: tuple[str, ...]

@@ -205,9 +205,9 @@ def _advance(
     x, v, mode = transition(
         scene, sigma, x, v, ground, hit, lifted, guard.end_value, false_uplift, skipped.to_rest
     )
-    shaken = _shaken(scene, state, (piece != state.piece) & ~toppled, mode, x, v, ground)
-    if shaken is not None:
-        v, mode = shaken.v, shaken.sigma
+    ground_jump = _ground_jump(scene, state, (piece != state.piece) & ~toppled, mode, x, v, ground)
+    if ground_jump is not None:
+        v, mode = ground_jump.v, ground_jump.sigma
     mode = constant(mode) if replayed is None else replayed.mode
     x, v, mode = barrier((x, v, mode))
     uplifts = accepted & ~rocking & (mode != 0)
@@ -215,11 +215,11 @@ def _advance(
     # If bounces are skipped, `v` is zero. Outputs need the velocity just after the impact.
     theta_dot_after, _ = after_impact(scene, sigma, at_impact[1][0], guard.end_value)
     impact = Impact(scene.c, sigma, now, ground, *at_impact, (theta_dot_after, *v[1:]), mode)
-    end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact, shaken)
+    end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact, ground_jump)
     rows = zip(plan.outputs, state.accumulators, state.notes, outcome.largest, strict=True)
     updated = [output.update(end, accumulator, note, largest) for output, accumulator, note, largest in rows]
     accumulators, notes = (tuple(pair[k] for pair in updated) for k in (0, 1))
-    impacts = hit.astype(jnp.int32) + skipped.impacts + (0 if shaken is None else shaken.strikes)
+    impacts = hit.astype(jnp.int32) + skipped.impacts + (0 if ground_jump is None else ground_jump.strikes)
     is_first_uplift = uplifts & ~state.uplifted
     least = jnp.minimum(state.min_impact_speed, skipped.min_impact_speed)
     advanced = state._replace(
@@ -274,7 +274,7 @@ def _times(
     return scene.excitation.past(state.piece, at_breakpoint), stamp, now, shift
 
 
-def _shaken(scene: Scene, state: LoopState, is_passed: Flag, mode: Value, x: Vector, v: Vector, ground):
+def _ground_jump(scene: Scene, state: LoopState, is_passed: Flag, mode: Value, x: Vector, v: Vector, ground):
     """Return the effect of the ground's velocity jump at the end of the piece, with a jump of zero unless
     the step has passed this end (`is_passed`). Return None if the ground's velocity never jumps."""
     jump = scene.excitation.velocity_jump(state.piece)

@@ -57,14 +57,14 @@ def tableau(method: str | diffrax.AbstractERK) -> Tableau:
     return Tableau(order, order - 1, c, A, A @ A, b, b @ A, error, error @ A, entries["fsal"])
 
 
-def tableau_for(method: str | diffrax.AbstractERK, velocities: bool) -> Tableau:
+def tableau_for(method: str | diffrax.AbstractERK, depends_on_velocities: bool) -> Tableau:
     """Return the tableau that replaces a method: the Nyström method for `"dopri8"`, else the method's own.
 
     - `method`: name of an explicit method, or an explicit Diffrax solver
-    - `velocities`: whether accelerations depend on velocities; the Nyström method, which needs fewer stages,
-      is used only if they do not
+    - `depends_on_velocities`: whether accelerations depend on velocities. If they do not, the Nyström method
+      is used, which needs fewer stages
     """
-    return nystrom() if method == ORDER_8 and not velocities else tableau(method)
+    return nystrom() if method == ORDER_8 and not depends_on_velocities else tableau(method)
 
 
 @functools.cache

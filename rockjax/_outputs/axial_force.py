@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.coefficients import present
+from rockjax._engine.coefficients import not_none
 from rockjax._outputs.maxima import Maximum
 from rockjax._types import Flag, Value
 
@@ -39,8 +39,8 @@ class AxialForce(AbstractJointOutput):
         )
 
     def start(self, start: Start) -> tuple[Pairs, None]:
-        none = jnp.full((), -jnp.inf, start.t.dtype)
-        return ((none, none),) * 2, None
+        unset = jnp.full((), -jnp.inf, start.t.dtype)
+        return ((unset, unset),) * 2, None
 
     def over_step(self, step: Step, accumulator: Pairs) -> Maximum:
         axial = [
@@ -92,5 +92,5 @@ class Unloading(AxialForce):
 
     def answer(self, ended: Ended, accumulator: Pairs, note: Any) -> dict[str, Any]:
         least = super().answer(ended, accumulator, note)["least_axial_force"]
-        load = present(ended.scene.c.joints).dead_load
+        load = not_none(ended.scene.c.joints).dead_load
         return {self.name: jnp.where(load > 0, 1 - least / jnp.where(load > 0, load, 1.0), 0.0)}

@@ -129,8 +129,8 @@ class AbstractOutput:
         return jnp.zeros(shape.shape, shape.dtype), None
 
     def over_step(self, step: Step, accumulator: Any) -> Maximum | None:
-        """Return the largest value in a step, and the fraction of the step to try next to end on this
-        maximum; None if the accumulator depends only on the ends of steps."""
+        """Return the `Maximum` of the quantity over a step, or None if the accumulator depends only on the
+        ends of steps."""
         return step.largest(step.course(self.quantity), accumulator)
 
     def at_impact(self, impact: Impact) -> Any:

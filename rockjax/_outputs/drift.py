@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, all_true
-from rockjax._engine.coefficients import Coefficients, present
+from rockjax._engine.coefficients import Coefficients, not_none
 from rockjax._outputs.maxima import END_ZONE_QUINTIC, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
@@ -42,7 +42,7 @@ class PeakDrift(AbstractStoryOutput):
         return step.largest(drifts, accumulator, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima)
 
     def is_final(self, bounds: Bounds, accumulator: Values) -> Flag:
-        frequencies = jnp.sqrt(present(bounds.c.vibration).omega2)
+        frequencies = jnp.sqrt(not_none(bounds.c.vibration).omega2)
         bound = jax.vmap(lambda weights: bounds.modal_sum(weights / frequencies))(_weights(bounds.c))
         return all_true(bound < accumulator)
 
@@ -57,4 +57,4 @@ def drift_weights(floors: Values) -> Values:
 
 
 def _weights(c: Coefficients) -> Values:
-    return drift_weights(present(present(c.modal).floors))
+    return drift_weights(not_none(not_none(c.modal).floors))

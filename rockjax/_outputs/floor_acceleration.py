@@ -9,14 +9,14 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, all_true
-from rockjax._engine.coefficients import present
-from rockjax._engine.model import beam_absolute, floor_accelerations
+from rockjax._engine.coefficients import not_none
+from rockjax._engine.model import floor_accelerations
 from rockjax._outputs.maxima import Maximum
 from rockjax._types import Flag, Values
 
 from .shear import PeakShear
 from .stories import AbstractStoryOutput
-from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
+from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step, deck_acceleration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,8 +35,9 @@ class PeakFloorAcceleration(AbstractStoryOutput):
     by_default = True
 
     def quantity(self, moment: Moment) -> Values:
-        arguments = moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a
-        return floor_accelerations(*arguments) if self.elastic else beam_absolute(*arguments) / moment.c.g
+        if not self.elastic:
+            return deck_acceleration(moment) / moment.c.g
+        return floor_accelerations(moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a)
 
     def start(self, start: Start) -> tuple[Values, None]:
         return jnp.zeros(self.stories if self.elastic else (), start.t.dtype), None
@@ -44,9 +45,9 @@ class PeakFloorAcceleration(AbstractStoryOutput):
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
         if not self.elastic:
             return _BEAM.over_step(step, accumulator)
-        carried = step.carrier()
-        floors = jax.vmap(carried)(present(present(step.c.modal).floors))
-        return step.largest(floors, accumulator, step.end_zone_of_forces)
+        force = step.inertia_force()
+        floors = jax.vmap(force)(not_none(not_none(step.c.modal).floors))
+        return step.largest(floors, accumulator, step.floor_end_zone)
 
     def over_rest(self, rest: Rest, accumulator: Values) -> Values:
         return _BEAM.over_rest(rest, accumulator)
@@ -60,7 +61,9 @@ class PeakFloorAcceleration(AbstractStoryOutput):
     def is_final(self, bounds: Bounds, accumulator: Values) -> Flag:
         if not self.elastic:
             return _BEAM.is_final(bounds, accumulator)
-        return all_true(jax.vmap(bounds.carried)(present(present(bounds.c.modal).floors)) < accumulator)
+        return all_true(
+            jax.vmap(bounds.floor_acceleration)(not_none(not_none(bounds.c.modal).floors)) < accumulator
+        )
 
     def answer(self, ended: Ended, accumulator: Values, note: Any) -> dict[str, Any]:
         return (

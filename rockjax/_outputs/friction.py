@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.coefficients import present
+from rockjax._engine.coefficients import not_none
 from rockjax._engine.ratio import safe_ratio
 from rockjax._outputs.maxima import NEAR_MAXIMUM, ROUNDING, Cubic, Maximum
 from rockjax._programs.barrier import barrier
@@ -25,7 +25,7 @@ Accumulator = tuple[Value, ...]
 Forces = tuple[Force, Force]
 
 
-def _top(tangential: Cubic, axial: Cubic, level: Force) -> tuple[Value, Flag]:
+def _interior_maximum(tangential: Cubic, axial: Cubic, level: Force) -> tuple[Value, Flag]:
     """Return the position z of the interior maximum of T·N_0 − T_0·N for a force (T_0, N_0), and whether
     there is one. Where this difference is positive, (T, N) is steeper than (T_0, N_0)."""
     a, b, c = (
@@ -44,8 +44,8 @@ def _top(tangential: Cubic, axial: Cubic, level: Force) -> tuple[Value, Flag]:
 def steepest(
     tangential: Course, axial: Course, span: Span, accumulator: Force, zone: Value
 ) -> tuple[Force, Value]:
-    """Return the steepest force in a step, which has the largest angle from the vertical, and the fraction of
-    the step to try next to end there.
+    """Return the steepest force in a step, which has the largest angle from the vertical, and the
+    `retry_fraction` of a `Maximum`.
 
     - `tangential`, `axial`: T and N over the step
     - `span`: times of the step
@@ -87,10 +87,10 @@ def steepest(
     def force_at(z: Value, paths: tuple[Cubic, Cubic]) -> Force:
         return Force(*[path.value(z) for path in paths])
 
-    z, exists = barrier(_top(*fixed, level))
+    z, exists = barrier(_interior_maximum(*fixed, level))
     found = force_at(z, fixed)
-    closer, is_closer = _top(*fixed, found)
-    z = barrier(jnp.where(exists & is_closer & found.is_steeper(level), closer, z))
+    refined, is_refined = _interior_maximum(*fixed, found)
+    z = barrier(jnp.where(exists & is_refined & found.is_steeper(level), refined, z))
     found = force_at(z, paths)
     left, right = found.size * level.axial, level.size * found.axial
     rounding = ROUNDING * jnp.finfo(h.dtype).eps * (jnp.abs(left) + jnp.abs(right))
@@ -102,7 +102,7 @@ def steepest(
 
 @dataclasses.dataclass(frozen=True)
 class PeakFriction(AbstractJointOutput):
-    """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
+    """The largest friction demand max|T|/N at the bottom and the top joint of the worst column.
 
     The accumulator contains the force with the largest angle from the vertical. Unlike |T|/N, the angle is
     smooth at N = 0.
@@ -118,8 +118,8 @@ class PeakFriction(AbstractJointOutput):
 
     def start(self, start: Start) -> tuple[Forces, None]:
         zero = jnp.zeros((), start.t.dtype)
-        none = Force(zero, zero + 1)
-        return (none, none), None
+        no_force = Force(zero, zero + 1)
+        return (no_force, no_force), None
 
     def over_step(self, step: Step, accumulator: Forces) -> Maximum:
         tangential, axial, _ = over_step(step)
@@ -127,7 +127,7 @@ class PeakFriction(AbstractJointOutput):
         for joint, so_far in enumerate(accumulator):
             worst = None
             for courses in zip(tangential[joint], axial[joint], strict=True):
-                force, retry_fraction = steepest(*courses, step.span, so_far, step.zone_of_forces)
+                force, retry_fraction = steepest(*courses, step.span, so_far, step.joint_end_zone)
                 worst = force if worst is None else force.steeper(worst)
                 fraction = jnp.minimum(fraction, retry_fraction)
             values.append(worst)
@@ -206,6 +206,6 @@ class FrictionUse(AbstractJointOutput):
         return all_of(itertools.starmap(holds, zip(*pairs, strict=True)))
 
     def answer(self, ended: Ended, accumulator: Accumulator, note: Any) -> dict[str, Any]:
-        capacity = self.limit * ended.scene.c.g * present(ended.scene.c.joints).dead_load
+        capacity = self.limit * ended.scene.c.g * not_none(ended.scene.c.joints).dead_load
         use = 1 + jnp.stack(accumulator) / jnp.where(capacity > 0, capacity, 1.0)
         return {self.name: self.nan_if_weightless(ended, jnp.where(capacity > 0, use, 0.0))}

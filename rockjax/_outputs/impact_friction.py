@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
-from rockjax._engine.coefficients import Coefficients, present
+from rockjax._engine.coefficients import Coefficients, not_none
 from rockjax._outputs.joint_forces import sway_of_modes
 from rockjax._types import Flag, Value, Values
 
@@ -22,14 +22,14 @@ Extremes = tuple[Value, Value]
 ROUNDING = 1e-12  # relative differences below this are rounding
 
 
-def _tilt(c: Coefficients, sway: Value | float) -> Value:
+def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
     """Return the difference between the axial impulses of two columns at an impact from σ = 1, divided by the
-    distance between the columns and by |θ̇⁻|, (F14).
+    distance between the columns and by |θ̇⁻|; (F8) for impulses.
 
     - `sway`: Σ η_id_i over the modes with the deformations d_i [m]
     """
-    joints = present(c.joints)
-    arms, mean = present(joints.arms), joints.impulses
+    joints = not_none(c.joints)
+    arms, mean = not_none(joints.arms), joints.impulses
     half_width = 0.5 * c.two_R * c.sin_alpha
     moment = (
         mean.rise * sway - arms.beam * mean.sway - joints.impulse_eccentricity * half_width * mean.axial[1]
@@ -40,11 +40,11 @@ def _tilt(c: Coefficients, sway: Value | float) -> Value:
 @dataclasses.dataclass(frozen=True)
 class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean J_N of all
-    columns, at the bottom and the top joint of the worst column, (F12), (F14).
+    columns, at the bottom and the top joint of the worst column, (F12), (F8).
 
-    The axial impulse of a column at x_i differs from the mean by x_i times `_tilt`, which has the other sign
-    for impacts from σ = −1. All answers are monotone in this product. The accumulator contains the largest
-    values of tilt and −tilt; −inf before the first impact.
+    The axial impulse of a column at x_i differs from the mean by x_i times `_impulse_gradient`, with the
+    opposite sign for impacts from σ = −1. All answers are monotone in this product. The accumulator contains
+    the largest values of the gradient and of its negative; −inf before the first impact.
     """
 
     name = "impact_friction"
@@ -71,35 +71,35 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
         )
 
     def start(self, start: Start) -> tuple[Extremes, None]:
-        none = jnp.full((), -jnp.inf, start.t.dtype)
-        return (none, none), None
+        unset = jnp.full((), -jnp.inf, start.t.dtype)
+        return (unset, unset), None
 
     def over_step(self, step: Step, accumulator: Extremes) -> None:
         del step, accumulator
 
     def at_impact(self, impact: Impact) -> Extremes:
         c, sigma = impact.c, impact.sigma
-        if present(c.joints).arms is None:
+        if not_none(c.joints).arms is None:
             zero = jnp.zeros_like(c.alpha)
             return zero, zero
-        tilt = sigma * _tilt(c, sigma * sway_of_modes(c, sigma, impact.x))
-        return tilt, -tilt
+        gradient = sigma * _impulse_gradient(c, sigma * sway_of_modes(c, sigma, impact.x))
+        return gradient, -gradient
 
     def over_bounces(self, bounces: Bounces, accumulator: Extremes) -> Flag:
         return _is_unchanged(bounces.c, 0.0, accumulator)
 
     def is_final(self, bounds: Bounds, accumulator: Extremes) -> Flag:
         c, sway = bounds.c, 0.0
-        if c.vibration is not None and present(c.joints).arms is not None:
+        if c.vibration is not None and not_none(c.joints).arms is not None:
             sway = bounds.modal_sum(c.etas / jnp.sqrt(c.vibration.omega2))
         return bounds.rests | _is_unchanged(c, sway, accumulator)
 
     def answer(self, ended: Ended, accumulator: Extremes, note: Any) -> dict[str, Any]:
         c = ended.scene.c
-        has_impact, joints = accumulator[0] > -jnp.inf, present(c.joints)
+        has_impact, joints = accumulator[0] > -jnp.inf, not_none(c.joints)
         lean = joints.impulse_eccentricity * c.sin_alpha / c.cos_alpha
-        tilts = [jnp.where(has_impact, y, 0.0) for y in (accumulator[0], -accumulator[1])]
-        changes = [x * tilt for x in end_offsets(c) or (0.0,) for tilt in tilts]
+        gradients = [jnp.where(has_impact, y, 0.0) for y in (accumulator[0], -accumulator[1])]
+        changes = [x * gradient for x in end_offsets(c) or (0.0,) for gradient in gradients]
         demands, shares = [], []
         for horizontal, axial in zip(joints.impulses.horizontal, joints.impulses.axial, strict=True):
             is_loaded = axial > 0
@@ -122,7 +122,8 @@ def _is_unchanged(c: Coefficients, sway: Value | float, accumulator: Extremes) -
     if ends is None:  # all impacts have the same ratios
         return largest > -jnp.inf
     bound = jax.lax.stop_gradient(
-        jnp.maximum(jnp.abs(_tilt(c, sway)), jnp.abs(_tilt(c, -sway))) * jnp.maximum(-ends[0], ends[1])
+        jnp.maximum(jnp.abs(_impulse_gradient(c, sway)), jnp.abs(_impulse_gradient(c, -sway)))
+        * jnp.maximum(-ends[0], ends[1])
     )
     raised = jnp.maximum(ends[1] * largest, -ends[0] * negative)  # largest increase of an axial impulse
     lowered = jnp.maximum(ends[1] * negative, -ends[0] * largest)

@@ -1,4 +1,4 @@
-"""Forces in the joints of the columns, and impulses at impacts; equations (F1) to (F14) of docs/forces.md.
+"""Forces in the joints of the columns, and impulses at impacts, with the equations of docs/forces.md.
 
 A force (T, N) acts at a joint on the body above the joint: T horizontally in the direction of motion, N
 upwards, so that N > 0 is compression. Forces are per column and divided by m_c [m/s²]. They follow from the
@@ -12,8 +12,15 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from rockjax._engine.coefficients import Coefficients, present, weighted
-from rockjax._engine.model import beam, beam_absolute, beam_acceleration, beam_rise, elongation, horizontal
+from rockjax._engine.coefficients import Coefficients, not_none, weighted
+from rockjax._engine.model import (
+    beam,
+    beam_absolute_acceleration,
+    beam_acceleration,
+    beam_vertical_acceleration,
+    elongation,
+    horizontal,
+)
 from rockjax._engine.ratio import safe_ratio
 from rockjax._excitations.base import Shaking
 from rockjax._programs.barrier import barrier
@@ -23,7 +30,7 @@ from rockjax._types import Value, Values, Vector
 
 
 class DeviceForces(NamedTuple):
-    """Compression of the bottom and the top joint by restrainers, divided by m_c, (F2) [m/s²]."""
+    """Compression of the bottom and the top joint by restrainers, divided by m_c [m/s²]."""
 
     bottom: Value | float
     top: Value | float
@@ -33,11 +40,11 @@ class MeanForces(NamedTuple):
     """Forces of the mean column divided by m_c [m/s²].
 
     - `bottom`, `top`: (T, N) at the joints, (F3)
-    - `foundation`: (V, W), horizontal and vertical force on the foundation, (F5)
-    - `eccentricity`: position of the resultants divided by half the width of a column: ξ in full contact,
-      (F10), and σ while rocking
-    - `lean`: ratio −ΔT_i/ΔN_i of the differences between columns: ξ tan α in full contact, (F11), and tan ψ
-      while rocking, (F9)
+    - `foundation`: (V, W), horizontal and vertical force on the foundation
+    - `eccentricity`: position of the resultants divided by half the width of a column: ξ in full contact, and
+      σ while rocking
+    - `lean`: ratio −ΔT_i/ΔN_i, where ΔT_i and ΔN_i are the forces of column i minus those of the mean column:
+      ξ tan α in full contact, and tan ψ while rocking
     """
 
     bottom: tuple[Value, Value]
@@ -48,7 +55,7 @@ class MeanForces(NamedTuple):
 
 
 def device_forces(c: Coefficients, sigma: Value, x: Vector, v: Vector, a: Vector) -> DeviceForces:
-    """Return the forces of the restrainers at the joints, (F2).
+    """Return the forces of the restrainers at the joints.
 
     - `c`: constants of the podium; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `x`, `v`, `a`: positions, velocities and accelerations
@@ -72,30 +79,30 @@ def device_forces(c: Coefficients, sigma: Value, x: Vector, v: Vector, a: Vector
 
 def springs(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Values:
     """Return the spring forces F_i = ω_i²(u_i−u_b) + 2ζ_iω_i(u̇_i−u̇_b) of the modes, Eq. (7) [m/s²]."""
-    modes = present(c.vibration)
+    modes = not_none(c.vibration)
     sway, rate = beam(c, sigma, x[0], v[0])
     return modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - rate)
 
 
 def total_weight(c: Coefficients) -> Value:
     """Return the total weight W_0 divided by N m_c [m/s²]."""
-    return (1 + present(c.joints).gamma + c.eta) * c.g
+    return (1 + not_none(c.joints).gamma + c.eta) * c.g
 
 
 def mean_forces(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> MeanForces:
-    """Return the forces of the mean column, (F1) to (F5), (F9) to (F11).
+    """Return the forces of the mean column, (F3).
 
     - `c`: constants of the podium, including the joints; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     """
-    joints = present(c.joints)
+    joints = not_none(c.joints)
     gamma, eta = joints.gamma, c.eta
     s, cos = sincos(sigma * c.alpha - x[0])
     rotation = sigma, x[0], v[0], a[0]
-    sway, rise = beam_acceleration(c, *rotation), beam_rise(c, *rotation)
+    sway, rise = beam_acceleration(c, *rotation), beam_vertical_acceleration(c, *rotation)
     ground_horizontal, weight = horizontal(ground), c.g + _vertical(ground)
     device_bottom, device_top = device_forces(c, sigma, x, v, a)
     half, cos_half = sincos(0.5 * x[0])
@@ -120,19 +127,19 @@ def mean_forces(
 def overturning_moment(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> Value:
-    """Return the overturning moment on the columns divided by N m_c, clockwise, (F6) [m²/s²].
+    """Return the overturning moment on the columns divided by N m_c, clockwise [m²/s²].
 
     - `c`: constants of a podium with an elevation; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     """
-    arms = present(present(c.joints).arms)
-    beam_moment = -arms.beam * beam_absolute(c, sigma, ground, x, v, a)
+    arms = not_none(not_none(c.joints).arms)
+    beam_moment = -arms.beam * beam_absolute_acceleration(c, sigma, ground, x, v, a)
     if c.vibration is None:
         return beam_moment
-    rise = beam_rise(c, sigma, x[0], v[0], a[0])
+    rise = beam_vertical_acceleration(c, sigma, x[0], v[0], a[0])
     weight_moment = (c.g + _vertical(ground) + rise) * sway_of_modes(c, sigma, x)
-    return beam_moment + weighted(present(arms.modes), springs(c, sigma, x, v)) + weight_moment
+    return beam_moment + weighted(not_none(arms.modes), springs(c, sigma, x, v)) + weight_moment
 
 
 def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, offsets: Values) -> Values:
@@ -143,7 +150,7 @@ def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, 
     - `axial`: N_t of the mean column [m/s²]
     - `offsets`: positions of the columns from their mean [m]
     """
-    arms = present(present(c.joints).arms)
+    arms = not_none(not_none(c.joints).arms)
     half_width = 0.5 * c.two_R * c.sin_alpha
     return offsets * ((moment + eccentricity * half_width * axial) / arms.mean_square)
 
@@ -158,7 +165,7 @@ def column_forces(
     offsets: Sequence[Values] | None,
     mean: MeanForces | None = None,
 ) -> tuple[list[Values], list[Values]]:
-    """Return T and N at the joints of columns, (F8) to (F11) [m/s²]: at the bottom joint for every element of
+    """Return T and N at the joints of columns, (F8) [m/s²]: at the bottom joint for every element of
     `offsets`, then at the top joint.
 
     - `c`: constants of the podium, including the joints; `sigma`: contact mode σ ∈ {−1, 0, 1}
@@ -181,7 +188,7 @@ def column_forces(
 def impulses_of_columns(
     c: Coefficients, sigma: Value, speed: Value, sway: Value | float, offsets: Sequence[Values] | None
 ) -> tuple[list[Values], list[Values]]:
-    """Return the impulses J_T and J_N of an impact at the joints of columns, divided by m_c, (F12) to (F14)
+    """Return the impulses J_T and J_N of an impact at the joints of columns, divided by m_c, (F12), (F8)
     [m/s]: at the bottom joint for every element of `offsets`, then at the top joint.
 
     - `c`: constants of the podium, including the joints; `sigma`: contact mode before the impact
@@ -189,13 +196,13 @@ def impulses_of_columns(
     - `sway`: result of `sway_of_modes` [m]
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
     """
-    joints = present(c.joints)
+    joints = not_none(c.joints)
     mean = joints.impulses
     tangential, axial = [sigma * speed * y for y in mean.horizontal], [speed * y for y in mean.axial]
     if offsets is None:
         return tangential, axial
     eccentricity = -sigma * joints.impulse_eccentricity
-    moment = mean.rise * sway - present(joints.arms).beam * mean.sway * sigma
+    moment = mean.rise * sway - not_none(joints.arms).beam * mean.sway * sigma
     transferred = [transfer(c, speed * moment, eccentricity, axial[1], y) for y in offsets]
     lean = eccentricity * (c.sin_alpha / c.cos_alpha)
     return (

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from rockjax import _results as results
 from rockjax._engine.bounds import Bounds
-from rockjax._engine.coefficients import Coefficients, present
+from rockjax._engine.coefficients import Coefficients, not_none
 from rockjax._excitations.ground import GroundMotion
 from rockjax._outputs.joint_forces import column_forces, mean_forces
 from rockjax._programs.barrier import barrier
@@ -58,7 +58,7 @@ def end_offsets(c: Coefficients) -> tuple[Value, Value] | None:
     """Return the positions of the first and the last column relative to the mean of all columns [m]; None if
     no elevation is given. Forces and friction are monotone from column to column, so one of these two is the
     worst."""
-    arms = present(c.joints).arms
+    arms = not_none(c.joints).arms
     return None if arms is None else (jnp.min(arms.offsets), jnp.max(arms.offsets))
 
 

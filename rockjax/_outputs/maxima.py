@@ -108,9 +108,9 @@ def largest(
     end_zone: float = END_ZONE_QUINTIC,
     shortens_step: bool = True,
     sizes: Sizes = "absolute",
-    zone_of_force: Value | None = None,
+    joint_end_zone: Value | None = None,
 ) -> Maximum:
-    """Return max|f| in a step, and the fraction of the step to try next to end on this maximum.
+    """Return the `Maximum` of |f| over a step.
 
     - `path`: f(z) on z ∈ [0, 1]
     - `h`: length of the step [s]
@@ -121,7 +121,7 @@ def largest(
     - `shortens_step`: whether steps are shortened at all
     - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f;
       `accumulator` has the same form
-    - `zone_of_force`: for forces in the joints, replaces `end_zone`; None for other quantities
+    - `joint_end_zone`: for forces in the joints, replaces `end_zone`; None for other quantities
 
     If f turns twice in the step, and one of these extrema may exceed the accumulator, the step to try next
     ends between them. For forces, an extremum must also exceed both ends: where a force grows by orders of
@@ -158,12 +158,12 @@ def largest(
             threshold = so_far - jnp.where(jnp.isfinite(so_far), NEAR_MAXIMUM * jnp.abs(so_far), 0.0)
         shortens = shortens_step & turned & exceeds_ends & (value > threshold)
         size_of_dip = size_at_z + change  # bound of |f| at both turning points
-        if zone_of_force is not None:
+        if joint_end_zone is not None:
             threshold = jnp.maximum(threshold, largest_end - NEAR_MAXIMUM * jnp.abs(largest_end))
         else:
             size_of_dip = jnp.maximum(largest_end, size_of_dip)
         shortens |= long & dips & (size_of_dip > threshold)
-        zone = end_zone if zone_of_force is None else zone_of_force
+        zone = end_zone if joint_end_zone is None else joint_end_zone
         shortens &= (z > zone) & (z < 1 - zone)
         values.append(value)
         fractions.append(jnp.where(shortens, z, jnp.inf))

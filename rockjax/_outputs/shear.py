@@ -57,7 +57,7 @@ class PeakShear(AbstractOutput):
         if modal is None:
             course, end_zone = step.spring_forces, END_ZONE_QUINTIC
         else:
-            course, end_zone = step.carrier()(modal.shares), step.end_zone_of_forces
+            course, end_zone = step.inertia_force()(modal.shares), step.floor_end_zone
         force = step.largest(course, accumulator * step.c.g, end_zone)
         return force._replace(value=force.value / step.c.g)
 
@@ -73,12 +73,12 @@ class PeakShear(AbstractOutput):
     def is_final(self, bounds: Bounds, accumulator: Value) -> Flag:
         modal = bounds.c.modal
         if modal is not None:
-            return bounds.carried(modal.shares) < accumulator * bounds.c.g
-        return bounds.force() < accumulator * bounds.c.g
+            return bounds.floor_acceleration(modal.shares) < accumulator * bounds.c.g
+        return bounds.base_shear() < accumulator * bounds.c.g
 
     def absent(self, ended: Ended) -> dict[str, Any]:
-        absent = jnp.full_like(ended.t, jnp.nan) if self.superstructure else jnp.zeros_like(ended.t)
-        return {self.name: absent}
+        value = jnp.full_like(ended.t, jnp.nan) if self.superstructure else jnp.zeros_like(ended.t)
+        return {self.name: value}
 
 
 def stays_below(sample: Sample, accumulator: Value) -> Flag:

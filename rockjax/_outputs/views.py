@@ -17,10 +17,10 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.attempt import Attempt
-from rockjax._engine.coefficients import Coefficients, Vibration, present, summed, weighted
+from rockjax._engine.coefficients import Coefficients, Vibration, not_none, summed, weighted
 from rockjax._engine.guard import Guard
 from rockjax._engine.hermite import Quintic, is_long, quintic
-from rockjax._engine.model import acceleration, beam, beam_absolute, beam_acceleration
+from rockjax._engine.model import acceleration, beam, beam_absolute_acceleration, beam_acceleration
 from rockjax._engine.ratio import safe_ratio
 from rockjax._engine.state import LoopState, Scene
 from rockjax._engine.transitions import Jolt
@@ -74,7 +74,7 @@ class Moment(NamedTuple):
 
 def deck_acceleration(moment: Moment) -> Value:
     """Return the absolute horizontal acceleration of the deck a_b, (L1) [m/s²]."""
-    return beam_absolute(moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a)
+    return beam_absolute_acceleration(moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a)
 
 
 Quantity = Callable[[Moment], Any]  # returns values, or a tuple of values
@@ -224,7 +224,7 @@ class Step:
     @functools.cached_property
     def spring_forces(self) -> Course:
         """Force of each mode's spring and damper divided by the modal mass, Eq. (7) [m/s²]."""
-        modes: Vibration = present(self.c.vibration)
+        modes: Vibration = not_none(self.c.vibration)
         start, end = barrier(
             [
                 (modes.omega2 * d + modes.damping * r, modes.omega2 * r + modes.damping * s)
@@ -235,8 +235,8 @@ class Step:
         return Course(path, start, end)
 
     @functools.cached_property
-    def _base(self) -> Course | None:
-        """Absolute acceleration of the residual mass, which moves with the beam; None if there is none."""
+    def _residual_acceleration(self) -> Course | None:
+        """Absolute acceleration of the residual mass, which moves with the beam; None without such a mass."""
         modal = self.c.modal
         if modal is None or modal.residual is None:
             return None
@@ -245,16 +245,16 @@ class Step:
         return deck._replace(path=Quintic(path.c0, path.c1, path.c2, path.c3, zero, zero))
 
     @property
-    def end_zone_of_forces(self) -> float:
-        """`end_zone` of `largest` for the results of `carrier()`."""
-        return END_ZONE_QUINTIC if self._base is None else END_ZONE_CUBIC
+    def floor_end_zone(self) -> float:
+        """Argument `end_zone` of `largest` for the inertia forces of floors."""
+        return END_ZONE_QUINTIC if self._residual_acceleration is None else END_ZONE_CUBIC
 
-    def carrier(self) -> Callable[[Values], Course]:
-        """Return the function that maps weights w_i of the modes to Σ w_i F_i + (Σ w_i − 1) a_b over the step
-        [m/s²]: the spring forces, and the inertia force of the residual mass, which moves with the beam."""
-        springs, base = self.spring_forces, self._base
+    def inertia_force(self) -> Callable[[Values], Course]:
+        """Return the function that maps the weights w_i of the modes to the inertia force of a floor over the
+        step, per mass: Σ w_i F_i + (Σ w_i − 1) a_b, which is minus the acceleration of (L2) [m/s²]."""
+        springs, base = self.spring_forces, self._residual_acceleration
 
-        def carried(weights: Values) -> Course:
+        def force(weights: Values) -> Course:
             of_springs = springs.summed(weights)
             if base is None:
                 return of_springs
@@ -263,7 +263,7 @@ class Step:
                 lambda of_spring, of_base: of_spring + base_weight * of_base, of_springs, base
             )
 
-        return carried
+        return force
 
     def cut_at_turn(self, shortens_step: Flag) -> Value:
         """Return the fraction of the step up to the guard's turning point, or inf if not `shortens_step`.
@@ -282,8 +282,7 @@ class Step:
         shortens_step: bool = True,
         sizes: Sizes = "absolute",
     ) -> Maximum:
-        """Return the largest value of a quantity f in the step, and the fraction of the step to try next to
-        end on this maximum.
+        """Return the `Maximum` of a quantity f over the step.
 
         - `course`: the quantity over the step
         - `accumulator`: largest value so far
@@ -299,7 +298,7 @@ class Step:
         return End(*course.start, self.span.before), End(*course.end, self.span.after)
 
     @functools.cached_property
-    def zone_of_forces(self) -> Value:
+    def joint_end_zone(self) -> Value:
         """Fraction of the step at both ends where a maximum of a force needs no shorter step."""
         zone = END_ZONE_FORCES * jnp.sqrt(jnp.sqrt(self.scene.rtol))
         return jnp.clip(zone, LEAST_END_ZONE, LARGEST_END_ZONE)
@@ -307,8 +306,8 @@ class Step:
     def largest_forces(
         self, groups: Sequence[Sequence[Course]], accumulators: Sequence[Any], sizes: Sizes = "absolute"
     ) -> Maximum:
-        """Return a tuple of the largest values of groups of forces in the step, and the least fraction of the
-        step to try next.
+        """Return the `Maximum` of groups of forces over the step: the largest value of each group, and the
+        least `retry_fraction`.
 
         - `groups`: the forces over the step, such as those of both end columns
         - `accumulators`: largest value so far of each group
@@ -324,7 +323,7 @@ class Step:
                     accumulator,
                     self._ends(course),
                     sizes=sizes,
-                    zone_of_force=self.zone_of_forces,
+                    joint_end_zone=self.joint_end_zone,
                 )
                 for course in group
             ]

@@ -10,7 +10,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from rockjax._engine.coefficients import present
+from rockjax._engine.coefficients import not_none
 from rockjax._engine.model import horizontal_demand
 from rockjax._excitations.base import Shaking
 from rockjax._outputs.base import AbstractOutput
@@ -36,7 +36,7 @@ class UpliftRatio(AbstractOutput):
         c, ground = moment.c, moment.ground
         demand = horizontal_demand(c, ground, moment.x, moment.v) / c.uplift
         threshold_change = (
-            present(c.tilt) * ground.vertical / c.uplift if isinstance(ground, Shaking) else 0.0
+            not_none(c.uplift_slope) * ground.vertical / c.uplift if isinstance(ground, Shaking) else 0.0
         )
         return jnp.stack([demand - threshold_change, -demand - threshold_change])
 

@@ -18,7 +18,14 @@ from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import array_module, as_array, as_float, concrete, format_value, require_number
 from rockjax._engine.flat import Nodes
-from rockjax._engine.model import acceleration, beam, beam_absolute, beam_climb, beam_rise, horizontal
+from rockjax._engine.model import (
+    acceleration,
+    beam,
+    beam_absolute_acceleration,
+    beam_vertical_acceleration,
+    beam_vertical_velocity,
+    horizontal,
+)
 from rockjax._excitations.base import AbstractExcitation, Shaking
 from rockjax._motions.record import Record
 from rockjax._oscillators import Load
@@ -101,9 +108,9 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
         motion = Bodies(
             joined(x[1:], u_b),
             joined(v[1:], u_b_dot),
-            joined([y + u_g for y in a[1:]], beam_absolute(c, sigma, ground, x, v, a)),
-            beam_climb(c, sigma, x[0], v[0]),
-            beam_rise(c, sigma, x[0], v[0], a[0]) + v_g,
+            joined([y + u_g for y in a[1:]], beam_absolute_acceleration(c, sigma, ground, x, v, a)),
+            beam_vertical_velocity(c, sigma, x[0], v[0]),
+            beam_vertical_acceleration(c, sigma, x[0], v[0], a[0]) + v_g,
             jnp.stack([u_g, v_g]),
         )
         inside = (t >= nodes.t[0]) & (t <= end)

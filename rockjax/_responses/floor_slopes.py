@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._engine.coefficients import present
+from rockjax._engine.coefficients import not_none
 from rockjax._engine.flat import Nodes
 from rockjax._engine.solve import solve
 from rockjax._excitations.base import AbstractExcitation
@@ -77,7 +77,7 @@ def solved(
         (_, nodes), (_, (piece, used)) = solve(structure, motion, initial, t_end, options, history)
         top = structure.superstructure
         stories = None if top is None or not levels else top.story_weights
-        weights = [present(stories)[level - 1] for level in levels]
+        weights = [not_none(stories)[level - 1] for level in levels]
         return (nodes, motion.breakpoints, motion.support[0], weights), (piece, used)
 
     ones = jnp.ones(len(names))

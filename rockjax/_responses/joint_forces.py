@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._engine.coefficients import present
+from rockjax._engine.coefficients import not_none
 from rockjax._engine.model import acceleration
 from rockjax._outputs.base import JOINT_NAMES, JOINTS
 from rockjax._outputs.joint_forces import (
@@ -63,7 +63,7 @@ def series_at(scene: history.Solved, t, left) -> dict[str, Array]:
     """Return the quantities of `SERIES` at times t (n,), or just before them where `left` (n,), by name."""
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
-    arms = present(c.joints).arms
+    arms = not_none(c.joints).arms
     weight = total_weight(c)
 
     def at_time(time, is_left):
@@ -98,7 +98,7 @@ def impulses_at(scene: history.Solved, times) -> Array:
     joints and (J_T, J_N). Where a time is NaN, so are the impulses."""
     podium, excitation, nodes, _, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
-    arms = present(c.joints).arms
+    arms = not_none(c.joints).arms
 
     def at_impact(impact_time):
         is_impact = jnp.isfinite(impact_time)

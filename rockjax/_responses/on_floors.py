@@ -13,7 +13,7 @@ from jax.core import Tracer
 
 from rockjax import _results as results
 from rockjax._checks import concrete, format_value
-from rockjax._engine.coefficients import present
+from rockjax._engine.coefficients import not_none
 from rockjax._engine.flat import solve_scene
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.solve import answers
@@ -62,7 +62,7 @@ class JoltFriction(AbstractOutput):
 
     def update(self, end: StepEnd, accumulator: Force, note: Any, largest: Any) -> tuple[Force, Value]:
         del largest
-        jolt, state, c = present(end.jolt), end.step.state, end.step.c
+        jolt, state, c = not_none(end.jolt), end.step.state, end.step.c
         jump: Any = jolt.jump
         s, cos = sincos(jolt.side * c.alpha - end.x[0])
         velocity_from_rotation = jnp.where(jolt.sigma == 0, 0.0, 0.5 * c.two_R * jolt.change[0])

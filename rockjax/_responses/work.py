@@ -5,7 +5,14 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from rockjax._engine.coefficients import Coefficients, Restraint, summed
-from rockjax._engine.model import acceleration, beam, beam_rise, elongation, horizontal_demand, plus
+from rockjax._engine.model import (
+    acceleration,
+    beam,
+    beam_vertical_acceleration,
+    elongation,
+    horizontal_demand,
+    plus,
+)
 from rockjax._excitations.base import Shaking
 from rockjax._sincos import sincos
 from rockjax._types import Value, Vector
@@ -67,7 +74,7 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     """
     s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
-    rise = beam_rise(c, sigma, x[0], v[0], theta_ddot)
+    rise = beam_vertical_acceleration(c, sigma, x[0], v[0], theta_ddot)
     reaction = 1 + (1 - 0.5 * c.p**2 / c.gravity) * rise / c.g  # divided by the weight
     if isinstance(ground, Shaking):
         reaction = reaction + ground.vertical / c.g

@@ -9,7 +9,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._engine.coefficients import coefficients
-from rockjax._engine.model import acceleration, beam_absolute
+from rockjax._engine.model import acceleration, beam_absolute_acceleration
 from rockjax._oscillators import Load
 from rockjax._responses.floor import largest_acceleration
 from tests.scenes import shaking
@@ -79,7 +79,7 @@ def test_a_jump_of_the_ground_acceleration_reaches_the_deck_in_part(gamma, exact
 
     def deck(sigma, ground):
         a = acceleration(c, sigma, ground, x, v)
-        return float(beam_absolute(c, sigma, ground, x, v, a))
+        return float(beam_absolute_acceleration(c, sigma, ground, x, v, a))
 
     for sigma in (-1.0, 1.0):
         np.testing.assert_allclose(deck(sigma, 1.0) - deck(sigma, 0.0), exact, rtol=1e-12)

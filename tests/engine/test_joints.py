@@ -16,7 +16,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._engine.bounds import Bounds
-from rockjax._engine.coefficients import coefficients, present
+from rockjax._engine.coefficients import coefficients, not_none
 from rockjax._engine.model import acceleration
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._excitations.base import Shaking
@@ -77,7 +77,7 @@ class States(NamedTuple):
 @functools.partial(jax.jit, static_argnames=("moves_up",))
 def _forces(podium: rj.Podium, sigma, states: States, moves_up: bool) -> Found:
     c = coefficients(podium, 1e-14, moves_up, joints=True)
-    constants = present(c.joints)
+    constants = not_none(c.joints)
     arms = constants.arms
     weight = (1 + constants.gamma + c.eta) * c.g
     several = c.vibration is not None and jnp.ndim(c.vibration.omega2)
@@ -433,7 +433,7 @@ def test_balance_of_columns(kind):
 def impulses_at(podium: rj.Podium, sigma: int, theta_dot: float, u=()) -> tuple[np.ndarray, np.ndarray]:
     """Return (J_T, J_N) of all columns divided by m_c."""
     c = coefficients(podium.split_rows(), joints=True)
-    arms = present(c.joints).arms
+    arms = not_none(c.joints).arms
     several = c.vibration is not None and jnp.ndim(c.vibration.omega2)
     x: tuple = (jnp.asarray(0.0),)
     if c.vibration is not None:

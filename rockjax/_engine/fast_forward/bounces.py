@@ -40,7 +40,7 @@ def skipped_bounces(
     speed: Value,
     replayed: Decision | None,
 ) -> Skipped:
-    """Return which bounces after an impact can be skipped.
+    """Return whether the bounces after an impact are skipped, and how many impacts they contain.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state before the step that ends with the impact
@@ -60,7 +60,7 @@ def skipped_bounces(
     if to_rest is None:
         return Skipped(jnp.zeros_like(hit), jnp.zeros_like(state.impacts), speed)
     to_rest = barrier(hit & to_rest)
-    impacts = barrier(jnp.where(to_rest, _bounces_from(scene, scene.c.restitution * speed), 0))
+    impacts = barrier(jnp.where(to_rest, _impact_count(scene, scene.c.restitution * speed), 0))
     return Skipped(to_rest, impacts, jnp.where(to_rest, jnp.minimum(speed, scene.min_impact_speed), speed))
 
 
@@ -110,7 +110,7 @@ def _bounces_to_rest(
     return rests
 
 
-def _bounces_from(scene: Scene, speed: Value) -> Index:
+def _impact_count(scene: Scene, speed: Value) -> Index:
     """Return the number of impacts that reduce |θ̇| from `speed` to the rest velocity."""
     speed = jax.lax.stop_gradient(speed)
     count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest_speed, 1.0)) / scene.log_restitution)

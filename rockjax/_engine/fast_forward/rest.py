@@ -36,17 +36,17 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         return lambda t: uplift_demand(c, ground_at(t), state.x, state.v)
 
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
-    # The derivative of the uplift's time is that of the time at which the demand crosses the threshold, or of
-    # the breakpoint at which the demand jumps above the threshold. If the demand crosses the
-    # threshold at a breakpoint without a jump, the piece before the breakpoint applies.
-    edge = excitation.breakpoint(excitation.before(piece))
-    on_edge = constant(edge) == stamp
+    # Uplift occurs where the demand crosses the threshold, or at a breakpoint where the demand jumps above
+    # the threshold. Its time has the derivative of the time of this crossing or breakpoint. If the demand
+    # crosses the threshold at a breakpoint without a jump, the piece before the breakpoint applies.
+    previous_breakpoint = excitation.breakpoint(excitation.before(piece))
+    at_breakpoint = constant(previous_breakpoint) == stamp
     jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)
-    jumps = on_edge & (jnp.abs(constant(jump)) > 1e-9 * constant(c.uplift))
-    demand_at = demand_on(excitation.before(piece, (on_edge & ~jumps).astype(jnp.int32)))
+    jumps = at_breakpoint & (jnp.abs(constant(jump)) > 1e-9 * constant(c.uplift))
+    demand_at = demand_on(excitation.before(piece, (at_breakpoint & ~jumps).astype(jnp.int32)))
     demand, slope = jax.jvp(demand_at, (stamp,), (jnp.ones_like(stamp),))
     newton_correction = safe_ratio(-side * demand - c.uplift, -side * slope, lifts & ~jumps)
-    now = jnp.where(jumps, edge, stamp - (newton_correction - constant(newton_correction)))
+    now = jnp.where(jumps, previous_breakpoint, stamp - (newton_correction - constant(newton_correction)))
     now = jnp.where(lifts, now, stamp)
     mode = jnp.where(lifts, side, 0.0)
     x, v = restart(scene, stamp, now - constant(now), state.x, state.v, mode, piece)

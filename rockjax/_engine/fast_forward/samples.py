@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.attempt import scaled_error
-from rockjax._engine.coefficients import divided_by_inertia, present
+from rockjax._engine.coefficients import divided_by_inertia, not_none
 from rockjax._engine.model import acceleration
 from rockjax._engine.runge_kutta import Step
 from rockjax._engine.runge_kutta import step as runge_kutta
@@ -45,7 +45,7 @@ def skip_samples(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     if state.may_skip is None:
         return state
     skip = functools.partial(skip_sample, scene, plan)
-    return jax.lax.while_loop(lambda state: present(state.may_skip), skip, state)
+    return jax.lax.while_loop(lambda state: not_none(state.may_skip), skip, state)
 
 
 def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
@@ -73,7 +73,7 @@ def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     field_after = lambda s, x, v: field(ground + slope * s, x, v)
     end = barrier(runge_kutta(nystrom(), field_after, 0.0, h, state.x, state.v, a))
     # The last sample is not skipped, since the ground acceleration may jump to zero there.
-    skips = present(state.may_skip) & (piece < count - 1) & (stamp < constant(scene.end))
+    skips = not_none(state.may_skip) & (piece < count - 1) & (stamp < constant(scene.end))
     skips &= constant(scaled_error(scene, state.x, state.v, end)) <= scene.skip_below
     skips &= _rocks_on(scene, state, a, end, h)
     sample = Sample(scene.c, sigma, h, (ground, state.x, state.v, a), (ground_after, end.x, end.v, end.a))
