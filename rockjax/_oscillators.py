@@ -1,4 +1,4 @@
-"""Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5), (L7).
+"""Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5) to (L8).
 
 With z = ẋ − λ̄x and λ = −ζω + iω_d, the equation ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex
 unknown instead of two real ones, and a velocity jump Δv of the floor becomes z⁺ = z⁻ − Δv. The solution over
@@ -92,7 +92,7 @@ class Peaks(NamedTuple):
     """Largest responses of N oscillators.
 
     - `displacement`: S_d = max|x|, shape (N,) [m]; `time`: time at which S_d is first reached [s]
-    - `acceleration`: S_a, the largest absolute acceleration, shape (N,) [m/s²]
+    - `acceleration`: S_a, the largest absolute acceleration, (L6), shape (N,) [m/s²]
     - `slopes`: derivatives of S_d and S_a with respect to each parameter, shape (2, parameters, N)
     - `later`: largest |x| of free vibration after the end of the load, shape (N,) [m]
     - `envelope`: √(ẋ² + ω²x²)/ω at the end of the load, shape (N,) [m]
@@ -468,7 +468,7 @@ def _slope(
     slope: Load,
     slope_states: _States,
 ) -> np.ndarray:
-    """Return the derivative of the largest responses with respect to a parameter.
+    """Return the derivative of the largest responses with respect to a parameter, (L8).
 
     - `load`, `oscillators`, `factor`: the load, N oscillators, and c of the response q = Re(c z)
     - `states`, `peak`: states of the oscillators under the load, and their largest |q|

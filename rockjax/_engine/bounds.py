@@ -34,7 +34,7 @@ class Bounds:
     - `well`: |θ| at the top of the potential well [rad]; with restrainers, at most the overturning angle
     - `ground`, `vertical`: bounds on the remaining |ü_g| and |v̈_g| [m/s²]; `vertical` is the float 0.0 if
       the ground does not move vertically
-    - `energy`: bound on the energy per mass N m_c of all columns [m²/s²]
+    - `energy`: bound on the energy per mass N m_c of all columns, (C19) [m²/s²]
     - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
     - `rests`: whether the columns rest for good
@@ -69,9 +69,9 @@ class Bounds:
         - `follows_contact`: whether full contact is integrated step by step. Otherwise the podium is rigid
           and goes directly to its next uplift, or the scene ends
 
-        From now on the energy stays below `energy_after`. If the bound on |q| in full contact is below the
-        uplift threshold, the columns never lift again, and the modes vibrate independently. Vertical motion
-        raises the bounds on the energy and on the demand.
+        After this state the energy stays below `energy_after`. If the bound on |q| in full contact is below
+        the uplift threshold, the columns never lift again, and the modes vibrate independently. Vertical
+        motion raises the bounds on the energy, (C19), and on the demand.
         """
         self = cls()
         self._shared_results = {}
@@ -164,7 +164,7 @@ class Bounds:
         return c.sin_alpha if c.restraint is None else jnp.maximum(c.sin_alpha, jnp.sin(self.well - c.alpha))
 
     def angular_acceleration_bound(self, springs: Value | None) -> Value:
-        """Bound |θ̈| + θ̇²|sin ψ| inside the well by Eq. (24) [rad/s²].
+        """Bound |θ̈| + θ̇²|sin ψ| inside the well, (C20) [rad/s²].
 
         `springs` is the bound on Σ η_iF_i [m/s²], or None if nothing vibrates. By Eq. (14) the result times
         2R also bounds |ü_b|.

@@ -37,7 +37,7 @@ class Vibration(NamedTuple):
     demand: Values  # 2η_i/(1+2γ), Eq. (9)
     omega2: Values  # ω_i² [rad²/s²]
     damping: Values  # 2ζ_iω_i [rad/s]
-    uplifted_frequency: Value  # frequency after uplift, Eq. (31), the largest of several [rad/s]
+    uplifted_frequency: Value  # frequency after uplift, Eq. (31), or the largest of several, (C15) [rad/s]
     modal: ModalConstants | None  # None for a single mode that is the whole superstructure
 
 
@@ -62,7 +62,7 @@ class Joints(NamedTuple):
     - `gamma`: ratio γ of the mass that moves with the beam; `lam`: inertia factor λ of a column
     - `dead_load`: axial force of the mean column at rest, at the bottom and the top joint [m_c g]
     - `impulses`: impulses of an impact divided by the impact speed |θ̇⁻|, (F12)
-    - `impulse_eccentricity`: eccentricity ξ_J of the impulses, divided by half the width of a column
+    - `impulse_eccentricity`: eccentricity ξ_J of the impulses, divided by half the width of a column, (F13)
     - `arms`: positions of the columns and first moments of the masses; None if no elevation is given
     """
 

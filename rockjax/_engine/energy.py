@@ -1,4 +1,4 @@
-"""Energies, Eqs. (16) to (19), with the terms of restrainers, and bounds on the energy."""
+"""Energies, Eqs. (16) to (19) and (C3) to (C17), and bounds on them, (C19)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .model import elongation
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the inertia of Eq. (24) for a superstructure fixed to the beam, including inerters."""
+    """Return the inertia of Eq. (24) for a superstructure fixed to the beam, including inerters, (C21)."""
     total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
     if mass is None:
         return total
@@ -21,7 +21,7 @@ def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
 
 
 def spin_with_inerters(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the factor of ½θ̇² in the kinetic energy of Eq. (18), including inerters."""
+    """Return the factor of ½θ̇² in the kinetic energy of Eq. (18), including inerters, (C17)."""
     mass = _apparent_mass(c)
     if mass is None:
         return c.spin
@@ -33,8 +33,8 @@ def _apparent_mass(c: Coefficients) -> Value | None:
 
 
 def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the potential energy of gravity, Eq. (19), and of restrainers, per mass N m_c of all columns
-    [m²/s²]. It is zero in full contact."""
+    """Return the potential energy of gravity, Eq. (19), and of restrainers, (C3), per mass N m_c of all
+    columns [m²/s²]. It is zero in full contact."""
     s, cos = sincos(0.5 * theta)
     # cos ψ − cos α is computed as 2 sin(|θ|/2) sin(α − |θ|/2), which has no cancellation at small rotations.
     stored = c.weight * 2 * sigma * s * (c.sin_alpha * cos - c.cos_alpha * sigma * s)
@@ -48,14 +48,14 @@ def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
 
 
 def potential_slope(c: Coefficients, theta: Value) -> Value:
-    """Return the slope V' of the potential energy at |θ| = `theta`, per N m_c [m²/s²]."""
+    """Return the slope V' of the potential energy, (C5), at |θ| = `theta`, per N m_c [m²/s²]."""
     one = jnp.ones_like(theta)
     return jax.jvp(lambda angle: potential(c, one, angle), (theta,), (one,))[1]
 
 
 def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     """Return the mechanical energy of the motion relative to the ground, per N m_c [m²/s²]: Eqs. (16) to (19)
-    without the terms of the ground motion, but with the terms of restrainers.
+    without the terms of the ground motion, (C17).
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
@@ -71,7 +71,7 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
 
 
 def vertical_impulse(c: Coefficients, max_sin_psi: Value) -> Value:
-    """Return the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt in `energy_after`, for |sin ψ| ≤ `max_sin_psi`."""
+    """Return the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt in (C19), for |sin ψ| ≤ `max_sin_psi`."""
     spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
     return weight * max_sin_psi / jnp.sqrt(2 * (spin + 4 * c.eta * max_sin_psi**2)) / c.impulse
 

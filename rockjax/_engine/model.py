@@ -93,7 +93,7 @@ def _restraint(
 
 
 def restraint_bound(c: Coefficients, restraint: Restraint, theta: Value, theta_dot: Value) -> Value:
-    """Bound the moment of the restrainers in Eq. (24), by their forces at the largest elongation and rate.
+    """Bound the moment of the restrainers in Eq. (24), by the forces at the largest elongation and rate.
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta`, `theta_dot`: largest |θ| [rad], at most `restraint.well`, and largest |θ̇| [rad/s]

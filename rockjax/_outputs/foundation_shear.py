@@ -21,7 +21,7 @@ from .views import Ended, Rest, Sample, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakFoundationShear(AbstractForceOutput):
-    """The peak shear on the foundation divided by the total weight, max|V|/W_0."""
+    """The peak shear on the foundation divided by the total weight, max|V|/W_0, (F5)."""
 
     name = "peak_foundation_shear"
     unit = "1"

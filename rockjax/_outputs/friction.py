@@ -102,7 +102,7 @@ def steepest(
 
 @dataclasses.dataclass(frozen=True)
 class PeakFriction(AbstractJointOutput):
-    """The largest friction demand max|T|/N at the bottom and the top joint of the worst column.
+    """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
 
     The accumulator contains the force with the largest angle from the vertical. Unlike |T|/N, the angle is
     smooth at N = 0.

@@ -24,7 +24,7 @@ ROUNDING = 1e-12  # relative differences below this are rounding
 
 def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
     """Return the difference between the axial impulses of two columns at an impact from σ = 1, divided by the
-    distance between the columns and by |θ̇⁻|; (F8) for impulses.
+    distance between the columns and by |θ̇⁻|, (F14).
 
     - `sway`: Σ η_id_i over the modes with the deformations d_i [m]
     """
@@ -40,7 +40,7 @@ def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
 @dataclasses.dataclass(frozen=True)
 class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean J_N of all
-    columns, at the bottom and the top joint of the worst column, (F12), (F8).
+    columns, at the bottom and the top joint of the worst column, (F12), (F14).
 
     The axial impulse of a column at x_i differs from the mean by x_i times `_impulse_gradient`, with the
     opposite sign for impacts from σ = −1. All answers are monotone in this product. The accumulator contains

@@ -1,4 +1,5 @@
-"""Forces in the joints of the columns, and impulses at impacts, with the equations of docs/forces.md.
+"""Forces in the joints of the columns, and impulses at impacts, (F1) to (F14) of docs/equations.md
+and docs/forces.md.
 
 A force (T, N) acts at a joint on the body above the joint: T horizontally in the direction of motion, N
 upwards, so that N > 0 is compression. Forces are per column and divided by m_c [m/s²]. They follow from the
@@ -30,7 +31,7 @@ from rockjax._types import Value, Values, Vector
 
 
 class DeviceForces(NamedTuple):
-    """Compression of the bottom and the top joint by restrainers, divided by m_c [m/s²]."""
+    """Compression of the bottom and the top joint by restrainers, divided by m_c, (F2) [m/s²]."""
 
     bottom: Value | float
     top: Value | float
@@ -40,11 +41,11 @@ class MeanForces(NamedTuple):
     """Forces of the mean column divided by m_c [m/s²].
 
     - `bottom`, `top`: (T, N) at the joints, (F3)
-    - `foundation`: (V, W), horizontal and vertical force on the foundation
-    - `eccentricity`: position of the resultants divided by half the width of a column: ξ in full contact, and
-      σ while rocking
+    - `foundation`: (V, W), horizontal and vertical force on the foundation, (F5)
+    - `eccentricity`: position of the resultants divided by half the width of a column: ξ in full contact,
+      (F10), and σ while rocking
     - `lean`: ratio −ΔT_i/ΔN_i, where ΔT_i and ΔN_i are the forces of column i minus those of the mean column:
-      ξ tan α in full contact, and tan ψ while rocking
+      ξ tan α in full contact, (F11), and tan ψ while rocking, (F9)
     """
 
     bottom: tuple[Value, Value]
@@ -55,7 +56,7 @@ class MeanForces(NamedTuple):
 
 
 def device_forces(c: Coefficients, sigma: Value, x: Vector, v: Vector, a: Vector) -> DeviceForces:
-    """Return the forces of the restrainers at the joints.
+    """Return the forces of the restrainers at the joints, (F2).
 
     - `c`: constants of the podium; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `x`, `v`, `a`: positions, velocities and accelerations
@@ -92,7 +93,7 @@ def total_weight(c: Coefficients) -> Value:
 def mean_forces(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> MeanForces:
-    """Return the forces of the mean column, (F3).
+    """Return the forces of the mean column, (F1) to (F5), (F9) to (F11).
 
     - `c`: constants of the podium, including the joints; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
@@ -127,7 +128,7 @@ def mean_forces(
 def overturning_moment(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> Value:
-    """Return the overturning moment on the columns divided by N m_c, clockwise [m²/s²].
+    """Return the overturning moment on the columns divided by N m_c, clockwise, (F6) [m²/s²].
 
     - `c`: constants of a podium with an elevation; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
@@ -165,7 +166,7 @@ def column_forces(
     offsets: Sequence[Values] | None,
     mean: MeanForces | None = None,
 ) -> tuple[list[Values], list[Values]]:
-    """Return T and N at the joints of columns, (F8) [m/s²]: at the bottom joint for every element of
+    """Return T and N at the joints of columns, (F8) to (F11) [m/s²]: at the bottom joint for every element of
     `offsets`, then at the top joint.
 
     - `c`: constants of the podium, including the joints; `sigma`: contact mode σ ∈ {−1, 0, 1}
@@ -188,7 +189,7 @@ def column_forces(
 def impulses_of_columns(
     c: Coefficients, sigma: Value, speed: Value, sway: Value | float, offsets: Sequence[Values] | None
 ) -> tuple[list[Values], list[Values]]:
-    """Return the impulses J_T and J_N of an impact at the joints of columns, divided by m_c, (F12), (F8)
+    """Return the impulses J_T and J_N of an impact at the joints of columns, divided by m_c, (F12) to (F14)
     [m/s]: at the bottom joint for every element of `offsets`, then at the top joint.
 
     - `c`: constants of the podium, including the joints; `sigma`: contact mode before the impact
