@@ -1,4 +1,4 @@
-"""Draws docs/images/automaton.png, the hybrid automaton of the model: `python docs/automaton.py`."""
+"""Draw docs/images/automaton.png, the hybrid automaton of the model: `python docs/automaton.py`."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Draws the pictures of `control.md` and prints their numbers: `python docs/control.py [potentials]
+"""Draw the pictures of `control.md` and prints their numbers: `python docs/control.py [potentials]
 [spectra]`."""
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ CASES = (
 
 
 def potentials() -> None:
-    """V(θ), and the moment that brings the columns back, for negative, zero and positive stiffness."""
+    """Draw the potential V and the restoring moment for negative, zero and positive stiffness."""
     theta = jnp.linspace(0.0, 4 * 0.15, 241)
     figure = plt.figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True)
@@ -47,7 +47,7 @@ def potentials() -> None:
             "ls": plots.STYLES[k % len(plots.STYLES)],
         }
         left.plot(theta / 0.15, energy / depth, label=label, **line_style)
-        start = 2 * 1.5 * 9.80665 * math.sin(0.15) * 10.5  # of gravity alone at uplift
+        start = 2 * 1.5 * 9.80665 * math.sin(0.15) * 10.5  # V' of gravity alone at uplift [m²/s²]
         right.plot(theta / 0.15, moment / start, **line_style)
         top = float(podium.stability_angle)
         if top < float(theta[-1]):
@@ -85,7 +85,7 @@ DEVICES = {
 
 
 def spectra(points: int = 60) -> None:
-    """Peak rotation over the pulse, bare and restrained, and what overturns."""
+    """Draw rocking spectra of bare and restrained podiums, and their overturning accelerations."""
     frequency, acceleration = np.linspace(0.5, 8.0, points), np.linspace(1.0, 12.0, points)
     figure = plt.figure(figsize=(10, 7.2), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey=True)

@@ -1,4 +1,4 @@
-"""Draws the pictures of `design.md`: `python docs/design.py`."""
+"""Draw the pictures of `design.md`: `python docs/design.py`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def slenderness(podium: rj.Podium):
 
 
 def main() -> None:
-    """The example of the page."""
+    """Solve the example of the page and draw its pictures."""
     column = optimise.Dimensions(
         width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
     )

@@ -1,4 +1,4 @@
-"""Draws the picture of `ensembles.md`: `python docs/ensembles.py`."""
+"""Draw the picture of `ensembles.md`: `python docs/ensembles.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draws the pictures of `floors.md`: `python docs/floors.py`."""
+"""Draw the pictures of `floors.md`: `python docs/floors.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draws the pictures of `fragility.md`: `python docs/fragility.py`."""
+"""Draw the pictures of `fragility.md`: `python docs/fragility.py`."""
 
 from __future__ import annotations
 

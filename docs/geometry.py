@@ -1,4 +1,4 @@
-"""Draws docs/images/geometry.png, the geometry of a rocked podium: `python docs/geometry.py`."""
+"""Draw docs/images/geometry.png, the geometry of a rocked podium: `python docs/geometry.py`."""
 
 import sys
 from pathlib import Path
@@ -17,7 +17,7 @@ B, H = 0.55, 1.15  # half a column, stockier than a real one so that angles can 
 ALPHA, R = np.arctan2(B, H), np.hypot(B, H)
 THETA = 0.45 * ALPHA
 PSI = ALPHA - THETA
-# Between pivots, thickness of the beam, superstructure, its mass.
+# Distance between pivots, thickness of the beam, height of the superstructure, size of its mass.
 SPAN, BEAM, STOREY, TOP = 4.2, 0.34, 1.7, 0.5
 SWAY = 0.42  # deformation of the superstructure
 BLACK, VERMILION, BLUE, GREEN = COLOURS[:4]
@@ -28,7 +28,7 @@ v_b = 2 * R * (np.cos(PSI) - np.cos(ALPHA))
 
 
 def column(pivot: float, theta: float) -> np.ndarray:
-    """Corners of a column turned clockwise about its lower right corner, which stands at (pivot, 0)."""
+    """Return the corners of a column that is turned clockwise about its lower right corner, at (pivot, 0)."""
     corners = np.array([[0, 0], [-2 * B, 0], [-2 * B, 2 * H], [0, 2 * H]])
     turn = np.array([[np.cos(theta), np.sin(theta)], [-np.sin(theta), np.cos(theta)]])
     return corners @ turn.T + [pivot, 0]
@@ -70,7 +70,7 @@ def arrow(ax, start, end, label, at, colour=BLACK) -> None:
 
 
 def angle(ax, centre, radius, first, last, label, colour, beyond=0.17) -> None:
-    """An arc from one direction to another, both measured from the vertical to the left [rad]."""
+    """Draw an arc between two directions, which are measured from the vertical to the left [rad]."""
     lo, hi = np.degrees([np.pi / 2 + first, np.pi / 2 + last])
     ax.add_patch(Arc(centre, 2 * radius, 2 * radius, theta1=lo, theta2=hi, color=colour, lw=1.6, zorder=4))
     middle = np.radians((lo + hi) / 2)
@@ -92,7 +92,7 @@ def draw() -> plt.Figure:
         )
     )
 
-    # The right column has the angles: its diagonal from the pivot, its side, the vertical.
+    # Angles at the pivot of the right column, between its diagonal, its side and the vertical.
     pivot = np.array([SPAN, 0.0])
     corner = column(SPAN, THETA)[2]
     ax.plot(*np.stack([pivot, corner]).T, color=BLUE, lw=1.4, zorder=3)
@@ -107,7 +107,7 @@ def draw() -> plt.Figure:
     angle(ax, pivot, 0.72, -THETA, PSI, r"$\alpha$", GREEN)
     ax.text(SPAN + 0.12, -0.38, "pivot", ha="center", fontsize=11)
 
-    # Dimensions of a column, at the left one.
+    # Dimensions of the left column.
     left = column(0.0, THETA)
     beside = 0.13 * np.array([-np.cos(THETA), np.sin(THETA)])
     arrows = {"arrowstyle": "<|-|>", "color": BLACK, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}

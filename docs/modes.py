@@ -1,6 +1,6 @@
-"""Draws the picture of `modes.md` and prints its table: `python docs/modes.py`.
+"""Draw the picture of `modes.md` and prints its table: `python docs/modes.py`.
 
-A five-storey building on a podium, and the same building fixed at its base.
+The building has five stories and stands on a podium or on a fixed base.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import rockjax as rj
 from rockjax import plots
 
 IMAGES = Path(__file__).parent / "images"
-STORIES, MASS, STIFFNESS, HEIGHT = 5, 20e3, 12e6, 3.0  # of each: kg, N/m, m
+# Number of stories; mass [kg], stiffness [N/m] and height [m] of each story.
+STORIES, MASS, STIFFNESS, HEIGHT = 5, 20e3, 12e6, 3.0
 COLUMNS: dict[str, Any] = {
     "width": 0.6,
     "height": 3.0,
@@ -30,7 +31,7 @@ MOTIONS = 20
 
 
 def podium(**changes: Any) -> rj.Podium:
-    """The building on its podium; 0.6 m by 0.6 m columns of concrete."""
+    """Return the building on its podium, which has concrete columns of 0.6 m by 0.6 m."""
     building = {
         "story_masses": [MASS] * STORIES,
         "story_stiffnesses": [STIFFNESS] * STORIES,
@@ -40,12 +41,12 @@ def podium(**changes: Any) -> rj.Podium:
 
 
 def fixed() -> rj.Podium:
-    """The same building on columns so stocky that they never lift."""
+    """Return the same building on columns that are too stocky to lift."""
     return podium().replace(alpha=1.5)
 
 
 def main() -> None:
-    """Peaks of both under a pulse, and their medians over synthetic motions."""
+    """Draw the peaks under a pulse; print these peaks and their medians over synthetic motions."""
     rocking, still = podium(), fixed()
     pulse = rj.Ricker(0.5 * 9.80665, 0.7)
     histories = [rj.simulate(structure, pulse) for structure in (rocking, still)]
@@ -68,7 +69,7 @@ def main() -> None:
 
 
 def summary(peaks: Any) -> dict[str, float]:
-    """Medians over scenes of one or of many."""
+    """Return the peaks of a scene, or their medians over several scenes."""
     median = lambda y: float(np.median(np.atleast_1d(y)))
     return {
         "base shear over weight": median(peaks.peak_shear),

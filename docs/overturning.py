@@ -1,4 +1,4 @@
-"""Draws the pictures of `overturning.md` and prints its numbers: `python docs/overturning.py`."""
+"""Draw the pictures of `overturning.md` and prints its numbers: `python docs/overturning.py`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def save(figure, name: str) -> None:
 
 
 def margins() -> None:
-    """The margin and the peak rotation across the boundary."""
+    """Draw the margin and the peak rotation on both sides of the boundary."""
     ratio = np.linspace(0.8, 6.0, 400)
     options = rj.Options(rtol=1e-10, atol=1e-12, outputs=("peak_rotation", "margin"))
     figure = plt.figure(figsize=(10, 3.8), layout="constrained")
@@ -64,7 +64,7 @@ def margins() -> None:
 
 
 def windows() -> None:
-    """The windows of survival of the frame near the fold of its lowest branch, with all boundaries."""
+    """Draw the windows of survival and all boundaries of the frame near the fold of its lowest branch."""
     x = np.linspace(1.45, 2.1, 261)
     scanned = rj.overturning_spectrum(FRAME, rj.Ricker, x, max_acceleration_ratio=3.0)
     figure = plt.figure(figsize=(8, 4.6), layout="constrained")
@@ -85,7 +85,7 @@ def windows() -> None:
 
 
 def charts() -> None:
-    """The slimmest safe column over the period of the pulse, and the smallest safe γ."""
+    """Draw the slimmest safe column and the smallest safe γ against the period of the pulse."""
     figure = plt.figure(figsize=(10, 4), layout="constrained")
     axes = figure.subplots(1, 2)
     T_p = np.linspace(0.3, 2.0, 120)

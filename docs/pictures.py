@@ -1,5 +1,7 @@
-"""Draws the pictures of one scene, of `pictures.md` and the README, sensitivity spectra, of
-`sensitivities.md`, and a design point, of `risk.md`: `python docs/pictures.py`."""
+"""Draw pictures for `pictures.md`, the README, `sensitivities.md` and `risk.md`: `python docs/pictures.py`.
+
+They are pictures of one scene, sensitivity spectra and a design point.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,7 @@ def main() -> None:
 
 
 def sensitivities() -> xarray.Dataset:
-    """Of two of the podiums of the paper's Fig. 6: rigid, and with T_s = 0.5 s."""
+    """Draw sensitivity spectra of two podiums of the paper's Fig. 6, rigid and with T_s = 0.5 s."""
     frame = rj.Podium(alpha=math.atan(0.15), R=1.5, gamma=10.0)
     podiums = {
         0.0: frame.replace(superstructure=rj.Rigid(50.0)),

@@ -1,4 +1,4 @@
-"""Draws the picture of `records.md`: `python docs/records.py`."""
+"""Draw the picture of `records.md`: `python docs/records.py`."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from fontTools import subset
 from math_core import LatexToMathML
 
 FOLDER = Path(__file__).parents[1] / "rockjax/_report"
-# First letters of plain and of italic alphabets, and their numbers of letters.
+# First letter of a plain alphabet, first letter of its italic form, number of letters.
 ITALICS = ((0x41, 0x1D434, 26), (0x61, 0x1D44E, 26), (0x391, 0x1D6E2, 25), (0x3B1, 0x1D6FC, 25))
 LARGEST = 60_000  # bytes of the font
 translate = LatexToMathML(fancy_error=False).convert_with_local_state

@@ -1,6 +1,6 @@
-"""Makes the reports of `report-gallery.md` and their pictures: `python docs/reports.py [NAME ...]`.
+"""Make the reports of `report-gallery.md` and their pictures: `python docs/reports.py [NAME ...]`.
 
-Pictures need Playwright and Chromium; without them only the reports are made.
+Pictures need Playwright and Chromium; without them the script makes only the reports.
 """
 
 from __future__ import annotations

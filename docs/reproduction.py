@@ -75,7 +75,7 @@ def find_changes(
 
 
 def least_overturning(podium: rj.Podium, T_p: float, high: float = 12.0) -> float:
-    """Return the least overturning a_p/(g tan α) of the symmetric Ricker pulse; NaN if none up to `high`."""
+    """Return the least overturning a_p/(g tan α) of the symmetric Ricker pulse; NaN if it exceeds `high`."""
     unit = g_tan_alpha(podium)
     amplitudes = find_changes(podium, rj.Ricker, T_p, unit, high * unit, rtol=1e-6).amplitude
     return float(amplitudes[0]) / unit if amplitudes.size else math.nan

@@ -1,7 +1,7 @@
-"""Formulas as MathML, which browsers set by themselves, and the font for them: no script, no network.
+"""Translate the formulas of the site to MathML and add a font for them.
 
-A hook of `mkdocs.yml`. The Markdown extension `pymdownx.arithmatex` marks the formulas, here they are
-translated.
+Browsers then need no script and no network to display formulas. This hook of `mkdocs.yml` translates the
+formulas that the Markdown extension `pymdownx.arithmatex` marks.
 """
 
 from __future__ import annotations
@@ -38,8 +38,7 @@ translate = LatexToMathML(annotation=True, fancy_error=False).convert_with_local
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """Without a font for mathematics on the reader's machine, browsers would put subscripts beside their
-    letters."""
+    """Add a font for mathematics; without one, browsers would put subscripts beside their letters."""
     options = subset.Options(flavor="woff", layout_features=["ssty"], hinting=False)
     source = package_files("ziamath").joinpath("fonts/STIXTwoMath-Regular.ttf").read_bytes()
     with subset.load_font(io.BytesIO(source), options) as font:
@@ -54,7 +53,7 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def on_page_content(content: str, *, page: Page, **_) -> str:
-    """Raises an error of the build for a formula that has no translation."""
+    """Translate the formulas of a page; a formula that cannot be translated stops the build."""
 
     def formula(found: re.Match) -> str:
         element, latex = found[1], html.unescape(found[2]).strip()

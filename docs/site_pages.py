@@ -1,6 +1,6 @@
-"""Pages of the site that live at the top of the repository: the README is the home page, and the changelog.
+"""Add the README, as the home page, and the changelog to the site, and generated tables to pages.
 
-A hook of `mkdocs.yml`. Links are written as they work in the repository, and made to work on the site.
+This hook of `mkdocs.yml` also changes links that work in the repository so that they work on the site.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def parameters_table() -> str:
-    """The parameters of structures, their dimensions and ground motions, as the package knows them."""
+    """Return the table of all parameters of structures, dimensions and ground motions."""
     lines = ["| name | symbol | unit | range | meaning |", "|---|---|---|---|---|"]
     of_structure = registry.STRUCTURE | registry.DIMENSIONS
     for name, y in [
@@ -43,7 +43,7 @@ def parameters_table() -> str:
 
 
 def problem_keys() -> str:
-    """The tables of problem files, as the models know them."""
+    """Return the tables of all keys of problem files."""
     schema = problem_schema()
     parts = [_keys("A problem file", schema)]
     parts += [_keys(name, part) for name, part in schema["$defs"].items() if "properties" in part]
@@ -51,7 +51,7 @@ def problem_keys() -> str:
 
 
 def _keys(name: str, schema: dict) -> str:
-    """The keys of one table."""
+    """Return the table of the keys of one model."""
     lines = [
         f"### {name}",
         "",
@@ -70,7 +70,7 @@ def _keys(name: str, schema: dict) -> str:
 
 
 def _describe_value(part: dict) -> str:
-    """What a key holds, in words."""
+    """Return a description of the values of a key."""
     if "$ref" in part:
         name = part["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
@@ -91,7 +91,7 @@ def _describe_value(part: dict) -> str:
 
 
 def on_page_markdown(markdown: str, *, page: Page, **_) -> str:
-    """Files beside docs/ are not on the site: their links become their paths."""
+    """Insert generated tables, and replace links to files outside the site by the paths of these files."""
     if "/" in page.file.src_uri:
         return markdown
 

@@ -1,6 +1,6 @@
-"""What the API reference has to be told about this code, and how it writes signatures.
+"""Signatures of the API reference: a Griffe extension and a hook of `mkdocs.yml`.
 
-A Griffe extension and a hook of `mkdocs.yml`; nothing is imported from it by the packages.
+The packages do not import this module.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def one_parameter_a_line(signature: str) -> str:
-    """`(a: int, b=1) -> None` over four lines, without private parameters; as it is where there is one
-    parameter or none."""
+    """Return a signature with one public parameter on each line. A signature with fewer than two parameters
+    does not change."""
     signature = str(signature)
     parts, depth, quote, start = [], 0, "", 1
     for k, letter in enumerate(signature):
@@ -42,11 +42,11 @@ def one_parameter_a_line(signature: str) -> str:
     if len(parts) > 1:
         public = (part for part in parts if not part.startswith("_"))
         signature = "(\n" + "".join(f"    {part},\n" for part in public) + ")" + signature[start:]
-    return Markup(signature)  # it is code: escaped once it is formatted
+    return Markup(signature)  # the formatter escapes it later
 
 
 def _bases(cls: griffe.Class) -> set[str]:
-    """Names of all bases, as far as the package knows them."""
+    """Return the names of all bases that the package defines or names."""
     names: set[str] = set()
     for parent in (cls, *cls.mro()):
         names.update(str(base) for base in parent.bases)
@@ -54,7 +54,7 @@ def _bases(cls: griffe.Class) -> set[str]:
 
 
 def _fields(cls: griffe.Class) -> dict[str, griffe.Attribute]:
-    """The fields of a module, those of its bases first."""
+    """Return the fields of an Equinox module, those of its bases first."""
     found: dict[str, griffe.Attribute] = {}
     for parent in (*reversed(cls.mro()), cls):
         for name, member in parent.members.items():
@@ -77,8 +77,8 @@ def _field_arguments(field: griffe.Attribute) -> dict[str, Any]:
 
 
 class Signatures(griffe.Extension):
-    """Equinox modules are dataclasses: their fields are their signature. Members of enumerations explain
-    themselves."""
+    """Give Equinox modules a signature made of their fields, and members of enumerations their text as
+    docstring."""
 
     def on_package(self, *, pkg: griffe.Module, **kwargs: Any) -> None:
         del kwargs
@@ -94,7 +94,7 @@ class Signatures(griffe.Extension):
                 self._treat(member)
 
     def _treat(self, cls: griffe.Class) -> None:
-        if "__doc__" in cls.members:  # put together when it is imported
+        if "__doc__" in cls.members:  # computed at import
             cls.docstring = griffe.Docstring(griffe.dynamic_import(cls.path).__doc__, parent=cls)
         bases = _bases(cls)
         if "eqx.Enumeration" in bases:
@@ -107,7 +107,7 @@ class Signatures(griffe.Extension):
 
     def _add_signature(self, cls: griffe.Class) -> None:
         arguments = {name: _field_arguments(field) for name, field in _fields(cls).items()}
-        # What checks or converts its fields is made by users; the others are answers.
+        # Users create classes that check or convert their fields; other classes are results.
         checks = any("__check_init__" in parent.members for parent in (cls, *cls.mro()))
         if not checks and not any("converter" in given for given in arguments.values()):
             return
