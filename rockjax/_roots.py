@@ -103,15 +103,15 @@ class Brackets(NamedTuple):
 def narrow_brackets(
     brackets: Brackets,
     evaluate: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
-    close: float,
+    relative_width: float,
     lanes: int,
 ) -> Brackets:
-    """Narrow brackets to the relative width `close`, in at most 64 rounds, with NumPy.
+    """Narrow brackets to a relative width, in at most 64 rounds, with NumPy.
 
     - `brackets`: brackets to narrow
     - `evaluate`: (indices of brackets (m,), points (m, k)) ↦ (values, outputs), both of shape (m, k).
       NaN counts as > 0
-    - `close`: width to reach, divided by the larger absolute value of the two ends
+    - `relative_width`: width to reach, divided by the larger absolute value of the two ends
     - `lanes`: number of points that are evaluated together
 
     Points on both sides of the root of the straight line through the ends are evaluated, at a distance
@@ -122,12 +122,12 @@ def narrow_brackets(
     offset = np.full(a.size, FIRST_OFFSET)
     for _ in range(MAX_ROUNDS):
         size = np.maximum(np.abs(a), np.abs(b))
-        wide = np.flatnonzero(np.abs(b - a) > close * size)
+        wide = np.flatnonzero(np.abs(b - a) > relative_width * size)
         if wide.size == 0:
             break
         count, start, length = max(2, lanes // wide.size), a[wide], (b - a)[wide]
         pairs = max(1, 3 * count // 8)
-        min_offset = 0.4 * close * size[wide] / np.abs(length)
+        min_offset = 0.4 * relative_width * size[wide] / np.abs(length)
         offsets = offset[wide, None] * 10.0 ** (np.arange(pairs) - pairs // 2)
         fractions = points_near_root(
             at_a[wide], at_b[wide], count - 2 * pairs, np.maximum(offsets, min_offset[:, None])

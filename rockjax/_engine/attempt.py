@@ -165,7 +165,7 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
     """Return d³θ/dt³ at the start of the step [rad/s³].
 
-    The jerk predicts the next impact, under sampled ground motions and if an output needs every impact.
+    Under sampled ground motions, and if an output needs every impact, it predicts the next impact.
     """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)

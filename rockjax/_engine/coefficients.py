@@ -90,7 +90,7 @@ class Coefficients(NamedTuple):
     ground: Value  # p² (2γ+1)/g
     weight: Value  # 2Rg (η+γ+½), Eq. (19)
     spin: Value  # (1+λ+4γ) R², Eq. (18)
-    impulse: Value  # C of the energy bound, see `energy_after`
+    impulse_factor: Value  # C of the energy bound, see `energy_after`
     g: Value  # [m/s²]
     eta: Value  # η, ratio of the vibrating mass
     vibration: Vibration | None
@@ -170,7 +170,7 @@ def coefficients(
         ground=p**2 * (2 * gamma + 1) / g,
         weight=2 * R * g * (vibrating + gamma + 0.5),
         spin=spin * R**2,
-        impulse=jnp.sqrt((1 + 2 * gamma) ** 2 / (2 * spin) + vibrating / 2),
+        impulse_factor=jnp.sqrt((1 + 2 * gamma) ** 2 / (2 * spin) + vibrating / 2),
         g=g,
         eta=vibrating,
         vibration=_vibration(podium),

@@ -73,7 +73,7 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
 def vertical_impulse(c: Coefficients, max_sin_psi: Value) -> Value:
     """Return the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt in (C19), for |sin ψ| ≤ `max_sin_psi`."""
     spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
-    return weight * max_sin_psi / jnp.sqrt(2 * (spin + 4 * c.eta * max_sin_psi**2)) / c.impulse
+    return weight * max_sin_psi / jnp.sqrt(2 * (spin + 4 * c.eta * max_sin_psi**2)) / c.impulse_factor
 
 
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
@@ -84,4 +84,4 @@ def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
     potential energy is not negative (without restrainers, for |θ| ≤ 2α), T ≤ E, so √E grows at most at the
     rate C|ü_g|. Damping and impacts only dissipate.
     """
-    return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse * impulse) ** 2
+    return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse_factor * impulse) ** 2

@@ -25,11 +25,11 @@ Accumulator = tuple[Value, ...]
 Forces = tuple[Force, Force]
 
 
-def _interior_maximum(tangential: Cubic, axial: Cubic, level: Force) -> tuple[Value, Flag]:
+def _interior_maximum(tangential: Cubic, axial: Cubic, reference: Force) -> tuple[Value, Flag]:
     """Return the position z of the interior maximum of T·N_0 − T_0·N for a force (T_0, N_0), and whether
     there is one. Where this difference is positive, (T, N) is steeper than (T_0, N_0)."""
     a, b, c = (
-        k * (level.axial * t - level.size * n)
+        k * (reference.axial * t - reference.size * n)
         for k, t, n in zip((1, 2, 3), tangential[1:], axial[1:], strict=True)
     )
     squared = b * b - 4 * a * c
@@ -82,17 +82,17 @@ def steepest(
     side = constant(jnp.where(jnp.where(rises[0] * rises[1] < 0, rises[0], at_end) < 0, -1.0, 1.0))
     paths = Cubic(*[side * y for y in tangential.path]), axial.path
     fixed = constant(paths)
-    level = constant(Force((1 - NEAR_MAXIMUM) * accumulator.size, accumulator.axial).steeper(largest_end))
+    reference = constant(Force((1 - NEAR_MAXIMUM) * accumulator.size, accumulator.axial).steeper(largest_end))
 
     def force_at(z: Value, paths: tuple[Cubic, Cubic]) -> Force:
         return Force(*[path.value(z) for path in paths])
 
-    z, exists = barrier(_interior_maximum(*fixed, level))
+    z, exists = barrier(_interior_maximum(*fixed, reference))
     found = force_at(z, fixed)
     refined, is_refined = _interior_maximum(*fixed, found)
-    z = barrier(jnp.where(exists & is_refined & found.is_steeper(level), refined, z))
+    z = barrier(jnp.where(exists & is_refined & found.is_steeper(reference), refined, z))
     found = force_at(z, paths)
-    left, right = found.size * level.axial, level.size * found.axial
+    left, right = found.size * reference.axial, reference.size * found.axial
     rounding = ROUNDING * jnp.finfo(h.dtype).eps * (jnp.abs(left) + jnp.abs(right))
     exceeds = constant(exists & (left - right > rounding))
     force = largest_end.replaced(exceeds, found)

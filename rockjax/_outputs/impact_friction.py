@@ -107,9 +107,9 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
             forces = [Force(jnp.abs(horizontal + lean * change), axial + change) for change in changes]
             demand = functools.reduce(jnp.maximum, [force.demand for force in forces])
             share = functools.reduce(jnp.minimum, [force.axial / mean for force in forces])
-            counts = has_impact & is_loaded
+            is_valid = has_impact & is_loaded
             demands.append(jnp.where(has_impact, demand, 0.0))
-            shares.append(jnp.where(counts, share, 1.0))
+            shares.append(jnp.where(is_valid, share, 1.0))
         rows: tuple[Values, Values] = jnp.stack(demands), jnp.stack(shares)
         friction, share = (self.nan_if_weightless(ended, y) for y in rows)
         return {"peak_impact_friction": friction, "least_impulse_share": share}

@@ -130,8 +130,8 @@ def beam_curvatures(sample: Sample) -> BeamCurvatures:
     first, second = h * (speed + h * acceleration), h * h * acceleration
     third = h * h * jnp.abs(accelerations[1] - accelerations[0])
     ground = jnp.maximum(*map(jnp.abs, grounds))
-    # `by_angle` + `by_ground` bound |θ⁗|h⁴, Eq. (24): from the changing angle, and from ü_g changing
-    # meanwhile. `by_rotation` bounds the products of lower derivatives of θ in d²ü_b/dt².
+    # By Eq. (24), `by_angle` bounds |θ⁗|h⁴ under a constant ü_g, and `by_ground` the effect of its rate.
+    # `even` and `odd` bound products of an even and an odd number of lower derivatives of θ in d²ü_b/dt².
     by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (second + first * first)
     by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * first
     even, odd = 4 * first * third + 3 * second * second + first**4, 6 * first * first * second

@@ -106,7 +106,7 @@ def test_energy_rate_and_its_bound(name):
         state = jnp.asarray(state).at[0].set(abs(state[0]) * 0.5)
         E, rate, loss = rates(state)
         growth = float(rate + loss) / (2 * np.sqrt(float(E)))
-        assert growth <= float(c.impulse) * abs(float(state[4])) * (1 + 1e-12)
+        assert growth <= float(c.impulse_factor) * abs(float(state[4])) * (1 + 1e-12)
         still = rates(state.at[4].set(0.0))
         assert float(still[1]) == pytest.approx(-float(still[2]), rel=1e-9, abs=1e-9 * float(E))
 
@@ -310,9 +310,11 @@ def test_potential_is_the_work_against_gravity(name):
     assert float(potential(c, zero, zero)) == 0
     assert float(energy(c, zero, (zero,) * n, (zero,) * n)) == 0
     now, impulse = jnp.asarray(0.3), jnp.asarray(0.7)
-    most = (np.sqrt(0.3) + float(c.impulse) * 0.7) ** 2
+    most = (np.sqrt(0.3) + float(c.impulse_factor) * 0.7) ** 2
     assert float(energy_after(c, now, impulse)) == pytest.approx(most, rel=1e-12)
-    assert float(energy_after(c, -now, impulse)) == pytest.approx((float(c.impulse) * 0.7) ** 2, rel=1e-12)
+    assert float(energy_after(c, -now, impulse)) == pytest.approx(
+        (float(c.impulse_factor) * 0.7) ** 2, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["rigid", "elastic"])
