@@ -1,4 +1,4 @@
-"""Bounds on forces in the joints, (F17), from bounds on the remaining motion of a scene.
+"""Bounds on forces in the joints, from bounds on the remaining motion of a scene.
 
 Forces are per column and divided by m_c [m/s²], as in `joint_forces`. Bounds while rocking are for σ = 1;
 rocking with σ = −1 is the mirror image.
@@ -65,7 +65,7 @@ class Rotation(NamedTuple):
 
 
 class JointBounds:
-    """Bounds on joint forces, (F17), from bounds on the motion.
+    """Bounds on joint forces, from bounds on the motion.
 
     A force is a sum of terms with θ̈, θ̇², the ground acceleration, the spring forces F_i and the deformations
     d_i of the modes. θ̈ follows from Eq. (24) and thus depends on the same springs that load the joints.

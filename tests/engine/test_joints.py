@@ -930,7 +930,7 @@ def test_moment_and_shape_of_histories():
         mean.overturning_moment(t)
 
 
-# -------------------------------------------------------------------------------------- bounds, (F17)
+# ---------------------------------------------------------------------------------------- bounds
 class Followed(rj.AbstractOutput):
     """An output that allows no fast-forward, so that histories have nodes in full contact."""
 
@@ -972,7 +972,7 @@ BOUNDED = {
 
 
 def bounds_along(scene: Scene, response, podium: rj.Podium) -> dict[str, np.ndarray]:
-    """Return the bounds of (F17) from each node of a history, and whether the columns rest for good."""
+    """Return `JointBounds` from each node of a history, and whether the columns rest for good."""
     podium = podium.split_rows().without_idle_restrainers()
     motion = response.excitation.common_form()
     plan = plan_for(podium, FOLLOWED, history=False)
@@ -1003,8 +1003,8 @@ def bounds_along(scene: Scene, response, podium: rj.Podium) -> dict[str, np.ndar
 @pytest.mark.slow(but=["devices in the bottom joint"])
 @pytest.mark.parametrize("name", BOUNDED)
 def test_no_later_force_is_beyond_its_bound(name):
-    """(F17) holds after every node of a history at which the energy keeps the columns inside the potential
-    well."""
+    """`JointBounds` hold after every node of a history at which the energy keeps the columns inside the
+    potential well."""
     scene = BOUNDED[name]
     structure = structure_of(scene.podium)
     response = rj.simulate(scene.podium, scene.motion, t_end=scene.end, options=FOLLOWED)
