@@ -12,10 +12,10 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
-from .tables import Column, Formula, Link, Quantity, Table, Text, Word, checked_text
+from .tables import Column, Formula, Link, Quantity, Table, Text, TextCell, checked_text
 from .units import unit_of_kind
 
-# Result of a check → state of its `Word`, and symbol on the page.
+# Result of a check → state of its `TextCell`, and symbol on the page.
 RESULTS = {
     "PASS": ("pass", "✓"),
     "FAIL": ("fail", "✗"),
@@ -64,7 +64,7 @@ class Equation:
 
     formula: Formula
     numbers: Text = ""
-    result: Quantity | Word | None = None
+    result: Quantity | TextCell | None = None
     label: str = ""
 
 
@@ -142,9 +142,9 @@ class SummaryRow:
     - `id`: id of the check, such as "C1"
     - `name`: quantity that is checked
     - `scope`: set of motions and statistic, such as "design, largest of 11"
-    - `value`: value with the numerical error, or a word that replaces it
-    - `limit`: the limit, or a word if there is none
-    - `utilisation`: U, of kind "utilisation", or a word such as "> 1" or "no value"
+    - `value`: value with the numerical error, or a text that replaces it
+    - `limit`: the limit, or a text if there is none
+    - `utilisation`: U, of kind "utilisation", or a text such as "> 1" or "no value"
     - `result`: one of `RESULTS`
     - `governs`: governing motion, story and time
     - `sensitivities`: the largest d ln U/d ln y of inputs y
@@ -162,9 +162,9 @@ class SummaryRow:
     id: str
     name: Text
     scope: Text
-    value: Quantity | Word
-    limit: Limit | Word
-    utilisation: Quantity | Word
+    value: Quantity | TextCell
+    limit: Limit | TextCell
+    utilisation: Quantity | TextCell
     result: str
     governs: Text = ""
     sensitivities: Text = ""
@@ -189,7 +189,7 @@ class SummaryRow:
 
     @property
     def state(self) -> str:
-        """State of the `Word` that shows the result, one of `tables.STATES`."""
+        """State of the `TextCell` that shows the result, one of `tables.STATES`."""
         return RESULTS[self.result][0]
 
     @property
@@ -227,25 +227,25 @@ class Summary:
         )
 
 
-def _cells(row: SummaryRow) -> tuple[Quantity | Word, ...]:
+def _cells(row: SummaryRow) -> tuple[Quantity | TextCell, ...]:
     """Return a row of the summary as cells of a table."""
-    no_text = Word("not made" if row.reason else "none given", "none")
+    no_text = TextCell("not made" if row.reason else "none given", "none")
     reasons = [*row.assumptions, *(flag.text for flag in row.flags)]
     reason = row.reason or ", ".join(reasons)
     return (
-        Word(row.id),
-        Word(row.name),
-        Word(row.scope),
+        TextCell(row.id),
+        TextCell(row.name),
+        TextCell(row.scope),
         row.value,
-        Word({"≤": "at most", "≥": "at least"}[row.limit.comparison])
+        TextCell({"≤": "at most", "≥": "at least"}[row.limit.comparison])
         if isinstance(row.limit, Limit)
         else row.limit,
         row.limit.quantity if isinstance(row.limit, Limit) else row.limit,
         row.utilisation,
-        Word(row.result, row.state),
-        Word(reason) if reason else Word("none", "none"),
-        *(Word(text) if text else no_text for text in (row.governs, row.sensitivities, row.spread)),
-        Word(row.clause) if row.clause.strip() else Word("none given", "none"),
+        TextCell(row.result, row.state),
+        TextCell(reason) if reason else TextCell("none", "none"),
+        *(TextCell(text) if text else no_text for text in (row.governs, row.sensitivities, row.spread)),
+        TextCell(row.clause) if row.clause.strip() else TextCell("none given", "none"),
     )
 
 

@@ -1,4 +1,4 @@
-"""Cells with a number, or with a word in place of a missing number; names of tables."""
+"""Cells with a number, or with a text in place of a missing number; names of tables."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from typing import TYPE_CHECKING, Any
 
 from rockjax import _results as results
 
-from .tables import Quantity, Word
+from .tables import Quantity, TextCell
 
 if TYPE_CHECKING:
     import xarray
 
 
 def number_cell(
-    value: Any, kind: str, error: Any = None, word: str = "none", note: str = ""
-) -> Quantity | Word:
-    """Return a cell with a number, or with `word` if the number is not finite."""
+    value: Any, kind: str, error: Any = None, text: str = "none", note: str = ""
+) -> Quantity | TextCell:
+    """Return a cell with a number, or with `text` if the number is not finite."""
     value = float(value)
     if not math.isfinite(value):
-        return Word(word, "none", note=note)
+        return TextCell(text, "none", note=note)
     error = None if error is None or not math.isfinite(float(error)) else float(error)
     return Quantity(value, kind, error, note=note)
 
 
-def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | Word:
+def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | TextCell:
     """Return a cell with a peak of scene `k`; if it overturns, with the time of overturning as a note."""
     code = int(data["result"].values[k])
     if results.did_not_finish(code):
-        return Word(results.NAMES[code].replace("_", " "), "unanswered")
+        return TextCell(results.NAMES[code].replace("_", " "), "unanswered")
     if bool(data["overturned"].values[k]):
         until = f"until {float(data['overturn_time'].values[k]):.2f} s"
         return number_cell(value, kind, error, "joint opens", until)

@@ -107,7 +107,7 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         violated,
         value,
         error,
-        "" if math.isfinite(value) else (values.words[governing] or "no finite value"),
+        "" if math.isfinite(value) else (values.texts[governing] or "no finite value"),
         utilisations[1],
         None if kind.has_one_value else governing,
         values.locations[governing],

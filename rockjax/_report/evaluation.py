@@ -26,8 +26,8 @@ class Check:
     - `result`: `"PASS"`, `"FAIL"`, `"UNDECIDED"`, `"NOT VALID"`, `"NOT MADE"` or `"BY OTHERS"`
     - `reason`: why there is no value, or which scenes have no answer; "" otherwise
     - `violated`: ids of the assumptions that do not hold, such as `"A7"`
-    - `limit`, `value`, `error`: numbers [SI]; `value` is ±inf if a word replaces it, and NaN if it is missing
-    - `word`: word that replaces the value, such as "overturned at 5.85 s"; "" for a number
+    - `limit`, `value`, `error`: numbers [SI]; `value` is ±inf if a text replaces it, and NaN if it is missing
+    - `text`: text that replaces the value, such as "overturned at 5.85 s"; "" for a number
     - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn
     - `governing`: index of the governing motion or pulse, or None; `location`: its storey, joint or time
     - `values`: the values of all motions
@@ -44,7 +44,7 @@ class Check:
     violated: tuple[str, ...] = ()
     value: float = math.nan
     error: float = math.nan
-    word: str = ""
+    text: str = ""
     utilisation: float = math.nan
     governing: int | None = None
     location: str = ""

@@ -21,8 +21,8 @@ from .tables import (
     Strong,
     Table,
     Text,
+    TextCell,
     Tone,
-    Word,
     column_heading,
     format_error,
     format_number,
@@ -92,7 +92,7 @@ def value(cell: Cell, units: Units, *, shows_unit: bool = True) -> Markup:
     """
     if isinstance(cell, Formula):
         return formula(cell)
-    if isinstance(cell, Word):
+    if isinstance(cell, TextCell):
         first = text(cell.text, units)
         if cell.tone != "plain":
             first = emphasised(first, cell.tone)

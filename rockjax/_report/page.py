@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from . import markup
 from .blocks import Limit, Page
-from .tables import SPACE, Quantity, Word, format_number, with_unit
+from .tables import SPACE, Quantity, TextCell, format_number, with_unit
 from .units import Units, in_unit
 
 # Result of a check → class of page.css, for the colour of its row in the summary.
@@ -67,10 +67,10 @@ def css_string(text: str) -> str:
     return re.sub(r"[^\w ]", lambda match: f"\\{ord(match[0]) or 0xFFFD:06x} ", text)
 
 
-def _limit(limit: Limit | Word, units: Units) -> Markup:
+def _limit(limit: Limit | TextCell, units: Units) -> Markup:
     """Return the limit of a check in the unit of the page, and also in the unit of the problem file if they
     differ."""
-    if isinstance(limit, Word):
+    if isinstance(limit, TextCell):
         return markup.value(limit, units)
     quantity = limit.quantity
     digits = with_unit(format_number(quantity, units), quantity.kind, units)
@@ -81,7 +81,7 @@ def _limit(limit: Limit | Word, units: Units) -> Markup:
     return content + markup.second_line(limit.note, units)
 
 
-def _value(cell: Quantity | Word, units: Units) -> Markup:
+def _value(cell: Quantity | TextCell, units: Units) -> Markup:
     """Return the value of a check with its error."""
     return Markup(_breakable(markup.value(cell, units)))
 
@@ -91,9 +91,9 @@ def _breakable(content: str) -> str:
     return content.replace(SPACE, " ")
 
 
-def _utilisation(cell: Quantity | Word, units: Units) -> Markup:
-    """Return a utilisation after a bar with a mark at 1, or a word without a bar."""
-    if isinstance(cell, Word):
+def _utilisation(cell: Quantity | TextCell, units: Units) -> Markup:
+    """Return a utilisation after a bar with a mark at 1, or a text without a bar."""
+    if isinstance(cell, TextCell):
         return Markup('<span class="nb">{}</span>').format(markup.text(cell.text, units))
     percent = 100 * min(max(cell.value, 0.0), _LARGEST_U) / _LARGEST_U
     attributes = ' class="above"' if cell.value > 1 else ""

@@ -16,7 +16,7 @@ from .units import KINDS, NO_UNIT, Units
 
 # Colour of a text; "unverified" stands for results and inputs that are missing or not verified.
 Tone: TypeAlias = Literal["plain", "good", "bad", "unverified"]
-# State of a `Word` → its tone.
+# State of a `TextCell` → its tone.
 STATES: dict[str, Tone] = {
     "text": "plain",  # names, sources and other texts
     "pass": "good",
@@ -52,8 +52,8 @@ class Quantity:
     - `is_input`: whether it is an input, which is shown without trailing zeros
     - `note`: a second line in the cell, such as the time of the value
 
-    Raises `ValueError` for an unknown kind, a value that is not finite (use a `Word`), and an error that is
-    negative or not finite.
+    Raises `ValueError` for an unknown kind, a value that is not finite (use a `TextCell`), and an error that
+    is negative or not finite.
     """
 
     value: float
@@ -74,11 +74,11 @@ class Quantity:
 
 
 @dataclasses.dataclass(frozen=True)
-class Word:
-    """A text in a cell: a name, or a word that replaces a number.
+class TextCell:
+    """A text in a cell: a name, or a text that replaces a number.
 
     - `text`: shown text; not empty, not a bare dash, and not the name of a missing number such as "nan"
-    - `state`: meaning of the word for programs, one of `STATES`
+    - `state`: meaning of the text for programs, one of `STATES`
     - `note`: a second line in the cell
 
     Raises `ValueError` for an invalid text and for an unknown state.
@@ -89,14 +89,14 @@ class Word:
     note: Text = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "text", checked_text(self.text, "Word.text"))
-        object.__setattr__(self, "note", checked_text(self.note, "Word.note", may_be_empty=True))
+        object.__setattr__(self, "text", checked_text(self.text, "TextCell.text"))
+        object.__setattr__(self, "note", checked_text(self.note, "TextCell.note", may_be_empty=True))
         if self.state not in STATES:
-            raise ValueError(f"Word: state must be one of {', '.join(STATES)}, got {self.state!r}")
+            raise ValueError(f"TextCell: state must be one of {', '.join(STATES)}, got {self.state!r}")
 
     @property
     def tone(self) -> Tone:
-        """Colour of the word."""
+        """Colour of the text."""
         return STATES[self.state]
 
 
@@ -167,7 +167,7 @@ class Bare:
 
 Part: TypeAlias = str | Quantity | Strong | Code | Link | Bare | Formula
 Text: TypeAlias = str | tuple[Part, ...]  # quantities are shown in the units of the page
-Cell: TypeAlias = Quantity | Series | Word | Formula
+Cell: TypeAlias = Quantity | Series | TextCell | Formula
 _PARTS = (str, Quantity, Strong, Code, Link, Bare, Formula)
 
 
@@ -199,7 +199,7 @@ class Table:
     - `name`: name of the file, sheet and JSON entry, unique in a report: lower-case letters, digits and "-"
     - `caption`: title above the table
     - `columns`: the columns; the cells of the first column are the headings of the rows
-    - `rows`: at least one row, each with a cell for every column; a string is a `Word`
+    - `rows`: at least one row, each with a cell for every column; a string is a `TextCell`
     - `governing`: indices of highlighted rows
     - `ids`: an anchor for every row, such as "A7", of letters, digits, "-" and "."; empty for no anchors
 
@@ -257,7 +257,7 @@ class Table:
 
         - `name`, `caption`, `options`: fields of the table
         - `columns`: heading → kind
-        - `rows`: cells; a plain number is a `Quantity` of the column's kind, a string is a `Word`
+        - `rows`: cells; a plain number is a `Quantity` of the column's kind, a string is a `TextCell`
 
         Raises `ValueError` as the constructor does, and for a number in a column without a kind.
         """
@@ -265,7 +265,7 @@ class Table:
         cells = tuple(
             tuple(
                 _cell(cell)
-                if isinstance(cell, str | tuple | Quantity | Series | Word | Formula)
+                if isinstance(cell, str | tuple | Quantity | Series | TextCell | Formula)
                 else Quantity(cell, column.kind or "")
                 for cell, column in zip(row, headings, strict=True)
             )
@@ -347,7 +347,7 @@ def plain_part(part: Part, units: Units) -> str:
 
 def plain_cell(cell: Cell, units: Units, *, shows_unit: bool = True) -> str:
     """Return a cell as text without its note, and without its unit unless `shows_unit`."""
-    if isinstance(cell, Word):
+    if isinstance(cell, TextCell):
         return plain(cell.text, units)
     if isinstance(cell, Formula):
         return plain_part(cell, units)
@@ -414,7 +414,7 @@ def _finite(value: Any, name: str) -> float:
         raise ValueError(f"Quantity: {name} must be a number, got {value!r}") from None
     if not math.isfinite(number):
         raise ValueError(
-            f"Quantity: {name} must be finite, got {name} = {number}; use a Word instead of a missing number"
+            f"Quantity: {name} must be finite, got {name} = {number}; use a TextCell for a missing number"
         )
     return number
 
@@ -434,14 +434,14 @@ def checked_text(text: Any, owner: str, *, may_be_empty: bool = False) -> Text:
     else:
         raise ValueError(f"{owner} must be a string or a tuple of parts, got {text!r}")
     if _EMPTY.fullmatch(visible) and not (may_be_empty and not text):
-        raise ValueError(f"{owner} must be a word, not empty, a dash, nan, inf or None; got {text!r}")
+        raise ValueError(f"{owner} must be text that is not empty, a dash, nan, inf or None; got {text!r}")
     return text
 
 
 def _cell(cell: Any) -> Cell:
-    """Return a cell; strings and texts become words. Raises `ValueError` for anything else."""
+    """Return a cell; strings and texts become text cells. Raises `ValueError` for anything else."""
     if isinstance(cell, str | tuple):
-        return Word(cell)
-    if not isinstance(cell, Quantity | Series | Word | Formula):
-        raise ValueError(f"Table: a cell must be a Quantity, Series, Word, Formula or text, got {cell!r}")
+        return TextCell(cell)
+    if not isinstance(cell, Quantity | Series | TextCell | Formula):
+        raise ValueError(f"Table: a cell must be a Quantity, Series, TextCell, Formula or text, got {cell!r}")
     return cell

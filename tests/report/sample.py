@@ -29,7 +29,7 @@ from rockjax._report.tables import (
     Series,
     Strong,
     Table,
-    Word,
+    TextCell,
 )
 
 G = 9.80665
@@ -79,9 +79,9 @@ def _rows(text: str) -> Iterator[SummaryRow]:
         id="C9",
         name="Friction demand |T|/N at the joints",
         scope="maximum, largest of 11",
-        value=Word("no finite value", "joint opens", ("joint opens at ", Quantity(3.061, "time"))),
+        value=TextCell("no finite value", "joint opens", ("joint opens at ", Quantity(3.061, "time"))),
         limit=Limit("≤", Quantity(0.45, "number", is_input=True), note=Code("joints.friction").text),
-        utilisation=Word("> 1"),
+        utilisation=TextCell("> 1"),
         result="FAIL",
         governs="motion 9",
         sensitivities="no derivative",
@@ -98,9 +98,9 @@ def _rows(text: str) -> Iterator[SummaryRow]:
             id=id,
             name="Sliding displacement",
             scope="maximum",
-            value=Word("not made", "not made"),
+            value=TextCell("not made", "not made"),
             limit=Limit("≤", Quantity(0.02, "displacement", is_input=True), "cm"),
-            utilisation=Word("no value"),
+            utilisation=TextCell("no value"),
             result="NOT MADE",
             reason=reason,
             section=3,
@@ -109,9 +109,9 @@ def _rows(text: str) -> Iterator[SummaryRow]:
         id="B1",
         name=text,
         scope="by others",
-        value=Word("by others", "by others"),
-        limit=Word("by others", "by others"),
-        utilisation=Word("no value"),
+        value=TextCell("by others", "by others"),
+        limit=TextCell("by others", "by others"),
+        utilisation=TextCell("no value"),
         result="BY OTHERS",
         reason="report G-02",
         section=3,
@@ -121,16 +121,16 @@ def _rows(text: str) -> Iterator[SummaryRow]:
 def inputs(text: str = "drawing S-101 rev C") -> Table:
     rows = (
         (
-            Word("Width of a column 2B", note=(Code("structure.width"),)),
+            TextCell("Width of a column 2B", note=(Code("structure.width"),)),
             Quantity(0.7, "length", is_input=True),
         ),
-        (Word("Mass of a column"), Quantity(4725.0, "mass", is_input=True)),
-        (Word("Columns N"), Quantity(16, "count")),
-        (Word("Story masses"), Series((260e3,) * 7 + (220e3,), "mass", is_input=True)),
-        (Word("Damping ratio of all modes ζ"), Quantity(0.05, "ratio", is_input=True)),
-        (Word("Law of impact"), Word(("paper, e = ", Quantity(0.8969973, "number")))),
+        (TextCell("Mass of a column"), Quantity(4725.0, "mass", is_input=True)),
+        (TextCell("Columns N"), Quantity(16, "count")),
+        (TextCell("Story masses"), Series((260e3,) * 7 + (220e3,), "mass", is_input=True)),
+        (TextCell("Damping ratio of all modes ζ"), Quantity(0.05, "ratio", is_input=True)),
+        (TextCell("Law of impact"), TextCell(("paper, e = ", Quantity(0.8969973, "number")))),
     )
-    sources = [Word(text)] * (len(rows) - 1) + [Word("no source given", "no source")]
+    sources = [TextCell(text)] * (len(rows) - 1) + [TextCell("no source given", "no source")]
     columns = (Column("Quantity", note="key in the problem file"), Column("Value"), Column("Source"))
     made = tuple((*row, source) for row, source in zip(rows, sources, strict=True))
     return Table("inputs", "Inputs", columns, made)
@@ -159,9 +159,9 @@ def derived() -> Table:
 def motions(text: str = "synthetic, seed 475") -> Table:
     rows = []
     for number in range(1, 41):
-        fallen = Word("overturned", "overturned", ("at ", Quantity(5.0 + number / 7, "time")))
+        fallen = TextCell("overturned", "overturned", ("at ", Quantity(5.0 + number / 7, "time")))
         rotation = fallen if number % 4 == 0 else Quantity(0.004 * number, "number", 1e-6 * number)
-        source = Word(text, note="SHA-256 158bb9e58a69…")
+        source = TextCell(text, note="SHA-256 158bb9e58a69…")
         rows.append([str(number), source, 2.9 + number / 100, 0.2 + number / 50, rotation])
     columns = {
         "No.": None,
@@ -175,8 +175,13 @@ def motions(text: str = "synthetic, seed 475") -> Table:
 
 def assumptions() -> Table:
     rows = [
-        ["A1", "Columns do not slide", Word("no", "violated"), "mean column |T|/N = 0.249 ≤ 0.45"],
-        ["A7", "The beam rests on all columns", Word("violated", "violated"), "an outer line is in tension"],
+        ["A1", "Columns do not slide", TextCell("no", "violated"), "mean column |T|/N = 0.249 ≤ 0.45"],
+        [
+            "A7",
+            "The beam rests on all columns",
+            TextCell("violated", "violated"),
+            "an outer line is in tension",
+        ],
     ]
     columns = {"No.": None, "Assumption": None, "Conservative?": None, "Tested": None}
     return Table.of("assumptions", "Assumptions", columns, rows, ids=("A1", "A7"))

@@ -274,7 +274,7 @@ def test_blocks_and_oscillators_on_floors(tmp_path):
     np.testing.assert_allclose(spectrum.values.values, reference, rtol=1e-6)
     assert spectrum.result == "PASS"
     assert contents.result == "FAIL"
-    assert contents.word.startswith("shelf overturned at")
+    assert contents.text.startswith("shelf overturned at")
     assert {"contents-pulses", "oscillators-pulses"} <= report.tables.keys()
     h = 1e-4
     rows = [

@@ -272,7 +272,7 @@ def test_links_lead_somewhere():
     double = '<svg viewBox="0 0 1 1"><g id="a"/><g id="a"/></svg>'
     with pytest.raises(ValueError, match="anchors must differ, got a more than once"):
         sample.page(drawing=double)
-    with pytest.raises(ValueError, match="Page: Author must be a word"):
+    with pytest.raises(ValueError, match="Page: Author must be text"):
         blocks.Page(page.title, {"Author": ""}, page.verdict, (), page.sections)
     anchors = [blocks.check_anchor(id) for id in ("C1", "c1", "Б", "C 1", "C_1", "C-1")]
     assert len(set(anchors)) == len(anchors)

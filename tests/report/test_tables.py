@@ -14,7 +14,7 @@ from rockjax._report.tables import (
     Series,
     Strong,
     Table,
-    Word,
+    TextCell,
     column_heading,
     format_error,
     format_number,
@@ -100,14 +100,14 @@ def test_a_quantity_checks_kind_and_error():
     "text", ["", "  ", "-", "–", "—", "…", "nan", "NaN", "inf", "-inf", "∞", "None", "null", None, 3, ()]
 )
 def test_a_word_is_a_word(text):
-    with pytest.raises(ValueError, match=r"Word\.text must be"):
-        Word(text)
+    with pytest.raises(ValueError, match=r"TextCell\.text must be"):
+        TextCell(text)
 
 
 def test_a_word_has_a_known_state():
-    assert Word("overturned at 5.85 s", "overturned").tone == "bad"
+    assert TextCell("overturned at 5.85 s", "overturned").tone == "bad"
     with pytest.raises(ValueError, match="state must be one of text, pass"):
-        Word("overturned", "fallen")
+        TextCell("overturned", "fallen")
 
 
 def test_a_text_follows_the_units_of_the_page():
@@ -126,18 +126,18 @@ def test_a_heading_has_its_unit():
 
 def test_tables_are_complete():
     columns = {"No.": None, "PGA": "acceleration"}
-    table = Table.of("motions", "Motions", columns, [["1", 2.942], ["2", Word("not asked", "not asked")]])
-    assert table.rows[0] == (Word("1"), Quantity(2.942, "acceleration"))
+    table = Table.of("motions", "Motions", columns, [["1", 2.942], ["2", TextCell("not asked", "not asked")]])
+    assert table.rows[0] == (TextCell("1"), Quantity(2.942, "acceleration"))
     for rows, message in (
         ([], "needs at least one row"),
         ([["1", Quantity(1.0, "force")]], "row 0 has a force in the column 'PGA' of kind acceleration"),
-        ([["1", ""]], r"Word\.text must be a word"),
+        ([["1", ""]], r"TextCell\.text must be text"),
         ([["1", math.nan]], "value must be finite"),
     ):
         with pytest.raises(ValueError, match=message):
             Table.of("motions", "Motions", columns, rows)
     with pytest.raises(ValueError, match="row 0 has 1 cells for 2 columns"):
-        Table("motions", "Motions", table.columns, ((Word("1"),),))
+        Table("motions", "Motions", table.columns, ((TextCell("1"),),))
     with pytest.raises(ValueError, match="name must have lower-case letters"):
         Table.of("Motions!", "Motions", columns, [["1", 1.0]])
     with pytest.raises(ValueError, match="1 ids for 2 rows"):
@@ -160,9 +160,9 @@ def test_rows_of_the_summary_are_complete():
     made = blocks.SummaryRow(**row)
     assert (made.state, made.symbol) == ("pass", "✓")
     for change, message in (
-        ({"id": " "}, r"SummaryRow\.id must be a word"),
+        ({"id": " "}, r"SummaryRow\.id must be text"),
         ({"result": "OK"}, "result must be one of PASS, FAIL"),
-        ({"governs": ""}, "SummaryRow C1: governs must be a word"),
+        ({"governs": ""}, "SummaryRow C1: governs must be text"),
         ({"utilisation": Quantity(0.5, "number")}, "utilisation must be of kind"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -11,7 +11,7 @@ from rockjax._report.tables import (
     Quantity,
     Series,
     Table,
-    Word,
+    TextCell,
     format_number,
     plain,
     plain_cell,
@@ -80,4 +80,4 @@ def _extra_columns(cells: list[Cell], column: Column, units: Units) -> list[tupl
 
 
 def _kind(cell: Cell) -> str:
-    return "" if isinstance(cell, Word | Formula) else cell.kind
+    return "" if isinstance(cell, TextCell | Formula) else cell.kind

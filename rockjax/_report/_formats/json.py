@@ -31,7 +31,7 @@ from rockjax._report.tables import (
     Series,
     Table,
     Text,
-    Word,
+    TextCell,
     plain,
     plain_part,
 )
@@ -55,7 +55,7 @@ def document(page: Page, g: float) -> dict[str, Any]:
 
     The keys are `schema`, `title`, `subject`, `head`, `origin`, `verdict`, `is_verified`, `notices`, `checks`
     (an entry for each row of the summary; its `is_target` states whether the check is a design target),
-    `tables` (by name) and `sections`. A number is {"value", "unit"} and, if known, "error"; a word that
+    `tables` (by name) and `sections`. A number is {"value", "unit"} and, if known, "error"; a text that
     replaces a number is {"text", "state"}; texts with numbers are lists of strings and numbers.
     """
     converter = _Converter(Units.si(g))
@@ -103,7 +103,7 @@ class _Converter:
         if isinstance(cell, Formula):
             return {"latex": formulas.latex(cell.name)}
         note = {"note": self.text(cell.note)} if cell.note else {}
-        if isinstance(cell, Word):
+        if isinstance(cell, TextCell):
             return {"text": self.text(cell.text), "state": cell.state, **note}
         if isinstance(cell, Series):
             return {"values": list(cell.values), "unit": si_unit(cell.kind), **note}
@@ -141,8 +141,8 @@ class _Converter:
             "is_target": row.is_target,
         }
 
-    def _limit(self, limit: Limit | Word) -> Any:
-        if isinstance(limit, Word):
+    def _limit(self, limit: Limit | TextCell) -> Any:
+        if isinstance(limit, TextCell):
             return self.cell(limit)
         note = {"note": self.text(limit.note)} if limit.note else {}
         sense = {"≤": "at most", "≥": "at least"}[limit.comparison]

@@ -31,9 +31,9 @@ STATISTICS = {"max": "largest", "mean": "mean", "median": "median", "p84": "84 %
 class Values(NamedTuple):
     """Values of a check for each of its cases, or one value for all of them.
 
-    - `values`: (n,) [SI]; ±inf where a word replaces the number
+    - `values`: (n,) [SI]; ±inf where a text replaces the number
     - `errors`: (n,) estimated errors, NaN where unknown
-    - `words`: (n,) words that replace numbers, such as "overturned at 5.85 s"; "" for numbers
+    - `texts`: (n,) texts that replace numbers, such as "overturned at 5.85 s"; "" for numbers
     - `locations`: (n,) storey, joint or time of each value; "" for none
     - `unanswered`: why each scene or the estimate has no result, such as "undecided"; "" if it has a result
     - `names`: (n,) names of the cases: motions or pulses
@@ -43,7 +43,7 @@ class Values(NamedTuple):
 
     values: np.ndarray
     errors: np.ndarray
-    words: tuple[str, ...]
+    texts: tuple[str, ...]
     locations: tuple[str, ...]
     unanswered: tuple[str, ...]
     names: tuple[str, ...]
@@ -207,7 +207,7 @@ class Kind(abc.ABC):
         yield from ()
 
 
-def with_words(
+def with_texts(
     scenes: Scenes,
     entry: Entry,
     data: Any,
@@ -216,24 +216,24 @@ def with_words(
     locations: list[str],
     is_minimum: bool,
 ) -> Values:
-    """Return the values of scenes. Words replace overturned scenes, and infinite values, where a joint opens.
+    """Return the values of scenes. Texts replace overturned scenes, and infinite values, where a joint opens.
 
     - `scenes`, `entry`: the scenes and the entry
     - `data`: dataset of the scenes, with the dim `motion` of length n
     - `values`, `errors`, `locations`: fields of `Values`, (n,)
     - `is_minimum`: whether the value must be at least the limit
     """
-    words, unanswered = [], unanswered_scenes(data)
+    texts, unanswered = [], unanswered_scenes(data)
     worst = -np.inf if is_minimum else np.inf
     values = np.array(values, float)
     for k, is_overturned in enumerate(np.asarray(data["overturned"])):
         if is_overturned:
             values[k], unanswered[k] = worst, ""
-            words.append(f"overturned at {float(data['overturn_time'][k]):.2f} s")
+            texts.append(f"overturned at {float(data['overturn_time'][k]):.2f} s")
         else:
-            words.append("joint opens" if np.isinf(values[k]) else "")
+            texts.append("joint opens" if np.isinf(values[k]) else "")
     names = scenes.motion_set(str(entry.motions)).names
-    return Values(values, np.asarray(errors, float), tuple(words), tuple(locations), tuple(unanswered), names)
+    return Values(values, np.asarray(errors, float), tuple(texts), tuple(locations), tuple(unanswered), names)
 
 
 def unanswered_scenes(data: Any) -> list[str]:

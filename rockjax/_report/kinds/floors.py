@@ -17,13 +17,13 @@ from rockjax._report.derivatives import SlopesFunction, slopes_of
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scenes import Scenes
-from rockjax._report.tables import Column, Table, Word
+from rockjax._report.tables import Column, Table, TextCell
 from rockjax._responses.on_floors import as_systems
 from rockjax._responses.simulate import peak_response
 from rockjax._structures import Podium
 from rockjax._types import Value
 
-from .base import Kind, Values, with_words
+from .base import Kind, Values, with_texts
 
 if TYPE_CHECKING:
     import xarray
@@ -78,18 +78,18 @@ class FloorKind(Kind):
         if f"{self.variable}_error" in data:
             errors = data[f"{self.variable}_error"].values[rows, worst]
         locations = [names[k] for k in worst]
-        result = with_words(scenes, entry, data, peaks[rows, worst], errors, locations, False)
-        words, unanswered = list(result.words), list(result.unanswered)
+        result = with_texts(scenes, entry, data, peaks[rows, worst], errors, locations, False)
+        texts, unanswered = list(result.texts), list(result.unanswered)
         codes = data[f"{self.dim}_result"].values
         for k in rows:
-            if words[k] == "joint opens":  # the word for an infinite value, here of an overturned block
+            if texts[k] == "joint opens":  # the text for an infinite value, here of an overturned block
                 time = float(data["contents_overturn_time"].values[k, worst[k]])
-                words[k] = f"{locations[k]} overturned at {time:.2f} s"
-            elif not words[k] and results.did_not_finish(codes[k]).any():
+                texts[k] = f"{locations[k]} overturned at {time:.2f} s"
+            elif not texts[k] and results.did_not_finish(codes[k]).any():
                 unanswered[k] = results.NAMES[int(codes[k].max())]
-            elif not words[k] and np.isinf(errors[k]):
+            elif not texts[k] and np.isinf(errors[k]):
                 unanswered[k] = "undecided"
-        return result._replace(words=tuple(words), unanswered=tuple(unanswered))
+        return result._replace(texts=tuple(texts), unanswered=tuple(unanswered))
 
     def _overturned(self, data: xarray.Dataset) -> np.ndarray:
         """Return whether each block overturned, (motions, blocks); oscillators never overturn."""
@@ -119,13 +119,13 @@ class FloorKind(Kind):
             for j in range(len(labels)):
                 value = data[self.variable].values[k, j]
                 cells.append(
-                    Word(
+                    TextCell(
                         f"overturned at {float(data['contents_overturn_time'].values[k, j]):.2f} s",
                         "overturned",
                     )
                     if overturned[k, j]
                     else peak_cell(data, k, value, self.quantity)
                 )
-            rows.append((Word(motion), *cells))
+            rows.append((TextCell(motion), *cells))
         columns = (Column("Motion"), *(Column(f"{self.symbol}, {y}", self.quantity) for y in labels))
         return [Table(f"{self.table}-{slug(name)}", f"{self.title}, set {name}", columns, tuple(rows))]

@@ -20,7 +20,7 @@ from rockjax._report.units import kind_of_unit
 from rockjax._structures import Podium
 from rockjax._types import Value
 
-from .base import Kind, Values, with_words
+from .base import Kind, Values, with_texts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +87,7 @@ class PeakKind(Kind):
             locations = [location_names.get(axis, lambda k: f"mode {k + 1}")(int(k)) for k in worst]
         if self.variable == "peak_rotation":
             locations = [f"{float(t):.3f} s" for t in data["peak_rotation_time"].values]
-        return with_words(scenes, entry, data, all_values, error, locations, self.is_minimum)
+        return with_texts(scenes, entry, data, all_values, error, locations, self.is_minimum)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         answers, problem = scene_answers(scenes, str(entry.motions), case), scenes.problem
@@ -119,7 +119,7 @@ class NoOverturning(Kind):
         ratio = float(scenes.problem.options.overturn_ratio)
         values = np.asarray(data["peak_rotation"], float) / ratio
         errors = np.asarray(data["peak_rotation_error"], float) / ratio
-        return with_words(scenes, entry, data, values, errors, [""] * len(values), False)
+        return with_texts(scenes, entry, data, values, errors, [""] * len(values), False)
 
 
 def _per_dead_load(problem: Problem, podium: Podium) -> Any:

@@ -20,7 +20,7 @@ from rockjax._report.problem import Problem
 from rockjax._report.scales import just_below
 from rockjax._report.scenes import Scenes
 from rockjax._report.store import fingerprint
-from rockjax._report.tables import Column, Table, Word
+from rockjax._report.tables import Column, Table, TextCell
 from rockjax._report.units import kind_of_unit
 from rockjax._risk.annual import MIN_EXTRAPOLATED, annual_frequency
 from rockjax._risk.gaussian import Envelope, GaussianMotion
@@ -204,7 +204,10 @@ class ShareKind(Kind):
         del values
         data, names = self._scenes(entry, scenes), scenes.motion_set(str(entry.motions)).names
         rows = [
-            (Word(name), Word("overturned", "overturned") if is_overturned else Word("survives", "holds"))
+            (
+                TextCell(name),
+                TextCell("overturned", "overturned") if is_overturned else TextCell("survives", "holds"),
+            )
             for name, is_overturned in zip(names, data["overturned"].values, strict=True)
         ]
         factor = float(entry.arguments.get("intensity", 1.0))
@@ -327,5 +330,5 @@ def _numbers_of(curve: Any) -> list[float]:
 
 
 def _table(name: str, caption: str, rows: list[tuple[str, float, str]]) -> Table:
-    cells = tuple((Word(text), number_cell(value, kind)) for text, value, kind in rows)
+    cells = tuple((TextCell(text), number_cell(value, kind)) for text, value, kind in rows)
     return Table(name, caption, (Column("Quantity"), Column("Value")), cells)

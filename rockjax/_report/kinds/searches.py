@@ -47,10 +47,10 @@ class ScaleKind(Kind):
         data = least_factors(scenes, str(entry.motions), self.event)
         values = np.asarray(data["factor"], float)
         end = float(data.attrs["limit"])
-        words = tuple("" if np.isfinite(y) else f"no {self.event} up to {end:.3g}" for y in values)
+        texts = tuple("" if np.isfinite(y) else f"no {self.event} up to {end:.3g}" for y in values)
         no_locations = ("",) * len(values)
         names = scenes.motion_set(str(entry.motions)).names
-        return Values(values, np.asarray(data["error"], float), words, no_locations, (), names)
+        return Values(values, np.asarray(data["error"], float), texts, no_locations, (), names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         return least_factor_slopes(scenes, self.event, str(entry.motions), case)
@@ -106,11 +106,11 @@ class PulseKind(Kind):
         del law, variation
         amplitudes = self._amplitudes(entry, scenes)
         end = self._settings(entry, scenes)["max_acceleration_ratio"]
-        words = tuple("" if np.isfinite(y) else f"no overturning up to {end:g} g tan α" for y in amplitudes)
+        texts = tuple("" if np.isfinite(y) else f"no overturning up to {end:g} g tan α" for y in amplitudes)
         pulse = entry.arguments["pulse"].__name__
         names = tuple(f"{pulse}, T_p = {y:.4g} s" for y in np.atleast_1d(entry.arguments["T_p"]))
         errors = np.where(np.isfinite(amplitudes), amplitudes * BOUNDARY_ERROR, np.nan)
-        return Values(amplitudes, errors, words, ("",) * len(amplitudes), (), names)
+        return Values(amplitudes, errors, texts, ("",) * len(amplitudes), (), names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction:
         return slopes_of(scenes.problem, lambda podium, logs: self._amplitude(entry, scenes, case, podium))
@@ -143,10 +143,10 @@ class PulseKind(Kind):
         rows = [
             (
                 name,
-                number_cell(y * unit, "acceleration", word=word),
-                number_cell(y * unit / threshold, "number", word=word),
+                number_cell(y * unit, "acceleration", text=text),
+                number_cell(y * unit / threshold, "number", text=text),
             )
-            for name, y, word in zip(values.names, values.values, values.words, strict=True)
+            for name, y, text in zip(values.names, values.values, values.texts, strict=True)
         ]
         caption = f"Pulses that overturn the columns, check {entry.id}"
         return [Table.of(f"pulses-{slug(entry.id)}", caption, columns, rows)]

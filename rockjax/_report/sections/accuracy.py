@@ -9,7 +9,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._outputs.registry import VARIABLES
 from rockjax._report.blocks import Paragraph, Section
-from rockjax._report.tables import Column, Quantity, Table, Word
+from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units, kind_of_unit
 
 from .common import sets_with_scenes
@@ -45,16 +45,18 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             errors, values = error[np.isfinite(error)], value[np.isfinite(value)]
             rows.append(
                 (
-                    Word(name),
-                    Word(entry.symbol or variable),
-                    Quantity(errors.max(), kind) if errors.size else Word("no finite error", "none"),
-                    Quantity(np.abs(values).max(), kind) if values.size else Word("no finite value", "none"),
+                    TextCell(name),
+                    TextCell(entry.symbol or variable),
+                    Quantity(errors.max(), kind) if errors.size else TextCell("no finite error", "none"),
+                    Quantity(np.abs(values).max(), kind)
+                    if values.size
+                    else TextCell("no finite value", "none"),
                 )
             )
         codes, undecided = data["result"].values, data["undecided"].values
         counts.append(
             (
-                Word(name),
+                TextCell(name),
                 Quantity(len(codes), "count"),
                 Quantity(int(data["overturned"].values.sum()), "count"),
                 Quantity(int(undecided.sum()), "count"),

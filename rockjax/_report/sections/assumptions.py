@@ -11,7 +11,7 @@ from rockjax._report.assumptions import ASSUMPTIONS, Assumption, Outcome
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number_cell
 from rockjax._report.kinds import KINDS
-from rockjax._report.tables import Code, Column, Table, Word
+from rockjax._report.tables import Code, Column, Table, TextCell
 from rockjax._report.units import Units
 
 if TYPE_CHECKING:
@@ -40,7 +40,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     if missing:
         headings = Column("Check"), Column("Name"), Column("Result"), Column("Reason")
         cells = tuple(
-            (Word(y.id), Word(y.name), Word(y.result, y.result.lower()), Word(y.reason)) for y in missing
+            (TextCell(y.id), TextCell(y.name), TextCell(y.result, y.result.lower()), TextCell(y.reason))
+            for y in missing
         )
         blocks.append(Table("left-out", "Checks that were not made here", headings, cells))
     requested = {check.kind.name for check in evaluation.checks}
@@ -49,7 +50,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     return Section(10, "Assumptions and what is left out", tuple(blocks))
 
 
-def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
+def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]:
     """Return the row of an assumption, with the result of the worst set of motions."""
     texts, violated, tested = [], False, False
     for name, outcomes in evaluation.assumptions.items():  # sets of motions
@@ -69,13 +70,13 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[Word, ...]:
         violated = bool(changed)
         texts.append(f"Results that change: {', '.join(changed) or 'none'}.")
     words = {"A6": ("matters", "makes no difference")}.get(assumption.id, ("violated", "holds"))
-    result = Word(words[0], "violated") if violated else Word(words[1], "holds")
+    result = TextCell(words[0], "violated") if violated else TextCell(words[1], "holds")
     return (
-        Word(assumption.id),
-        Word(assumption.text),
-        Word(assumption.conservative),
-        result if tested else Word("not tested", "not tested"),
-        Word(" ".join(texts) or "No scene was solved."),
+        TextCell(assumption.id),
+        TextCell(assumption.text),
+        TextCell(assumption.conservative),
+        result if tested else TextCell("not tested", "not tested"),
+        TextCell(" ".join(texts) or "No scene was solved."),
     )
 
 
@@ -110,12 +111,12 @@ def _laws(evaluation: Evaluation) -> Table | None:
     rows = []
     for check in checks:
         cells: list[Any] = [
-            Word(check.id),
-            number_cell(check.utilisation, "utilisation", word="no finite value"),
+            TextCell(check.id),
+            number_cell(check.utilisation, "utilisation", text="no finite value"),
         ]
         for law in laws:
             u, word = check.laws[law]
-            cells += [number_cell(u, "utilisation", word="no finite value"), Word(word, word.lower())]
+            cells += [number_cell(u, "utilisation", text="no finite value"), TextCell(word, word.lower())]
         rows.append(tuple(cells))
     caption = "Checks of peaks under other laws of impact; violated assumptions are not considered"
     return Table("laws", caption, columns, tuple(rows))

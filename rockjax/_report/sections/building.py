@@ -9,7 +9,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number_cell, peak_cell, slug
-from rockjax._report.tables import Column, Table, Word
+from rockjax._report.tables import Column, Table, TextCell
 from rockjax._report.units import Units
 
 from .common import details, sets_with_scenes
@@ -33,10 +33,10 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             jump = data["peak_velocity_jump"][k] if "peak_velocity_jump" in data else np.nan
             shears.append(
                 (
-                    Word(name),
-                    Word(label),
+                    TextCell(name),
+                    TextCell(label),
                     peak_cell(data, k, data["peak_shear"][k], "number"),
-                    number_cell(jump, "velocity", word="no impact"),
+                    number_cell(jump, "velocity", text="no impact"),
                 )
             )
     if shears:
@@ -83,16 +83,18 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
     rows = []
     for j in range(data["peak_drift"].shape[-1]):
         if not len(drift):
-            rows.append((Word(f"storey {j + 1}"), *[Word("every scene overturned", "overturned")] * 5))
+            rows.append(
+                (TextCell(f"storey {j + 1}"), *[TextCell("every scene overturned", "overturned")] * 5)
+            )
             continue
         ratio = (
             number_cell(drift[:, j].max() / heights[j], "ratio")
             if heights is not None
-            else Word("no height", "none")
+            else TextCell("no height", "none")
         )
         rows.append(
             (
-                Word(f"storey {j + 1}"),
+                TextCell(f"storey {j + 1}"),
                 number_cell(drift[:, j].max(), "displacement"),
                 number_cell(drift[:, j].mean(), "displacement"),
                 ratio,

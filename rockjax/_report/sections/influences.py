@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number_cell, slug
-from rockjax._report.tables import Cell, Column, Quantity, Table, Word
+from rockjax._report.tables import Cell, Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
 
 if TYPE_CHECKING:
@@ -40,13 +40,13 @@ def _table(check: Check) -> Table:
     names = dict.fromkeys((*check.sensitivities, *check.spread))
 
     def row(name: str) -> tuple[Cell, ...]:
-        slope: Any = Word(check.no_slopes, "none")
+        slope: Any = TextCell(check.no_slopes, "none")
         if name in check.sensitivities:
             slope = number_cell(check.sensitivities[name], "number")
-        ends = [Word("not repeated", "none")] * 2
+        ends = [TextCell("not repeated", "none")] * 2
         if name in check.spread:
-            ends = [number_cell(u, "utilisation", word="no finite value") for u in check.spread[name]]
-        return Word(name), slope, *ends
+            ends = [number_cell(u, "utilisation", text="no finite value") for u in check.spread[name]]
+        return TextCell(name), slope, *ends
 
     suffix = f", set {check.motions}" if check.motions else ""
     is_finite = math.isfinite(check.utilisation)

@@ -10,7 +10,7 @@ from rockjax._outputs.base import JOINT_NAMES
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
 from rockjax._report.cells import peak_cell, slug
 from rockjax._report.pictures import to_svg
-from rockjax._report.tables import Code, Column, Formula, Table, Word
+from rockjax._report.tables import Code, Column, Formula, Table, TextCell
 from rockjax._report.units import Units
 
 from .common import governing_scene, sets_with_scenes, stored_figure
@@ -79,10 +79,10 @@ def _table(evaluation: Evaluation, name: str) -> Table:
                 if "axial" in variable:
                     value /= dead_load[joint]
                 if variable.endswith(("impact_friction", "impulse_share")) and not data["impacts"][k]:
-                    cells.append(Word("no impact", "none"))
+                    cells.append(TextCell("no impact", "none"))
                 else:
                     cells.append(peak_cell(data, k, value, "number"))
-            rows.append((Word(label), Word(joint_name), *cells))
+            rows.append((TextCell(label), TextCell(joint_name), *cells))
     return Table(
         f"joints-{slug(name)}",
         f"Forces in the joints, set {name}, worst column",
@@ -98,7 +98,9 @@ def _shears(evaluation: Evaluation, names: list[str]) -> Table:
         data = evaluation.scenes.peaks(name)
         k = int(np.argmax(data["peak_foundation_shear"].values))
         label = evaluation.problem.motions[name].names[k]
-        rows.append((Word(name), Word(label), peak_cell(data, k, data["peak_foundation_shear"][k], "number")))
+        rows.append(
+            (TextCell(name), TextCell(label), peak_cell(data, k, data["peak_foundation_shear"][k], "number"))
+        )
     columns = (Column("Set"), Column("Motion"), Column("max|V| / total weight", "number"))
     return Table("foundation-shear", "Foundation shear, governing motion of each set", columns, tuple(rows))
 

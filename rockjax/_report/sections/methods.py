@@ -14,7 +14,7 @@ from rockjax._practice.methods import simplified_methods
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number_cell, peak_cell, slug
 from rockjax._report.store import fingerprint
-from rockjax._report.tables import Column, Quantity, Table, Word
+from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units, kind_of_unit
 
 from .common import sets_with_scenes
@@ -73,28 +73,28 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
         Column("Verdict"),
         Column("Reliability"),
     )
-    not_computed = Word("not computed", "not made")
+    not_computed = TextCell("not computed", "not made")
     rows = []
     for result in results:
         kind = kind_of_unit(result.unit)
         has_values = result.governing_demand is not None and result.capacity is not None
         verdict = {
-            True: Word("accepts", "pass"),
-            False: Word("rejects", "fail"),
-            None: Word("no verdict", "not made"),
+            True: TextCell("accepts", "pass"),
+            False: TextCell("rejects", "fail"),
+            None: TextCell("no verdict", "not made"),
         }
         missing = "; ".join(result.missing)
         rows.append(
             (
-                Word(f"{result.title} {result.equation}", note=result.source),
-                Word(f"{result.quantity}, {result.statistic}"),
+                TextCell(f"{result.title} {result.equation}", note=result.source),
+                TextCell(f"{result.quantity}, {result.statistic}"),
                 number_cell(result.governing_demand, kind) if has_values else not_computed,
                 number_cell(result.capacity, kind) if has_values else not_computed,
-                number_cell(result.utilisation, "utilisation", word="no capacity")
+                number_cell(result.utilisation, "utilisation", text="no capacity")
                 if has_values
                 else not_computed,
                 verdict[result.passes],
-                Word(result.reliability, note=missing),
+                TextCell(result.reliability, note=missing),
             )
         )
     tables = [Table(f"methods-{slug(name)}", f"Simplified methods, set {name}", columns, tuple(rows))]
@@ -110,7 +110,7 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
         for k, label in enumerate(evaluation.problem.motions[name].names):
             cells = [_rotation(result, k) for result in with_rotation]
             rotation_rows.append(
-                (Word(label), peak_cell(data, k, data["peak_rotation"][k], "number"), *cells)
+                (TextCell(label), peak_cell(data, k, data["peak_rotation"][k], "number"), *cells)
             )
         tables.append(
             Table(
@@ -123,10 +123,10 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
     return tables
 
 
-def _rotation(result: Any, k: int) -> Quantity | Word:
+def _rotation(result: Any, k: int) -> Quantity | TextCell:
     value = float(np.asarray(result.rotation_ratio)[k])
     count = int(np.asarray(result.stable_roots)[k])
     note = f"{count} answers" if count > 1 else ""
     if value >= 1:
-        return Word("overturns", "overturned", note=note)
-    return number_cell(value, "number", note=note) if value > 0 else Word("no uplift", "none")
+        return TextCell("overturns", "overturned", note=note)
+    return number_cell(value, "number", note=note) if value > 0 else TextCell("no uplift", "none")

@@ -12,7 +12,7 @@ from rockjax._motions.motion import Motion
 from rockjax._report.blocks import Figure, Paragraph, Section
 from rockjax._report.cells import number_cell, slug
 from rockjax._report.pictures import to_svg
-from rockjax._report.tables import Code, Column, Quantity, Table, Word
+from rockjax._report.tables import Code, Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
 
 from .common import sets_with_scenes, stored_figure
@@ -77,36 +77,36 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
                 source += f", seed {metadata['seed']}"
             if metadata.get("scale") not in (None, 1, 1.0):
                 source += f", scale {float(metadata['scale']):.6g}"
-            spectral: Any = Word("rigid", "none")
+            spectral: Any = TextCell("rigid", "none")
             if period is not None:
                 spectral = Quantity(spectral_acceleration(member, period, DAMPING), "acceleration")
             rows.append(
                 (
-                    Word(name),
-                    Word(source.rpartition("/")[2]),
-                    Word(f"{len(member)} every {member.dt:g} s"),
+                    TextCell(name),
+                    TextCell(source.rpartition("/")[2]),
+                    TextCell(f"{len(member)} every {member.dt:g} s"),
                     number_cell(member.pga, "acceleration"),
                     number_cell(member.pgv, "velocity"),
                     number_cell(member.pgd, "displacement"),
                     spectral,
                     number_cell(member.pga / threshold, "number"),
-                    Word(sha[:16]),
+                    TextCell(sha[:16]),
                 )
             )
         else:
-            no_value = Word("of a pulse", "none")
+            no_value = TextCell("of a pulse", "none")
             amplitude = float(getattr(member, "a_p", np.nan))
             rows.append(
                 (
-                    Word(name),
-                    Word("problem file"),
-                    Word("pulse"),
-                    number_cell(amplitude, "acceleration", word="none"),
+                    TextCell(name),
+                    TextCell("problem file"),
+                    TextCell("pulse"),
+                    number_cell(amplitude, "acceleration", text="none"),
                     no_value,
                     no_value,
                     no_value,
                     number_cell(amplitude / threshold, "number"),
-                    Word(sha[:16]),
+                    TextCell(sha[:16]),
                 )
             )
     label = f", {motions.label}" if motions.label != motions.name else ""

@@ -8,7 +8,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from rockjax._report.blocks import Paragraph, Section, Verbatim
-from rockjax._report.tables import Code, Column, Table, Word
+from rockjax._report.tables import Code, Column, Table, TextCell
 from rockjax._report.units import Units
 from rockjax._version import __version__
 
@@ -39,7 +39,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         "provenance",
         "Versions and files",
         (Column("Item"), Column("Version or hash")),
-        tuple((Word(name), Word(value)) for name, value in rows),
+        tuple((TextCell(name), TextCell(value)) for name, value in rows),
     )
     intro = Paragraph(("The problem file ", Code(problem.path.name), ", verbatim:"))
     return Section(12, "Provenance", (table, intro, Verbatim(problem.text)))

@@ -12,7 +12,7 @@ from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.peaks import deck_displacement
 from rockjax._report.pictures import to_svg
 from rockjax._report.scales import MAX_SCALE, least_factors
-from rockjax._report.tables import Column, Quantity, Table, Word
+from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
 
 from .common import details, governing_scene, sets_with_scenes, stored_figure
@@ -67,19 +67,21 @@ def _table(evaluation: Evaluation, name: str) -> Table:
         uplifted = bool(data["uplifted"][k])
         u_b = deck_displacement(podium, min(rotation, 1.0))
         row: list[Any] = [
-            Word(label),
-            Quantity(float(data["uplift_time"][k]), "time") if uplifted else Word("no uplift", "none"),
+            TextCell(label),
+            Quantity(float(data["uplift_time"][k]), "time") if uplifted else TextCell("no uplift", "none"),
             peak_cell(data, k, rotation, "number", data["peak_rotation_error"][k]),
-            Quantity(float(data["peak_rotation_time"][k]), "time") if uplifted else Word("no uplift", "none"),
+            Quantity(float(data["peak_rotation_time"][k]), "time")
+            if uplifted
+            else TextCell("no uplift", "none"),
             peak_cell(data, k, u_b, "displacement"),
             _impacts(float(data["impacts"][k])),
             _impacts(float(data["impacts_before_peak"][k])),
         ]
         if windows is not None:
             factor = float(windows["factor"][k])
-            word = f"none up to {2 * factor:.3g}" if np.isfinite(factor) else "none"
-            row.append(number_cell(factor, "number", word=f"none up to {MAX_SCALE:g}"))
-            row += [number_cell(float(windows[y][k]), "number", word=word) for y in list(WINDOW_COLUMNS)[1:]]
+            text = f"none up to {2 * factor:.3g}" if np.isfinite(factor) else "none"
+            row.append(number_cell(factor, "number", text=f"none up to {MAX_SCALE:g}"))
+            row += [number_cell(float(windows[y][k]), "number", text=text) for y in list(WINDOW_COLUMNS)[1:]]
         rows.append(tuple(row))
     return Table(
         f"rotation-{slug(name)}",
@@ -90,10 +92,10 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     )
 
 
-def _impacts(count: float) -> Quantity | Word:
+def _impacts(count: float) -> Quantity | TextCell:
     if not np.isfinite(count):
-        return Word("not counted", "none")
-    return Quantity(count, "count") if count else Word("no impact", "none")
+        return TextCell("not counted", "none")
+    return Quantity(count, "count") if count else TextCell("no impact", "none")
 
 
 def _history(evaluation: Evaluation, name: str, k: int) -> Figure:

@@ -11,7 +11,7 @@ from rockjax._parameters.registry import STRUCTURE
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
 from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
 from rockjax._report.store import dataset_of, fingerprint
-from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Word
+from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, TextCell
 from rockjax._report.units import Units, kind_of_unit
 from rockjax._structures import Podium
 
@@ -87,8 +87,8 @@ def _elevation(evaluation: Evaluation, units: Units) -> Figure:
     return stored_figure(evaluation, "elevation", inputs, draw)
 
 
-def _source(source: str | None) -> Word:
-    return Word("no source given", "no source") if source is None else Word(source)
+def _source(source: str | None) -> TextCell:
+    return TextCell("no source given", "no source") if source is None else TextCell(source)
 
 
 def _row(entry: Input) -> tuple[Cell, ...]:
@@ -101,17 +101,17 @@ def _row(entry: Input) -> tuple[Cell, ...]:
         kind = "count" if parameter.is_integer else kind_of_unit(parameter.unit)
         kind = "length" if kind == "displacement" else kind  # inputs are dimensions
     return (
-        Word(meaning or name),
-        Word((Code(f"structure.{entry.key}"),)),
+        TextCell(meaning or name),
+        TextCell((Code(f"structure.{entry.key}"),)),
         value_cell(entry.value, kind or "number"),
         _source(entry.source),
     )
 
 
 def value_cell(value: Any, kind: str) -> Cell:
-    """Return an input as a cell: a number, a series of numbers, or a word."""
+    """Return an input as a cell: a number, a series of numbers, or a text."""
     if isinstance(value, str):
-        return Word(value)
+        return TextCell(value)
     if isinstance(value, list | tuple):
         return Series(tuple(float(y) for y in value), kind, is_input=True)
     return Quantity(float(value), kind, is_input=True)
@@ -128,7 +128,12 @@ def _joint_rows(evaluation: Evaluation):
         value = getattr(evaluation.problem.joints, name)
         if value is not None:
             source = evaluation.problem.sources.get(f"joints.{name}")
-            yield Word(meaning), Word((Code(f"joints.{name}"),)), value_cell(value, kind), _source(source)
+            yield (
+                TextCell(meaning),
+                TextCell((Code(f"joints.{name}"),)),
+                value_cell(value, kind),
+                _source(source),
+            )
 
 
 def _derived(evaluation: Evaluation) -> Equations:

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from rockjax._report.blocks import Limit, Section, Summary, SummaryRow
-from rockjax._report.tables import Quantity, Text, Word
+from rockjax._report.tables import Quantity, Text, TextCell
 from rockjax._report.units import Units
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
     scope = check.kind.scope(check.entry, evaluation.problem)
-    limit: Limit | Word = Word("none given", "none")
+    limit: Limit | TextCell = TextCell("none given", "none")
     if check.kind.has_limit:
         comparison = "≥" if check.kind.is_minimum else "≤"
         quantity = Quantity(check.limit, check.entry.quantity, is_input=True)
@@ -41,9 +41,9 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
             check.id,
             check.name,
             scope,
-            Word(state, state),
+            TextCell(state, state),
             limit,
-            Word("no value", "none"),
+            TextCell("no value", "none"),
             check.result,
             reason=check.reason,
             section=check.kind.section,
@@ -51,11 +51,11 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
             is_target=check.is_target,
         )
     if math.isfinite(check.value):
-        value: Quantity | Word = Quantity(
+        value: Quantity | TextCell = Quantity(
             check.value, check.entry.quantity, check.error if check.error > 0 else None
         )
     else:
-        value = Word(check.word, "overturned" if "overturned" in check.word else "joint opens")
+        value = TextCell(check.text, "overturned" if "overturned" in check.text else "joint opens")
     is_finite = math.isfinite(check.utilisation)
     return SummaryRow(
         check.id,
@@ -63,7 +63,7 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
         scope,
         value,
         limit,
-        Quantity(check.utilisation, "utilisation") if is_finite else Word("> 1", "fail"),
+        Quantity(check.utilisation, "utilisation") if is_finite else TextCell("> 1", "fail"),
         check.result,
         governs=_governs(check),
         sensitivities=_slopes(check),
