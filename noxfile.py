@@ -2,7 +2,7 @@
 # /// script
 # dependencies = ["nox>=2025.2.9"]
 # ///
-"""Tasks of contributors: `nox -l` lists them, `nox -s smoke` runs one, arguments after `--` are passed on."""
+"""Tasks of contributors: `nox -l` lists them, and `nox -s smoke` runs one with the arguments after `--`."""
 
 import nox
 
@@ -12,28 +12,28 @@ nox.options.default_venv_backend = "uv|virtualenv"
 
 @nox.session(default=True)
 def tests(session: nox.Session) -> None:
-    """The tests but for the slow ones, on all cores."""
+    """Run all tests except the slow ones, on all cores."""
     session.install("-e", ".[test]")
     session.run("pytest", *session.posargs)
 
 
 @nox.session(default=False)
 def smoke(session: nox.Session) -> None:
-    """One test of each main part, in at most two minutes."""
+    """Run one test of each main part, in at most two minutes."""
     session.install("-e", ".[test]")
     session.run("pytest", "-m", "smoke and not slow", *session.posargs)
 
 
 @nox.session(default=False)
 def slow(session: nox.Session) -> None:
-    """The slow tests: more structures, methods, motions and pages."""
+    """Run the slow tests: more structures, methods, motions and pages."""
     session.install("-e", ".[test]")
     session.run("pytest", "-m", "slow", *session.posargs)
 
 
 @nox.session(default=True)
 def lint(session: nox.Session) -> None:
-    """Style, formatting, spelling and prose."""
+    """Check style, formatting, spelling and prose."""
     session.install("ruff>=0.14", "codespell>=2.4")
     session.run("ruff", "check", ".", *session.posargs)
     session.run("ruff", "format", "--check", ".")
@@ -43,14 +43,14 @@ def lint(session: nox.Session) -> None:
 
 @nox.session(default=True)
 def types(session: nox.Session) -> None:
-    """Static types."""
+    """Check static types."""
     session.install("-e", ".[dev]")
     session.run("pyright", *session.posargs)
 
 
 @nox.session(default=False)
 def docs(session: nox.Session) -> None:
-    """The site, into `site/`; `-- serve` shows it and follows changes."""
+    """Build the site in `site/`; `-- serve` shows the site and rebuilds it after changes."""
     session.install("-e", ".[docs]")
     command = session.posargs or ["build", "--strict", "--site-dir", "site"]
     session.run("mkdocs", *command, env={"NO_MKDOCS_2_WARNING": "1"})
@@ -58,9 +58,9 @@ def docs(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def benchmarks(session: nox.Session) -> None:
-    """One benchmark, for instance `-- cost motions`; leave the machine alone while it runs."""
+    """Run one benchmark, for instance `-- cost motions`. Run nothing else on the machine meanwhile."""
     if not session.posargs:
-        session.error("which one? A module of benchmarks/, for instance: nox -s benchmarks -- compare")
+        session.error("name a module of benchmarks/, for instance: nox -s benchmarks -- compare")
     session.install("-e", ".[bench]")
     name, *arguments = session.posargs
     session.run("python", "-m", f"benchmarks.{name}", *arguments)
@@ -68,7 +68,7 @@ def benchmarks(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def notebooks(session: nox.Session) -> None:
-    """All notebooks, on small grids, as the tests run them."""
+    """Run the tests of all notebooks, on small grids."""
     session.install("-e", ".[test,notebook]")
     session.run("pytest", "tests/documentation/test_notebooks.py", *session.posargs)
 
