@@ -270,7 +270,7 @@ class _Reader(Reader):
         structure = self.structure(checked.structure, Dimensions)
         podium = as_podium(structure)
         motions = self.motions(checked.motions, podium)
-        with self.at("vary"):
+        with self.errors_at("vary"):
             make_variables(structure, checked.vary)
         targets = tuple(
             self.target(entry, f"targets[{k}]", motions)
@@ -296,7 +296,7 @@ class _Reader(Reader):
                         f"minimise.cost.{name}",
                         f"is not a parameter of the podium; they are {', '.join(parameters)}",
                     )
-            with self.at("minimise"):
+            with self.errors_at("minimise"):
                 suite = motions[self.require_set(motions, entry.motions, "minimise.motions")]
                 risk = AnnualFrequency(
                     1.0,
@@ -342,7 +342,7 @@ class _Reader(Reader):
                     f"{where}.vertical", f"the motions of {entry.keys.motions} have no vertical component"
                 )
         arguments.pop("curve", None)  # a stored fragility curve belongs to one structure only
-        with self.at(where):
+        with self.errors_at(where):
             measure, period = arguments.pop("measure", ("scale", None))
             if entry.kind == "median-capacity" and measure != "scale":
                 measured = measure_of(measure, period, rj.Motions(tuple(as_motions(where, suite)))).values

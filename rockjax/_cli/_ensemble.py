@@ -40,7 +40,7 @@ def ensemble(request: Request, console: Console, output: Output = "rockjax-ensem
     pictures = {name: name.replace("_", "-") for name in variables_of(options.outputs)}
     files = parse_outputs(output, "rockjax-ensemble").check(pictures.values())
     spread = {name: distribution_of(entry) for name, entry in settings.spread.items()}
-    with console.progress(settings.n, "scenes") as bar, request.reader.at("ensemble"):
+    with console.progress(settings.n, "scenes") as bar, request.reader.errors_at("ensemble"):
         result = rj.ensemble(
             podium,
             request.motion_or_set(podium),

@@ -232,7 +232,7 @@ def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motion
         raise ValueError("--synthetic and files of records are alternatives; give one")
     if synthetic is not None:
         return synthetic_motions(synthetic, seed=request.settings.seed)
-    file_options = request.chosen(FILE_KEYS)
+    file_options = request.option_values(FILE_KEYS)
     if paths:
         paired = file_options.pop("paired", False)
         motions = read_records(request.reader, paths, file_options)

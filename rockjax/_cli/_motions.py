@@ -67,12 +67,12 @@ def motions(
     from rockjax._motions.intensity import intensity_measures
     from rockjax._units import STANDARD_GRAVITY
 
-    column = reader.chosen(("tan_alpha", "R"))
+    column = reader.option_values(("tan_alpha", "R"))
     if len(column) == 1:
         raise typer.BadParameter("--tan-alpha and --R belong together; give both or neither")
     podium = reader.structure(reader.check(models.ByRatios, column)) if column else None
-    settings = reader.check(models.Measures, reader.chosen(("periods", "damping")))
-    suite = read_records(reader, paths, reader.chosen(FILE_KEYS))
+    settings = reader.check(models.Measures, reader.option_values(("periods", "damping")))
+    suite = read_records(reader, paths, reader.option_values(FILE_KEYS))
     data = intensity_measures(suite, periods=settings.periods, damping=settings.damping, podium=podium)
     accelerations = {f"Sa({T:g} s) [g]": data["Sa"].isel(period=k) for k, T in enumerate(settings.periods)}
     columns = {
@@ -224,7 +224,7 @@ def synthetic(
 
     require_writable(output / "suite.csv")
     wavelet = None if pulse is None else MavroeidisPapageorgiou(*pulse)
-    settings = reader.check(models.Synthetic, reader.chosen(models.Synthetic.model_fields))
+    settings = reader.check(models.Synthetic, reader.option_values(models.Synthetic.model_fields))
     arguments = settings.model_dump(exclude={"synthetic", "vertical_ratio"})
     suite = synthetic_motions(settings.synthetic, **arguments, pulse=wavelet)
     table = io.StringIO()

@@ -72,7 +72,7 @@ class Request:
         self.problem = self.reader.check(models.Problem, self.tables)
         self.settings: Any = getattr(self.problem, command, None)
 
-    def chosen(self, names: Iterable[str]) -> dict[str, Any]:
+    def option_values(self, names: Iterable[str]) -> dict[str, Any]:
         """Return the values of these keys that are set on the command line."""
         return {name: self.values[name] for name in names if name in self.flags}
 
@@ -81,9 +81,9 @@ class Request:
         merged = dict(self.file_tables)
         if self.command in models.Problem.model_fields:
             table = merged.get(self.command, {})
-            merged[self.command] = table | self.chosen(self.keys) if isinstance(table, dict) else table
+            merged[self.command] = table | self.option_values(self.keys) if isinstance(table, dict) else table
         else:
-            merged |= self.chosen(("starts", "seed"))
+            merged |= self.option_values(("starts", "seed"))
         merged["options"] = self._options(merged.get("options", {}))
         if "R" in option_names:  # the command has options of structures
             merged["structure"] = self._structure(merged.get("structure"))
@@ -96,7 +96,7 @@ class Request:
         names = [
             name for name in models.Options.model_fields if name in self.values and name not in self.keys
         ]
-        explicit = self.chosen(names)
+        explicit = self.option_values(names)
         if not isinstance(table, dict):
             return table  # an error, which the check of the model explains
         merged = {name: self.values[name] for name in names} | table | explicit
@@ -107,7 +107,7 @@ class Request:
     def _structure(self, table: Any) -> Any:
         """Return the table of the structure, overridden by the options."""
         has_panels = self.command in ("spectrum", "overturning")  # `panels` sets the superstructure
-        explicit = self.chosen(
+        explicit = self.option_values(
             name for name in _STRUCTURE_KEYS if not (has_panels and name in ("T_s", "zeta"))
         )
         if table is None and not any(name in explicit for name in _COLUMN_DIMENSIONS):
@@ -141,7 +141,7 @@ class Request:
                 superstructure = {"eta": superstructure["eta"]} if "eta" in superstructure else {}
             if "T_s" not in superstructure and "zeta" not in self.flags:
                 superstructure.pop("zeta", None)
-            if "eta" not in superstructure and not self.chosen(("T_s", "zeta")):
+            if "eta" not in superstructure and not self.option_values(("T_s", "zeta")):
                 superstructure = {}
             if "eta" in changes and superstructure.get("eta") == 0:
                 superstructure = {}
@@ -166,7 +166,11 @@ class Request:
 
     def _motions(self, merged: Any) -> Any:
         """Return the sets of motions; options override the entries of the chosen set."""
-        explicit, sets, table = self.chosen(_MOTION_KEYS), merged.get("motions", {}), merged[self.command]
+        explicit, sets, table = (
+            self.option_values(_MOTION_KEYS),
+            merged.get("motions", {}),
+            merged[self.command],
+        )
         if "file" in explicit:
             merged[self.command] = {**table, "motion": "record", "number": 1}
             return {"record": explicit}
@@ -185,7 +189,7 @@ class Request:
     @property
     def changes_motion(self) -> bool:
         """True if options of the command line change a motion or select one from a set."""
-        return bool(self.chosen((*_MOTION_KEYS, "number")))
+        return bool(self.option_values((*_MOTION_KEYS, "number")))
 
     def options(self, **defaults: Any) -> rj.Options:
         """Return the options; `defaults`: values of keys that neither an option nor the problem file sets."""
@@ -243,7 +247,7 @@ class Request:
         if has_structure and not changed:
             return Panels([podium], ratios, [period], zeta)
         periods = settings.T_s if not has_structure or "T_s" in explicit_keys else [period]
-        with self.reader.at("structure"):
+        with self.reader.errors_at("structure"):
             tops = [superstructure_of(eta, T or None, zeta, stories) for eta in etas for T in periods]
         return Panels([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
 

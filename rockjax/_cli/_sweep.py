@@ -92,7 +92,7 @@ def sweep(
             "rockjax sweep needs an axis, such as --axis alpha=0.1:0.2:11, or [sweep.axes] in a problem file"
         )
     options = request.options(outputs=tuple(request.settings.outputs))
-    with request.reader.at("sweep.axes"):
+    with request.reader.errors_at("sweep.axes"):
         scenes = rj.grid(podium, request.motion_or_set(podium), **axes)
     console.note(repr(scenes))
     arguments: dict[str, Any] = {

@@ -173,7 +173,7 @@ def _stored_value(holder: Any, path: str) -> Any:
     value."""
     for step in path.split(".") if path else ():
         if step.isdecimal():
-            holder = _row_member(holder, int(step))
+            holder = _row_value(holder, int(step))
         elif isinstance(holder, tuple):
             holder = holder[_index_of_class(holder, step)]
         else:
@@ -186,7 +186,7 @@ def _stored_value(holder: Any, path: str) -> Any:
     return holder
 
 
-def _row_member(values: Any, number: int) -> Any:
+def _row_value(values: Any, number: int) -> Any:
     """Return a value of a row by number, from 1. Raises `AttributeError` if there is no such value."""
     if split_unless_scalar(values) is values and not isinstance(values, tuple):
         raise AttributeError("a single number applies to all")
@@ -230,7 +230,7 @@ def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
         if () in inner_changes:
             new_values[step] = inner_changes[()]
         elif all(len(rest) == 1 and rest[0].isdecimal() for rest in inner_changes):
-            new_values[step] = _with_members(
+            new_values[step] = _with_row_values(
                 getattr(holder, step), {int(k): y for (k,), y in inner_changes.items()}
             )
         else:
@@ -243,7 +243,7 @@ def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
     return dataclasses.replace(holder, **new_values)
 
 
-def _with_members(values: Any, changes: Mapping[int, Any]) -> Any:
-    """Return a row with some members replaced; `changes`: number from 1 → new member."""
+def _with_row_values(values: Any, changes: Mapping[int, Any]) -> Any:
+    """Return a row with some values replaced; `changes`: number from 1 → new value."""
     row = tuple(changes.get(k, y) for k, y in enumerate(split_row(values), start=1))
     return row if isinstance(values, tuple) else stack_row(row)

@@ -64,12 +64,12 @@ class Reader:
         self.prefix = "" if path is None else f"{path}: "
         self.set_by_options = options or {}
 
-    def chosen(self, names: Iterable[str]) -> dict[str, Any]:
+    def option_values(self, names: Iterable[str]) -> dict[str, Any]:
         """Return key → value for the keys in `names` that the command line has set."""
         return {name: self.set_by_options[name][1] for name in names if name in self.set_by_options}
 
     @contextlib.contextmanager
-    def at(self, key: str) -> Iterator[None]:
+    def errors_at(self, key: str) -> Iterator[None]:
         """Return a context that adds the file and the key to errors."""
         try:
             yield
@@ -97,7 +97,7 @@ class Reader:
     def options(self, given: models.Options, **defaults: Any) -> Options:
         """Return the options; `defaults`: values of those that neither the command line nor the file sets."""
         arguments: dict[str, Any] = {"throw": False} | defaults | given.as_arguments()
-        with self.at("options"):
+        with self.errors_at("options"):
             return Options(**arguments)
 
     def structure(
@@ -107,7 +107,7 @@ class Reader:
     ) -> Any:
         """Build the podium from a table of ratios, or call `by_dimensions` with a table of dimensions."""
         parameters = given.as_arguments("superstructure", "elevation")
-        with self.at("structure"):
+        with self.errors_at("structure"):
             if isinstance(given, models.ByDimensions):
                 return by_dimensions(**parameters)
             if "tan_alpha" in parameters:
@@ -124,7 +124,7 @@ class Reader:
             restrainers = tuple(
                 KINDS[name](**defaults.get(name, {}) | devices[name]) for name in KINDS if name in devices
             )
-            with self.at("structure.elevation"):
+            with self.errors_at("structure.elevation"):
                 elevation = given.elevation and Elevation(**given.elevation.as_arguments())
             return Podium(
                 **parameters,
@@ -141,7 +141,7 @@ class Reader:
             models.Building: ShearBuilding,
             models.ModesOfSuperstructure: Modes,
         }
-        with self.at("structure.superstructure"):
+        with self.errors_at("structure.superstructure"):
             return classes.get(type(given), superstructure_of)(**given.as_arguments())
 
     def contents(self, given: Iterable[models.Contents]) -> dict[str, Contents]:
@@ -156,7 +156,7 @@ class Reader:
         """Build the objects of a table; an object without a name is called `table`-1, `table`-2 …"""
         objects: dict[str, T] = {}
         for k, entry in enumerate(given):
-            with self.at(f"{table}[{k}]"):
+            with self.errors_at(f"{table}[{k}]"):
                 name = entry.name or f"{table}-{k + 1}"
                 if name in objects:
                     raise ValueError(f"name must not repeat an earlier name, got {name!r}")
@@ -180,7 +180,7 @@ class Reader:
         """
         motions, is_list = [], isinstance(sets[name], list)
         for k, entry in enumerate(entries_of(sets[name])):
-            with self.at(f"motions.{name}[{k}]" if is_list else f"motions.{name}"):
+            with self.errors_at(f"motions.{name}[{k}]" if is_list else f"motions.{name}"):
                 motions += (
                     _pulses(entry, podium) if isinstance(entry, models.Pulses) else self._records(entry)
                 )

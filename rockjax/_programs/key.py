@@ -39,16 +39,16 @@ class TracedFunction:
     """A user-defined function, identified by the lowered program of the function and its derivative.
 
     - `function`: the function
-    - `like`: example arguments for lowering, pytrees of arrays or of their shapes. The function may also be
-      called with other shapes
+    - `examples`: example arguments for lowering, pytrees of arrays or of their shapes. The function may also
+      be called with other shapes
     """
 
-    def __init__(self, function: Callable, *like: Any):
+    def __init__(self, function: Callable, *examples: Any):
         def with_derivatives(*primals):
             return jax.jvp(function, primals, primals)
 
         self.function = function
-        self.text = jax.jit(with_derivatives).lower(*like).as_text()
+        self.text = jax.jit(with_derivatives).lower(*examples).as_text()
 
     def __call__(self, *arguments: Any) -> Any:
         return self.function(*arguments)

@@ -132,7 +132,7 @@ def read_checks(
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             reader.fail(part, f"must be a list of tables [[{part}]]")
         for k, given in enumerate(entries):
-            with reader.at(f"{part}[{k}]"):
+            with reader.errors_at(f"{part}[{k}]"):
                 entry = _entry(reader, table, file, podium, f"{part}[{k}]", given)
             identity = entry.id or f"{'C' if part == 'checks' else 'T'}{k + 1}"
             if identity in used_ids:

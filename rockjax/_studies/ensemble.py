@@ -150,7 +150,7 @@ class Ensemble:
     Distributions include every scene:
 
     - a scene that overturned has the worst possible value: +∞ for a peak, −∞ for a `least_…` answer. The
-      margin, which is also defined beyond overturning, and times of uplift and overturning keep their values
+      margin and other answers that are also defined for overturned scenes keep the computed value
     - the value of a scene that did not finish (`unanswered`) or that is `undecided` counts as unknown.
       Confidence bounds hold for any unknown value. Estimates use the worst value if the scene did not finish,
       else the computed value

@@ -76,7 +76,7 @@ def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
         dimensional_axes(panels, ax, acceleration=i == count - 1)
         if i:
             ax.set_ylabel("")
-    legend_beside(figure, grid, beside=0.7)
+    legend_beside(figure, grid, distance=0.7)
     return figure
 
 
@@ -164,7 +164,7 @@ def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, highest: float, col
         ax.plot(x[ends], minimum[ends], color=colour, **mark)
         _add_legend_entry(
             ax,
-            f"ends: none beyond, up to {highest:g}",
+            f"ends: no overturning beyond, up to {highest:g}",
             lambda label: ax.plot([], [], color="0.4", label=label, **mark),
         )
 
@@ -207,7 +207,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
         _set_limits(axes[i, 0], panels["sensitivity"].sel(parameter=parameter).values)
         symbol = symbol_for(str(parameter))
         axes[i, 0].set_ylabel(rf"$\partial a_{{ov}}/\partial\ln {symbol}\;/\;(g\,\tan\alpha)$")
-    legend_beside(figure, axes, beside=0.15)
+    legend_beside(figure, axes, distance=0.15)
     return figure
 
 

@@ -34,8 +34,8 @@ def _with_unit(name: str, unit: str) -> str:
 
 @on_axes
 def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot intensity against peak rotation, one curve for each record, with points at levels that it
-    survives.
+    """Plot intensity against peak rotation, one curve for each record, with points at levels that the
+    record survives.
 
     At the limit state, the right edge, crosses mark the least overturning intensities, and dashes mark the
     boundaries of survival windows above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
@@ -189,8 +189,7 @@ def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, 
     if np.all(observed >= fractions - 1e-9):
         return "share overturned at a level"
     return (
-        "share overturned at a level: less, as records survive again\nin windows above their first "
-        "overturning"
+        "share overturned at a level, lower because some records\nsurvive again above their first overturning"
     )
 
 

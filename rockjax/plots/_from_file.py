@@ -24,9 +24,9 @@ class Picture:
     """A picture of a dataset.
 
     - `draw`: function dataset → figure or axes; for an animation, (path, dataset) → path
-    - `default`: whether it is drawn if no picture is requested by name
+    - `default`: whether the picture is drawn if no picture is requested by name
     - `required_variable`: variable that the dataset must have
-    - `is_animation`: whether it is an animation
+    - `is_animation`: whether the picture is an animation
     - `group`: group of the file that contains the data; None for the root
     """
 

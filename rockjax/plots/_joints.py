@@ -89,8 +89,8 @@ def _end_columns(data: xarray.Dataset) -> dict[str, int]:
 
 
 def _mark_least(data: xarray.Dataset, ax: Axes) -> None:
-    """Mark the least sampled ratio of force to dead load. The label gives the exact ratio if that output was
-    requested, else the sampled ratio."""
+    """Mark the least sampled ratio of force to dead load. The label gives the exact ratio if the output
+    `"axial_force"` was requested, else the sampled ratio."""
     forces, loads = data["joint_axial_force"].values, data["dead_load"].values
     ratios = np.where(np.isnan(forces), np.inf, forces) / loads
     k, column, joint = np.unravel_index(np.argmin(ratios), ratios.shape)

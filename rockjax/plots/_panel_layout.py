@@ -60,15 +60,15 @@ def grid_of_panels(
     return figure, axes, sides["right"]
 
 
-def legend_beside(figure: Figure, axes: np.ndarray, beside: float) -> None:
-    """Draw one legend for all panels, `beside` inches to the right of the last panel."""
+def legend_beside(figure: Figure, axes: np.ndarray, distance: float) -> None:
+    """Draw one legend for all panels, `distance` inches to the right of the last panel."""
     entries: dict[str, Artist] = {}
     for ax in axes.flat:
         handles, labels = ax.get_legend_handles_labels()
         entries |= {
             label: handle for label, handle in zip(labels, handles, strict=True) if label not in entries
         }
-    x = axes[0, -1].get_position().x1 + beside / figure.get_figwidth()
+    x = axes[0, -1].get_position().x1 + distance / figure.get_figwidth()
     # Curves precede marks.
     ordered = sorted(entries, key=lambda label: label.split()[0] in ("jump", "ends:", "windows"))
     figure.legend([entries[label] for label in ordered], ordered, loc="center left", bbox_to_anchor=(x, 0.5))

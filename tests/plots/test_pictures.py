@@ -68,7 +68,7 @@ def test_jumps_ends_and_windows_are_drawn_and_named():
     assert ax.get_legend_handles_labels()[1] == [
         "rigid",
         "jump to another branch",
-        "ends: none beyond, up to 12",
+        "ends: no overturning beyond, up to 12",
         "windows of survival",
     ]
     curve, bridge = ax.lines[0], ax.lines[1]

@@ -96,7 +96,7 @@ class AnnualKind(FragilityKind):
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = Kind.read(self, keys, reader, file, podium)
         name = arguments.pop("hazard", None) or file.risk.hazard
-        with reader.at("risk"):
+        with reader.errors_at("risk"):
             curve = fragility_of(file.risk, lambda name: reader.folder / name)
             if curve is not None:
                 check_structure(curve, podium, file.risk.fragility or "the curve")
