@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-# Peak memory per scene [bytes], besides its parameters: 120 for a batch, 160 for spectra that are
-# assembled and written.
+# Peak memory per scene [bytes], without its parameters. A batch needs 120; a spectrum needs 160, because it
+# is assembled and written.
 BYTES_PER_SCENE = 160
 BYTES_PER_SENSITIVITY = 32  # additional memory per scene and sensitivity parameter [bytes]
 SYSTEM_ROOT = Path("/")  # root of /proc and /sys

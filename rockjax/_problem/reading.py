@@ -233,7 +233,7 @@ def _explain(error: ValidationError, table: Any) -> tuple[str, str, Any]:
     """Return the key, the cause and the invalid value for the first error in a table."""
     first_error = error.errors(include_url=False)[0]
     location, value, reason = "", table, first_error["msg"].removeprefix("Value error, ")
-    for step in first_error["loc"]:  # steps that are not keys or indices name branches of unions
+    for step in first_error["loc"]:  # other steps than keys and indices name branches of unions
         if isinstance(value, dict) and step in value:
             location, value = f"{location}.{step}".lstrip("."), value[step]
         elif isinstance(value, list) and isinstance(step, int) and step < len(value):

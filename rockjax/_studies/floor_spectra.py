@@ -47,8 +47,8 @@ from rockjax._structures import Podium
 if TYPE_CHECKING:
     import xarray
 
-# Variables of the dataset: name → (unit, meaning). Variables of SPECTRA and PER_OSCILLATOR have the dims
-# level, damping and period, those of PER_LEVEL only level, and those of PER_SCENE none of the three.
+# Variables of the dataset: name → (unit, meaning). SPECTRA and PER_OSCILLATOR have the dims level, damping
+# and period; PER_LEVEL has only level, and PER_SCENE none of the three.
 SPECTRA = {
     "pseudo_acceleration": ("m s-2", "pseudo-acceleration ω² max|x|"),
     "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),

@@ -140,7 +140,7 @@ class ChunkProgress:
     """Progress bar in expected trial steps (accepted and rejected), because chunks differ in cost."""
 
     def __init__(self, store: Store, unsolved: np.ndarray, solved: np.ndarray, progress: bool):
-        from tqdm.auto import tqdm  # a widget in notebooks
+        from tqdm.auto import tqdm  # shown as a widget in notebooks
 
         from rockjax._progress import start_clock
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import xarray
     import zarr
 
-FORMAT = 1  # version of the format of stores
+FORMAT = 1  # version of the store format
 _IDENTITY = "sweep"  # attribute of the group `progress` that contains the identity of the sweep
 _LONG_INPUT = 1_000_000  # inputs and coordinates with more entries than this are stored in chunks
 

@@ -154,7 +154,7 @@ def _find_unsolved(store: Store, progress: bool) -> tuple[np.ndarray, np.ndarray
 
     The most expensive unsolved chunks come first, so that workers wait less for the last chunks.
     """
-    from tqdm.auto import tqdm  # a widget in notebooks
+    from tqdm.auto import tqdm  # shown as a widget in notebooks
 
     rows = store.rows()
     is_solved = np.isfinite(rows[:, 0])

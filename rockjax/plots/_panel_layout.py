@@ -48,7 +48,7 @@ def grid_of_panels(
     heading = panels_title(panels)
     if title:
         heading = f"{title}, {heading}" if w > ONE_LINE_WIDTH else f"{title}\n{heading}"
-    below, above = 0.55, 1.05 + 0.2 * max(heading.count("\n") - 1, 0)  # a heading of two lines fits into 1.05
+    below, above = 0.55, 1.05 + 0.2 * max(heading.count("\n") - 1, 0)  # 1.05 is enough for two lines
     h = below + rows * height + (rows - 1) * row_gap + above
     figure = plt.figure(figsize=(w, h))  # [inches]
     spacing = {"wspace": column_gap / width, "hspace": row_gap / height}

@@ -112,7 +112,7 @@ class Measures(Keys):
     damping: NotNegative = key(0.05, "Damping ratio of Sa(T) [–].", GRID)
 
 
-# Keys that tell the kinds of entries apart; an entry has exactly one of them.
+# Keys that determine the kind of an entry; an entry has exactly one of them.
 SOURCES = ("kind", "file", "suite", "synthetic")
 
 

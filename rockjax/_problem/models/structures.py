@@ -44,7 +44,7 @@ def type_of(entry: registry.Parameter) -> Any:
 
 
 _LAW = "'paper', 'compatible' or a factor in [0, 1]"
-# Ends of the descriptions of keys, after the heading of the parameter.
+# Texts that follow the heading of the parameter in the descriptions of keys.
 _NOTES = {
     "alpha": ", instead of tan_alpha",
     "restitution": ": paper, Eq. (27); compatible, with Eq. (26); or a number",
@@ -54,7 +54,7 @@ _NOTES = {
 
 def make_field(name: str, entry: registry.Parameter, needed: bool = False) -> Any:
     """Return the type and the field of a parameter; `needed`: whether the key is required."""
-    # `damping` has no option, because --zeta sets both damping ratios.
+    # `damping` has no option of its own: --zeta sets `zeta` or `damping`.
     panel = "" if name == "damping" or entry.attribute_path.count(".") > 1 else STRUCTURE
     note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
     key_type, meaning = type_of(entry), f"{entry.heading}{note}."
@@ -122,7 +122,7 @@ class Elevation(Keys):
 
 def _superstructure_tag(given: Any) -> str:
     """Return the tag of the model of a superstructure."""
-    tags = {"masses": "Building", "T": "Modes"}  # tags differ from keys, so that messages omit them
+    tags = {"masses": "Building", "T": "Modes"}  # no tag equals a key, so messages omit tags
     return next((tags[name] for name in tags if isinstance(given, dict) and name in given), "one")
 
 
