@@ -189,7 +189,7 @@ def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, 
     if np.all(observed >= fractions - 1e-9):
         return "share overturned at a level"
     return (
-        "share overturned at a level, lower because some records\nsurvive again above their first overturning"
+        "share overturned at a level, lower because\nsome records survive again above their first overturning"
     )
 
 
