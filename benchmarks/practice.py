@@ -167,7 +167,7 @@ class Slenderness:
         self.damping = {
             "(P3)": priestley.damping(e), "(P4)": fema.damping(e), "(P5)": asce_rocking.damping(e)
         }  # fmt: skip
-        self.mechanisms = [Mechanism.of(block, 1.0) for block in self.blocks]
+        self.mechanisms = [Mechanism.from_block(block, 1.0) for block in self.blocks]
 
     def answers(self, motion: rj.Motion) -> dict[str, Answers]:
         """Return the answers of (P3) to (P5) for a motion at all ratios."""

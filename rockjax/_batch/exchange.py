@@ -108,7 +108,7 @@ def _one_by_one(
             new = row(store, jnp.where(loads, next_position, 0), axis) if differs else store
             return put(current, jnp.where(loads, new, row(current, k, axis)), k, axis)
 
-        scene_index = put(state.scene_index, jnp.where(loads, indices.of(next_position), -1), k)
+        scene_index = put(state.scene_index, jnp.where(loads, indices.at(next_position), -1), k)
         state = _load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index)
         return Loop(state, next_position + loads.astype(next_position.dtype), done), put(waits, False, k)
 
@@ -131,7 +131,7 @@ def _in_parallel(
         new = jnp.take(store, loaded, axis=axis) if differs else jnp.expand_dims(store, axis)
         return jnp.where(flag, new, current)
 
-    scene_index = jnp.where(loads, indices.of(position), jnp.where(is_free, -1, state.scene_index)).astype(
+    scene_index = jnp.where(loads, indices.at(position), jnp.where(is_free, -1, state.scene_index)).astype(
         state.scene_index.dtype
     )
     next_position = jnp.minimum(next_position + jnp.sum(is_free, dtype=next_position.dtype), indices.scenes)

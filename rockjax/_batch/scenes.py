@@ -27,7 +27,7 @@ class SceneIndices(NamedTuple):
     stride: Any  # difference of successive indices
     scenes: Any  # number of scenes
 
-    def of(self, position):
+    def at(self, position):
         """Return the index of the scene at a position of the chunk."""
         return self.first + self.stride * position
 
@@ -35,7 +35,7 @@ class SceneIndices(NamedTuple):
         """Return the indices for each device, as arrays. Successive scenes go to different devices."""
         device = np.arange(devices)
         scenes_per_device = np.maximum(0, -(-(self.scenes - device) // devices))
-        return SceneIndices(self.of(device), self.stride * devices, scenes_per_device)
+        return SceneIndices(self.at(device), self.stride * devices, scenes_per_device)
 
 
 NO_SCENES = SceneIndices(0, 1, 0)
@@ -93,7 +93,7 @@ class SceneBatch(NamedTuple):
         position = np.arange(size)
         if devices > 1:
             position = (np.arange(devices)[:, None] + devices * position).ravel()
-        scene_indices = indices.of(np.where(position < indices.scenes, position, 0))
+        scene_indices = indices.at(np.where(position < indices.scenes, position, 0))
         grid_positions = self.in_grid(np.minimum(scene_indices, self.total - 1))
         return [
             y if rows is None else y[_take(rows, grid_positions)]

@@ -57,7 +57,7 @@ class Bounds:
     _shared_results: dict[Callable[..., Any], Any]
 
     @classmethod
-    def of(
+    def after_step(
         cls, scene: Scene, state: LoopState, piece: Index, ground: Value | Shaking, follows_contact: bool
     ) -> Self:
         """Return the bounds after a step.

@@ -20,7 +20,7 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     - `piece`: piece of the excitation after the step
     - `ground`: ground acceleration at the end of the step on that piece, ü_g, or ü_g and v̈_g [m/s²]
     """
-    bounds = Bounds.of(scene, state, piece, ground, plan.follows_contact)
+    bounds = Bounds.after_step(scene, state, piece, ground, plan.follows_contact)
     final = bounds.stays_inside | bounds.rests
     for output, accumulator in zip(plan.outputs, state.accumulators, strict=True):
         final &= output.is_final(bounds, accumulator)

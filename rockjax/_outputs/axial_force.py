@@ -59,7 +59,7 @@ class AxialForce(AbstractJointOutput):
         return accumulator
 
     def over_sample(self, sample: Sample, accumulator: Pairs) -> Flag:
-        forces, g = SampleForces.of(sample), sample.c.g
+        forces, g = SampleForces.from_sample(sample), sample.c.g
         rows = enumerate(jax.lax.stop_gradient(accumulator))
         return all_of(
             forces.axial_within(k, -tension * g, compression * g) for k, (tension, compression) in rows

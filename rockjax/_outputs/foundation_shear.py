@@ -42,7 +42,7 @@ class PeakFoundationShear(AbstractForceOutput):
         return rest.raised(accumulator, [jnp.abs(forces.foundation) / weight for forces in over_rest(rest)])
 
     def over_sample(self, sample: Sample, accumulator: Value) -> Flag:
-        start, end, curvature = (forces.foundation for forces in SampleForces.of(sample))
+        start, end, curvature = (forces.foundation for forces in SampleForces.from_sample(sample))
         level = jax.lax.stop_gradient(accumulator) * total_weight(sample.c)
         return exceeds_nowhere(jnp.abs(start), jnp.abs(end), curvature, level)
 

@@ -146,7 +146,7 @@ class PeakFriction(AbstractJointOutput):
         return accumulator
 
     def over_sample(self, sample: Sample, accumulator: Forces) -> Flag:
-        forces = SampleForces.of(sample)
+        forces = SampleForces.from_sample(sample)
         return all_of(forces.stays_below(k, jax.lax.stop_gradient(accumulator[k])) for k in range(2))
 
     def update(self, end: StepEnd, accumulator: Forces, note: None, largest: Forces) -> tuple[Forces, None]:

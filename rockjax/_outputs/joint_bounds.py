@@ -101,12 +101,12 @@ class JointBounds:
         self._rise = c.two_R * (least - drop), c.two_R * most
 
     @classmethod
-    def of(cls, bounds: Bounds) -> Self:
+    def from_bounds(cls, bounds: Bounds) -> Self:
         """Return the bounds on forces after a state, computed once for all outputs."""
-        return bounds.shared(cls._of)
+        return bounds.shared(cls._compute)
 
     @classmethod
-    def _of(cls, bounds: Bounds) -> Self:
+    def _compute(cls, bounds: Bounds) -> Self:
         c, zero, one = bounds.c, jnp.zeros_like(bounds.c.alpha), jnp.ones_like(bounds.c.alpha)
         speed_squared = 2 * bounds.energy / c.spin
         # The potential energy, Eq. (19), increases with cos ψ.

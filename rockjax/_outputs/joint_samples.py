@@ -25,7 +25,7 @@ class SampleForces(NamedTuple):
     curvature: EndForces[Value]
 
     @classmethod
-    def of(cls, sample: Sample) -> SampleForces:
+    def from_sample(cls, sample: Sample) -> SampleForces:
         """Return the forces in a sampling interval. Every output calls this function; the compiler removes
         the repeated operations."""
         sample = jax.lax.stop_gradient(sample)

@@ -131,7 +131,7 @@ class AbstractForceOutput(AbstractOutput):
         return self.is_unchanged(JointBounds.over(bounces), accumulator)
 
     def is_final(self, bounds: Bounds, accumulator: Any) -> Flag | bool:
-        return self.is_unchanged(JointBounds.of(bounds), accumulator)
+        return self.is_unchanged(JointBounds.from_bounds(bounds), accumulator)
 
     def nan_if_weightless(self, ended: Ended, values: Values | Sequence[Value]) -> Values:
         """Return the values as an array, or NaN if the scene ended because vertical motion would open all

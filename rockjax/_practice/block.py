@@ -30,7 +30,7 @@ class Block:
     g: float
 
     @classmethod
-    def of(cls, podium: Podium) -> Self:
+    def from_podium(cls, podium: Podium) -> Self:
         """Return the block of a single podium, whose parameters are scalars."""
         return cls(
             float(podium.alpha),

@@ -40,7 +40,7 @@ class Mechanism(NamedTuple):
     displacement: float
 
     @classmethod
-    def of(cls, block: Block, confidence_factor: float) -> Mechanism:
+    def from_block(cls, block: Block, confidence_factor: float) -> Mechanism:
         """Return the mechanism of a block with the confidence factor FC ≥ 1 [–]."""
         ratio = block.mass_ratio
         share = (1 + 2 * ratio) ** 2 / ((1 + ratio) * (1 + 4 * ratio))

@@ -28,7 +28,7 @@ class CircolareDisplacement(AbstractMethod):
     )
 
     def outcome(self, case: Case) -> Outcome:
-        mechanism = Mechanism.of(case.block, case.confidence_factor)
+        mechanism = Mechanism.from_block(case.block, case.confidence_factor)
         demand = {
             state.name: case.for_each_motion(
                 lambda motion, state=state: largest_displacement(

@@ -25,7 +25,7 @@ class CircolareForce(AbstractMethod):
     )
 
     def outcome(self, case: Case) -> Outcome:
-        mechanism = Mechanism.of(case.block, case.confidence_factor)
+        mechanism = Mechanism.from_block(case.block, case.confidence_factor)
         values = {
             "alpha_0": Quantity(case.block.tan_alpha, "1", "α_0 = tan α, multiplier of the mechanism"),
             "e_star": Quantity(mechanism.mass_share, "1", "e*, participating mass ratio"),

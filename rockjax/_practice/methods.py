@@ -71,7 +71,7 @@ def simplified_methods(
             raise ValueError(f"{OWNER}: methods must be among {', '.join(METHODS)}, got {name!r}")
     if vertical is None:
         vertical = _vertical_peak(motions)
-    case = Case(podium, Block.of(podium), horizontal, friction, vertical, factor)
+    case = Case(podium, Block.from_podium(podium), horizontal, friction, vertical, factor)
     return tuple(METHODS[name].evaluate(case) for name in names)
 
 

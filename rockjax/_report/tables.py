@@ -245,7 +245,7 @@ class Table:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def of(
+    def from_rows(
         cls,
         name: str,
         caption: Text,

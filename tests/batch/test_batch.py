@@ -193,7 +193,7 @@ def test_every_scene_is_dealt_to_a_thread_once(total, threads, name):
     executor = ThreadExecutor(threads)
     made = layout(scenes, executor)
     chunks = list(_chunks(scenes, made, executor))
-    dealt = [chunk.of(np.arange(chunk.scenes)) for chunk in chunks]
+    dealt = [chunk.at(np.arange(chunk.scenes)) for chunk in chunks]
     np.testing.assert_array_equal(np.sort(np.concatenate(dealt)), np.arange(total))
     sizes = np.array([chunk.scenes for chunk in chunks])
     assert np.all((sizes > 0) & (sizes <= made.size))

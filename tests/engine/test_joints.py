@@ -984,8 +984,8 @@ def bounds_along(scene: Scene, response, podium: rj.Podium) -> dict[str, np.ndar
     def along(nodes):
         def at(t, x, v, sigma, piece):
             here = state._replace(t=t, event_time=t, x=x, v=v, sigma=sigma, piece=piece)
-            bounds = Bounds.of(ready, here, piece, motion.piece(piece)(t), plan.follows_contact)
-            found = JointBounds.of(bounds)
+            bounds = Bounds.after_step(ready, here, piece, motion.piece(piece)(t), plan.follows_contact)
+            found = JointBounds.from_bounds(bounds)
             return {
                 "holds": bounds.stays_inside | bounds.rests,
                 "rests": jnp.asarray(bounds.rests),

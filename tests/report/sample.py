@@ -139,7 +139,7 @@ def inputs(text: str = "drawing S-101 rev C") -> Table:
 def derived() -> Table:
     numbers = ("√(", Bare(Quantity(0.35, "length", is_input=True)), "² + ")
     numbers += (Bare(Quantity(1.5, "length", is_input=True)), "²)")
-    return Table.of(
+    return Table.from_rows(
         "derived",
         "Derived quantities",
         {"Equation": None, "with numbers": None, "Result": None, "Source": None},
@@ -170,7 +170,7 @@ def motions(text: str = "synthetic, seed 475") -> Table:
         "PGV": "velocity",
         "θ/α": "number",
     }
-    return Table.of("motions", "Motions", columns, rows, governing=(8,))
+    return Table.from_rows("motions", "Motions", columns, rows, governing=(8,))
 
 
 def assumptions() -> Table:
@@ -184,7 +184,7 @@ def assumptions() -> Table:
         ],
     ]
     columns = {"No.": None, "Assumption": None, "Conservative?": None, "Tested": None}
-    return Table.of("assumptions", "Assumptions", columns, rows, ids=("A1", "A7"))
+    return Table.from_rows("assumptions", "Assumptions", columns, rows, ids=("A1", "A7"))
 
 
 def page(

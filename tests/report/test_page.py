@@ -301,7 +301,7 @@ def test_the_package_holds_its_data():
 
 
 def test_a_table_of_another_library_is_escaped():
-    table = Table.of("t", "<b>", {"<i>": None}, [["</td>"]])
+    table = Table.from_rows("t", "<b>", {"<i>": None}, [["</td>"]])
     assert "&lt;b&gt;" in markup.table(table, UNITS)
     assert "&lt;i&gt;" in markup.table(table, UNITS)
     assert html.unescape(markup.table(table, UNITS)).count("</td>") == 1

@@ -126,7 +126,9 @@ def test_a_heading_has_its_unit():
 
 def test_tables_are_complete():
     columns = {"No.": None, "PGA": "acceleration"}
-    table = Table.of("motions", "Motions", columns, [["1", 2.942], ["2", TextCell("not asked", "not asked")]])
+    table = Table.from_rows(
+        "motions", "Motions", columns, [["1", 2.942], ["2", TextCell("not asked", "not asked")]]
+    )
     assert table.rows[0] == (TextCell("1"), Quantity(2.942, "acceleration"))
     for rows, message in (
         ([], "needs at least one row"),
@@ -135,13 +137,13 @@ def test_tables_are_complete():
         ([["1", math.nan]], "value must be finite"),
     ):
         with pytest.raises(ValueError, match=message):
-            Table.of("motions", "Motions", columns, rows)
+            Table.from_rows("motions", "Motions", columns, rows)
     with pytest.raises(ValueError, match="row 0 has 1 cells for 2 columns"):
         Table("motions", "Motions", table.columns, ((TextCell("1"),),))
     with pytest.raises(ValueError, match="name must have lower-case letters"):
-        Table.of("Motions!", "Motions", columns, [["1", 1.0]])
+        Table.from_rows("Motions!", "Motions", columns, [["1", 1.0]])
     with pytest.raises(ValueError, match="1 ids for 2 rows"):
-        Table.of("motions", "Motions", columns, [["1", 1.0], ["2", 1.0]], ids=("A1",))
+        Table.from_rows("motions", "Motions", columns, [["1", 1.0], ["2", 1.0]], ids=("A1",))
 
 
 def test_rows_of_the_summary_are_complete():

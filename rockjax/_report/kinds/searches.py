@@ -149,4 +149,4 @@ class PulseKind(Kind):
             for name, y, text in zip(values.names, values.values, values.texts, strict=True)
         ]
         caption = f"Pulses that overturn the columns, check {entry.id}"
-        return [Table.of(f"pulses-{slug(entry.id)}", caption, columns, rows)]
+        return [Table.from_rows(f"pulses-{slug(entry.id)}", caption, columns, rows)]

@@ -248,4 +248,4 @@ def _modes(evaluation: Evaluation) -> list[Any]:
         (k + 1, *(float(y) for y in row))
         for k, row in enumerate(zip(periods, etas, zetas, uplifted, strict=True))
     ]
-    return [Table.of("modes", "Modes of the building", columns, rows)]
+    return [Table.from_rows("modes", "Modes of the building", columns, rows)]
