@@ -54,12 +54,12 @@ class AbstractLookahead(Module):
 
     @abc.abstractmethod
     def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
-        """Return the time at which |ü_g| is largest between two times [s]; `end` may be inf. With a `side` of
-        ±1, side·ü_g is largest. The method is available only if the lookahead was created with a threshold,
-        and for sides only after `with_sides`."""
+        """Return the time between `start` and `end` at which |ü_g| is largest, or side·ü_g if a `side` of ±1
+        is given [s]; `end` may be inf. The method needs a lookahead that was created with a threshold and,
+        for a side, `with_sides`."""
 
     def with_sides(self) -> AbstractLookahead:
-        """Return this lookahead with what `highest_time` needs for sides."""
+        """Return this lookahead with the data that `highest_time` needs for a side."""
         return self
 
 
@@ -85,8 +85,8 @@ class AbstractExcitation(Module):
 
     @abc.abstractmethod
     def piece(self, index: Index) -> Callable[[Value], Value]:
-        """Return the formula of ü_g in piece `index`, 0 to n, which reaches from breakpoint index − 1 to
-        breakpoint `index`; the formula is valid at both ends."""
+        """Return the formula of ü_g in piece `index`, 0 to n. The piece reaches from breakpoint index − 1 to
+        breakpoint `index`, and the formula is valid at both ends."""
 
     @abc.abstractmethod
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
@@ -124,7 +124,7 @@ class AbstractExcitation(Module):
         return {}
 
     def past(self, index: Index, passed: Array) -> Index:
-        """Return the index of the next piece if `passed` is True, because this piece has ended; otherwise
+        """Return the index of the next piece if `passed` (this piece has ended) is True, otherwise
         `index`."""
         return index + passed.astype(jnp.int32)
 

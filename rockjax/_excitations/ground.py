@@ -56,9 +56,9 @@ class GroundMotion(AbstractExcitation):
     `scaled(f)` scales both components. The support reaches from the start of the earlier component to the
     end of the later one. A call returns the horizontal acceleration.
 
-    g + v̈_g must be positive at all times, because otherwise joints could open vertically, which the
-    model excludes. If not, a single scene with concrete values raises `ValueError`, and other scenes end
-    with the result `weightless`. Raises `ValueError` for components that are not motions.
+    g + v̈_g must be positive at all times, because otherwise joints could open vertically, which the model
+    excludes. If it is not, a single scene with concrete values raises `ValueError`, and other scenes end with
+    the result `weightless`. Raises `ValueError` for components that are not motions.
     """
 
     horizontal: AbstractExcitation = eqx.field(converter=_component("horizontal"))
@@ -177,11 +177,11 @@ class GroundMotion(AbstractExcitation):
         )
 
     def tie(self, index: Index) -> tuple[Value, Index]:
-        """Return the time between the two components' breakpoints if they coincide at the end of a piece, and
-        the index of the piece between them.
+        """Return the time between the ends of the two components' pieces, and the index of the piece between
+        them, for ends that coincide.
 
-        The time, horizontal minus vertical breakpoint [s], is zero. Its derivative is not zero if the two
-        breakpoints depend differently on the parameters. The piece between them combines the next
+        The time, horizontal minus vertical end [s], has the value zero. Its derivative is not zero if
+        coincident ends depend differently on the parameters. The piece between the ends combines the next
         horizontal piece with the present vertical piece.
         """
         i, j = self.parts(index)
@@ -298,9 +298,9 @@ class PairLookahead(AbstractLookahead):
         """Return the first time ≥ t at which a combined signal exceeds the threshold [s], or inf if there is
         none.
 
-        The search advances only through times at which the horizontal motion is large enough. A step of the
-        search cannot pass a crossing: it ends where a signal would reach the threshold if its curvature had
-        the value of the bound.
+        The search visits only times at which the horizontal motion is large enough. A step of the search
+        cannot pass a crossing: it ends where a signal would reach the threshold if its curvature were as
+        large as the bound.
         """
         del piece
         threshold, tilt, curvature = self.threshold, self.tilt, self.curvature
@@ -313,7 +313,8 @@ class PairLookahead(AbstractLookahead):
         start, end = motion.support
 
         def safe_time(clearance: Value, slope: Value) -> Value:
-            """Return the earliest time after which a signal `clearance` below the threshold can reach it."""
+            """Return the shortest time in which a signal that is `clearance` below the threshold can reach
+            it."""
             root = jnp.sqrt(slope**2 + 2 * curvature * jnp.maximum(clearance, 0.0))
             rises, safe_curvature = slope + root > 0, jnp.where(is_curved, curvature, 1.0)
             time_up = 2 * clearance / jnp.where(rises, slope + root, 1.0)

@@ -36,8 +36,8 @@ _HALVINGS, _NEWTON_STEPS = 10, 5  # numbers of bisections and Newton steps in a 
 
 
 def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
-    """Return the root of an increasing function in [lo, hi], rounded to the side with f > 0; hi without a
-    root.
+    """Return the root of an increasing function f in [lo, hi], rounded to the side with f > 0, or hi if there
+    is no root.
 
     Bisections and Newton steps come first. Many final bisections are needed only if f is flat at its root.
     """
@@ -131,7 +131,7 @@ class AbstractPulse(AbstractExcitation):
     T_p: Number = eqx.field(converter=as_number("T_p"))
 
     span: ClassVar[tuple[float, float]]  # support [T_p]
-    compact: ClassVar[bool]  # True if the pulse is exactly zero outside the span, which ends in breakpoints
+    compact: ClassVar[bool]  # True if the pulse is zero outside the span, whose ends are then breakpoints
     zeros: ClassVar[tuple[float, ...]]  # zeros of the shape inside the span [T_p]
     turning: ClassVar[tuple[float, ...]]  # extrema of the shape inside the span [T_p]
 

@@ -19,8 +19,8 @@ from rockjax._types import Index, Value
 
 from .base import AbstractExcitation, AbstractLookahead, size_on
 
-# Smallest padded size, and the ratio of successive sizes. Single records have few sizes, because each
-# size needs a compiled program; tables have closer sizes, because every row is padded.
+# Smallest padded size, and the ratio of successive sizes. Single records have few sizes, because each size
+# needs a compiled program. Tables have closer sizes, because padding applies to every row.
 RECORD_SIZES, TABLE_SIZES = (8192, 4), (2048, 2)
 
 
@@ -68,7 +68,7 @@ class AbstractSampled(AbstractExcitation):
 
     @abc.abstractmethod
     def samples_at(self, table: Float[Array, "*table n"], i: Index) -> Value:
-        """Return the element of this motion with the index i, from an array with the layout of `table`."""
+        """Return the element i of this motion from an array with the layout of `table`."""
 
     def row_counts(self) -> Int[Array, "*rows 1"]:
         """Return the number of samples in each row of the table."""
@@ -146,7 +146,7 @@ class AbstractSampled(AbstractExcitation):
         # Trapezoids give an upper bound: they exceed the integral of |ü_g| where ü_g changes sign.
         areas = 0.5 * (magnitudes[..., 1:] + magnitudes[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(magnitudes[..., :1])], axis=-1)
-        # The sums start at the last sample, so that padding does not change their last digit.
+        # The sums start at the last sample, so that padding does not change their rounding.
         counts = record.row_counts()
         samples = jnp.arange(magnitudes.shape[-1], dtype=counts.dtype)
         samples = samples.reshape((1,) * (magnitudes.ndim - 1) + (-1,))
@@ -173,7 +173,7 @@ class SampledLookahead(AbstractLookahead):
     remaining_integral: Float[Array, "*table n"]
     remaining_peak: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
     tree: Float[Array, "*table m"] | None  # tree of maxima of |samples|, see `_tree`; None without threshold
-    # The same of −samples and of samples, for `highest_time` with a side.
+    # Trees of maxima of −samples and of samples, for `highest_time` with a side.
     side_trees: tuple[Float[Array, "*table m"], Float[Array, "*table m"]] | None = None
 
     def _from_piece(self, table: Float[Array, "*table n"], piece: Index) -> Value:
@@ -203,8 +203,8 @@ class SampledLookahead(AbstractLookahead):
         return times[jnp.argmax(size_on(side, jnp.stack([record(t) for t in times])))]
 
     def _highest_sample(self, first: Index, end: Index, side: Value | None) -> Index:
-        """Return the sample with the largest absolute value, or on a side, in [first, end), found in a tree
-        of maxima."""
+        """Return the sample in [first, end) with the largest |ü_g|, or the largest side·ü_g if a side is
+        given, found in a tree of maxima."""
         tree = self.tree
         assert tree is not None
         leaves = tree.shape[-1] // 2

@@ -36,7 +36,7 @@ class _BoundedLookahead(AbstractLookahead):
         """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], or inf if there is none.
 
         A step of the search cannot pass a crossing: it ends where the motion would reach the threshold if
-        its curvature had the value of the bound. The search converges quadratically.
+        its curvature were as large as the bound. The search converges quadratically.
         """
         del piece
         threshold = self.threshold
@@ -213,8 +213,8 @@ class Gabor(AbstractExcitation):
         """Return bounds of |ü_g| and |d²ü_g/dt²|."""
         motion: Gabor = jax.lax.stop_gradient(self)
         amplitude = jnp.abs(motion.a_p)
-        # With time in units of 1/ω, the envelope E has |E'| ≤ e^(−½)/γ and |E''| ≤ 1/γ². With the product
-        # rule, a bound of the curvature follows.
+        # With time in units of T_p/(2π), the envelope E has |E'| ≤ e^(−½)/γ and |E''| ≤ 1/γ². With the
+        # product rule, a bound of the curvature follows.
         rate = 2 * math.pi / motion.T_p
         curvature = amplitude * rate**2 * (1 + 2 * math.exp(-0.5) / motion.gamma + 1 / motion.gamma**2)
         return amplitude, curvature

@@ -26,8 +26,8 @@ from rockjax._types import Number, Value
 class AbstractRestrainer(Module):
     """A device on each column.
 
-    A subclass overrides the private methods of its effects, such as `_force`. Arguments of private methods
-    refer to the joints that the device spans, those of public methods to both joints.
+    A subclass overrides the private methods of its effects, such as `_force`. In private methods,
+    stretch and stretch rate belong to the joints that the device spans; in public methods, to both joints.
     """
 
     # Names of the fields that are strengths: if all strengths are zero, the device does nothing.
@@ -83,9 +83,9 @@ class AbstractRestrainer(Module):
         """Return the device for the solitary block that is equivalent to a frame with this device, see
         [`rockjax.Podium.equivalent_block`][].
 
-        - `weight_ratio`: restoring moment of the frame divided by that of the block, 1+2γ
-        - `inertia_ratio`: inertia of the frame divided by that of the block, 3γ+¾(1+λ)
-        - `p_ratio`: frequency parameter p of the block divided by that of the frame
+        - `weight_ratio`: restoring moment of the frame divided by the moment of the block, 1+2γ
+        - `inertia_ratio`: inertia of the frame divided by the inertia of the block, 3γ+¾(1+λ)
+        - `p_ratio`: frequency parameter p of the block divided by p of the frame
         """
 
     @property
@@ -94,8 +94,8 @@ class AbstractRestrainer(Module):
         return 0.5 if self.joints == 1 else 1.0
 
     def force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
-        """Return the force divided by m_c g that does the work of the device if it acts over the elongation
-        of both joints; `stretch`, `rate` and `slip` refer to both joints."""
+        """Return the force of the equivalent device, which spans both joints and does the same work, divided
+        by m_c g; `stretch`, `rate` and `slip` refer to both joints."""
         return self.elongation_ratio * self._force(
             self.elongation_ratio * stretch, self.elongation_ratio * rate, self.elongation_ratio * slip
         )

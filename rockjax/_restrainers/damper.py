@@ -15,7 +15,7 @@ from .base import AbstractRestrainer
 
 
 class Linear(float):
-    """The exponent 1 as a static value, so that the program of a linear damper needs no powers."""
+    """The exponent 1 as a static value, so that the program of a linear damper computes no powers."""
 
     def __new__(cls) -> Linear:
         return super().__new__(cls, 1.0)
@@ -43,9 +43,8 @@ class Damper(AbstractRestrainer):
     - `joints`: number of joints that the damper spans: 2 (from ground to beam) or 1 (only the bottom joint)
 
     The force is 0 at zero rate, so a damper never holds the column. For ν < 1 the force has an infinite slope
-    at zero rate. Therefore the force is smoothed below a rate proportional to the tolerance, see
-    docs/control.md.
-    Raises `ValueError` for concrete values outside these ranges.
+    at zero rate, and is smoothed below a rate proportional to the tolerance (see docs/control.md). Raises
+    `ValueError` for concrete values outside these ranges.
     """
 
     coefficient: Number = eqx.field(converter=as_number("Damper: coefficient"))

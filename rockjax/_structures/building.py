@@ -27,8 +27,8 @@ class ModalAnalysis(NamedTuple):
     """All modes of a building, retained or not, the lowest first along the last axis."""
 
     omega: Array  # ω_i [rad/s]
-    eta: Array  # η_i = Γ_i² M_i
-    shapes: Array  # Γ_i φ_ji, floors j from the bottom along the last axis but one
+    eta: Array  # mass ratios η_i = Γ_i² M_i
+    shapes: Array  # participation factors times shapes, Γ_i φ_ji; floors j along the last axis but one
 
 
 def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:

@@ -54,8 +54,8 @@ def slenderness_and_size(width: Number, height: Number) -> tuple[Number, Number]
 
 
 def enlargement(owner: str, radius: Number, height: Number) -> Number:
-    """Return H/(H − r_c), the factor on R of a podium with round column ends that gives R of the equivalent
-    podium with flat ends, (R5).
+    """Return H/(H − r_c) = R_e/R, where R_e belongs to the podium with flat column ends that is equivalent to
+    a podium with round ends and R, (R5).
 
     - `owner`: name for error messages
     - `radius`: radius r_c of the round ends of a column, in [0, H) [m]

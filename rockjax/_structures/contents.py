@@ -48,7 +48,7 @@ class Contents(Module):
     - `restitution`: `"paper"`, e_c = 1 − 2 sin²α_c/(1+λ_c), or a velocity factor in [0, 1]
     - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
     - `vertical`: whether the floor's vertical motion acts on the block; practice usually neglects this motion
-    - `overturn_ratio`: |φ|/α_c at which the block counts as overturned, in (0, π/(2α_c)] [–]
+    - `overturn_ratio`: rotation |φ|/α_c at which the block counts as overturned, in (0, π/(2α_c)] [–]
 
     Raises `ValueError` for concrete values outside these ranges.
     """

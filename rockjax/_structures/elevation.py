@@ -23,7 +23,7 @@ from .modes import (
 )
 from .superstructures import AbstractSuperstructure
 
-SAME_LINE = 1e-9  # columns of one line are at most this fraction of the total span apart
+SAME_LINE = 1e-9  # largest distance of columns in one line, divided by the total span
 
 
 class Elevation(Module):
@@ -48,7 +48,8 @@ class Elevation(Module):
     beam_depth: Number
     top_height: Any  # a scalar, or a row over modes or floors
     residual_height: Number
-    # Height of the column tops of the model above those of columns with round ends [m]; None for flat ends.
+    # Columns with round ends are modelled by taller columns with flat ends; this is the distance by which
+    # each top is higher [m]. None for flat ends.
     _raised: Number | None = None
 
     def __init__(

@@ -24,7 +24,7 @@ def as_row(owner: str, name: str, values, what: str) -> Array:
 
     - `owner`, `name`: class and argument, for error messages
     - `values`: one value for each mode, story or column along the last axis
-    - `what`: noun for such an element, for error messages
+    - `what`: "mode", "story" or "column", for error messages
 
     Raises `ValueError` for a scalar and for an empty axis.
     """
@@ -65,7 +65,7 @@ def split_unless_scalar(values: Any) -> Any:
     return values if not isinstance(values, tuple) and jnp.ndim(values) == 0 else split_row(values)
 
 
-def is_plain_zero(value) -> bool:
+def is_concrete_zero(value) -> bool:
     """Return whether a value is concrete and zero."""
     number = concrete(value)
     return number is not None and not np.any(number)
@@ -125,7 +125,6 @@ class Modes(AbstractSuperstructure):
             as_float(mass_ratio, "Modes.of_total: mass_ratio"),
         )
         remainder = total - jnp.sum(eta, axis=-1)
-        accepted = "such that the modal masses are at most the total mass ratio"
         host_remainder, host_total = concrete(remainder), concrete(total)
         if (
             host_remainder is not None
@@ -133,8 +132,8 @@ class Modes(AbstractSuperstructure):
             and np.any(host_remainder < -ROUNDING * np.abs(host_total))
         ):
             raise ValueError(
-                f"Modes.of_total: mass_ratio must be {accepted}, got {float(np.min(host_total)):g} and modes "
-                f"of {float(np.max(np.sum(np.asarray(eta), axis=-1))):g} in all"
+                "Modes.of_total: mass_ratio must be at least the sum of eta, "
+                f"{float(np.max(np.sum(np.asarray(eta), axis=-1))):g}, got {float(np.min(host_total)):g}"
             )
         return cls(eta, T, zeta, residual=jnp.maximum(remainder, 0.0))
 
@@ -153,7 +152,7 @@ class Modes(AbstractSuperstructure):
 
     @property
     def carried(self) -> Number | None:
-        return None if self.residual is None or is_plain_zero(self.residual) else self.residual
+        return None if self.residual is None or is_concrete_zero(self.residual) else self.residual
 
     @property
     def mass_ratio(self) -> Number:

@@ -49,7 +49,7 @@ from .building import ShearBuilding
 from .column import check_column_units, enlargement, g_tan_alpha, slenderness_and_size
 from .elevation import Arms, Elevation
 from .impulses import impulse_eccentricity, impulses
-from .modes import is_plain_zero, with_fields
+from .modes import is_concrete_zero, with_fields
 from .restitution import Restitution, as_restitution
 from .superstructures import (
     AbstractSuperstructure,
@@ -65,7 +65,7 @@ class Podium(Module):
 
     - `alpha`: column slenderness α = atan(B/H), 0 < α < π/2 [rad], Eq. (1)
     - `R`: half diagonal of a column, > 0 [m]
-    - `gamma`: mass ratio of the beam γ = m_b/(N m_c), ≥ 0 [–], Eq. (2); 0 is Housner's solitary block
+    - `gamma`: mass ratio of the beam γ = m_b/(N m_c), ≥ 0 [–], Eq. (2); 0 for Housner's solitary block
     - `superstructure`: `None`, [`rockjax.Rigid`][], [`rockjax.Elastic`][], [`rockjax.Modes`][] or
       [`rockjax.ShearBuilding`][]
     - `lam`: column inertia factor λ = I_c/(m_c R²), ≥ 0 [–], Eq. (3); 1/3 for a uniform block
@@ -219,7 +219,7 @@ class Podium(Module):
         device_values = tendon_force, tendon_stiffness, damper_coefficient, damper_exponent, inertance
         devices = restrainers_of(owner, column_mass, R, as_numpy_unless_traced(g), *device_values)
         radius = as_numpy_unless_traced(end_radius, f"{owner}: end_radius")
-        if not is_plain_zero(radius):
+        if not is_concrete_zero(radius):
             R, elevation = _with_round_ends(owner, radius, height, R, devices, elevation)
         return cls(
             alpha=alpha,
@@ -281,8 +281,8 @@ class Podium(Module):
 
         With a rigid superstructure or none, columns lift as soon as |ü_g| exceeds this value. With an elastic
         superstructure this holds for slow motions, in which the spring transmits the inertia of the top mass.
-        Faster motions have other thresholds. If the top mass vibrates, columns lift at less than g tan α. If
-        the ground acceleration jumps, the spring has not responded yet, and columns lift immediately only
+        Faster motions have other thresholds. If the top mass vibrates, columns can lift at less than g tan α.
+        If the ground acceleration jumps, the spring has not responded yet, and columns lift immediately only
         above `uplift_demand`.
         """
         threshold = g_tan_alpha(self.alpha, self.g)
@@ -318,7 +318,7 @@ class Podium(Module):
         """Velocity factor e = |θ̇⁺/θ̇⁻| of an impact [–], according to the law `restitution`. Rocking ends at
         an impact if e ≤ 0.
 
-        Every law counts a rigid superstructure as part of the beam.
+        The laws count a rigid superstructure as part of the beam.
         """
         gamma, eta = self.mass_ratios
         return self.restitution.factor(
@@ -328,7 +328,7 @@ class Podium(Module):
     @property
     def inertances(self) -> tuple[Number, Number]:
         """μ_b and μ_t of the inerters that act on the bottom and the top joint [–]. A device that spans only
-        the bottom joint has twice the force of the equivalent device that spans both joints, (F2)."""
+        the bottom joint has twice the force of the equivalent device that spans both joints."""
         both_joints, bottom_joint = map(apparent_mass, devices_by_joints(self.restrainers))
         top = jnp.zeros_like(self.gamma) + (0.0 if both_joints is None else both_joints)
         return (top if bottom_joint is None else top + 2 * bottom_joint), top
@@ -344,7 +344,7 @@ class Podium(Module):
 
     @property
     def impact_eccentricity(self) -> Number:
-        """ξ_J, the position of the impulses of an impact divided by half the width of a column [–], (F13).
+        """ξ_J, the position of the impulses of an impact divided by half the width of a column [–].
 
         It is 1 if all impulses act at the new contact edges, as with `"compatible"`, or with `"paper"` and no
         elastic superstructure. It is less than 1 if impulses also act at the old edges. Values
@@ -382,7 +382,7 @@ class Podium(Module):
 
     @property
     def stability_angle(self) -> Number:
-        """θ_s: the smallest rotation in (0, π/2] from which a column at rest does not return [rad], (C7).
+        """θ_s: the smallest rotation in (0, π/2] from which a column at rest does not return [rad].
 
         It is α without tendons, larger with tendons, and inf if tendons restore the column at every rotation.
         """
@@ -391,7 +391,7 @@ class Podium(Module):
     @property
     def critical_stiffness(self) -> Number:
         """κ_cr = w cos α/(2 sin²α), w = γ+η+½: the tendon stiffness above which small rotations have a
-        positive stiffness [–], (C6). It does not depend on the tendons of the podium or their prestress.
+        positive stiffness [–]. It does not depend on the tendons of the podium or their prestress.
         """
         return (self.gamma + self.eta + 0.5) * jnp.cos(self.alpha) / (2 * jnp.sin(self.alpha) ** 2)
 
@@ -399,7 +399,7 @@ class Podium(Module):
     def uplifted_frequency(self) -> Number:
         """Circular frequency of the superstructure while the podium is uplifted [rad/s], Eq. (31).
 
-        With tendons or inerters it is the larger root of (C15), with several modes the largest root. Raises
+        With tendons, inerters or several modes it is the largest of `uplifted_frequencies`. Raises
         `ValueError` without an elastic superstructure.
         """
         oscillators = self._require_oscillators("uplifted_frequency")
@@ -413,8 +413,8 @@ class Podium(Module):
 
     @property
     def uplifted_frequencies(self) -> Number:
-        """All n+1 circular frequencies of the uplifted podium, ascending along the last axis [rad/s], (C15):
-        rocking against the stiffness of the tendons (0 without tendons), and the n modes.
+        """All n+1 circular frequencies of the uplifted podium, ascending along the last axis [rad/s]: of
+        rocking against the stiffness of the tendons (0 without tendons), and of the n modes.
 
         The equations are linearised without gravity and prestress. Raises `ValueError` without an elastic
         superstructure.
@@ -426,7 +426,7 @@ class Podium(Module):
         return jnp.sqrt(squares)
 
     def _uplifted_constants(self) -> tuple[Number, Number, Number]:
-        """Return Λ, k and cos α of (C15)."""
+        """Return the arguments `inertia`, `stiffness` and `cos_alpha` of `uplifted_squares`."""
         gamma, eta = self.mass_ratios
         sin2 = jnp.sin(self.alpha) ** 2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
@@ -451,7 +451,7 @@ class Podium(Module):
         return oscillators
 
     def _restrained_frequency(self, mass_term: Number, superstructure: Elastic) -> Number:
-        """Return the larger root of (C15); `mass_term` is 1+λ+4γ."""
+        """Return `uplifted_frequency` with restrainers and one oscillator; `mass_term` is 1+λ+4γ."""
         sin2, omega2 = jnp.sin(self.alpha) ** 2, superstructure.omega_s**2
         mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
         inertia = 0.75 * mass_term + 3 * (self.eta + (0.0 if mu is None else mu)) * sin2
@@ -511,7 +511,7 @@ class Podium(Module):
         return self._with_parts(self.superstructure, None)
 
     def resolved(self) -> Podium:
-        """Return the podium in the form of the engine, with the superstructure as oscillators."""
+        """Return the podium in the form that the engine uses, with the superstructure as oscillators."""
         superstructure, elevation = self.superstructure, self.elevation
         if isinstance(elevation, Elevation):
             elevation = elevation.resolved(self.gamma, superstructure)
@@ -557,7 +557,7 @@ def _count_and_elevation(
     """
     if positions is None:
         for name, value in heights.items():
-            if not is_plain_zero(as_float(value, f"{owner}: {name}")):
+            if not is_concrete_zero(as_float(value, f"{owner}: {name}")):
                 raise ValueError(
                     f"{owner}: {name} needs the positions of the columns as well, got {name} = "
                     f"{format_value(value)} alone"
@@ -582,14 +582,15 @@ def _with_round_ends(
     elevation: Elevation | None,
 ) -> tuple[Number, Elevation | None]:
     """Return R and the elevation of the podium with flat ends that is equivalent to a podium with round ends,
-    (R5). All masses keep their height above the middle of the columns, as the forces of (R4) require.
+    (R5). All masses keep their height above the middle of the columns.
 
     - `owner`: name for error messages
     - `radius`: radius of the round ends [m]
     - `height`, `R`: full height and half diagonal of a column between its flat faces [m]
     - `devices`, `elevation`: restrainers and elevation of the podium
 
-    Raises `ValueError` for a radius out of range, and for restrainers, which round ends would stretch more.
+    Raises `ValueError` for a radius out of range, and for restrainers, because round ends would stretch them
+    more.
     """
     ratio = enlargement(owner, radius, height)
     if devices:

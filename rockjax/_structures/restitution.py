@@ -1,4 +1,4 @@
-"""Laws of restitution: the velocity factor e of an impact, the ratio of |θ̇| after and before it."""
+"""Laws of restitution: the velocity factor e of an impact, |θ̇| after the impact divided by |θ̇| before it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rockjax._types import Number
 
 
 class PaperRestitution(Module):
-    """Law of Eq. (27): e = √c = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η).
+    """Law of Eq. (27): e = 1 − sin²α (2γ+2η+½) / (¼(1+λ)+γ+η).
 
     With inerters (C12): e = 1 − 2 sin²α (1+4γ+4η+4μ) / (1+λ+4γ+4η+4μ sin²α).
     """
@@ -34,16 +34,16 @@ class PaperRestitution(Module):
 
 
 class CompatibleRestitution(Module):
-    """Law of (C13): angular momentum about the new pivots is conserved, with Eq. (26), and the superstructure
-    keeps its horizontal velocity:
+    """Law of conserved angular momentum about the new pivots, while the superstructure keeps its horizontal
+    velocity, Eq. (26):
 
-    e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), with μ of inerters (C13).
+    e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), with μ of inerters.
     """
 
     def factor(
         self, sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number | None = None
     ) -> Number:
-        """Return the velocity factor e [–], (C13).
+        """Return the velocity factor e [–].
 
         - `sin2`: sin²α
         - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]

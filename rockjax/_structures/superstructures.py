@@ -68,7 +68,8 @@ class AbstractSuperstructure(Module):
 
     @property
     def floors(self) -> Array | None:
-        """Γ_i φ_ji of floors j and modes i, shape (floors, modes) [–], (C11); None if there are no floors."""
+        """Participation factors times mode shapes, Γ_i φ_ji of floors j and modes i, shape (floors, modes)
+        [–], (C11); None if there are no floors."""
         return None
 
     @property
@@ -93,7 +94,7 @@ class AbstractSuperstructure(Module):
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
         """Return the first moments η_i h_i of the oscillators (None if nothing vibrates) and η_r h_r of the
-        mass that moves with the beam (None if there is no such mass), (F7) [m].
+        mass that moves with the beam (None if there is no such mass) [m].
 
         - `heights`: heights above the tops of the columns [m], a scalar or `height_count` along the last axis
         - `residual_height`: height above the tops of the columns of the mass that is in no mode [m]
@@ -269,10 +270,10 @@ def uplifted_squares(
     [rad²/s²].
 
     - `oscillators`: the n oscillators
-    - `inertia`, `stiffness`: Λ [–] and k [1/s²] of (C15)
+    - `inertia`, `stiffness`: Λ [–] and k [1/s²]
     - `cos_alpha`: cos α
 
-    The squares x solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of a
+    The squares x solve Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of a
     symmetric matrix with the diagonal ω_i², bordered by a row and a column for the rotation. Rotation and
     oscillators are scaled by the square roots of their masses.
     """
@@ -308,8 +309,8 @@ def _uplifted_eigenvalues(
 @_uplifted_eigenvalues.defjvp
 def _uplifted_eigenvalues_jvp(primals, tangents):
     """Differentiate the eigenvalues as Rayleigh quotients, which are stationary with respect to mode shapes.
-    Derivatives of mode shapes, which do not exist for equal periods, are then not needed, nor derivatives of
-    square roots of masses, which do not exist at zero."""
+    This needs neither derivatives of mode shapes, which do not exist for equal periods, nor derivatives of
+    the square roots of masses, which do not exist at zero."""
     squares, masses, inertia, _, cos_alpha = primals
     values, vectors = eigh(_bordered_matrix(*primals))
     rotation, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]

@@ -425,7 +425,7 @@ def test_problem_files(table, expected):
         (lambda: rj.Modes([30.0], [0.5], -0.1), "Modes: zeta must be finite and >= 0, got zeta = -0.1"),
         (lambda: rj.Modes([30.0], [0.5], residual=-1.0), "Modes: residual must be finite and >= 0"),
         (lambda: rj.Modes(["a"], [0.5]), "Modes: eta must be a number or an array of numbers"),
-        (lambda: rj.Modes.of_total(30.0, [30.0, 1.0], [0.5, 0.2]), "modal masses are at most the total"),
+        (lambda: rj.Modes.of_total(30.0, [30.0, 1.0], [0.5, 0.2]), "at least the sum of eta, 31, got 30"),
         (lambda: rj.ShearBuilding([1.0, 0.0], [9.0, 9.0]), "masses must be finite and > 0, got masses = 0.0"),
         (lambda: rj.ShearBuilding([1.0, 1.0], [9.0, -9.0]), "stiffnesses must be finite and > 0"),
         (lambda: rj.ShearBuilding([1.0, 1.0], [9.0]), "stiffnesses must be as long as masses, which has 2"),
