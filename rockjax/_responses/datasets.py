@@ -127,7 +127,7 @@ def _restrainers_from_json(text: str) -> tuple[AbstractRestrainer, ...]:
 
 
 def podium_of(attributes: Mapping[str, Any]) -> Podium:
-    """Return the podium that `describe_podium` has described by these attributes."""
+    """Return the podium for which `describe_podium` returned these attributes."""
     makers = {
         "none": lambda: None,
         "rigid": lambda: Rigid(attributes["eta"]),

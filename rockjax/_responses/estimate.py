@@ -25,18 +25,18 @@ from rockjax._tree import Module
 # The true error is below this multiple of the estimate, except for one scene in a hundred
 # (docs/verification.md).
 SAFETY = 10.0
-FINER = 0.1  # tolerance of the second solution divided by that of the first, unless rounding prevents this
+TOLERANCE_RATIO = 0.1  # second tolerance divided by the first, unless rounding prevents this
 # Two solutions have diverged if their sums of `EnergeticImpacts` differ by more than this, which corresponds
 # to 1/16 % in the speed of an impact with |θ̇| = pα. A low threshold makes it less likely that chaotic
 # solutions agree by chance.
-DIVERGED = 0.005
-# Rocking is chaotic if the peak rotations of both solutions differ, relative to the peak, by more than
-# AMPLIFIED times `rtol` and more than LARGE. The difference is then a random sample, not an estimate.
-AMPLIFIED, LARGE = 1e5, 1e-3
+SUM_DIFFERENCE = 0.005
+# Rocking is chaotic if the peak rotations of both solutions differ by more than CHAOTIC_RTOLS times `rtol`
+# and more than CHAOTIC_CHANGE, relative to the peak. The difference is then a random sample, not an estimate.
+CHAOTIC_RTOLS, CHAOTIC_CHANGE = 1e5, 1e-3
 # Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–], which
 # corresponds to 1 % in the distance to the overturning boundary.
 FALL_DIFFERENCE = 0.01
-SHORTER = 0.7  # factor on the upper limit of the step length in the second solution
+STRIDE_FACTOR = 0.7  # factor on the upper limit of the step length in the second solution
 
 
 class Errors(Module):
@@ -61,13 +61,16 @@ def second_options(options: Options) -> Options:
     """Return the options of the second solution."""
     rtol, atol = options.rtol, options.atol
     larger = max if isinstance(atol, int | float) else jnp.maximum
-    finer, looser = (FINER * rtol, larger(FINER * atol, LEAST_ATOL)), (rtol / FINER, atol / FINER)
-    can_be_finer = FINER * rtol >= 100 * float(np.finfo(float_type()).eps)
+    finer, looser = (
+        (TOLERANCE_RATIO * rtol, larger(TOLERANCE_RATIO * atol, LEAST_ATOL)),
+        (rtol / TOLERANCE_RATIO, atol / TOLERANCE_RATIO),
+    )
+    can_be_finer = TOLERANCE_RATIO * rtol >= 100 * float(np.finfo(float_type()).eps)
     if isinstance(can_be_finer, bool):  # Python numbers, so that the program of the first solution is reused
         tolerances = finer if can_be_finer else looser
     else:
         tolerances = jax.tree.map(lambda a, b: jnp.where(can_be_finer, a, b), finer, looser)
-    return eqx.tree_at(lambda o: (o.rtol, o.atol, o._stride), options, (*tolerances, SHORTER))
+    return eqx.tree_at(lambda o: (o.rtol, o.atol, o._stride), options, (*tolerances, STRIDE_FACTOR))
 
 
 def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
@@ -83,10 +86,10 @@ def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
     difference, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
     if_one_more = xp.minimum(abs(difference - last[0]), abs(difference + last[1]))
     # Sums may be equal by chance although the last impacts differ.
-    equal_by_chance = (abs(last[0] - last[1]) > DIVERGED) & (xp.minimum(*last) > DIVERGED)
+    equal_by_chance = (abs(last[0] - last[1]) > SUM_DIFFERENCE) & (xp.minimum(*last) > SUM_DIFFERENCE)
     if_same_count = xp.where(equal_by_chance, xp.inf, abs(difference))
     falls_differ = abs(a["fall_time"] - b["fall_time"]) > FALL_DIFFERENCE  # False if one time is NaN
-    return falls_differ | (xp.minimum(if_same_count, if_one_more) > DIVERGED)
+    return falls_differ | (xp.minimum(if_same_count, if_one_more) > SUM_DIFFERENCE)
 
 
 def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Options, xp) -> Errors:
@@ -117,7 +120,7 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
         a["fall"] < SAFETY * difference_of("fall"),
         a["peak_rotation"] + SAFETY * rotation >= overturn_ratio,
     )
-    is_chaotic = rotation > xp.maximum(AMPLIFIED * rtol, LARGE) * a["peak_rotation"]
+    is_chaotic = rotation > xp.maximum(CHAOTIC_RTOLS * rtol, CHAOTIC_CHANGE) * a["peak_rotation"]
     undecided = unfinished | (overturned != second_integers["overturned"]) | is_close | is_chaotic
     undecided = undecided | _have_diverged(a, b, xp)
     variables = VARIABLES | variables_of(options.outputs)

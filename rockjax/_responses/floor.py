@@ -1,8 +1,9 @@
 """The motion of the deck, of floors and of weighted sums of modes: accelerations and velocity jumps.
 
 An impact changes the velocity of the deck in an instant. The accelerations do not contain these velocity
-jumps, which are given separately, (L1) to (L3). The *bodies* are the modes of the superstructure and the
-beam. A scene is divided into *pieces*, in which the accelerations of all bodies are smooth.
+jumps, which are given separately. The *bodies* are the modes of the superstructure and the beam. A scene is
+divided into *pieces*, in which the accelerations of all bodies are smooth. Equations (L1) to (L7) are in
+docs/floors.md.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ MIN_BEAM_WEIGHT = 1e-12  # a smaller weight of the beam, |1 − ΣW_i|, counts a
 DEGREE = 7  # degree of the polynomials of accelerations
 MAX_LAST_COEFFICIENT = 1e-8  # limit of the last Chebyshev coefficient divided by the largest acceleration
 MAX_HALVINGS = 12  # largest number of times that a piece is halved
-# Least number of pieces in a ground motion, which one step in full contact may otherwise cover.
+# A ground motion has at least this many pieces, because one step in full contact may cover all of it.
 MOTION_PIECES = 64
 POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))  # fractions of a piece
 TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T  # values at the points → coefficients c_k
@@ -56,27 +57,31 @@ class Bodies(NamedTuple):
     - `displacement` [m], `velocity` [m/s]: horizontal motion relative to the ground, first of the modes, then
       of the beam, shape (n, modes + 1)
     - `acceleration`: absolute horizontal acceleration of the same bodies [m/s²]
-    - `climb`: vertical velocity of the beam relative to the ground, shape (n,) [m/s]
-    - `rise`: absolute vertical acceleration of the beam, shape (n,) [m/s²]
+    - `vertical_velocity`: velocity of the beam relative to the ground, shape (n,) [m/s]
+    - `vertical_acceleration`: absolute acceleration of the beam, shape (n,) [m/s²]
     - `ground`: ground acceleration, horizontal and vertical, shape (n, 2) [m/s²]
     """
 
     displacement: Array
     velocity: Array
     acceleration: Array
-    climb: Array
-    rise: Array
+    vertical_velocity: Array
+    vertical_acceleration: Array
     ground: Array
 
     @property
     def accelerations(self) -> Any:
         """Accelerations of modes and beam, then the vertical acceleration of the beam."""
-        return array_module(self.rise).concatenate([self.acceleration, self.rise[:, None]], axis=1)
+        return array_module(self.vertical_acceleration).concatenate(
+            [self.acceleration, self.vertical_acceleration[:, None]], axis=1
+        )
 
     @property
     def velocities(self) -> Any:
         """Velocities of modes and beam, then the vertical velocity of the beam."""
-        return array_module(self.climb).concatenate([self.velocity, self.climb[:, None]], axis=1)
+        return array_module(self.vertical_velocity).concatenate(
+            [self.velocity, self.vertical_velocity[:, None]], axis=1
+        )
 
 
 def bodies(scene: history.Solved, t, left, node) -> Bodies:
@@ -85,7 +90,7 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
     - `scene`: solved scene
     - `t`: times, shape (n,) [s]
     - `left`: whether to return the motion just before the time, shape (n,)
-    - `node`: index of the node of the history from which a step leads to the time, shape (n,); −1 for the
+    - `node`: index of the node of the history from which a step reaches the time, shape (n,); −1 for the
       last node before the time
     """
     podium, excitation, nodes, end, method, rtol = scene
@@ -215,7 +220,7 @@ class Pieces(NamedTuple):
 class PieceMotions(NamedTuple):
     """Motion of modes and beam in n pieces. The last of the bodies is the vertical motion of the beam.
 
-    - `terms`: coefficients of polynomials of absolute accelerations, shape (n, m+1, bodies) [m/s²]
+    - `terms`: coefficients of polynomials of absolute accelerations, shape (n, DEGREE + 1, bodies) [m/s²]
     - `jumps`: velocity jumps at the start of each piece, shape (n, bodies) [m/s]
     """
 
@@ -228,7 +233,7 @@ def terms_of(accelerations: np.ndarray) -> np.ndarray:
     return np.einsum("npb,pk->nkb", accelerations, TO_TERMS)
 
 
-def around(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def before_and_at(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the arguments `t`, `left` and `node` of `bodies` for instants just before, and at, the times
     t."""
     return np.tile(t, 2), np.repeat([True, False], t.size), np.full(2 * t.size, -1)
@@ -268,7 +273,7 @@ def pieces_of(scene: history.Solved, end: float) -> tuple[Pieces, PieceMotions]:
     pieces = Pieces(*fields).select(order)
     jumps, impacts = np.zeros((order.size, values.shape[-1])), pieces.start[pieces.is_impact]
     if impacts.size:
-        velocities = evaluate_padded(scene, *around(impacts)).velocities
+        velocities = evaluate_padded(scene, *before_and_at(impacts)).velocities
         jumps[pieces.is_impact] = velocities[impacts.size :] - velocities[: impacts.size]
     return pieces, PieceMotions(terms_of(values[order]), jumps)
 
@@ -342,7 +347,7 @@ class FloorMotion(Module):
     ) -> Float[Array, "*times"]:
         """Return the absolute vertical acceleration, upwards, at times t [s], (L1) [m/s²]. It is the same for
         the deck and all floors."""
-        return self._at(t, left, lambda motion: motion.rise)
+        return self._at(t, left, lambda motion: motion.vertical_acceleration)
 
     def velocity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
         """Return the horizontal velocity relative to the ground [m/s] at times t [s]."""
@@ -361,7 +366,7 @@ class FloorMotion(Module):
     @property
     def vertical_velocity_jumps(self) -> Float[Array, " impacts"]:
         """Jumps Δw ≥ 0 of the vertical velocity at the impacts, (L3) [m/s]."""
-        return self._jumps(lambda motion: motion.climb)
+        return self._jumps(lambda motion: motion.vertical_velocity)
 
     @property
     def peak_acceleration(self) -> float:

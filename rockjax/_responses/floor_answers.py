@@ -1,5 +1,4 @@
-"""Answers (results) of light secondary systems on the floors of a structure, also as rows of tables and
-datasets."""
+"""Answers (results) of light secondary systems on the floors of a structure, also in tables and datasets."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ class ContentsAnswer(Module):
       impact of the structure started it
     - `overturned`: |φ| reached `overturn_ratio`·α_c, at `overturn_time` [s] (NaN if not)
     - `impacts`: number of impacts of the block on the floor
-    - `friction_demand`: largest |T|/N at the foot of the block [–], (L15): at rest, while rocking, at impacts
+    - `friction_demand`: largest |T|/N at the foot of the block [–]: at rest, while rocking, at impacts
       on the floor, and at impulses of the floor; inf if the foot would lift off
     - `until_overturning`: the structure overturned; the answers cover the time until then
     - `result`: a [`rockjax.RESULTS`][]
@@ -46,14 +45,14 @@ class ContentsAnswer(Module):
 
 
 class OscillatorAnswer(Module):
-    """The answers of an [`rockjax.Oscillator`][], (L6), for the time up to the end of the scene. If the floor
-    rests for good, free vibration after the end counts as well.
+    """The answers of an [`rockjax.Oscillator`][] for the time up to the end of the scene. If the floor rests
+    for good, free vibration after the end counts as well.
 
     - `relative_displacement`: S_d = max|x|, with the displacement x relative to the floor [m]
     - `pseudo_acceleration`: PSA = ω²S_d [m/s²]
     - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²], including just before and just after impulses
-    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by S_d [–]. S_d is final if
-      this ratio is at most 1; inf if there is no bound
+    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by S_d [–]; inf if there is no
+      bound. S_d is final if this ratio is at most 1
     - `until_overturning`: the structure overturned; the answers cover the time until then
     - `result`: a [`rockjax.RESULTS`][]
     """
@@ -66,8 +65,8 @@ class OscillatorAnswer(Module):
     result: RESULTS
 
 
-# For each class: the dim in datasets, which is also the prefix of variables; and the unit and the description
-# of each answer.
+# For each class, the dim in datasets, which is also the prefix of variables, and unit and description of each
+# answer.
 VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
     ContentsAnswer: (
         "contents",

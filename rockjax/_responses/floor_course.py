@@ -43,8 +43,8 @@ class FloorCourse(NamedTuple):
     """Accelerations and velocity jumps of modes and beam along a history. The last of the bodies is the
     vertical motion of the beam.
 
-    - `times`: times of the n nodes of the history, with the derivatives of events [s]; inf after the last
-      node
+    - `times`: times of the n nodes of the history [s], with the derivatives of event times; inf after the
+      last node
     - `accelerations`: absolute accelerations at the `NODES` of each step [m/s²]
     - `jumps`: velocity jumps at the nodes of the history [m/s]
     - `end`: time of the last node [s]
@@ -87,13 +87,13 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
         jnp.append(node, jnp.where(is_impact, rows - 1, 0)),
     )
     accelerations = motion.accelerations[: t.size].reshape(*t.shape, -1)
-    speed, climb = motion.velocity[t.size :, -1], motion.climb[t.size :]
+    speed, vertical_velocity = motion.velocity[t.size :, -1], motion.vertical_velocity[t.size :]
     # An impact multiplies the horizontal velocity of the beam by e and the vertical velocity by −e, (L3). The
     # velocities of modes do not jump. The impact that ends rocking is treated in the same way, as the first
     # of infinitely many impacts.
     e = jnp.maximum(scene[0].restitution_factor, 0.0)
     of_modes = jnp.zeros((rows.size, accelerations.shape[-1] - 2))
-    of_beam = jnp.stack([(1 - e) * -speed, (1 + e) * -climb], axis=-1)
+    of_beam = jnp.stack([(1 - e) * -speed, (1 + e) * -vertical_velocity], axis=-1)
     jumps = jnp.concatenate([of_modes, of_beam], axis=-1)
     jumps = jnp.where(is_impact[:, None], jumps, 0.0)
     finite_times = jnp.where(is_used, times, jnp.inf)

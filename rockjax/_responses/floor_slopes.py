@@ -27,7 +27,7 @@ from .floor import (
     Bodies,
     PieceMotions,
     Pieces,
-    around,
+    before_and_at,
     bodies,
     in_direction,
     pad,
@@ -54,7 +54,7 @@ class Solution(NamedTuple):
 
 
 @StoredProgram
-def solved(
+def solve_with_slopes(
     podium: Podium,
     excitation: AbstractExcitation,
     initial: State,
@@ -68,7 +68,7 @@ def solved(
 
     - `podium`, `excitation`, `initial`, `t_end`, `options`: the scene
     - `names`: the parameters
-    - `levels`: numbers of the stories whose weights are returned
+    - `levels`: numbers of the stories to return weights for
     - `history`: number of nodes that can be stored
     """
 
@@ -143,7 +143,7 @@ def motions_with_slopes(
     - `levels`: levels of `solution.weights`, which become the keys of `Slopes.weights`
     """
     node_slopes, breaks, start, weights = jax.tree.map(np.asarray, solution.slopes)
-    (t, node), starts = pieces.points, around(pieces.start)
+    (t, node), starts = pieces.points, before_and_at(pieces.start)
     samples = tuple(map(np.concatenate, zip((t, np.zeros(t.size, bool), node), starts, strict=True)))
     sampled, slopes = bodies_with_slopes(scene, node_slopes, *pad(*samples), names=names)
     sampled = jax.tree.map(lambda y: np.asarray(y)[: samples[0].size], sampled)
@@ -201,9 +201,9 @@ def slope_of_load(
     - `weights`, `change`: weights W_i of the floor and their derivatives, shape (modes,)
     - `direction`: "horizontal" or "vertical"
 
-    The derivatives, at a fixed time, of the velocities just before and just after an event differ by
-    Δv' + (a⁻ − a⁺ + jump of ü_g) t'. The velocity jump (a⁻ − a⁺) t' + Δv' in (L8) is this difference minus
-    the jump of ü_g times t'.
+    At an event, t' and Δv' are the derivatives of its time and its velocity jump. The derivatives, at a fixed
+    time, of the velocities just before and just after the event differ by Δv' + (a⁻ − a⁺ + jump of ü_g) t'.
+    The velocity jump (a⁻ − a⁺) t' + Δv' in (L8) is this difference minus the jump of ü_g times t'.
     """
     row = in_direction(with_beam(weights), direction)
     row_slope = in_direction(np.append(change, -change.sum()), direction)

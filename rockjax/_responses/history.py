@@ -97,8 +97,8 @@ def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vect
     return quantities
 
 
-# Arrays of times and nodes are padded to few lengths, so that histories share programs: up to FEW_TIMES times
-# to this length, longer ones to `common_size(length, *TIMES)`, and nodes to `common_size(length, *NODES)`.
+# Arrays are padded to few lengths, so that histories share programs. Up to FEW_TIMES times are padded to this
+# length, more times to `common_size(count, *TIMES)`, and nodes to `common_size(count, *NODES)`.
 FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 

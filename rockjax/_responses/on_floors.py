@@ -37,14 +37,14 @@ from .floor_course import NEVER_LIFTS, FloorCourse, end_with_oscillators, floor_
 from .floor_end import bound_after_end, ratio_after_end
 
 BOTTOM = 0  # index of the bottom joint, between a block and the floor
-UNREACHABLE = 1e300  # rest velocity so large that no velocity jump of the floor starts the columns
+UNREACHABLE = 1e300  # rest velocity so large that no velocity jump of the floor starts rocking
 OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, because short periods have small displacements
 
 
 @dataclasses.dataclass(frozen=True)
 class JoltFriction(AbstractOutput):
-    """The largest friction demand of a block at velocity jumps of the floor, (L15). Jumps below the rest
-    velocity do not count.
+    """The largest friction demand of a block at velocity jumps of the floor. Jumps below the rest velocity do
+    not count.
 
     The accumulator is the impulse with the largest angle from the vertical. The note is 1 if a jump started
     the block, else 0.
@@ -110,8 +110,8 @@ def _vibrate(
 ):
     """Return the answers of an oscillator, with arguments and results as for `_rock`.
 
-    The oscillator is solved as a massless superstructure on a podium that never lifts, because its columns
-    are so wide and its rest velocity is so large.
+    The oscillator is solved as a massless superstructure on a podium that never lifts: its columns are very
+    wide, and its rest velocity is very large.
     """
     fixed_podium = Podium(
         NEVER_LIFTS, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g

@@ -72,8 +72,8 @@ class AbstractPeak(Module):
       (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
     - `impacts`: number of impacts until rest, overturning or `t_end`; NaN if the scene ended earlier because
-      all requested outputs were final (request `"impacts"`, or compute a history). Unless `"impacts"` is
-      requested, a rigid podium skips its last bounces before rest, whose number follows from the restitution
+      all requested outputs were final (request `"impacts"`, or compute a history). Without this request a
+      rigid podium skips its last bounces before rest and counts them by a formula, to within one or two
     - `peak_deformation`: max|u_t − u_b| [m], 0 if the superstructure is not elastic; if there are several
       modes, they are along the last axis
     - `peak_shear`: max|V_s|/(m_t g) at the base of the superstructure [–], 0 if there is none. Like
@@ -91,7 +91,7 @@ class AbstractPeak(Module):
       answers are None unless requested. All except `peak_foundation_shear` are for the worst column, with the
       bottom and the top joint along the last axis
     - `margin`: overturning margin [–], NaN unless requested: 1 if the columns never lift, 0 on the
-      overturning boundary, and the more negative the faster the columns fall
+      overturning boundary, negative if the columns overturn, and more negative if they fall faster
     - `impacts_before_peak`: number of impacts before the peak rotation, on which its derivatives depend; None
       unless requested
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s]; inf if there are
@@ -124,7 +124,7 @@ class AbstractPeak(Module):
     @property
     def joints_closed(self) -> Bool[Array, "*batch"]:
         """True if no joint would open and the beam would lift off no column at an impact, as far as the
-        requested outputs among `"axial_force"`, `"impact_friction"` and `"peak_friction"` show."""
+        requested ones of the outputs `"axial_force"`, `"impact_friction"` and `"peak_friction"` show."""
         is_closed = jnp.ones(jnp.shape(self.overturned), bool)
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)

@@ -35,7 +35,7 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 def labelled_motion(
     owner: str, excitation: AnyMotions, name: str = "excitation"
 ) -> tuple[AbstractExcitation, np.ndarray | None]:
-    """Return one motion and None, or a batch of motions of shape (k,) and the labels of the motions.
+    """Return one motion and None, or a batch of k motions, shape (k,), and their labels.
 
     - `owner`: name of the calling function, for messages
     - `excitation`: one motion, or several (`Motions`, `Records`, a list)
@@ -60,15 +60,15 @@ def pick_motions(motions: AbstractExcitation, which: np.ndarray) -> AbstractExci
     return jax.tree.map(lambda y: as_array(np.asarray(y)[which]), motions)
 
 
-def variable_parameters(podium: Podium, motion: AbstractExcitation, single: bool) -> list[str]:
+def variable_parameters(podium: Podium, motion: AbstractExcitation, is_single: bool) -> list[str]:
     """Return the names that `with_parameters` accepts.
 
     - `podium`, `motion`: the structure, and one motion or a batch of motions
-    - `single`: whether `motion` is one motion
+    - `is_single`: whether `motion` is one motion
     """
     pulse = motion.horizontal if isinstance(motion, GroundMotion) else motion
-    ratios = _RATIOS if isinstance(pulse, AbstractPulse) and single else ()
-    return [*parameters_of(podium), *(scalar_fields(motion) if single else {}), *ratios, "scale"]
+    ratios = _RATIOS if isinstance(pulse, AbstractPulse) and is_single else ()
+    return [*parameters_of(podium), *(scalar_fields(motion) if is_single else {}), *ratios, "scale"]
 
 
 def check_names(owner: str, argument: str, names: Sequence[str], valid: Sequence[str]) -> None:

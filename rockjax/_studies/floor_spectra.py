@@ -37,7 +37,12 @@ from rockjax._responses.floor import (
 )
 from rockjax._responses.floor_course import NEVER_LIFTS, end_with_oscillators
 from rockjax._responses.floor_end import Ending, bound_after_end, ending, ratio_after_end
-from rockjax._responses.floor_slopes import capacity_for, motions_with_slopes, slope_of_load, solved
+from rockjax._responses.floor_slopes import (
+    capacity_for,
+    motions_with_slopes,
+    slope_of_load,
+    solve_with_slopes,
+)
 from rockjax._responses.response import Response
 from rockjax._responses.sensitivities import check_sensitivities, slope_name
 from rockjax._responses.simulate import simulate
@@ -239,7 +244,7 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     scene, is_vertical = deck.scene, request.direction == "vertical"
     solution = None
     if request.names:
-        solution = solved(
+        solution = solve_with_slopes(
             response.podium.split_rows(),
             response.excitation.common_form(),
             start,
