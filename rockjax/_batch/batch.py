@@ -35,7 +35,7 @@ from rockjax._structures import Podium
 
 from .chunk import LaneLayout
 from .edge_distance import SCALE
-from .exchange import Done
+from .exchange import DoneScenes
 from .executors import AbstractExecutor, executor_for
 from .on_floors import answers_on_floors
 from .scenes import NO_SCENES, SceneBatch, SceneIndices, broadcast
@@ -197,7 +197,7 @@ def responses(
     return Peak(**fields, errors=estimates, sensitivities=slopes, on_floors=floor_answers)
 
 
-def bare_responses(
+def raw_responses(
     podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any, edge_distance: bool
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Solve a batch of shape (n,), and return floats and integers by name as `run_batch` does.
@@ -260,7 +260,7 @@ def run_batch(
     stopped = threading.Event() if stop is None else stop
     pending = deque(_chunks(scenes, lane_layout, executor))
 
-    def solve_chunks() -> Iterator[Done]:
+    def solve_chunks() -> Iterator[DoneScenes]:
         lanes = idle
         while not stopped.is_set():
             if executor.threads > 1 and len(pending) < 2 * executor.threads:
@@ -273,13 +273,13 @@ def run_batch(
                 last = len(pending) < executor.threads
             lanes, done = advance(lanes, indices, last)
             yield done
-            if last and not pending and not np.any(np.asarray(done.left)):
+            if last and not pending and not np.any(np.asarray(done.running)):
                 return
 
     def work() -> None:
         # The answers of a chunk are stored while the lanes already solve the next chunk.
         for done, _ in itertools.pairwise(itertools.chain(solve_chunks(), [None])):
-            stored_count = answers.store(cast(Done, done))
+            stored_count = answers.store(cast(DoneScenes, done))
             with _BAR_LOCK:
                 bar.update(stored_count)
 
@@ -307,7 +307,7 @@ class _Answers:
         self._lock = threading.Lock()
         self._closed = False
 
-    def store(self, done: Done) -> int:
+    def store(self, done: DoneScenes) -> int:
         """Store the scenes that have ended and return their number."""
         done = jax.tree.map(np.asarray, done)
         used = np.reshape(done.used, (-1, 1))

@@ -54,32 +54,32 @@ class LaneLayout(NamedTuple):
 class LaneDerivatives(NamedTuple):
     """Derivatives of the scenes and states of lanes, with a row for each parameter."""
 
-    parts: list[Any]  # derivatives of `Chunk.parts` in the lanes; None for leaves without derivatives
-    lane: dict[str, Any]  # derivatives of the `differentiated_fields` of a `LoopState`
+    varying: list[Any]  # derivatives of `Lanes.varying`; None for leaves without derivatives
+    states: dict[str, Any]  # derivatives of the `differentiated_fields` of a `LoopState`
 
 
-def makes_trials(plan: Plan, options: Options, lane: LoopState) -> Flag:
+def makes_trials(plan: Plan, options: Options, state: LoopState) -> Flag:
     """Return whether a lane has trials to make. A rigid podium in full contact makes none; it goes to its
     next uplift when finished scenes are exchanged."""
-    goes_on = is_running(lane, options.max_steps)
-    return goes_on if plan.follows_contact else goes_on & (lane.sigma != 0)
+    goes_on = is_running(state, options.max_steps)
+    return goes_on if plan.follows_contact else goes_on & (state.sigma != 0)
 
 
-def automaton(plan: Plan, options: Options):
+def step_functions(plan: Plan, options: Options):
     """Return two functions (scene, state) ↦ state. The first makes a trial; the second advances a rigid
     podium in full contact to the next uplift. States to which a function does not apply stay as they are."""
 
-    def try_step(scene: Scene, lane: LoopState) -> LoopState:
-        goes_on = barrier(makes_trials(plan, options, lane))
-        after, _ = trial(scene, plan, lane)
-        return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, lane)
+    def try_step(scene: Scene, state: LoopState) -> LoopState:
+        goes_on = barrier(makes_trials(plan, options, state))
+        after, _ = trial(scene, plan, state)
+        return jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), after, state)
 
-    def lift_off(scene: Scene, lane: LoopState) -> LoopState:
+    def lift_off(scene: Scene, state: LoopState) -> LoopState:
         if plan.follows_contact:
-            return lane
-        waits = (lane.sigma == 0) & is_running(lane, options.max_steps)
-        lifted, _ = advance_to_uplift(scene, plan, lane)
-        return jax.tree.map(lambda new, old: jnp.where(waits, new, old), lifted, lane)
+            return state
+        waits = (state.sigma == 0) & is_running(state, options.max_steps)
+        lifted, _ = advance_to_uplift(scene, plan, state)
+        return jax.tree.map(lambda new, old: jnp.where(waits, new, old), lifted, state)
 
     return try_step, lift_off
 
@@ -87,20 +87,20 @@ def automaton(plan: Plan, options: Options):
 class _ChunkDerivatives(NamedTuple):
     """Derivatives of the scenes and states of a chunk, with a row for each parameter."""
 
-    parts: list[Any]  # derivatives of `Chunk.parts`
+    varying: list[Any]  # derivatives of `Chunk.varying`
     common: list[Any]  # derivatives of `Chunk.common`
-    lane: dict[str, Any]  # derivatives of the `differentiated_fields` of `Chunk.lane`
+    states: dict[str, Any]  # derivatives of the `differentiated_fields` of `Chunk.states`
 
 
 class Chunk(NamedTuple):
     """Prepared scenes. Quantities that differ between scenes have a row for each scene; quantities that all
     scenes share are stored once."""
 
-    parts: list[Any]  # leaves of `Scene` that differ
-    common: list[Any]  # leaves of `Scene` that all scenes share; None for leaves that differ
+    varying: list[Any]  # leaves of `Scene` that vary between scenes
+    common: list[Any]  # leaves of `Scene` that all scenes share; None for leaves that vary
     structure: Any  # tree structure of `Scene`
-    lane: LoopState  # states at the start
-    lane_differs: Any  # for each leaf of `lane`, whether it differs between scenes
+    states: LoopState  # states at the start
+    states_differ: Any  # for each leaf of `states`, whether it differs between scenes
     slopes: _ChunkDerivatives | None  # None if no sensitivities are requested
 
     def starts(self, lanes: int) -> tuple[LoopState, LaneDerivatives | None]:
@@ -109,45 +109,48 @@ class Chunk(NamedTuple):
         def start(y, differs):
             return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
 
-        state = jax.tree.map(start, self.lane, self.lane_differs)
+        states = jax.tree.map(start, self.states, self.states_differ)
         if self.slopes is None:
-            return state, None
+            return states, None
         start_slope = lambda rows, differs: jax.vmap(lambda row: start(row, differs))(rows)
-        lane = jax.tree.map(start_slope, self.slopes.lane, differentiated_fields(self.lane_differs))
-        return state, LaneDerivatives([None if y is None else y[:, :lanes] for y in self.slopes.parts], lane)
+        varying = [None if y is None else y[:, :lanes] for y in self.slopes.varying]
+        differs = differentiated_fields(self.states_differ)
+        return states, LaneDerivatives(varying, jax.tree.map(start_slope, self.slopes.states, differs))
 
     def in_lanes(
         self,
         function: Callable,
-        parts: list[Any],
-        lane: LoopState,
+        varying: list[Any],
+        states: LoopState,
         slopes: LaneDerivatives | None,
         loops: bool = False,
     ):
         """Evaluate a function in every lane. Return (floats, slopes of the floats, rest).
 
         - `function`: (scene, state) ↦ (floats, rest)
-        - `parts`, `lane`: leaves of the scenes that differ, and states, with a row for each lane
-        - `slopes`: derivatives of `parts` and `lane`; if None, the returned slopes are also None
+        - `varying`, `states`: leaves of the scenes that vary, and states, with a row for each lane
+        - `slopes`: derivatives of `varying` and `states`; if None, the returned slopes are also None
         - `loops`: True if the function contains loops, see `push_forward`
         """
 
-        def scene(parts, common) -> Scene:
-            parts = iter(parts)
-            return jax.tree.unflatten(self.structure, [next(parts) if y is None else y for y in common])
+        def scene(varying, common) -> Scene:
+            leaves = iter(varying)
+            return jax.tree.unflatten(self.structure, [next(leaves) if y is None else y for y in common])
 
-        def in_all_lanes(parts, common, lane):
-            return jax.vmap(lambda parts, lane: function(scene(parts, common), lane))(parts, lane)
+        def in_all_lanes(varying, common, states):
+            return jax.vmap(lambda leaves, state: function(scene(leaves, common), state))(varying, states)
 
         if slopes is None or self.slopes is None:
-            floats, rest = in_all_lanes(parts, self.common, lane)
+            floats, rest = in_all_lanes(varying, self.common, states)
             return floats, None, rest
-        lane_slopes = jax.tree.map(lambda _: None, lane)._replace(**slopes.lane)
-        all_slopes = slopes.parts, self.slopes.common, lane_slopes
+        state_slopes = jax.tree.map(lambda _: None, states)._replace(**slopes.states)
+        all_slopes = slopes.varying, self.slopes.common, state_slopes
         # `loops` selects a form that compiles faster but computes each row of derivatives separately. With a
         # single row, separate computation costs nothing.
-        is_single = slopes.lane["event_time"].shape[0] == 1
-        return push_forward(in_all_lanes, (parts, self.common, lane), all_slopes, loops=loops or is_single)
+        is_single = slopes.states["event_time"].shape[0] == 1
+        return push_forward(
+            in_all_lanes, (varying, self.common, states), all_slopes, loops=loops or is_single
+        )
 
 
 def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
@@ -160,14 +163,14 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
     """
     structure, names = layout.structure, layout.sensitivities
     plan = layout.plan(leaves, options)
-    _, lift_off = automaton(plan, options)
+    _, lift_off = step_functions(plan, options)
 
     def prepare_scene(factors, *leaves) -> tuple[Scene, LoopState]:
         podium, excitation, initial, t_end = jax.tree.unflatten(structure, leaves)
         if names:
             podium, excitation = with_unit_factors(podium, excitation, names, factors)
-        scene, lane = prepare(podium, excitation, initial, t_end, options, plan)
-        return scene, lift_off(scene, lane)
+        scene, state = prepare(podium, excitation, initial, t_end, options, plan)
+        return scene, lift_off(scene, state)
 
     factors = jnp.ones(len(names)) if names else None
     leaves, axes = _with_own_states(leaves, layout) if names else (leaves, layout.axes)
@@ -185,28 +188,28 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
         depends = jax.tree.leaves(find_dependent_outputs(prepare_first, factors)[0])
 
         def scenes_and_states(factors):
-            scenes, lane = prepare_all(factors, *leaves)
+            scenes, states = prepare_all(factors, *leaves)
             flat = jax.tree.leaves(scenes)
             flat = [y if flag else None for y, flag in zip(flat, depends, strict=True)]
-            return (flat, differentiated_fields(lane)), (scenes, lane)
+            return (flat, differentiated_fields(states)), (scenes, states)
 
-        _, (scene_slopes, lane_slopes), (scenes, lane) = push_forward(
+        _, (scene_slopes, state_slopes), (scenes, states) = push_forward(
             scenes_and_states, (factors,), (jnp.eye(len(names)),), loops=True
         )
-        part_slopes = [y for y, flag in zip(scene_slopes, has_rows, strict=True) if flag]
-        slopes = _ChunkDerivatives(part_slopes, selected(scene_slopes, False), lane_slopes)
+        varying_slopes = [y for y, flag in zip(scene_slopes, has_rows, strict=True) if flag]
+        slopes = _ChunkDerivatives(varying_slopes, selected(scene_slopes, False), state_slopes)
     else:
-        (scenes, lane), slopes = prepare_all(factors, *leaves), None
+        (scenes, states), slopes = prepare_all(factors, *leaves), None
     flat, scene_structure = jax.tree.flatten(scenes)
-    parts = [y for y, flag in zip(flat, has_rows, strict=True) if flag]
-    return Chunk(parts, selected(flat, False), scene_structure, lane, differs[1], slopes)
+    varying = [y for y, flag in zip(flat, has_rows, strict=True) if flag]
+    return Chunk(varying, selected(flat, False), scene_structure, states, differs[1], slopes)
 
 
 def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int | None, ...]]:
     """Return the leaves of a chunk, with a separate initial state for each scene, and the axes of the leaves.
 
-    Derivatives of an initial state differ between scenes. If all scenes shared one initial state, the value
-    and the derivative of `restart` would have different shapes.
+    Derivatives of an initial state differ between scenes. If all scenes shared one initial state, results of
+    `restart` in the engine would differ in shape from their derivatives.
     """
     _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
     positions = jax.tree.leaves(initial)
@@ -254,23 +257,23 @@ def prepare_in_blocks(leaves, layout: LaneLayout, options: Options, count) -> Ch
 def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[Any]], Chunk]]:
     """Return all arrays of a chunk that have a row for each scene, the axis of the scenes in each array, and
     a function that puts other such arrays into the chunk."""
-    lane, lane_structure = jax.tree.flatten(chunk.lane)
-    differs = jax.tree.leaves(chunk.lane_differs)
-    slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.parts, chunk.slopes.lane))
-    differ = chunk.slopes and differentiated_fields(chunk.lane_differs)
-    slope_differs = jax.tree.leaves(chunk.slopes and (chunk.slopes.parts, differ))
-    has_rows = [*(True for _ in chunk.parts), *differs, *(flag is not False for flag in slope_differs)]
-    all_arrays = [*chunk.parts, *lane, *slopes]
-    axes = [*(0 for _ in chunk.parts), *(0 for _ in lane), *(1 for _ in slopes)]
+    states, state_structure = jax.tree.flatten(chunk.states)
+    differs = jax.tree.leaves(chunk.states_differ)
+    slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.varying, chunk.slopes.states))
+    differ = chunk.slopes and differentiated_fields(chunk.states_differ)
+    slope_differs = jax.tree.leaves(chunk.slopes and (chunk.slopes.varying, differ))
+    has_rows = [*(True for _ in chunk.varying), *differs, *(flag is not False for flag in slope_differs)]
+    all_arrays = [*chunk.varying, *states, *slopes]
+    axes = [*(0 for _ in chunk.varying), *(0 for _ in states), *(1 for _ in slopes)]
 
     def put_back(stores: list[Any]) -> Chunk:
         stored = iter(stores)
         arrays = [next(stored) if flag else y for y, flag in zip(all_arrays, has_rows, strict=True)]
-        parts, others = arrays[: len(chunk.parts)], arrays[len(chunk.parts) :]
-        state = jax.tree.unflatten(lane_structure, others[: len(lane)])
-        new_slopes = jax.tree.unflatten(slope_structure, others[len(lane) :])
-        slopes = chunk.slopes and chunk.slopes._replace(parts=new_slopes[0], lane=new_slopes[1])
-        return chunk._replace(parts=parts, lane=state, slopes=slopes)
+        varying, others = arrays[: len(chunk.varying)], arrays[len(chunk.varying) :]
+        new_states = jax.tree.unflatten(state_structure, others[: len(states)])
+        new_slopes = jax.tree.unflatten(slope_structure, others[len(states) :])
+        slopes = chunk.slopes and chunk.slopes._replace(varying=new_slopes[0], states=new_slopes[1])
+        return chunk._replace(varying=varying, states=new_states, slopes=slopes)
 
     chosen = [k for k, flag in enumerate(has_rows) if flag]
     return [all_arrays[k] for k in chosen], [axes[k] for k in chosen], put_back

@@ -24,14 +24,14 @@ MAX_SERIAL_LANES = 64  # largest number of lanes that are served one after anoth
 class Lanes(NamedTuple):
     """Data that the lanes hold from one chunk to the next."""
 
-    lane: LoopState  # states, with a row for each lane
-    parts: list[Any]  # leaves of `Scene` that differ between scenes, with a row for each lane
+    states: LoopState  # states, with a row for each lane
+    varying: list[Any]  # leaves of `Scene` that vary between scenes, with a row for each lane
     scene_index: jax.Array  # for each lane, index of its scene in the batch; −1 without a scene
     slopes: LaneDerivatives | None = None  # derivatives; None if no sensitivities are requested
     edge_distance: jax.Array | None = None  # so far, see `edge_distance.py`; None if not requested
 
 
-class Done(NamedTuple):
+class DoneScenes(NamedTuple):
     """Answers of scenes that have ended, in the order in which they ended; the first `used` rows are
     valid."""
 
@@ -41,7 +41,7 @@ class Done(NamedTuple):
     used: jax.Array  # number of scenes that have ended
     trials: jax.Array  # number of trials, in which all lanes take part together
     useful: jax.Array  # number of trials that advanced a scene, summed over all lanes
-    left: jax.Array  # number of lanes that still hold a running scene
+    running: jax.Array  # number of lanes that still hold a running scene
 
 
 class Loop(NamedTuple):
@@ -49,17 +49,18 @@ class Loop(NamedTuple):
 
     lanes: Lanes
     next_position: jax.Array  # position in the chunk of the next scene to load
-    done: Done
+    done: DoneScenes
 
 
 Answers = tuple[dict[str, jax.Array], dict[str, jax.Array]]  # floats and integers of every lane
 
 
-def empty_storage(rows: int, answers: Answers, index_type: Any) -> Done:
+def empty_storage(rows: int, answers: Answers, index_type: Any) -> DoneScenes:
     """Return empty storage for the answers of `rows` scenes."""
     floats, integers = jax.tree.map(lambda y: jnp.zeros((rows, *y.shape[1:]), y.dtype), answers)
     zero = jnp.zeros((), index_type)
-    return Done(jnp.zeros(rows, index_type), floats, integers, used=zero, trials=zero, useful=zero, left=zero)
+    counters = {"used": zero, "trials": zero, "useful": zero, "running": zero}
+    return DoneScenes(jnp.zeros(rows, index_type), floats, integers, **counters)
 
 
 def exchange_scenes(
@@ -82,7 +83,7 @@ def exchange_scenes(
 def _one_by_one(
     chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
-    indices_of_lanes = jnp.arange(ended.size, dtype=jnp.int32)
+    lane_indices = jnp.arange(ended.size, dtype=jnp.int32)
 
     def put(stores, values, at, axis=0):
         """Write values into one row of each store."""
@@ -98,19 +99,19 @@ def _one_by_one(
         return jax.tree.map(lambda y: jax.lax.dynamic_index_in_dim(y, at, axis, keepdims=False), stores)
 
     def serve_first(carry: tuple[Loop, Flag]) -> tuple[Loop, Flag]:
-        (state, next_position, done), waits = carry
-        k = jnp.min(jnp.where(waits, indices_of_lanes, ended.size))
+        (lanes, next_position, done), waits = carry
+        k = jnp.min(jnp.where(waits, lane_indices, ended.size))
         write = lambda stores, values: put(stores, row(values, k), done.used)
-        done = _store_answers(done, write, state.scene_index, answers, row(ended, k))
+        done = _store_answers(done, write, lanes.scene_index, answers, row(ended, k))
         loads = next_position < indices.scenes
 
         def load(store, differs, current, axis=0):
             new = row(store, jnp.where(loads, next_position, 0), axis) if differs else store
             return put(current, jnp.where(loads, new, row(current, k, axis)), k, axis)
 
-        scene_index = put(state.scene_index, jnp.where(loads, indices.at(next_position), -1), k)
-        state = _load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index)
-        return Loop(state, next_position + loads.astype(next_position.dtype), done), put(waits, False, k)
+        scene_index = put(lanes.scene_index, jnp.where(loads, indices.at(next_position), -1), k)
+        lanes = _load_scenes(chunk, lanes, load, refill)._replace(scene_index=scene_index)
+        return Loop(lanes, next_position + loads.astype(next_position.dtype), done), put(waits, False, k)
 
     waits = ended | ((loop.lanes.scene_index < 0) & (loop.next_position < indices.scenes))
     return jax.lax.while_loop(lambda carry: jnp.any(carry[1]), serve_first, (loop, waits))[0]
@@ -119,9 +120,9 @@ def _one_by_one(
 def _in_parallel(
     chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
-    state, next_position, done = loop
-    done = _append_answers(done, ended, state.scene_index, answers)
-    is_free = ended | (state.scene_index < 0)
+    lanes, next_position, done = loop
+    done = _append_answers(done, ended, lanes.scene_index, answers)
+    is_free = ended | (lanes.scene_index < 0)
     position = next_position + jnp.cumsum(is_free, dtype=next_position.dtype) - 1
     loads = is_free & (position < indices.scenes)
     loaded = jnp.where(loads, position, 0)
@@ -131,50 +132,53 @@ def _in_parallel(
         new = jnp.take(store, loaded, axis=axis) if differs else jnp.expand_dims(store, axis)
         return jnp.where(flag, new, current)
 
-    scene_index = jnp.where(loads, indices.at(position), jnp.where(is_free, -1, state.scene_index)).astype(
-        state.scene_index.dtype
+    scene_index = jnp.where(loads, indices.at(position), jnp.where(is_free, -1, lanes.scene_index)).astype(
+        lanes.scene_index.dtype
     )
     next_position = jnp.minimum(next_position + jnp.sum(is_free, dtype=next_position.dtype), indices.scenes)
     return Loop(
-        _load_scenes(chunk, state, load, refill)._replace(scene_index=scene_index), next_position, done
+        _load_scenes(chunk, lanes, load, refill)._replace(scene_index=scene_index), next_position, done
     )
 
 
-def _load_scenes(chunk: Chunk, state: Lanes, load, refill: bool) -> Lanes:
+def _load_scenes(chunk: Chunk, lanes: Lanes, load, refill: bool) -> Lanes:
     """Return the lanes with the next scenes.
 
-    - `chunk`, `state`: the chunk of scenes, and the lanes
-    - `load`: (stored, differs, current, axis) ↦ new values of one array of the lanes. `stored` are its values
-      in the chunk, with a row for each scene if `differs`, and `current` its values in the lanes
+    - `chunk`, `lanes`: the chunk of scenes, and the lanes
+    - `load`: (stored, differs, current, axis) ↦ new values of one array of the lanes, from its values in the
+      chunk (`stored`, with a row for each scene if `differs`) and in the lanes (`current`)
     - `refill`: True if lanes take further scenes
     """
 
     def load_all(stores, currents, axis=0):
         return [y if y is None else load(s, True, y, axis) for s, y in zip(stores, currents, strict=True)]
 
-    lane = jax.tree.map(load, chunk.lane, chunk.lane_differs, state.lane)
-    state = state._replace(lane=lane, parts=load_all(chunk.parts, state.parts) if refill else state.parts)
-    if state.edge_distance is not None:
-        state = state._replace(edge_distance=load(jnp.inf, False, state.edge_distance))
-    if state.slopes is None or chunk.slopes is None:
-        return state
+    states = jax.tree.map(load, chunk.states, chunk.states_differ, lanes.states)
+    varying = load_all(chunk.varying, lanes.varying) if refill else lanes.varying
+    lanes = lanes._replace(states=states, varying=varying)
+    if lanes.edge_distance is not None:
+        lanes = lanes._replace(edge_distance=load(jnp.inf, False, lanes.edge_distance))
+    if lanes.slopes is None or chunk.slopes is None:
+        return lanes
     # The first axis of derivatives belongs to the parameters, the second to the lanes.
     load_slope = lambda store, differs, current: load(store, differs, current, 1)
-    differs = differentiated_fields(chunk.lane_differs)
-    lane_slopes = jax.tree.map(load_slope, chunk.slopes.lane, differs, state.slopes.lane)
-    part_slopes = load_all(chunk.slopes.parts, state.slopes.parts, 1) if refill else state.slopes.parts
-    return state._replace(slopes=LaneDerivatives(part_slopes, lane_slopes))
+    differs = differentiated_fields(chunk.states_differ)
+    state_slopes = jax.tree.map(load_slope, chunk.slopes.states, differs, lanes.slopes.states)
+    varying_slopes = (
+        load_all(chunk.slopes.varying, lanes.slopes.varying, 1) if refill else lanes.slopes.varying
+    )
+    return lanes._replace(slopes=LaneDerivatives(varying_slopes, state_slopes))
 
 
-def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: Answers) -> Done:
+def _append_answers(done: DoneScenes, ended: Flag, scene_index: jax.Array, answers: Answers) -> DoneScenes:
     """Append the answers of the lanes whose scenes have ended.
 
-    A row is written for every lane, first for the lanes whose scenes have ended. The other rows are later
-    overwritten or ignored.
+    Rows are written for all lanes, first for the lanes whose scenes have ended. The other rows are
+    overwritten later, or ignored.
     """
-    lanes, ended_so_far = jnp.arange(ended.size), jnp.cumsum(ended)
+    lane_indices, ended_so_far = jnp.arange(ended.size), jnp.cumsum(ended)
     position = jnp.where(ended, ended_so_far - 1, ended.size)
-    ended_first = jnp.zeros_like(lanes).at[position].set(lanes, mode="drop")
+    ended_first = jnp.zeros_like(lane_indices).at[position].set(lane_indices, mode="drop")
 
     def write(stores, values):
         return jax.tree.map(
@@ -186,7 +190,9 @@ def _append_answers(done: Done, ended: Flag, scene_index: jax.Array, answers: An
     return _store_answers(done, write, scene_index, answers, ended_so_far[-1])
 
 
-def _store_answers(done: Done, write, scene_index: jax.Array, answers: Answers, count: jax.Array) -> Done:
+def _store_answers(
+    done: DoneScenes, write, scene_index: jax.Array, answers: Answers, count: jax.Array
+) -> DoneScenes:
     """Store the answers of `count` scenes with `write`, a function (storage, values of the lanes) ↦
     storage."""
     floats, integers = answers

@@ -18,12 +18,12 @@ from rockjax._options import Options
 from rockjax._programs.program import StoredProgram
 
 from .chunk import LaneLayout
-from .exchange import Done, Lanes
+from .exchange import DoneScenes, Lanes
 from .lanes import advance, idle_lanes
 from .scenes import SceneBatch, SceneIndices
 
 # (lanes, indices of the next scenes, whether no scenes follow) ↦ (lanes, scenes that have ended)
-Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, Done]]
+Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, DoneScenes]]
 
 # Limit of trial steps in a call that finishes the last scenes of a batch. Such calls must be short, because
 # Ctrl-C takes effect between calls.
@@ -48,9 +48,8 @@ class AbstractExecutor(abc.ABC):
         - `scenes`, `options`, `layout`: the batch, the options of the solver, and the layout of the lanes
 
         If no scenes follow, a call of the program ends when all scenes have ended or it reaches its limit of
-        trials.
-        Successive scenes, which take about the same time, go to different devices, so that all devices end
-        at about the same time. Every device has its own lanes and counters.
+        trials. Successive scenes, which take about the same time, go to different devices, so that all
+        devices end at about the same time. Every device has its own lanes and counters.
         """
 
 
@@ -67,9 +66,9 @@ class ThreadExecutor(AbstractExecutor):
         self._on_cpu = contextlib.nullcontext if cpu is None else functools.partial(jax.default_device, cpu)
 
     def program(self, scenes: SceneBatch, options: Options, layout: LaneLayout) -> tuple[Lanes, Program]:
-        def advance_lanes(lanes: Lanes, indices: SceneIndices, last: bool) -> tuple[Lanes, Done]:
+        def advance_lanes(lanes: Lanes, indices: SceneIndices, last: bool) -> tuple[Lanes, DoneScenes]:
             max_trials = (MAX_LAST_TRIALS if last else 0) if layout.refill else UNLIMITED_TRIALS
-            leaves = scenes.part(indices, layout.size)
+            leaves = scenes.leaves_of_chunk(indices, layout.size)
             with self._on_cpu():
                 return _advance_on_cpu(lanes, leaves, *indices, max_trials, options, layout=layout)
 
@@ -97,10 +96,10 @@ class DeviceExecutor(AbstractExecutor):
         shardings = [common if rows is None else split for rows in scenes.rows]
         call = _on_mesh(self.mesh)
 
-        def advance_lanes(lanes: Lanes, indices: SceneIndices, last: bool) -> tuple[Lanes, Done]:
+        def advance_lanes(lanes: Lanes, indices: SceneIndices, last: bool) -> tuple[Lanes, DoneScenes]:
             split_indices, parts = (
                 indices.split(self.devices),
-                scenes.part(indices, layout.size, self.devices),
+                scenes.leaves_of_chunk(indices, layout.size, self.devices),
             )
             parts, first, count = jax.device_put(
                 (parts, split_indices.first, split_indices.scenes), (shardings, split, split)
@@ -139,7 +138,7 @@ def _on_mesh(mesh: Mesh):
             - `lanes`, `leaves`, `stride`, `max_trials`, `options`: as for `advance`
             """
             lanes, done = advance(lanes, leaves, first[0], stride, count[0], max_trials, options, layout)
-            counters = {name: getattr(done, name)[None] for name in ("used", "trials", "useful", "left")}
+            counters = {name: getattr(done, name)[None] for name in ("used", "trials", "useful", "running")}
             return lanes, done._replace(**counters)
 
         split, common = P("scenes"), P()

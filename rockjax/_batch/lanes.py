@@ -2,7 +2,7 @@
 
 One call of `advance` processes one chunk of scenes on one core or device. Between calls the lanes keep scenes
 that are still running. Within a call all lanes make trial steps (trials) together. Once several lanes have
-no running scene, all of them are served (see `exchange.py`).
+no running scene, these lanes are served (see `exchange.py`).
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from rockjax._programs.program import StoredProgram
 from rockjax._responses.sensitivities import slope_name
 from rockjax._types import Flag
 
-from .chunk import Chunk, LaneLayout, automaton, makes_trials, prepare_chunk, prepare_in_blocks
+from .chunk import Chunk, LaneLayout, makes_trials, prepare_chunk, prepare_in_blocks, step_functions
 from .edge_distance import least_edge_distance
-from .exchange import Answers, Done, Lanes, Loop, empty_storage, exchange_scenes
+from .exchange import Answers, DoneScenes, Lanes, Loop, empty_storage, exchange_scenes
 from .scenes import SceneBatch, SceneIndices
 
 WAITING_SHARE = 3 / 32  # lanes are served once this fraction of all lanes waits
@@ -38,7 +38,7 @@ SKIPPING_DIVISOR = 2
 
 def advance(
     lanes: Lanes, leaves, first, stride, count, max_trials, options: Options, layout: LaneLayout
-) -> tuple[Lanes, Done]:
+) -> tuple[Lanes, DoneScenes]:
     """Advance the lanes through a chunk of scenes.
 
     - `lanes`: lanes after the previous chunk
@@ -56,43 +56,42 @@ def advance(
     lane_count, size, refill = layout.lanes, layout.size, layout.refill
     plan = layout.plan(leaves, options)
     chunk = prepare_in_blocks(leaves, layout, options, count)
-    try_step, lift_off = automaton(plan, options)
+    try_step, lift_off = step_functions(plan, options)
     enough_waiting = max(1, round(WAITING_SHARE * lane_count))
     lanes = _with_swapped_axes(lanes)
 
-    def apply(function, state: Lanes) -> Lanes:
+    def apply(function, lanes: Lanes) -> Lanes:
         """Apply a function (scene, state) ↦ state to all lanes."""
 
-        def with_fields(scene: Scene, lane: LoopState):
-            lane = function(scene, lane)
-            return _fields_with_slopes(lane, state), lane
+        def with_fields(scene: Scene, state: LoopState):
+            state = function(scene, state)
+            return _fields_with_slopes(state, lanes), state
 
-        _, lane_slopes, lane = chunk.in_lanes(with_fields, state.parts, state.lane, state.slopes)
-        slopes = None if state.slopes is None else state.slopes._replace(lane=lane_slopes)
-        distance = state.edge_distance
-        if distance is not None and lane_slopes is not None:
-            distance = least_edge_distance(distance, lane, lane_slopes)
-        return state._replace(lane=lane, slopes=slopes, edge_distance=distance)
+        _, state_slopes, states = chunk.in_lanes(with_fields, lanes.varying, lanes.states, lanes.slopes)
+        slopes = None if lanes.slopes is None else lanes.slopes._replace(states=state_slopes)
+        distance = lanes.edge_distance
+        if distance is not None and state_slopes is not None:
+            distance = least_edge_distance(distance, states, state_slopes)
+        return lanes._replace(states=states, slopes=slopes, edge_distance=distance)
 
     index_type = lanes.scene_index.dtype
     if not refill:
         index = jnp.arange(lane_count, dtype=index_type)
         scene_index = jnp.where(index < count, first + stride * index, -1)
-        lane, slopes = chunk.starts(lane_count)
-        lanes = Lanes(
-            lane, [y[:lane_count] for y in chunk.parts], scene_index, slopes, _first_edge_distance(layout)
-        )
+        states, slopes = chunk.starts(lane_count)
+        varying = [y[:lane_count] for y in chunk.varying]
+        lanes = Lanes(states, varying, scene_index, slopes, _first_edge_distance(layout))
 
     def exchange(loop: Loop) -> Loop:
-        state = apply(lift_off, loop.lanes)
-        ended = (state.scene_index >= 0) & ~is_running(state.lane, options.max_steps)
-        lane_answers, indices = _answers_of(chunk, plan, state), SceneIndices(first, stride, count)
-        return exchange_scenes(chunk, indices, loop._replace(lanes=state), ended, lane_answers, refill)
+        lanes = apply(lift_off, loop.lanes)
+        ended = (lanes.scene_index >= 0) & ~is_running(lanes.states, options.max_steps)
+        lane_answers, indices = _answers_of(chunk, plan, lanes), SceneIndices(first, stride, count)
+        return exchange_scenes(chunk, indices, loop._replace(lanes=lanes), ended, lane_answers, refill)
 
     def count_waiting(loop: Loop) -> jax.Array:
         """Return the number of lanes that wait for an exchange."""
         has_or_gets_scene = (loop.lanes.scene_index >= 0) | (loop.next_position < count)
-        return jnp.sum(~makes_trials(plan, options, loop.lanes.lane) & has_or_gets_scene)
+        return jnp.sum(~makes_trials(plan, options, loop.lanes.states) & has_or_gets_scene)
 
     def is_unfinished(loop: Loop) -> Flag:
         return (loop.next_position < count) | (loop.done.trials < max_trials)
@@ -101,19 +100,19 @@ def advance(
         """Return whether to make another trial before the next exchange. As an exchange takes about as long
         as a trial, it is delayed until several lanes wait or no lane has trials to make."""
         few_wait = count_waiting(loop) < enough_waiting
-        return few_wait & jnp.any(makes_trials(plan, options, loop.lanes.lane)) & is_unfinished(loop)
+        return few_wait & jnp.any(makes_trials(plan, options, loop.lanes.states)) & is_unfinished(loop)
 
     def make_trial(loop: Loop) -> Loop:
         done = loop.done
-        useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.lane))
-        skip = functools.partial(apply, lambda scene, lane: skip_sample(scene, plan, lane))
-        state = apply(try_step, _skip_samples(plan, options, skip, loop.lanes))
-        return loop._replace(lanes=state, done=done._replace(trials=done.trials + 1, useful=useful))
+        useful = done.useful + jnp.sum(makes_trials(plan, options, loop.lanes.states))
+        skip = functools.partial(apply, lambda scene, state: skip_sample(scene, plan, state))
+        lanes = apply(try_step, _skip_samples(plan, options, skip, loop.lanes))
+        return loop._replace(lanes=lanes, done=done._replace(trials=done.trials + 1, useful=useful))
 
     def body(loop: Loop) -> Loop:
         return jax.lax.while_loop(makes_more_trials, make_trial, exchange(loop))
 
-    answer_shapes = jax.eval_shape(lambda state: _answers_of(chunk, plan, state), lanes)
+    answer_shapes = jax.eval_shape(lambda lanes: _answers_of(chunk, plan, lanes), lanes)
     # The storage has rows for the scenes of the chunk, for the scenes that the lanes held before, and for one
     # more scene per lane, because accelerators write the rows of all lanes at once.
     done = empty_storage(size + 2 * lane_count, answer_shapes, index_type)
@@ -125,22 +124,22 @@ def advance(
         body,
         Loop(lanes, next_position, done),
     )
-    left = jnp.sum(loop.lanes.scene_index >= 0, dtype=index_type)
-    return _with_swapped_axes(loop.lanes), loop.done._replace(left=left)
+    running = jnp.sum(loop.lanes.scene_index >= 0, dtype=index_type)
+    return _with_swapped_axes(loop.lanes), loop.done._replace(running=running)
 
 
-def _skip_samples(plan: Plan, options: Options, skip: Callable[[Lanes], Lanes], state: Lanes) -> Lanes:
+def _skip_samples(plan: Plan, options: Options, skip: Callable[[Lanes], Lanes], lanes: Lanes) -> Lanes:
     """Skip samples at which no event occurs, as long as enough lanes can skip one."""
-    if state.lane.may_skip is None:
-        return state
-    running_count = jnp.sum(makes_trials(plan, options, state.lane))
-    enough_can_skip = lambda state: SKIPPING_DIVISOR * jnp.sum(not_none(state.lane.may_skip)) > running_count
-    return jax.lax.while_loop(enough_can_skip, skip, state)
+    if lanes.states.may_skip is None:
+        return lanes
+    running_count = jnp.sum(makes_trials(plan, options, lanes.states))
+    enough_can_skip = lambda lanes: SKIPPING_DIVISOR * jnp.sum(not_none(lanes.states.may_skip)) > running_count
+    return jax.lax.while_loop(enough_can_skip, skip, lanes)
 
 
-def _fields_with_slopes(lane: LoopState, state: Lanes) -> dict[str, Any]:
+def _fields_with_slopes(state: LoopState, lanes: Lanes) -> dict[str, Any]:
     """Return the fields of a lane that have derivatives, or no fields if no sensitivities are requested."""
-    return {} if state.slopes is None else differentiated_fields(lane)
+    return {} if lanes.slopes is None else differentiated_fields(state)
 
 
 def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
@@ -148,20 +147,23 @@ def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
     return jnp.full(layout.lanes, jnp.inf) if layout.edge_distance else None
 
 
-def _with_swapped_axes(state: Lanes) -> Lanes:
+def _with_swapped_axes(lanes: Lanes) -> Lanes:
     """Swap the first two axes of the slopes (lanes and parameters). In the loop, lanes are the second axis,
     so that they fill a vector."""
-    return state._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), state.slopes))
+    return lanes._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), lanes.slopes))
 
 
-def _answers_of(chunk: Chunk, plan: Plan, state: Lanes) -> Answers:
-    """Return the answers of all lanes at the present states, with edge distances or sensitivities."""
-    slopes = state.slopes if state.edge_distance is None else None
+def _answers_of(chunk: Chunk, plan: Plan, lanes: Lanes) -> Answers:
+    """Return the answers of all lanes at the not_none states, with edge distances or sensitivities."""
+    slopes = lanes.slopes if lanes.edge_distance is None else None
     floats, slopes, integers = chunk.in_lanes(
-        lambda scene, lane: answers(scene, plan, with_end_code(scene, lane)), state.parts, state.lane, slopes
+        lambda scene, state: answers(scene, plan, with_end_code(scene, state)),
+        lanes.varying,
+        lanes.states,
+        slopes,
     )
-    if state.edge_distance is not None:
-        return floats | {"edge_distance": state.edge_distance}, integers
+    if lanes.edge_distance is not None:
+        return floats | {"edge_distance": lanes.edge_distance}, integers
     if slopes is None:
         return floats, integers
     parameters_last = lambda y: jnp.moveaxis(y, 0, -1)
@@ -197,15 +199,15 @@ def _blank_lanes_program(*, shapes, option_types, option_structure, layout: Lane
 
     def lanes_at_start(leaves, values):
         chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, values))
-        parts = [y[: layout.lanes] for y in chunk.parts]
-        lane, slopes = chunk.starts(layout.lanes)
+        varying = [y[: layout.lanes] for y in chunk.varying]
+        states, slopes = chunk.starts(layout.lanes)
         scene_index = jnp.zeros(layout.lanes, jnp.result_type(int))
-        return _with_swapped_axes(Lanes(lane, parts, scene_index, slopes, _first_edge_distance(layout)))
+        return _with_swapped_axes(Lanes(states, varying, scene_index, slopes, _first_edge_distance(layout)))
 
     values = [jax.ShapeDtypeStruct((), dtype) for dtype in option_types]
     lanes = jax.eval_shape(lanes_at_start, [jax.ShapeDtypeStruct(*shape) for shape in shapes], values)
     lanes = jax.tree.map(lambda y: jnp.zeros(y.shape, y.dtype), lanes)
-    code = jnp.full_like(lanes.lane.code, results.END_OF_TIME)
+    code = jnp.full_like(lanes.states.code, results.END_OF_TIME)
     return lanes._replace(
-        lane=lanes.lane._replace(code=code), scene_index=jnp.full_like(lanes.scene_index, -1)
+        states=lanes.states._replace(code=code), scene_index=jnp.full_like(lanes.scene_index, -1)
     )

@@ -58,7 +58,7 @@ def answers_on_floors(
 
     def solve(first: int) -> Any:
         count, capacity = min(CHUNK, scenes.total - first), options.history
-        leaves = scenes.part(SceneIndices(first, 1, count), CHUNK)
+        leaves = scenes.leaves_of_chunk(SceneIndices(first, 1, count), CHUNK)
         while True:
             static = {"structure": scenes.structure, "axes": scenes.axes, "capacity": capacity}
             answer = jax.tree.map(np.asarray, _chunk(leaves, systems, options, **static))

@@ -17,7 +17,7 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 MAX_SORTED_SCENES = 4096  # largest batch whose scenes are sorted (see `_order`); larger batches gain little
-MAX_REFILL_VALUES = 64  # lanes are not refilled if scenes differ in more values of a leaf, as records do
+MAX_REFILL_VALUES = 64  # lanes take no further scenes if a leaf has more values per scene, as records do
 
 
 class SceneIndices(NamedTuple):
@@ -42,8 +42,8 @@ NO_SCENES = SceneIndices(0, 1, 0)
 
 
 class SceneBatch(NamedTuple):
-    """All scenes of a batch, in the form of the leaves of (podium, excitation, initial, t_end). The batch is
-    a grid of scenes, whose shape is that of the broadcast arguments."""
+    """All scenes of a batch, as leaves of (podium, excitation, initial, t_end). The scenes form a grid with
+    the shape to which the arguments broadcast."""
 
     leaves: list[Any]  # distinct rows along the first axis; leaves that all scenes share have no such axis
     # For each leaf, the index of the row that each scene of the grid uses; None for a leaf that all scenes
@@ -76,14 +76,14 @@ class SceneBatch(NamedTuple):
 
     @property
     def is_wide(self) -> bool:
-        """True if scenes differ in so much data (`MAX_REFILL_VALUES`) that lanes are not refilled."""
+        """True if scenes have so much data (`MAX_REFILL_VALUES`) that lanes take no further scenes."""
         return self.values_per_scene > MAX_REFILL_VALUES
 
     def in_grid(self, scene_indices: np.ndarray) -> np.ndarray:
         """Return the positions of scenes in the grid, in C order."""
         return scene_indices if self.order is None else self.order[scene_indices]
 
-    def part(self, indices: SceneIndices, size: int, devices: int = 1) -> list[Any]:
+    def leaves_of_chunk(self, indices: SceneIndices, size: int, devices: int = 1) -> list[Any]:
         """Return the leaves for the scenes of a chunk, in the order of the devices.
 
         - `indices`: indices of the scenes in the batch

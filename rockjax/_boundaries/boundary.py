@@ -66,8 +66,8 @@ class Boundary(Module):
       there is no minimum. If it became zero, the boundary would jump to the scale of this minimum
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
-    - `certain_width`: no interval of overturning scales below `scale` is wider than this [–]. It is at most
-      the requested `width` times `max_scale`, or more if scenes did not finish
+    - `certain_width`: every interval of overturning scales below `scale` that is wider than this would have
+      been found [–]. It is at most the requested `width` times `max_scale`, or more if scenes did not finish
     """
 
     scale: Float[Array, "*batch"]
@@ -171,9 +171,9 @@ def overturning_boundary(
     """Return the least factor in (0, max_scale] on a ground motion that overturns a podium, with details.
 
     The function works under `jit` and `vmap`; `scale` has derivatives with respect to every parameter of
-    `podium` and `excitation`. `options.overturn_ratio` defines overturning. If the overturning angle is
-    beyond the top of the potential well, there is no overturning margin: dips are then determined from the
-    peak rotation, and derivatives from the time of overturning.
+    `podium` and `excitation`. `options.overturn_ratio` defines overturning. If the overturning angle exceeds
+    the stability angle, there is no overturning margin: dips are then determined from the peak rotation, and
+    derivatives from the time of overturning.
 
     - `podium`: podium with scalar parameters
     - `excitation`: ground motion that can be scaled
@@ -321,7 +321,7 @@ def _search_in_batches(rows: list[np.ndarray], count: int, structure, uses_margi
         return jax.tree.map(pick, podium), motion.scaled(fraction * limits[np.asarray(line, np.int32)])
 
     options, width = jax.tree.map(lambda y: float(y[0]), settings)
-    result = scan(plane, np.arange(count), (0.0, 1.0), ROW_SIZE, options, refine="first", width=width)
+    result = scan(plane, np.arange(count), (0.0, 1.0), ROW_SIZE, options, first_only=True, width=width)
     first, impacts = (y[:, 0] for y in result.crossings.table(count))
     scale = np.where(np.isnan(first), np.inf, first) * limits
     dtype = float_type()

@@ -7,14 +7,14 @@ Lines are scanned first, and every change is then enclosed in a narrow bracket.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jax.core import Tracer
 
 from rockjax import _results as results
-from rockjax._batch.batch import LANES, bare_responses
+from rockjax._batch.batch import LANES, raw_responses
 from rockjax._batch.executors import workers
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.threads import submit
@@ -45,8 +45,8 @@ PARTS = 4  # number of parts into which a round divides an interval
 MIN_INTERVAL = 1e-6  # shorter intervals are not refined [length of the line]
 
 DIP_DIVISIONS = 256  # intervals beside the lowest dips are divided into at least this number of parts
-WINDOW_DIVISIONS = 16  # the same if only dips that may reach below zero are refined
-BRACKET_RTOL_SHARE = 0.1  # brackets are not made narrower than this multiple of rtol, relative to y
+WINDOW_DIVISIONS = 16  # this number if only dips that may reach below zero are refined
+BRACKET_RTOL_SHARE = 0.1  # least width of a bracket, relative to y and divided by rtol
 
 
 class Crossings(NamedTuple):
@@ -102,7 +102,8 @@ def scan(
     resolution: int,
     options: Options,
     progress: Any = False,
-    refine: Literal["everywhere", "below", "first"] = "everywhere",
+    refine_curved: bool = True,
+    first_only: bool = False,
     width: float | None = DEFAULT_WIDTH,
     dips: bool = True,
 ) -> Scan:
@@ -114,9 +115,9 @@ def scan(
     - `resolution`: number of equal intervals of each line, whose ends are evaluated first
     - `options`: options of the scenes at full accuracy; scenes that only scan are less accurate
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
-    - `refine`: `"everywhere"` refines intervals in which the margin bends so much that it may cross zero
-      unnoticed; `"below"` omits this refinement; `"first"` omits it as well, and returns only the first
-      change of each line
+    - `refine_curved`: True to refine intervals in which the margin bends so much that it may cross zero
+      unnoticed; ignored with `first_only`
+    - `first_only`: True to return only the first change of each line
     - `width`: below the first change no overturning interval wider than this fraction of the range is
       missed, if the motion is proportional to y. None omits the search for such intervals
     - `dips`: True to refine the lowest dips of the margin; otherwise only dips in which an overturning
@@ -143,22 +144,22 @@ def scan(
         lines = np.arange(x.size)
         grid = np.linspace(*y_range, resolution + 1)
         solved = solve(np.repeat(lines, grid.size), np.tile(grid, x.size), False)
-        if refine == "everywhere":
+        if refine_curved and not first_only:
             solved = _refine_curved(solved, solve, MIN_INTERVAL * size)
         spacing = spacing_for(width, size, resolution)
-        solved = resolve_windows(solved, solve, spacing, refine == "first")
+        solved = resolve_windows(solved, solve, spacing, first_only)
         divided = 1
         while divided < (DIP_DIVISIONS if dips else WINDOW_DIVISIONS):
             line, y, parts = points_around_dips(solved, LANES, may_open=not dips)
             if line.size == 0:
                 break
             solved, divided = solved.merged_with(solve(line, y, False)), divided * parts
-        solved = resolve_windows(solved, solve, spacing, refine == "first")
+        solved = resolve_windows(solved, solve, spacing, first_only)
         finished = solved.finished()
         if np.unique(finished.line).size < x.size:
             raise RuntimeError("no scene of a line finished; raise options.max_steps or loosen rtol")
         lower_end_survives = finished.margin[np.searchsorted(finished.line, lines)] > 0
-        changes = finished.changes(refine == "first")
+        changes = finished.changes(first_only)
         line, overturns = finished.line[changes], finished.margin[changes] > 0
         survivor = np.where(overturns, changes, changes + 1)
         overturned = np.where(overturns, changes + 1, changes)
@@ -203,7 +204,7 @@ def margins(
     podiums, motions = plane(x, y)
     uses_margin = has_margin(options, podiums)
     search_options = margin_options(options, uses_margin)
-    floats, integers = bare_responses(podiums, motions, search_options, progress, has_distances)
+    floats, integers = raw_responses(podiums, motions, search_options, progress, has_distances)
     overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
     edge_distance = np.zeros(x.shape)
     if has_distances:

@@ -1,10 +1,12 @@
 """Search for the first boundary of one motion inside a compiled program.
 
-Scales (factors on the motion) are solved in rows, from below. 1. A coarse row over the whole range shows up
-to which scale the columns never lift. 2. From there, rows at the requested spacing follow up to the first
-scale that overturns.
-3. A row at full accuracy confirms the change; otherwise the search continues upwards. 4. The lowest dips
-(minima of the margin) below the change are refined, because windows narrower than the spacing may open there.
+Scales (factors on the motion) are solved in rows, from below:
+
+1. A coarse row over the whole range shows up to which scale the columns never lift.
+2. From there, rows at the requested spacing follow up to the first scale that overturns.
+3. A row at full accuracy confirms this change of the outcome; otherwise the search continues upwards.
+4. The lowest dips (minima of the margin) below the change are refined, because overturning intervals narrower
+   than the spacing may open there.
 5. The lowest change is enclosed in ever narrower brackets.
 """
 
@@ -40,7 +42,7 @@ class FirstBoundary(NamedTuple):
 
     scale: Any  # the least scale that overturns; inf if nothing overturns
     dip: Any  # the lowest dip of the margin below the boundary; 1 if there is none
-    certain_width: Any  # no overturning interval below the boundary is wider than this
+    certain_width: Any  # the search finds every overturning interval below the boundary wider than this
     impacts: Any  # number of impacts before overturning
 
 
@@ -55,7 +57,7 @@ class _State(NamedTuple):
     hi: Array  # the first scale that overturns; inf until one is found
     hi_margin: Array  # margin at `hi`
     impacts: Array  # number of impacts at `hi`
-    gap: Array  # the widest step between neighbouring finished scenes below `hi`
+    widest_step: Array  # between neighbouring finished scenes below `hi`
     previous: Array  # the surviving scale before `lo`
     previous_margin: Array  # margin at `previous`
     dips: Array  # scales around the lowest dips: before, at and after the minimum, shape (DIPS, 3)
@@ -96,7 +98,7 @@ def first_boundary(solve_row: SolveRow, limit: Array, spacing: Array) -> FirstBo
     is_below = (state.dips[:, 2] > 0) & (state.dips[:, 2] < state.hi)
     dip = jnp.min(jnp.where(is_below, state.dip_margins[:, 1], 1.0))
     scale = jnp.where(is_found, 0.5 * (state.lo + state.hi), jnp.inf)
-    return FirstBoundary(scale, dip, state.gap, jnp.where(is_found, state.impacts, 0))
+    return FirstBoundary(scale, dip, state.widest_step, jnp.where(is_found, state.impacts, 0))
 
 
 def _is_unfinished(state: _State, limit: Array) -> Array:
@@ -137,8 +139,8 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
     survives = (margin > 0) & (index < first)
     at_limit = scales[-1] >= limit
     last = jnp.max(jnp.where(survives, index, 0))
-    gap = _widest_step(scales, survives | (index == first))
-    gap = jnp.where(at_limit & ~is_found, jnp.maximum(gap, limit - scales[last]), gap)
+    widest = _widest_step(scales, survives | (index == first))
+    widest = jnp.where(at_limit & ~is_found, jnp.maximum(widest, limit - scales[last]), widest)
     before_last = jnp.max(jnp.where(survives & (index < last), index, 0))
     is_dip = survives[:-2] & survives[1:-1] & survives[2:]
     is_dip &= (margin[1:-1] <= margin[:-2]) & (margin[1:-1] < margin[2:])
@@ -159,7 +161,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
         hi=jnp.where(is_found, scales[first], jnp.inf),
         hi_margin=jnp.where(is_found, margin[first], -1.0),
         impacts=jnp.where(is_found, impacts[jnp.maximum(first - 2, 0)], 0),
-        gap=jnp.maximum(state.gap, gap),
+        widest_step=jnp.maximum(state.widest_step, widest),
         previous=scales[before_last],
         previous_margin=margin[before_last],
         dips=dips[lowest],
@@ -197,7 +199,7 @@ def _zoom_scales(state: _State, limit: Array, spacing: Array) -> Array:
 
 def _update_zoom(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
     new_scales, new_margins = scales.reshape(DIPS, -1), margin.reshape(DIPS, -1)
-    # A new scale may overturn, in a window narrower than the spacing.
+    # A new scale may overturn, in an interval narrower than the spacing.
     overturns = (margin <= 0) & (scales < state.hi)
     is_opened, lowest_opened = jnp.any(overturns), jnp.argmin(jnp.where(overturns, scales, jnp.inf))
     hi = jnp.where(is_opened, scales[lowest_opened], state.hi)

@@ -28,7 +28,7 @@ from rockjax._structures import Podium
 
 from .margin import boundary_residual, has_margin, margin_options
 
-JUST_PAST = 1e-10  # relative distance to the boundary at which the margin is differentiated
+JUST_PAST = 1e-10  # relative distance past the boundary at which the margin is differentiated
 
 
 def _residual(podium: Podium, motion: AbstractExcitation, options: Options, uses_margin: bool):
@@ -43,34 +43,34 @@ def _root_change(slope, change, fallback: float):
     return jnp.where(is_usable, -change / numpy.where(is_usable, slope, 1.0), fallback)
 
 
-def boundary_change(leaves, live_tangents, scale, structure, live: tuple[bool, ...], uses_margin: bool):
+def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[bool, ...], uses_margin: bool):
     """Return the tangent of a boundary from the tangents of parameters; zero if there is no boundary.
 
     - `leaves`: all leaves of the search's arguments
-    - `live_tangents`: tangents of the leaves that vary (the live leaves)
+    - `varied_tangents`: tangents of the leaves that vary
     - `scale`: the boundary; inf if there is none
     - `structure`: tree structure of (podium, excitation, limit, (options, width))
-    - `live`: for each leaf, whether it varies
+    - `varied`: for each leaf, whether it varies
     - `uses_margin`: whether the overturning margin applies, see `has_margin`
     """
     numpy = array_module(leaves, scale)
     is_found = numpy.isfinite(scale)
-    live_indices = [k for k, is_live in enumerate(live) if is_live]
+    varied_indices = [k for k, is_varied in enumerate(varied) if is_varied]
     limit = jax.tree.unflatten(structure, leaves)[2]
     past = numpy.where(is_found, numpy.multiply(scale, 1 + JUST_PAST), limit)
 
     def residual(scale, *values):
         new_leaves = list(leaves)
-        for k, value in zip(live_indices, values, strict=True):
+        for k, value in zip(varied_indices, values, strict=True):
             new_leaves[k] = value
         podium, excitation, _, (options, _) = jax.tree.unflatten(structure, new_leaves)
         return _residual(podium, excitation.scaled(scale), options, uses_margin)
 
-    point = tuple(leaves[k] for k in live_indices)
-    # The slope needs a call of its own, because reverse mode transposes the call with `live_tangents`.
+    point = tuple(leaves[k] for k in varied_indices)
+    # The slope needs a call of its own, because reverse mode transposes the call with `varied_tangents`.
     _, pushforward = jax.linearize(residual, past, *point)
     slope = numpy.asarray(pushforward(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
-    change = pushforward(numpy.zeros_like(past), *live_tangents)
+    change = pushforward(numpy.zeros_like(past), *varied_tangents)
     return jnp.where(is_found, _root_change(slope, change, 0.0), 0.0)
 
 
@@ -85,12 +85,12 @@ def boundary_gradient(arguments, scale, *, positions: tuple[int, ...], uses_marg
     - `uses_margin`: whether the overturning margin applies, see `has_margin`
     """
     leaves, structure = jax.tree.flatten(arguments)
-    live = tuple(k in positions for k in range(len(leaves)))
-    change_along = lambda unit: boundary_change(leaves, list(unit), scale, structure, live, uses_margin)
+    varied = tuple(k in positions for k in range(len(leaves)))
+    change_along = lambda unit: boundary_change(leaves, list(unit), scale, structure, varied, uses_margin)
     return jax.vmap(change_along)(jnp.eye(len(positions), dtype=scale.dtype))
 
 
-traced_boundary_change = jax.jit(boundary_change, static_argnames=("structure", "live", "uses_margin"))
+traced_boundary_change = jax.jit(boundary_change, static_argnames=("structure", "varied", "uses_margin"))
 
 
 def log_sensitivities(

@@ -2,8 +2,8 @@
 
 An impact changes the velocity of the deck in an instant. The accelerations do not contain these velocity
 jumps, which are given separately. The *bodies* are the modes of the superstructure and the beam. A scene is
-divided into *pieces*, in which the accelerations of all bodies are smooth. Equations (L1) to (L7) are in
-docs/floors.md.
+divided into *pieces*, in which the accelerations of all bodies are smooth. Equations (L…) are in
+docs/floors.md and docs/equations.md.
 """
 
 from __future__ import annotations

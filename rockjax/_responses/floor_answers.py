@@ -24,7 +24,7 @@ class ContentsAnswer(Module):
       impact of the structure started it
     - `overturned`: |φ| reached `overturn_ratio`·α_c, at `overturn_time` [s] (NaN if not)
     - `impacts`: number of impacts of the block on the floor
-    - `friction_demand`: largest |T|/N at the foot of the block [–]: at rest, while rocking, at impacts
+    - `friction_demand`: largest |T|/N at the foot of the block [–], (L15): at rest, while rocking, at impacts
       on the floor, and at impulses of the floor; inf if the foot would lift off
     - `until_overturning`: the structure overturned; the answers cover the time until then
     - `result`: a [`rockjax.RESULTS`][]
@@ -45,8 +45,8 @@ class ContentsAnswer(Module):
 
 
 class OscillatorAnswer(Module):
-    """The answers of an [`rockjax.Oscillator`][] for the time up to the end of the scene. If the floor rests
-    for good, free vibration after the end counts as well.
+    """The answers of an [`rockjax.Oscillator`][], (L6), for the time up to the end of the scene. If the floor
+    rests for good, free vibration after the end counts as well.
 
     - `relative_displacement`: S_d = max|x|, with the displacement x relative to the floor [m]
     - `pseudo_acceleration`: PSA = ω²S_d [m/s²]

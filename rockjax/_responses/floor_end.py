@@ -1,4 +1,4 @@
-"""Bounds on the motion of floors after the end of a scene."""
+"""Bounds on the motion of floors after the end of a scene, (L16), (L17)."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def ending(scene: history.Solved, t) -> Ending:
         integrals = jnp.atleast_1d(jnp.where(z > 0, integrals, 0.0))
         return Ending(is_over & (sigma == 0) & stays, integrals, inf, inf, e)
     speed = jnp.abs(beam(c, sigma, x[0], v[0])[1])
-    # The speed |θ̇| at an impact if no energy is lost before it.
+    # The speed |θ̇| at an impact if no energy is lost before it, ν of (L17).
     nu = jnp.sqrt(v[0] ** 2 + 2 * potential(c, sigma, x[0]) * c.gravity / (c.weight * c.inertia))
     has_bound = is_over & (c.restraint is None) & (c.sin_alpha < c.cos_alpha)
     no_modes = jnp.zeros((0,), t.dtype)
@@ -66,7 +66,8 @@ def ending(scene: history.Solved, t) -> Ending:
 
 
 def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: bool) -> Any:
-    """Bound ∫|a| dt + Σ|Δv| of a floor after the end of a scene [m/s]. The arguments may be traced.
+    """Bound ∫|a| dt + Σ|Δv| of a floor after the end of a scene, (L16), (L17) [m/s]. The arguments may be
+    traced.
 
     - `ending`: quantities at the end of the scene
     - `weights`: weights W_i of the modes in the motion of the floor, shape (modes,)

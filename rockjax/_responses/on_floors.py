@@ -43,8 +43,8 @@ OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, because short period
 
 @dataclasses.dataclass(frozen=True)
 class JoltFriction(AbstractOutput):
-    """The largest friction demand of a block at velocity jumps of the floor. Jumps below the rest velocity do
-    not count.
+    """The largest friction demand of a block at velocity jumps of the floor, (L15). Jumps below the rest
+    velocity do not count.
 
     The accumulator is the impulse with the largest angle from the vertical. The note is 1 if a jump started
     the block, else 0.

@@ -150,7 +150,7 @@ class Response(AbstractPeak):
 
         In full contact the result is −q/q_up ∈ [−1, 1], Eq. (9). While rocking it is the moment of the
         foundation's vertical forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15), plus the
-        moment of the restrainers. Without restrainers and vertical inertia, it is about σ − θ/α.
+        moment of the restrainers, (C22). Without restrainers and vertical inertia, it is about σ − θ/α.
         """
         return self._values_at(t, "restoring_moment")[0]
 
@@ -188,7 +188,7 @@ class Response(AbstractPeak):
         )
 
     def joint_forces(self, t: Float[ArrayLike, "*times"], left: bool = False) -> JointForces:
-        """Return the forces in the joints of all columns divided by m_c g, at times t [s], (F3), (F8). At
+        """Return the forces in the joints of all columns divided by m_c g, at times t [s], (F3) to (F11). At
         the time of an impact, these are the forces after the impact, or with `left=True` before it.
 
         If no elevation is given, there is one column, the mean column. Forces follow from the motion and do
@@ -206,22 +206,22 @@ class Response(AbstractPeak):
 
     def eccentricity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
         """Return the position of the resultants at all joints, divided by half the width of a column [–], at
-        times t [s]: ξ in full contact, and σ while rocking. Up to |ξ| = ⅓ the whole width is
+        times t [s]: ξ of (F10) in full contact, and σ while rocking. Up to |ξ| = ⅓ the whole width is
         compressed."""
         return self._joint_series(t, left)["joint_eccentricity"]
 
     def foundation_shear(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the horizontal force on the foundation divided by the total weight, V/W_0 [–]."""
+        """Return the horizontal force on the foundation divided by the total weight, V/W_0 [–], (F5)."""
         return self._joint_series(t, left)["foundation_shear"]
 
     def foundation_reaction(
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times"]:
-        """Return the vertical force on the foundation divided by the total weight, W/W_0 [–]."""
+        """Return the vertical force on the foundation divided by the total weight, W/W_0 [–], (F5)."""
         return self._joint_series(t, left)["foundation_reaction"]
 
     def overturning_moment(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the overturning moment on the columns, clockwise, divided by N m_c g [m].
+        """Return the overturning moment on the columns, clockwise, divided by N m_c g [m], (F6).
 
         Raises `ValueError` if the podium has no elevation.
         """
@@ -231,7 +231,7 @@ class Response(AbstractPeak):
 
     @property
     def impulses(self) -> Float[Array, "impacts columns joints 2"]:
-        """Impulses in the joints at the impacts divided by m_c [m/s], (F12). The axes are impacts,
+        """Impulses in the joints at the impacts divided by m_c [m/s], (F12) to (F14). The axes are impacts,
         columns, joints (bottom, top), and (J_T, J_N); entries after the last impact are NaN under `jit`."""
         times = self.impact_times
         padded_times, _ = history.pad_times(times, np.zeros(times.size, bool))

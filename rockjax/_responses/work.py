@@ -42,7 +42,7 @@ def power(
     - `x`, `v`: positions and velocities
 
     If no restrainers dissipate energy, the mechanical energy changes between impacts at the rate of the first
-    power minus the second. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b
+    power minus the second. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18),
     with w = ½+γ+η. The damper of Eq. (22) dissipates 2ζω_s η (u̇_t − u̇_b)².
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])
@@ -70,7 +70,7 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     In full contact the moment balances the demand: −q/q_up, Eq. (9). While rocking, the vertical forces of
     the foundation act at the edges and carry the weights and the vertical inertia forces: (sin ψ/sin α)[1 +
     (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15), as the centres of the columns rise half as fast as the
-    beam. At uplift both expressions equal σ, since v̈_b = 0. Restrainers add forces times lever arms.
+    beam. At uplift both expressions equal σ, since v̈_b = 0. Restrainers add forces times lever arms, (C22).
     """
     s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
@@ -93,7 +93,7 @@ def _with_restrainers(
     theta_ddot: Value,
     rocking: Value,
 ) -> Value:
-    """Return the moment of weights and restrainers divided by its value at uplift.
+    """Return the moment of weights and restrainers divided by its value at uplift, (C22).
 
     `rocking` is the moment of the weights divided by their moment at uplift [–]; for the other arguments see
     `restoring_moment`.

@@ -69,15 +69,15 @@ def _sum(terms: Sequence[Number | None]) -> Number | None:
 
 
 def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[AbstractRestrainer]) -> Number:
-    """Return θ_s [rad], the smallest |θ| in (0, π/2] at which gravity and restrainers together no longer
-    turn the column back; inf if they always do.
+    """Return θ_s of (C7) [rad], the smallest |θ| in (0, π/2] at which gravity and restrainers together no
+    longer turn the column back; inf if they always do.
 
     - `alpha`: α [rad]
     - `weight`: w = γ+η+½ [–]
     - `restrainers`: devices of a column
 
     Up to α, both gravity and restrainers turn the column back. Therefore the root lies between α and π/2,
-    where the restoring moment decreases through zero at most once.
+    where the restoring moment V' of (C5) decreases through zero at most once.
     """
     with_static_force = [device for device in restrainers if device.has_static_force]
     if not with_static_force:
@@ -90,7 +90,7 @@ def _find_stability_angle(
     alpha: Number, weight: Number, with_static_force: Sequence[AbstractRestrainer]
 ) -> Number:
     def moment(angle):
-        """Return the restoring moment at an angle, divided by N m_c g R."""
+        """Return the restoring moment at an angle, divided by N m_c g R, V'/(Rg) of (C5)."""
         lever, stretch = 2 * jnp.sin(alpha) * jnp.cos(0.5 * angle), 4 * jnp.sin(alpha) * jnp.sin(0.5 * angle)
         return 2 * weight * jnp.sin(alpha - angle) + lever * sum(
             device.static_force(stretch) for device in with_static_force

@@ -47,7 +47,7 @@ def impulses(
 def impulse_eccentricity(
     sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number, e: Number
 ) -> Number:
-    """Return ξ_J, the position of the resultant impulses divided by half the width of a column.
+    """Return ξ_J, the position of the resultant impulses divided by half the width of a column, (F13).
 
     - `sin2`: sin²α
     - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]

@@ -328,7 +328,7 @@ class Podium(Module):
     @property
     def inertances(self) -> tuple[Number, Number]:
         """μ_b and μ_t of the inerters that act on the bottom and the top joint [–]. A device that spans only
-        the bottom joint has twice the force of the equivalent device that spans both joints."""
+        the bottom joint has twice the force of the equivalent device that spans both joints, (F2)."""
         both_joints, bottom_joint = map(apparent_mass, devices_by_joints(self.restrainers))
         top = jnp.zeros_like(self.gamma) + (0.0 if both_joints is None else both_joints)
         return (top if bottom_joint is None else top + 2 * bottom_joint), top
@@ -344,7 +344,7 @@ class Podium(Module):
 
     @property
     def impact_eccentricity(self) -> Number:
-        """ξ_J, the position of the impulses of an impact divided by half the width of a column [–].
+        """ξ_J, the position of the impulses of an impact divided by half the width of a column [–], (F13).
 
         It is 1 if all impulses act at the new contact edges, as with `"compatible"`, or with `"paper"` and no
         elastic superstructure. It is less than 1 if impulses also act at the old edges. Values
@@ -382,7 +382,7 @@ class Podium(Module):
 
     @property
     def stability_angle(self) -> Number:
-        """θ_s: the smallest rotation in (0, π/2] from which a column at rest does not return [rad].
+        """θ_s: the smallest rotation in (0, π/2] from which a column at rest does not return [rad], (C7).
 
         It is α without tendons, larger with tendons, and inf if tendons restore the column at every rotation.
         """
@@ -391,7 +391,7 @@ class Podium(Module):
     @property
     def critical_stiffness(self) -> Number:
         """κ_cr = w cos α/(2 sin²α), w = γ+η+½: the tendon stiffness above which small rotations have a
-        positive stiffness [–]. It does not depend on the tendons of the podium or their prestress.
+        positive stiffness [–], (C6). It does not depend on the tendons of the podium or their prestress.
         """
         return (self.gamma + self.eta + 0.5) * jnp.cos(self.alpha) / (2 * jnp.sin(self.alpha) ** 2)
 
@@ -413,8 +413,8 @@ class Podium(Module):
 
     @property
     def uplifted_frequencies(self) -> Number:
-        """All n+1 circular frequencies of the uplifted podium, ascending along the last axis [rad/s]: of
-        rocking against the stiffness of the tendons (0 without tendons), and of the n modes.
+        """All n+1 circular frequencies of the uplifted podium, ascending along the last axis [rad/s], (C15):
+        of rocking against the stiffness of the tendons (0 without tendons), and of the n modes.
 
         The equations are linearised without gravity and prestress. Raises `ValueError` without an elastic
         superstructure.

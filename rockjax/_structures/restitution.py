@@ -35,7 +35,7 @@ class PaperRestitution(Module):
 
 class CompatibleRestitution(Module):
     """Law of conserved angular momentum about the new pivots, while the superstructure keeps its horizontal
-    velocity, Eq. (26):
+    velocity, Eq. (26), (C13):
 
     e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), with μ of inerters.
     """

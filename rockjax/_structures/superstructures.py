@@ -94,7 +94,7 @@ class AbstractSuperstructure(Module):
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
         """Return the first moments η_i h_i of the oscillators (None if nothing vibrates) and η_r h_r of the
-        mass that moves with the beam (None if there is no such mass) [m].
+        mass that moves with the beam (None if there is no such mass), (F7) [m].
 
         - `heights`: heights above the tops of the columns [m], a scalar or `height_count` along the last axis
         - `residual_height`: height above the tops of the columns of the mass that is in no mode [m]
@@ -270,10 +270,10 @@ def uplifted_squares(
     [rad²/s²].
 
     - `oscillators`: the n oscillators
-    - `inertia`, `stiffness`: Λ [–] and k [1/s²]
+    - `inertia`, `stiffness`: Λ [–] and k [1/s²] of (C15)
     - `cos_alpha`: cos α
 
-    The squares x solve Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of a
+    The squares x solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of a
     symmetric matrix with the diagonal ω_i², bordered by a row and a column for the rotation. Rotation and
     oscillators are scaled by the square roots of their masses.
     """

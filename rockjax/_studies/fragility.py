@@ -211,9 +211,17 @@ def incremental_dynamic_analysis(
     indices, search_range = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, indices, search_range, options, width)
     peaks = peak_responses(*plane(indices[:, None], levels), options=options, progress=progress)
-    # refine="below" omits the refinement above the capacity, which would find ever narrower survival windows.
+    # Refinement would find ever narrower survival windows above the capacity.
     search = scan(
-        plane, indices, search_range, resolution, options, progress, refine="below", width=width, dips=False
+        plane,
+        indices,
+        search_range,
+        resolution,
+        options,
+        progress,
+        refine_curved=False,
+        width=width,
+        dips=False,
     )
     boundaries, impacts = search.crossings.table(count)
     import xarray

@@ -91,7 +91,7 @@ def record_spectrum(
     precompile_scan(plane, cells, scale_range, options, width)
     peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)
     search = scan(
-        plane, cells, scale_range, resolution, options, progress, refine="first", width=width, dips=False
+        plane, cells, scale_range, resolution, options, progress, first_only=True, width=width, dips=False
     )
     least_scale = search.crossings.table(cells.size)[0][:, 0]
     shape = (count, sizes.size)

@@ -249,7 +249,7 @@ def test_rows_are_stored_once_however_many_scenes_share_them():
     filled_up = 2048
     assert sum(np.asarray(y).size for y in scenes.leaves) < 3 * filled_up + 400 + 50
     assert all(0 in rows.strides for rows in scenes.rows if rows is not None)
-    own = scenes.part(SceneIndices(395, 1, 10), 64)
+    own = scenes.leaves_of_chunk(SceneIndices(395, 1, 10), 64)
     assert all(y.shape[0] == 64 for y, rows in zip(own, scenes.rows, strict=True) if rows is not None)
 
 
@@ -261,7 +261,7 @@ def test_scenes_begin_in_the_order_of_their_motions_strength():
     a_p = np.random.default_rng(0).permutation(amplitudes(200)) * np.where(np.arange(200) % 2, 1, -1)
     of = lambda motion: broadcast("", PODIUMS["rigid"], motion, rj.State(), None)[0]
     scenes = of(rj.Ricker(a_p, 1.0))
-    (started,) = [y for y in scenes.part(SceneIndices(0, 2, 100), 100) if np.ndim(y)]
+    (started,) = [y for y in scenes.leaves_of_chunk(SceneIndices(0, 2, 100), 100) if np.ndim(y)]
     assert np.all(np.diff(np.abs(started)) >= 0)
     np.testing.assert_array_equal(np.sort(scenes.in_grid(np.arange(200))), np.arange(200))
     record = np.sin(np.linspace(0, 6, 50))

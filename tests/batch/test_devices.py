@@ -187,15 +187,15 @@ def test_threads_and_devices_that_cannot_be():
 def test_scenes_are_dealt_out_in_turn():
     scenes, _ = broadcast("", PODIUMS["block"], rj.Ricker(np.arange(10.0), 1.0), rj.State(), None)
     seven = SceneIndices(2, 1, 7)
-    (dealt,) = [y for y in scenes.part(seven, 4, 3) if np.ndim(y)]
+    (dealt,) = [y for y in scenes.leaves_of_chunk(seven, 4, 3) if np.ndim(y)]
     np.testing.assert_array_equal(dealt.reshape(3, 4), [[2, 5, 8, 2], [3, 6, 2, 2], [4, 7, 2, 2]])
     first, stride, count = seven.split(3)
     np.testing.assert_array_equal(first, [2, 3, 4])
     assert stride == 3
     np.testing.assert_array_equal(count, [3, 2, 2])
-    (odd,) = [y for y in scenes.part(SceneIndices(1, 2, 5), 6) if np.ndim(y)]
+    (odd,) = [y for y in scenes.leaves_of_chunk(SceneIndices(1, 2, 5), 6) if np.ndim(y)]
     np.testing.assert_array_equal(odd, [1, 3, 5, 7, 9, 1])
-    (none,) = [y for y in scenes.part(NO_SCENES, 2, 3) if np.ndim(y)]
+    (none,) = [y for y in scenes.leaves_of_chunk(NO_SCENES, 2, 3) if np.ndim(y)]
     assert none.shape == (6,)
 
 
@@ -246,7 +246,7 @@ def test_a_program_for_accelerators_uses_supported_operations(name):
     scenes, _ = broadcast("", podium, motion, rj.State(), None)
     plan = layout(scenes, executor)
     assert plan.lanes >= 1024
-    leaves, numbers = scenes.part(SceneIndices(0, 1, scenes.total), plan.size), np.zeros(1, int)
+    leaves, numbers = scenes.leaves_of_chunk(SceneIndices(0, 1, scenes.total), plan.size), np.zeros(1, int)
     program = _on_mesh(executor.mesh).trace(
         idle_lanes(scenes, how, plan), leaves, numbers, 1, numbers, 0, how, layout=plan
     )

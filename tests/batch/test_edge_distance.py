@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._batch.batch import bare_responses
+from rockjax._batch.batch import raw_responses
 from rockjax._batch.edge_distance import MARGIN_USED_BELOW
 
 COUNT = 150
@@ -31,7 +31,7 @@ def test_the_edge_distance_is_that_of_the_margin_or_of_another_turning_point(mot
     podium, scales = PODIUMS[structure]
     options = rj.Options(outputs=("margin", "impacts"), rtol=1e-11, atol=1e-13)
     at, above, below = (
-        bare_responses(
+        raw_responses(
             podium, motions_of(motion, scales, np.full(COUNT, 1 + step)), options, False, edge_distance=True
         )
         for step in (0.0, STEP, -STEP)

@@ -52,7 +52,7 @@ class Motion(NamedTuple):
         return min((lo for lo, _ in self.windows), default=math.inf)
 
 
-def scanned(motions, monkeypatch, refine: Any = "first") -> crossings.Scan:
+def scanned(motions, monkeypatch, first_only: bool = True) -> crossings.Scan:
     """Scan in a batch, with a line for each motion."""
     lines = np.arange(len(motions))
 
@@ -66,7 +66,8 @@ def scanned(motions, monkeypatch, refine: Any = "first") -> crossings.Scan:
     monkeypatch.setattr(crossings, "margins", margins)
     monkeypatch.setattr(crossings, "_has_edge_distances", lambda *_: True)
     nothing = cast(crossings.Plane, None)
-    return crossings.scan(nothing, lines, (0.0, 1.0), 32, OPTIONS, refine=refine, width=WIDTH)
+    ends = 0.0, 1.0
+    return crossings.scan(nothing, lines, ends, 32, OPTIONS, False, False, first_only, WIDTH)
 
 
 def in_program(motion: Motion) -> FirstBoundary:
@@ -185,7 +186,7 @@ def test_findings_of_lower_accuracy_are_confirmed(monkeypatch):
     motion = Motion([(0.6 - 1e-6, 0.61)], wrong=[(0.2, 0.203), (0.4, 0.4005)])
     assert scanned([motion], monkeypatch).crossings.y == pytest.approx([0.6 - 1e-6], rel=1e-9)
     assert float(in_program(motion).scale) == pytest.approx(0.6 - 1e-6, rel=1e-9)
-    every = scanned([motion], monkeypatch, refine="below").crossings
+    every = scanned([motion], monkeypatch, first_only=False).crossings
     assert every.y == pytest.approx([0.6 - 1e-6, 0.61], rel=1e-9)
     assert list(every.overturns) == [True, False]
 

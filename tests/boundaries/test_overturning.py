@@ -219,7 +219,7 @@ def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
         podium, T_p = jax.tree.unflatten(structure, list(table[np.asarray(line, int)].T))
         return podium, pulse(y * podium.g * jnp.tan(podium.alpha), T_p)
 
-    found = scan(plane, np.arange(len(table)), (0.0, 10.0), 128, BOUNDARY, refine="first").crossings
+    found = scan(plane, np.arange(len(table)), (0.0, 10.0), 128, BOUNDARY, first_only=True).crossings
     least = np.full(len(table), np.inf)
     np.minimum.at(least, found.line, found.y)
     podium = jax.tree.unflatten(structure, list(table.T))[0]
