@@ -154,7 +154,7 @@ def _with_swapped_axes(lanes: Lanes) -> Lanes:
 
 
 def _answers_of(chunk: Chunk, plan: Plan, lanes: Lanes) -> Answers:
-    """Return the answers of all lanes at the not_none states, with edge distances or sensitivities."""
+    """Return the answers of all lanes at the current states, with edge distances or sensitivities."""
     slopes = lanes.slopes if lanes.edge_distance is None else None
     floats, slopes, integers = chunk.in_lanes(
         lambda scene, state: answers(scene, plan, with_end_code(scene, state)),
