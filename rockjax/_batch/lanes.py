@@ -133,7 +133,9 @@ def _skip_samples(plan: Plan, options: Options, skip: Callable[[Lanes], Lanes], 
     if lanes.states.may_skip is None:
         return lanes
     running_count = jnp.sum(makes_trials(plan, options, lanes.states))
-    enough_can_skip = lambda lanes: SKIPPING_DIVISOR * jnp.sum(not_none(lanes.states.may_skip)) > running_count
+    enough_can_skip = lambda lanes: (
+        SKIPPING_DIVISOR * jnp.sum(not_none(lanes.states.may_skip)) > running_count
+    )
     return jax.lax.while_loop(enough_can_skip, skip, lanes)
 
 
