@@ -202,7 +202,7 @@ def test_coefficients_by_hand(name):
         "sin_alpha": np.sin(alpha),
         "cos_alpha": np.cos(alpha),
         "p": np.sqrt(3 * g / (4 * R)),
-        "impulse": np.sqrt(pushed**2 / (2 * spin) + moving / 2),
+        "impulse_factor": np.sqrt(pushed**2 / (2 * spin) + moving / 2),
         "restitution": float(podium.restitution_factor),
         "uplift": g * np.tan(alpha) * (0.5 + beam + moving) / (0.5 + beam),
     }
