@@ -12,8 +12,8 @@ SYSTEM_ROOT = Path("/")  # root of /proc and /sys
 
 # Advice in error messages.
 REQUEST_FEWER_OR_SWEEP = (
-    "request fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves them in chunks "
-    "and stores them on disk"
+    "request fewer, or use rockjax.sweep (on the command line `rockjax sweep`), which solves scenes in "
+    "chunks and stores the results on disk"
 )
 REQUEST_FEWER = "request fewer at a time"
 

@@ -59,7 +59,7 @@ def run_in_threads(work: Callable[[], None], count: int, stop: threading.Event, 
 
 
 def import_in_background(*modules: str) -> None:
-    """Import modules in another thread, such as those for tables and plots while scenes are computed."""
+    """Import modules in another thread, for example modules for tables, while this thread computes scenes."""
 
     def load() -> None:
         for name in modules:

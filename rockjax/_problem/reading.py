@@ -95,7 +95,7 @@ class Reader:
         return self.fail(".".join(path), reason)
 
     def options(self, given: models.Options, **defaults: Any) -> Options:
-        """Return the options; `defaults`: values of those that neither the command line nor the file sets."""
+        """Return the options; `defaults` apply to keys that neither the command line nor the file sets."""
         arguments: dict[str, Any] = {"throw": False} | defaults | given.as_arguments()
         with self.errors_at("options"):
             return Options(**arguments)

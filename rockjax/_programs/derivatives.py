@@ -74,9 +74,9 @@ def _take_leaves(function: Callable, structure: Any, **keywords: Any) -> Callabl
 def with_derivatives(function: Callable) -> Callable:
     """Give a function of a scene the derivative rule of `_with_jacobian_rule`.
 
-    - `function`: function of the scene's arguments, of which the last is the options of the solver, with the
-      keywords `capacity` and `reversible`. It returns (floats, integers). With `reversible` its loops can be
-      differentiated in reverse mode
+    - `function`: function of the arguments of a scene, the last of which is the solver's options, and of the
+      keywords `capacity` and `reversible`. The function returns (floats, integers). With `reversible`, its
+      loops can be differentiated in reverse mode
 
     Returns a function of the same arguments and `capacity`.
     """

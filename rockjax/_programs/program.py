@@ -59,7 +59,7 @@ class StoredProgram:
     - `name`: name of the program in its key; by default the full name of the function
     - `description`: name of the program in progress bars
 
-    For concrete arguments on a single CPU, the program is loaded from the store if it is there, without
+    For concrete arguments on a single CPU, the program is loaded from the store if possible, without
     tracing and compiling, and gives bitwise identical results. All other arguments, such as tracers, are
     passed to `jax.jit`.
     """
@@ -244,8 +244,8 @@ def _load(key: str) -> Callable | None:
 def _register_lapack() -> None:
     """Register LAPACK with XLA.
 
-    JAX registers LAPACK when it lowers the first program that needs it. A loaded program is not lowered, so
-    without this call it would call a missing function and crash the process.
+    JAX registers LAPACK when it lowers the first program that needs it. A loaded program is not lowered;
+    without this registration it would call a missing function and crash the process.
     """
     jax.jit(jax.numpy.linalg.cholesky).lower(np.eye(1))
 
@@ -305,8 +305,8 @@ def _announce() -> None:
     """Log that a program is being compiled, once per process."""
     if not _ANNOUNCED.is_set():
         _ANNOUNCED.set()
-        stored_note = f"it is stored in {store.folder()} and only loaded the next time"
-        note = stored_note if store.enabled() else "it is not stored, since ROCKJAX_CACHE is off"
+        stored_note = f"the program is stored in {store.folder()}, and later processes only load it"
+        note = stored_note if store.enabled() else "the program is not stored, since ROCKJAX_CACHE is off"
         _LOG.warning("compiling a program for this kind of scene, which may take some seconds; %s", note)
 
 

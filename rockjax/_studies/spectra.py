@@ -52,8 +52,8 @@ def rocking_spectrum(
     - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
     - `options`: options of the scenes; `options.outputs` selects the variables
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
-    - `resume`: incomplete spectrum, of which only the missing scenes are solved: the `partial` of the
-      [`rockjax.Interrupted`][] that Ctrl-C raised
+    - `resume`: the `partial` of the [`rockjax.Interrupted`][] that Ctrl-C raised, an incomplete spectrum;
+      only its missing scenes are solved
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is computed, as in
       [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The other parameters are held
       constant, so a_p and T_p do not change with the parameters of the podium

@@ -274,9 +274,9 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     """Plot the restoring moment (`Response.restoring_moment`), divided by its value at uplift, against θ/α.
 
     In full contact (θ = 0) the ratio is −q/q_up ∈ [−1, 1], with the demand q and its threshold q_up, Eq. (9).
-    While rocking, it is the sum of three moments about the edges: of the weights, sin ψ/sin α (1 at θ = 0, 0
-    at θ = α), of the vertical inertia, Eq. (15), and of restrainers. The thick line is the static moment of
-    weights and tendons.
+    While rocking, the ratio is the sum of three moments about the edges: of the weights, sin ψ/sin α (1 at
+    θ = 0, 0 at θ = α), of the vertical inertia, Eq. (15), and of restrainers. The thick line is the static
+    moment of weights and tendons.
     """
     assert ax is not None
     data = as_history(response)

@@ -51,10 +51,10 @@ def _slope(dataset: xarray.Dataset, parameter: str | None) -> xarray.DataArray:
     """Return the sensitivities to a parameter, by default the first."""
     available = list(map(str, dataset["parameter"].values)) if "peak_rotation_sensitivity" in dataset else []
     if not available or (parameter is not None and parameter not in available):
-        requested = "any parameter" if parameter is None else repr(parameter)
+        requested = f"{parameter!r}, only to {available}" if available else "any parameter"
         raise ValueError(
             "sensitivity_spectrum: the dataset has no sensitivities of the peak rotation to "
-            f"{requested}, only to {available}; compute them with rockjax.rocking_spectrum(…, "
+            f"{requested}; compute them with rockjax.rocking_spectrum(…, "
             "sensitivities=[…])"
         )
     return dataset["peak_rotation_sensitivity"].sel(

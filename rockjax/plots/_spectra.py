@@ -123,7 +123,7 @@ def label_panel(
 ) -> None:
     """Add dimensional axes, title and labels to the panel in row i and column j.
 
-    - `panels`, `panel`: the spectrum of all panels, and of this one
+    - `panels`: spectrum of all panels; `panel`: spectrum of this panel
     - `axes`: axes of all panels, with limits set
     - `i`, `j`: row and column
     - `prefix`: start of the title

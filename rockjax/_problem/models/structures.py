@@ -106,7 +106,7 @@ class Building(Keys):
     heights: Positives | None = key(None, "Heights of the stories [m].")
 
 
-_COLUMNS = "Positions of the columns along the motion [m]; columns in a line across it have equal positions."
+_COLUMNS = "Positions of the columns along the motion [m]; columns in a line across the motion: equal values."
 _HEIGHTS = "Height of the superstructure above the beam [m]; a list for several modes or floors."
 _RESIDUAL = "Height of the residual mass of modes above the beam [m]."
 
