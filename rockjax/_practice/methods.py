@@ -85,8 +85,8 @@ def _require_single(podium: Podium) -> None:
 
 
 def _vertical_peak(motions: AnyMotions) -> float | None:
-    """Return the largest acceleration of the vertical components [m/s²]; None unless every motion has a
-    sampled vertical component."""
+    """Return the largest vertical acceleration of all motions [m/s²]; None if the vertical component of a
+    motion is missing or has no samples."""
     peaks = []
     for member in single_motions(OWNER, motions, "motions").members:
         component = member.vertical if isinstance(member, GroundMotion) else None

@@ -17,7 +17,7 @@ def effective_acceleration(podium: Podium, motion: Motion) -> float:
     S_a is the absolute spectral acceleration. γ includes all masses that move with the beam, η only masses
     that vibrate. By the triangle inequality in Eq. (9), the columns cannot lift if a_eff ≤ g tan α.
 
-    - `podium`: single podium without restrainers, whose damping ratios are below 1
+    - `podium`: single podium without tendons, dampers and inerters, with damping ratios below 1
     - `motion`: ground motion
     """
     gamma, eta = map(float, podium.mass_ratios)

@@ -25,8 +25,8 @@ class CheckKeys(models.Keys):
     unit: str | None = key(None, "Unit of the limit; by default the SI unit.")
     vertical: bool = key(False, "Whether the motions must have a vertical component.")
     limit: Bound | None = key(None, "Limit in `unit`, or a key that holds it, such as 'joints.friction'.")
-    at_least: Bound | None = key(None, "Limit, for kinds whose value has a minimum.")
-    at_most: Bound | None = key(None, "Limit, for kinds whose value has a maximum.")
+    at_least: Bound | None = key(None, "Least permitted value in `unit`, for kinds with a minimum.")
+    at_most: Bound | None = key(None, "Largest permitted value in `unit`, for kinds with a maximum.")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -136,7 +136,9 @@ def read_checks(
                 entry = _entry(reader, table, file, podium, f"{part}[{k}]", given)
             identity = entry.id or f"{'C' if part == 'checks' else 'T'}{k + 1}"
             if identity in used_ids:
-                reader.fail(f"{part}[{k}].id", f"{identity!r} is the id of another check; give each its own")
+                reader.fail(
+                    f"{part}[{k}].id", f"{identity!r} is the id of another check; give each check its own id"
+                )
             used_ids.add(identity)
             motions = None
             if KINDS[entry.kind].uses_motions(entry.arguments):

@@ -127,7 +127,7 @@ class Store:
 
 
 def dataset_of(arrays: Mapping[str, Any]) -> xarray.Dataset:
-    """Return arrays as variables of a dataset. The axes of each array become dims of its own."""
+    """Return arrays as variables of a dataset. Each array has its own dims."""
     import xarray
 
     values = {name: np.asarray(y) for name, y in arrays.items()}

@@ -109,7 +109,7 @@ class Kind(abc.ABC):
     def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
         """Return the limit [SI] of an entry, whose value measures `quantity`; 1 for kinds without a limit.
 
-        Raises `ValueError` unless the entry has the one limit that its kind needs, and for a wrong unit.
+        Raises `ValueError` unless the entry has exactly one limit of the right sense, and for a wrong unit.
         """
         bound = "at_least" if self.is_minimum else "at_most"
         given = {name: getattr(keys, name) for name in BOUNDS if getattr(keys, name) is not None}

@@ -24,7 +24,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     del units
     tables = [_table(check) for check in evaluation.checks if check.sensitivities or check.spread]
     if not tables:
-        text = "No check has a finite value whose derivative or spread could be given."
+        text = "No check has a derivative or a spread to show."
         return Section(8, "Influence of the inputs", (Paragraph(text),))
     return Section(8, "Influence of the inputs", (Paragraph(_NOTE, is_note=True), *tables))
 
