@@ -105,7 +105,7 @@ def test_scenes_without_an_answer_are_nan_in_all_their_stories(peaks, monkeypatc
 
     def answered_when_weak(podium, motion, *, options):
         code = jnp.where(motion.a_p < 2.2, results.SETTLED, results.OUT_OF_STEPS)
-        return dataclasses.replace(one, overturned=jnp.zeros_like(code, bool), result=results.named(code))
+        return dataclasses.replace(one, overturned=jnp.zeros_like(code, bool), result=results.result_of(code))
 
     monkeypatch.setattr(rj, "peak_response", answered_when_weak)
     found = Suite.of(MOTIONS).responses(PODIUM, OPTIONS, OUTPUTS)
