@@ -97,15 +97,13 @@ class DeviceExecutor(AbstractExecutor):
         call = _on_mesh(self.mesh)
 
         def advance_lanes(lanes: Lanes, indices: SceneIndices, last: bool) -> tuple[Lanes, DoneScenes]:
-            split_indices, parts = (
-                indices.split(self.devices),
-                scenes.leaves_of_chunk(indices, layout.size, self.devices),
-            )
-            parts, first, count = jax.device_put(
-                (parts, split_indices.first, split_indices.scenes), (shardings, split, split)
+            split_indices = indices.split(self.devices)
+            leaves = scenes.leaves_of_chunk(indices, layout.size, self.devices)
+            leaves, first, count = jax.device_put(
+                (leaves, split_indices.first, split_indices.scenes), (shardings, split, split)
             )
             max_trials = UNLIMITED_TRIALS if last or not layout.refill else 0
-            return call(lanes, parts, first, split_indices.stride, count, max_trials, options, layout=layout)
+            return call(lanes, leaves, first, split_indices.stride, count, max_trials, options, layout=layout)
 
         idle = idle_lanes(scenes, options, layout)
         idle = jax.tree.map(lambda y: np.concatenate([y] * self.devices), idle)

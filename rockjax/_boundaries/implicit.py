@@ -1,8 +1,8 @@
 """Derivatives of a boundary with respect to parameters of podium and motion, by the implicit function
 theorem.
 
-A residual M of a scene, such as the overturning margin, is zero on the boundary a*. Therefore
-da* = −dM/(∂M/∂a).
+The overturning margin M is zero on the boundary a*. Therefore da* = −dM/(∂M/∂a). If the margin does not
+apply, the time of overturning replaces it, see `boundary_residual`.
 """
 
 from __future__ import annotations

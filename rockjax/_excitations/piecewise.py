@@ -1,4 +1,4 @@
-"""Motions, such as floor motions, that are polynomials between breakpoints; the velocity may jump there."""
+"""Motions, such as floor motions, that are polynomials between breakpoints with velocity jumps."""
 
 from __future__ import annotations
 

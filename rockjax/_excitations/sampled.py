@@ -160,7 +160,11 @@ class AbstractSampled(AbstractExcitation):
         if threshold is None:
             return SampledLookahead(record, None, remaining_integral, remaining_peak, None)
         return SampledLookahead(
-            record, jax.lax.stop_gradient(threshold), remaining_integral, remaining_peak, _tree(magnitudes)
+            record,
+            jax.lax.stop_gradient(threshold),
+            remaining_integral,
+            remaining_peak,
+            _tree_of_maxima(magnitudes),
         )
 
 
@@ -172,7 +176,7 @@ class SampledLookahead(AbstractLookahead):
     # Bound of ∫|ü_g| dt from sample i on, divided by the sampling interval and unscaled; zero in the padding.
     remaining_integral: Float[Array, "*table n"]
     remaining_peak: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
-    tree: Float[Array, "*table m"] | None  # tree of maxima of |samples|, see `_tree`; None without threshold
+    tree: Float[Array, "*table m"] | None  # tree of maxima of |samples|; None without threshold
     # Trees of maxima of −samples and of samples, for `highest_time` with a side.
     side_trees: tuple[Float[Array, "*table m"], Float[Array, "*table m"]] | None = None
 
@@ -190,7 +194,7 @@ class SampledLookahead(AbstractLookahead):
 
     def with_sides(self) -> SampledLookahead:
         table = self.record.table
-        return dataclasses.replace(self, side_trees=(_tree(-table), _tree(table)))
+        return dataclasses.replace(self, side_trees=(_tree_of_maxima(-table), _tree_of_maxima(table)))
 
     def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
         # The motion is linear between samples, so the maximum is at a sample or at an end of the interval.
@@ -209,14 +213,16 @@ class SampledLookahead(AbstractLookahead):
         assert tree is not None
         leaves = tree.shape[-1] // 2
         levels = leaves.bit_length()
-        at = self.record.samples_at
+        value_at = self.record.samples_at
         if side is None:
-            maximum_of = functools.partial(at, tree)
+            maximum_of = functools.partial(value_at, tree)
         else:
             assert self.side_trees is not None
             negative, positive = self.side_trees
             is_positive = side * self.record.sampling.scale > 0
-            maximum_of = lambda node: jnp.where(is_positive, at(positive, node), at(negative, node))
+            maximum_of = lambda node: jnp.where(
+                is_positive, value_at(positive, node), value_at(negative, node)
+            )
 
         def climb(_, carry):
             left, right, best = carry
@@ -292,7 +298,7 @@ class SampledLookahead(AbstractLookahead):
         return jnp.where(is_found, node - leaves, count).astype(first.dtype)
 
 
-def _tree(values: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
+def _tree_of_maxima(values: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
     """Return the tree of maxima along the last axis.
 
     Node 1 is the root, and node k is the larger of its children 2k and 2k+1. The second half of the array

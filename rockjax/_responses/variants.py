@@ -101,10 +101,10 @@ def with_parameters(
 
     Raises `ValueError` for values out of range.
     """
-    of_podium = {name: values[name] for name in parameters_of(podium) if name in values}
-    check_values(owner, of_podium)
+    podium_values = {name: values[name] for name in parameters_of(podium) if name in values}
+    check_values(owner, podium_values)
     check_values(owner, {name: values[name] for name in _RATIOS if name in values})
-    podium = with_values(podium, of_podium)
+    podium = with_values(podium, podium_values)
     changes: dict[str, Any] = {
         field: values[name] for name, field in scalar_fields(motion).items() if name in values
     }
