@@ -87,7 +87,7 @@ class Reader:
         try:
             return model.model_validate(table)
         except ValidationError as error:
-            key, reason, value = _explain(error, table)
+            key, reason, value = _explain_first_error(error, table)
         flag, chosen = self.set_by_options.get(key.rpartition(".")[2], ("", None))
         if flag and chosen == value:
             raise LocatedError(f"{flag}: {reason}")
@@ -146,13 +146,13 @@ class Reader:
 
     def contents(self, given: Iterable[models.Contents]) -> dict[str, Contents]:
         """Return name → block on a floor."""
-        return self._named("contents", given, _contents)
+        return self._build_named("contents", given, _contents)
 
     def oscillators(self, given: Iterable[models.Oscillator]) -> dict[str, Oscillator]:
         """Return name → oscillator on a floor."""
-        return self._named("oscillators", given, Oscillator)
+        return self._build_named("oscillators", given, Oscillator)
 
-    def _named(self, table: str, given: Iterable[Any], make: Callable[..., T]) -> dict[str, T]:
+    def _build_named(self, table: str, given: Iterable[Any], make: Callable[..., T]) -> dict[str, T]:
         """Build the objects of a table; an object without a name is called `table`-1, `table`-2 …"""
         objects: dict[str, T] = {}
         for k, entry in enumerate(given):
@@ -229,7 +229,7 @@ class Reader:
         return motion if scale in (None, 1) else motion.scaled(scale)
 
 
-def _explain(error: ValidationError, table: Any) -> tuple[str, str, Any]:
+def _explain_first_error(error: ValidationError, table: Any) -> tuple[str, str, Any]:
     """Return the key, the cause and the invalid value for the first error in a table."""
     first_error = error.errors(include_url=False)[0]
     location, value, reason = "", table, first_error["msg"].removeprefix("Value error, ")

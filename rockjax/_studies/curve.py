@@ -83,7 +83,7 @@ def fragility(
         has_capacity = np.isfinite(data.capacity)
         # d(capacity)/d ln y, shape (parameters, records with a capacity)
         capacity_slopes = analysis["sensitivity"].values[:, has_capacity] * data.capacity[has_capacity]
-        fit_slopes = _slopes(data.capacity, data.censor_limit)
+        fit_slopes = _slopes_of_fit(data.capacity, data.censor_limit)
         long_names = {
             "median_sensitivity": "d ln(median)/d ln y",
             "dispersion_sensitivity": "d(dispersion)/d ln y",
@@ -303,7 +303,7 @@ fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, 0)), name="counts
 
 
 @StoredProgram
-def _slopes(capacity, censor_limit):
+def _slopes_of_fit(capacity, censor_limit):
     """Return the derivatives of ln(median) and dispersion with respect to each capacity, shape (2, n).
 
     They are 0 for censored records.

@@ -273,8 +273,8 @@ def _merge_resumed(resumed: xarray.Dataset | None, new: xarray.Dataset) -> xarra
         return new
     solved = ~_find_unsolved(resumed, ())
     for name, values in new.data_vars.items():
-        keep = solved.reshape(solved.shape + (1,) * (values.ndim - solved.ndim))
-        values.values[...] = np.where(keep, resumed[name].values, values.values)
+        is_solved = solved.reshape(solved.shape + (1,) * (values.ndim - solved.ndim))
+        values.values[...] = np.where(is_solved, resumed[name].values, values.values)
     return new
 
 

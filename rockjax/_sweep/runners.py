@@ -77,7 +77,7 @@ class DaskRunner:
     def pilot(self, spec: SweepSpec) -> Pilot:
         scattered: Any = self.client.scatter([spec])  # sends long records only once
         key = f"rockjax-pilot-{uuid.uuid4().hex}"
-        return _result(self.client.submit(pilot, scattered[0], 1, self.devices, key=key))
+        return _task_result(self.client.submit(pilot, scattered[0], 1, self.devices, key=key))
 
     def run(self, job: Job, unsolved: np.ndarray, bar: ChunkProgress) -> KeyboardInterrupt | None:
         """Solve chunks on the workers.
@@ -96,9 +96,10 @@ class DaskRunner:
         try:
             for k in map(int, unsolved):
                 key = f"rockjax-{job.fingerprint}-{k}-{call_id}"
-                tasks[self.client.submit(_task, job, k, self.devices, key=key, pure=False, retries=1)] = k
+                arguments = _solve_chunk, job, k, self.devices
+                tasks[self.client.submit(*arguments, key=key, pure=False, retries=1)] = k
             for task in as_completed(list(tasks)):
-                _result(task)
+                _task_result(task)
                 bar.advance(tasks[task])
         except KeyboardInterrupt as interrupt:
             return interrupt
@@ -110,12 +111,12 @@ class DaskRunner:
         return None
 
 
-def _task(job: Job, k: int, devices: Devices) -> ChunkRow:
+def _solve_chunk(job: Job, k: int, devices: Devices) -> ChunkRow:
     """Solve chunk k on one core or on devices of a worker."""
     return job.solve(k, 1, devices)
 
 
-def _result(task: Any) -> Any:
+def _task_result(task: Any) -> Any:
     """Return the result of a task. Raises `RuntimeError` if Dask cannot compute it."""
     from distributed.comm.core import CommClosedError
     from distributed.scheduler import KilledWorker

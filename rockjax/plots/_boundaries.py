@@ -47,7 +47,7 @@ def overturning_curves(panels: xarray.Dataset) -> Figure:
     `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
     note = "" if "boundaries" in panels else ", read off the grid"
-    return _curves(panels, overturning_curve, f"Minimum overturning acceleration{note}")
+    return _draw_curves(panels, overturning_curve, f"Minimum overturning acceleration{note}")
 
 
 @styled
@@ -57,10 +57,10 @@ def overturning_boundaries(panels: xarray.Dataset) -> Figure:
 
     `panels` is an overturning spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
-    return _curves(panels, overturning_spectrum, "Overturning boundaries")
+    return _draw_curves(panels, overturning_spectrum, "Overturning boundaries")
 
 
-def _curves(panels: xarray.Dataset, draw, title: str) -> Figure:
+def _draw_curves(panels: xarray.Dataset, draw, title: str) -> Figure:
     """Draw one panel per η/γ, with one curve per T_s."""
     count = panels.sizes["eta_over_gamma"]
     figure, grid, _ = grid_of_panels(1, count, 3.9, 3.1, right=2.85, panels=panels, title=title)
@@ -97,9 +97,9 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
     """
     assert ax is not None
     x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
-    curve = _draw_with_jumps(ax, x, minimum, _jumps(minimum), **line)
+    curve = _draw_with_jumps(ax, x, minimum, _find_jumps(minimum), **line)
     _mark_ends(ax, x, minimum, _search_end(dataset), curve.get_color())
-    windows = _windows(x, dataset["boundaries"].values, _search_end(dataset))
+    windows = _survival_polygons(x, dataset["boundaries"].values, _search_end(dataset))
     if windows:
         ax.add_collection(PolyCollection(windows, facecolor=curve.get_color(), edgecolor="none", alpha=0.4))
         _add_legend_entry(
@@ -111,7 +111,9 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
     return ax
 
 
-def _windows(x: np.ndarray, boundaries: np.ndarray, highest: float) -> list[list[tuple[float, float]]]:
+def _survival_polygons(
+    x: np.ndarray, boundaries: np.ndarray, highest: float
+) -> list[list[tuple[float, float]]]:
     """Return the polygons of the windows of survival; the uppermost window may end at `highest`.
 
     At each x, windows extend from every second boundary to the next boundary. A window is connected to the
@@ -135,7 +137,7 @@ def _windows(x: np.ndarray, boundaries: np.ndarray, highest: float) -> list[list
     return polygons
 
 
-def _jumps(curve: np.ndarray) -> np.ndarray:
+def _find_jumps(curve: np.ndarray) -> np.ndarray:
     """Return the indices before jumps of a curve: steps above 5 % and above 2.5 times their neighbours."""
     step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
     neighbours = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
@@ -193,7 +195,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
             for k in range(panels.sizes["T_s"]):
                 panel = panels.isel(eta_over_gamma=j, T_s=k)
                 slope = panel["sensitivity"].sel(parameter=parameter).values
-                jumps = _jumps(panel["minimum"].values)
+                jumps = _find_jumps(panel["minimum"].values)
                 label = period_label(panels, ratio, float(panel.T_s))
                 _draw_with_jumps(
                     ax, panel["frequency_ratio"].values, slope, jumps, label=label, **curve_style(k)
