@@ -174,14 +174,16 @@ class Slenderness:
         factors = RATIOS * self.unit / motion.pga
         answers = {}
         for name, scan in self.scans.items():
-            values = spectrum(motion, scan.periods, self.damping[name])
-            if name == "(P5)":
+            is_asce = name == "(P5)"
+            response = "acceleration" if is_asce else "displacement"
+            values = spectrum(motion, scan.periods, self.damping[name], response)
+            if is_asce:
                 theta = self.alpha * scan.phi
                 capacity = G * asce_rocking.capacity(theta, math.tan(self.alpha))
-                critical = capacity / scan.windows(values.acceleration)
+                critical = capacity / scan.windows(values)
             else:
                 lengths = np.array([block.half_height * self.alpha for block in self.blocks])
-                critical = lengths[:, None] * scan.phi / scan.windows(values.displacement)
+                critical = lengths[:, None] * scan.phi / scan.windows(values)
             answers[name] = Answers.of(scan.phi, critical, factors)
         return answers
 
@@ -259,7 +261,7 @@ def main(scenes: int = 10**6) -> None:
     longest = max(each.period(SLV) for family in families for each in family.mechanisms)
     periods = np.geomspace(2 * DT, longest, 1200)
     for k, motion in enumerate(suite):
-        largest = np.maximum.accumulate(spectrum(motion, periods, SLV.damping).displacement)
+        largest = np.maximum.accumulate(spectrum(motion, periods, SLV.damping, "displacement"))
         for j, family in enumerate(families):
             for name, method_answers in family.answers(motion).items():
                 rotation[name][k, j], answers[name][k, j] = method_answers.rotation, method_answers.count

@@ -9,9 +9,10 @@ form q = Re(c z) with different complex factors c, so the same search finds the 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +35,10 @@ BLOCKS_PER_CALL = 32  # number of blocks that one call of the compiled program s
 PAIRS = 20_000  # largest number of pairs of a block and an oscillator that are searched together
 NEWTON_STEPS = 5  # iterations for a turning point, starting within a quarter of a piece
 TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first peak is returned
+
+
+Response = Literal["displacement", "acceleration"]
+RESPONSES: tuple[Response, ...] = ("displacement", "acceleration")  # x, and the absolute acceleration
 
 
 class Load(NamedTuple):
@@ -91,23 +96,28 @@ class Load(NamedTuple):
 class Peaks(NamedTuple):
     """Largest responses of N oscillators.
 
-    - `displacement`: S_d = max|x|, shape (N,) [m]; `time`: time at which S_d is first reached [s]
-    - `acceleration`: S_a, the largest absolute acceleration, (L6), shape (N,) [m/s²]
-    - `slopes`: derivatives of S_d and S_a with respect to each parameter, shape (2, parameters, N)
+    - `values`: S_d = max|x| [m], and S_a, the largest absolute acceleration, (L6) [m/s²]; only the requested
+      ones, shape (responses, N)
+    - `times`: times at which they are first reached, shape (responses, N) [s]
+    - `slopes`: their derivatives with respect to each parameter, shape (responses, parameters, N)
     - `later`: largest |x| of free vibration after the end of the load, shape (N,) [m]
     - `envelope`: √(ẋ² + ω²x²)/ω at the end of the load, shape (N,) [m]
     """
 
-    displacement: np.ndarray
-    time: np.ndarray
-    acceleration: np.ndarray
+    values: np.ndarray
+    times: np.ndarray
     slopes: np.ndarray
     later: np.ndarray
     envelope: np.ndarray
 
 
 def largest(
-    load: Load, period: np.ndarray, damping: np.ndarray, rests: bool, slopes: tuple[Load, ...] = ()
+    load: Load,
+    period: np.ndarray,
+    damping: np.ndarray,
+    rests: bool,
+    slopes: tuple[Load, ...] = (),
+    responses: tuple[Response, ...] = RESPONSES,
 ) -> Peaks:
     """Return the largest responses of oscillators that start at rest relative to their floor.
 
@@ -115,13 +125,14 @@ def largest(
     - `period`, `damping`: T_e > 0 [s] and ζ in [0, 1) [–] of N oscillators, shape (N,)
     - `rests`: True if the floor stays at rest after the end of the load; free vibration then counts as well
     - `slopes`: derivatives of the load with respect to parameters, in the same pieces
+    - `responses`: the responses to return, in the order of `RESPONSES`
     """
     order = np.argsort(period)
     groups: list[Peaks] = []
     for first in range(0, order.size, LANES):
         group = order[first : first + LANES]
         loads = [y.divided(float(period[group[0]]) / PIECES_PER_PERIOD) for y in (load, *slopes)]
-        groups.append(_largest(loads[0], loads[1:], period[group], damping[group], rests))
+        groups.append(_largest(loads[0], loads[1:], period[group], damping[group], rests, responses))
     original_order = np.argsort(order)
     return Peaks(*(np.concatenate(y, axis=-1)[..., original_order] for y in zip(*groups, strict=True)))
 
@@ -195,18 +206,20 @@ class _States(NamedTuple):
 def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _States:
     """Return the states of oscillators that start from rest, and the sizes of responses with factors c."""
     count, lanes, rows = pole.size, common_size(pole.size, FEW_LANES, 4), PIECES_PER_BLOCK * BLOCKS_PER_CALL
-    parts = lambda y: np.pad(np.stack([np.real(y), np.imag(y)]), [(0, 0), (0, lanes - count)])
-    constants = parts(pole), np.array([parts(y) for y in factors]).reshape(-1, 2, lanes)
+    padding = -load.length.size % rows
+    parts = lambda y: np.pad(
+        np.stack([np.real(y), np.imag(y)], axis=-2), [(0, 0)] * y.ndim + [(0, lanes - count)]
+    )
+    length, kick, shift = (np.pad(y, (0, padding)) for y in (load.length, load.kick, load.shift))
+    series = _series(length, np.pad(load.terms, [(0, padding), (0, 0)]))
+    powers = polynomial.polyvander(pole, SERIES_TERMS - 1).T
+    constants = parts(powers), parts(np.reshape(factors, (-1, count)))
     state: Any = np.zeros((2, lanes))
     starts, sizes = [], []
     with precision(x64=True):
-        for first in range(0, load.length.size, rows):
-            padding = max(first + rows - load.length.size, 0)
-            length, terms, kick, shift = (
-                np.pad(y[first : first + rows], [(0, padding)] + [(0, 0)] * (y.ndim - 1))
-                for y in (load.length, load.terms, load.kick, load.shift)
-            )
-            state, *answers = _solve_blocks(state, _series(length, terms), kick, shift, *constants)
+        for first in range(0, kick.size, rows):
+            part = slice(first, first + rows)
+            state, *answers = _solve_blocks(state, series[:, part], kick[part], shift[part], *constants)
             starts.append(np.asarray(answers[0]))
             sizes.append(np.asarray(answers[1]))
     joined = lambda y: y[..., 0, :count] + 1j * y[..., 1, :count]
@@ -215,44 +228,37 @@ def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _S
 
 
 @StoredProgram
-def _solve_blocks(state, series, kick, shift, pole, factors):
+def _solve_blocks(state, series, kick, shift, powers, factors):
     """Return z after `BLOCKS_PER_CALL` blocks, z at the start of each block, and the sizes of each block.
 
     Complex numbers are pairs of real numbers.
 
     - `state`: z of N oscillators at the start, shape (2, N)
-    - `series`: coefficients from `_series`, shape (2, pieces, `SERIES_TERMS`); `kick`, `shift`: jumps at the
-      starts of the pieces, shape (pieces,)
-    - `pole`, `factors`: λ, shape (2, N), and c of each response, shape (responses, 2, N)
+    - `series`: coefficients from `_series`, shape (2, pieces, `SERIES_TERMS`)
+    - `kick`, `shift`: jumps at the starts of the pieces, shape (pieces,)
+    - `powers`: powers of λ, shape (`SERIES_TERMS`, 2, N)
+    - `factors`: c of each response, shape (responses, 2, N)
     """
-
-    def times(a, b):
-        return jnp.stack([a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]])
+    decay, forced = jnp.einsum("apj,jcn->apcn", series, powers)
+    pole = powers[1]
 
     def size(z):
-        return jnp.abs(factors[:, 0] * z[:1] - factors[:, 1] * z[1:])
-
-    powers = [jnp.zeros_like(pole).at[0].set(1.0)]
-    for _ in range(SERIES_TERMS - 1):
-        powers.append(times(powers[-1], pole))
-    decay, forced = jnp.einsum("apj,jcn->apcn", series, jnp.stack(powers))
-
-    def solve_piece(carry, piece):
-        z, largest = carry
-        decay, forced, kick, shift = piece
-        after = (z + shift * pole).at[0].add(-kick)
-        z = times(decay, after) + forced
-        return (z, jnp.maximum(largest, jnp.maximum(size(after), size(z)))), None
+        return jnp.abs(factors[:, 0] * z[0] - factors[:, 1] * z[1])
 
     def solve_block(z, pieces):
-        (end, largest), _ = jax.lax.scan(solve_piece, (z, size(z)), pieces)
-        return end, (z, largest)
+        start, largest = z, size(z)
+        for decay, forced, kick, shift in zip(*pieces, strict=True):
+            z = z[0] + shift * pole[0] - kick, z[1] + shift * pole[1]
+            largest = jnp.maximum(largest, size(z))
+            z = decay[0] * z[0] - decay[1] * z[1] + forced[0], decay[0] * z[1] + decay[1] * z[0] + forced[1]
+            largest = jnp.maximum(largest, size(z))
+        return z, (jnp.stack(start), largest)
 
     blocks = (
         y.reshape(BLOCKS_PER_CALL, PIECES_PER_BLOCK, *y.shape[1:]) for y in (decay, forced, kick, shift)
     )
-    end, (starts, sizes) = jax.lax.scan(solve_block, state, tuple(blocks))
-    return end, starts, sizes
+    end, (starts, sizes) = jax.lax.scan(solve_block, tuple(state), tuple(blocks))
+    return jnp.stack(end), starts, sizes
 
 
 def _taylor(z: np.ndarray, pole: np.ndarray, length: np.ndarray, terms: np.ndarray) -> np.ndarray:
@@ -428,15 +434,24 @@ def next_turns(period: Any, damping: Any, x: Any, rate: Any) -> tuple[Any, Any]:
     return displacement, acceleration
 
 
-def _largest(load: Load, slopes: list[Load], period: np.ndarray, damping: np.ndarray, rests: bool) -> Peaks:
+def _largest(
+    load: Load,
+    slopes: list[Load],
+    period: np.ndarray,
+    damping: np.ndarray,
+    rests: bool,
+    responses: tuple[Response, ...],
+) -> Peaks:
     """Return the largest responses as `largest` does; pieces must be at most an eighth of every period."""
     oscillators = _oscillators(period, damping)
     pole, last = oscillators.pole, load.length.size
-    states = _states(load, pole, oscillators.factors)
+    requested = [response in responses for response in RESPONSES]
+    factors = tuple(itertools.compress(oscillators.factors, requested))
+    states = _states(load, pole, factors)
     slope_states = [_states(slope, pole, ()) for slope in slopes]
     values, times, changes = [], [], []
     end = states.end
-    for factor, sizes in zip(oscillators.factors, states.sizes, strict=True):
+    for factor, sizes in zip(factors, states.sizes, strict=True):
         peak = _search(load, oscillators, factor, states, sizes)
         if rests:
             value, delay = _next_turn(oscillators, factor, end)
@@ -456,7 +471,7 @@ def _largest(load: Load, slopes: list[Load], period: np.ndarray, damping: np.nda
     rate = np.real(end) - damping * oscillators.omega * x
     later = np.abs(_next_turn(oscillators, factor, end)[0])
     envelope = np.hypot(rate / oscillators.omega, x)
-    return Peaks(values[0], times[0], values[1], np.stack(changes), later, envelope)
+    return Peaks(np.stack(values), np.stack(times), np.stack(changes), later, envelope)
 
 
 def _slope(

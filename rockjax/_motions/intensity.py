@@ -83,8 +83,9 @@ def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: f
     accelerations, is_positive = np.full(periods.shape, motion.pga), periods > 0
     if is_positive.any():
         T = periods[is_positive]
-        peaks = largest(ground_load(motion.acceleration, motion.dt), T, np.full(T.shape, damping), True)
-        accelerations[is_positive] = (2 * math.pi / T) ** 2 * peaks.displacement
+        load, zeta = ground_load(motion.acceleration, motion.dt), np.full(T.shape, damping)
+        peaks = largest(load, T, zeta, rests=True, responses=("displacement",))
+        accelerations[is_positive] = (2 * math.pi / T) ** 2 * peaks.values[0]
     return accelerations
 
 

@@ -73,7 +73,7 @@ def rotations(block: Block, motion: Motion) -> Roots:
     def excess(phi: np.ndarray) -> np.ndarray:
         theta = block.alpha * phi
         periods = 1 / frequency(theta, tan_alpha, block.g / block.half_height)
-        return spectrum(motion, periods, beta).acceleration / block.g - capacity(theta, tan_alpha)
+        return spectrum(motion, periods, beta, "acceleration") / block.g - capacity(theta, tan_alpha)
 
     return find_roots(excess)
 

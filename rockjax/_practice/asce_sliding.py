@@ -35,7 +35,7 @@ def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
     - `motion`: ground motion
     - `capacity`: capacity c_s for sliding [m/s²]
     """
-    values_at = lambda periods: spectrum(motion, periods, DAMPING).acceleration
+    values_at = lambda periods: spectrum(motion, periods, DAMPING, "acceleration")
     periods = period_grid(2 * motion.dt, LONGEST_PERIOD)
     values = values_at(periods)
     largest = max(refined_maximum(values_at, periods, values), motion.pga)  # PGA is the limit for T → 0

@@ -62,7 +62,7 @@ def rotations(block: Block, motion: Motion, damping_ratio: float) -> Roots:
     top_displacement = block.half_height * block.alpha  # spectral displacement at θ = α
     return find_roots(
         lambda phi: (
-            spectrum(motion, period(phi, block.p), damping_ratio).displacement / top_displacement - phi
+            spectrum(motion, period(phi, block.p), damping_ratio, "displacement") / top_displacement - phi
         )
     )
 

@@ -5,39 +5,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
 from rockjax._motions.motion import Motion
-from rockjax._oscillators import ground_load, largest
+from rockjax._oscillators import Response, ground_load, largest
 
 PERIOD_RATIO = 1.02  # largest ratio of consecutive periods in the search for a maximum
 REFINEMENT_POINTS = 32  # periods in each of the two refinements of a maximum
 NEAR_LARGEST = 0.98  # local maxima above this fraction of the largest value are refined
 
 
-class Spectrum(NamedTuple):
-    """Largest responses of linear oscillators, shape (periods,).
-
-    - `displacement`: S_d = max|x| relative to the ground [m]
-    - `acceleration`: S_a = max|2ζωẋ + ω²x|, absolute, not pseudo [m/s²]
-    """
-
-    displacement: np.ndarray
-    acceleration: np.ndarray
-
-
-def spectrum(motion: Motion, periods, damping) -> Spectrum:
-    """Return the spectrum of a motion, including free vibration after the motion.
+def spectrum(motion: Motion, periods, damping, response: Response) -> np.ndarray:
+    """Return the spectrum of a motion, including free vibration after the motion, shape (periods,).
 
     - `motion`: ground motion
     - `periods`: periods > 0, a number or shape (periods,) [s]
     - `damping`: damping ratio in [0, 1), a number or shape (periods,) [–]
+    - `response`: `"displacement"` for S_d = max|x| relative to the ground [m], `"acceleration"` for
+      S_a = max|2ζωẋ + ω²x|, absolute, not pseudo [m/s²]
     """
     T, zeta = np.broadcast_arrays(np.atleast_1d(np.asarray(periods, float)), np.asarray(damping, float))
-    peaks = largest(ground_load(motion.acceleration, motion.dt), T, np.array(zeta), rests=True)
-    return Spectrum(peaks.displacement, peaks.acceleration)
+    load = ground_load(motion.acceleration, motion.dt)
+    return largest(load, T, np.array(zeta), rests=True, responses=(response,)).values[0]
 
 
 def refined_maximum(
@@ -77,11 +67,11 @@ def largest_displacement(motion: Motion, longest: float, damping: float) -> floa
     - `longest`: longest period > 0 [s]
     - `damping`: damping ratio in (0, 1) [–]
     """
-    at_longest = float(spectrum(motion, longest, damping).displacement[0])
+    at_longest = float(spectrum(motion, longest, damping, "displacement")[0])
     if at_longest == 0:
         return 0.0
     amplification = 1 / math.tanh(0.5 * math.pi * damping / math.sqrt(1 - damping**2))
     shortest = min(2 * math.pi * math.sqrt(at_longest / (amplification * motion.pga)), longest)
-    values_at = lambda T: spectrum(motion, T, damping).displacement
+    values_at = lambda T: spectrum(motion, T, damping, "displacement")
     periods = period_grid(shortest, longest)
     return max(refined_maximum(values_at, periods, values_at(periods)), at_longest)

@@ -24,7 +24,7 @@ def effective_acceleration(podium: Podium, motion: Motion) -> float:
     eta_i, T_i, zeta_i = _modes(podium)
     vibrating = 0.0
     if T_i.size:
-        vibrating = 2 * float(eta_i @ spectrum(motion, T_i, zeta_i).acceleration)
+        vibrating = 2 * float(eta_i @ spectrum(motion, T_i, zeta_i, "acceleration"))
     return ((1 + 2 * gamma) * motion.pga + vibrating) / (1 + 2 * gamma + 2 * eta)
 
 

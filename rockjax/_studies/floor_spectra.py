@@ -278,14 +278,14 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
         ]
         ends_at_rest = bool(ended.rests) and not np.any(remaining_impulse) and not overturned
         peaks = largest(load, period, damping, ends_at_rest, tuple(load_slopes))
-        displacement = peaks.displacement
+        displacement, acceleration = peaks.values
         later_displacement = (
             np.minimum(peaks.later, displacement)
             if ends_at_rest
             else peaks.envelope + remaining_impulse / omega
         )
         ratio = ratio_after_end(later_displacement, displacement)
-        spectrum_values = omega**2 * displacement, peaks.acceleration, displacement, peaks.time, ratio
+        spectrum_values = omega**2 * displacement, acceleration, displacement, peaks.times[0], ratio
         slope_values = omega**2 * peaks.slopes[0], peaks.slopes[1], peaks.slopes[0]
         for name, value in zip(values, spectrum_values, strict=True):
             values[name].append(value.reshape(shape))
