@@ -261,6 +261,23 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, uses_m
     )
 
 
+def boundary_slopes(
+    podium: Podium, excitation: AbstractExcitation, scale: float, max_scale: float, options: Options
+) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Return the derivatives of a known boundary, shape (k,), and the indices of the k parameters among the
+    leaves of (podium, excitation in its common form).
+
+    - `podium`, `excitation`, `max_scale`, `options`: arguments of the search; no value may be traced
+    - `scale`: the boundary; if it is inf, the derivatives are zero
+    """
+    known = podium, excitation.common_form()
+    positions = scalar_positions(jax.tree.leaves(known))
+    arguments = (*known, as_float(max_scale), (options, as_float(DEFAULT_WIDTH)))
+    uses_margin = has_margin(options, podium)
+    slopes = boundary_gradient(arguments, as_float(scale), positions=positions, uses_margin=uses_margin)
+    return np.asarray(slopes), positions
+
+
 def _without_tangents(tree):
     """Return the concrete values of a pytree, without tangents. This saves time: outside jit every jnp
     operation on tangents compiles separately. A pytree with traced values stays as it is."""

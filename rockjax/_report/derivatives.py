@@ -102,7 +102,7 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
         scenes.describe(f"derivatives of {motions.names[motion]}")
         initial = as_start("report", REST, problem.podium)
         answers, slopes, indices = solve_with_slopes(problem.podium, excitation, initial, None, options)
-        directions = _directions(problem, excitation, options.of_joints)
+        directions = leaf_directions(problem, excitation, options.of_joints)
         directions = np.array([directions[i] for i in indices])
         arrays = {}
         for key in variables_of(options.outputs):
@@ -117,7 +117,9 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
     return {key: (data[key].values, data[f"{key}_slope"].values) for key in names}
 
 
-def _directions(problem: Problem, excitation: AbstractExcitation, with_elevation: bool) -> list[np.ndarray]:
+def leaf_directions(
+    problem: Problem, excitation: AbstractExcitation, with_elevation: bool
+) -> list[np.ndarray]:
     """Return the derivatives of the scalar leaves of (podium.split_rows(), excitation) with respect to the
     logarithms, each of shape (n + 1,)."""
     count, split = len(problem.variables), problem.split_derivatives

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._batch.batch import LANES
-from rockjax._boundaries.boundary import BOUNDARY, overturning_scale
-from rockjax._boundaries.crossings import margins
-from rockjax._boundaries.first import BRACKET_TOLERANCE
+from rockjax._boundaries.boundary import BOUNDARY, boundary_slopes
+from rockjax._boundaries.crossings import Plane, margins, scan
+from rockjax._boundaries.first import BRACKET_TOLERANCE, ROW_SIZE
+from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._responses.simulate import peak_response
@@ -20,7 +21,7 @@ from rockjax._roots import Brackets, narrow_brackets
 from rockjax._structures import Podium
 from rockjax._types import Value
 
-from .derivatives import SlopesFunction, slopes_of
+from .derivatives import SlopesFunction, leaf_directions, slopes_of
 from .problem import MotionSet, Problem
 from .scenes import Scenes
 from .store import fingerprint
@@ -92,10 +93,12 @@ def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
 def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     import xarray
 
-    factors = np.full(len(motions), np.nan)
-    for k, (name, excitation) in enumerate(zip(motions.names, motions.excitations, strict=True)):
-        scenes.describe(f"overturning factor of {name}")
-        factors[k] = _overturning_scale(scenes.problem, scenes.problem.podium, excitation)
+    scenes.describe(f"overturning factors of {motions.name}")
+    options = boundary_options(scenes.problem)["options"]
+    plane = _scaled_motions(scenes.problem.podium, motions)
+    found = scan(plane, np.arange(len(motions)), (0.0, MAX_SCALE), ROW_SIZE, options, first_only=True)
+    factors = found.crossings.table(len(motions))[0][:, 0]
+    factors = np.where(np.isnan(factors), np.inf, factors)
     # Boundaries are bisected to rounding, so the error of a factor is the error of the scenes.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
     survives, overturns = _window_ends(scenes.problem, motions, factors)
@@ -108,17 +111,23 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     return xarray.Dataset({name: ("motion", y) for name, y in variables.items()}, attrs={"limit": MAX_SCALE})
 
 
+def _scaled_motions(podium: Podium, motions: MotionSet) -> Plane:
+    """Return the function (indices of motions, factors) ↦ (podium, motions multiplied by the factors)."""
+    batch = as_batch("report", motions.excitations)
+    structure = podium.split_rows().without_idle_restrainers().without_elevation()
+    return lambda motion, factor: (structure, pick_motions(batch, motion).scaled(factor))
+
+
 def _window_ends(problem: Problem, motions: MotionSet, factors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the factors at which the first window of overturning ends and the next one begins, NaN where
     there is none.
 
     - `factors`: the least factors that overturn, shape (motions,), inf where none does
     """
-    batch, options = as_batch("report", motions.excitations), boundary_options(problem)["options"]
+    plane, options = _scaled_motions(problem.podium, motions), boundary_options(problem)["options"]
     overturning = np.flatnonzero(np.isfinite(factors))  # indices of the motions
 
     def evaluate(motion: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        plane = lambda i, y: (problem.podium, pick_motions(batch, i).scaled(y))
         margin, impacts, _ = margins(plane, np.repeat(motion, y.shape[1]), y.ravel(), options)
         return margin.reshape(y.shape), impacts.reshape(y.shape)
 
@@ -148,20 +157,13 @@ def boundary_options(problem: Problem) -> dict[str, Any]:
     return {"options": BOUNDARY.replace(overturn_ratio=problem.options.overturn_ratio)}
 
 
-def _overturning_scale(problem: Problem, podium: Podium, excitation: Any) -> Value:
-    return overturning_scale(podium, excitation, max_scale=MAX_SCALE, **boundary_options(problem))
-
-
 def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> SlopesFunction:
     """Return a function that computes the least factor on a motion, and its derivatives."""
     problem, excitation = scenes.problem, scenes.motion_set(name).excitations[motion]
+    factor = float(least_factors(scenes, name, event)["factor"][motion])
     if event == "overturning":
-
-        def least_scale(podium: Podium, logs: Any) -> Value:
-            return _overturning_scale(problem, podium, excitation.scaled(jnp.exp(logs[-1])))
-
-        return slopes_of(problem, least_scale)
-    scale = 0.9 * float(least_factors(scenes, name, event)["factor"][motion])
+        return lambda: (factor, _overturning_slopes(problem, excitation, factor))
+    scale = 0.9 * factor
     options = _uplift_options(problem).replace(outputs=(UpliftRatio(),))
 
     def least_factor(podium: Podium, logs: Any) -> Value:
@@ -169,6 +171,15 @@ def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> S
         return scale / peak.uplift_ratio
 
     return slopes_of(problem, least_factor)
+
+
+def _overturning_slopes(problem: Problem, excitation: AbstractExcitation, factor: float) -> np.ndarray:
+    """Return the derivatives of the least overturning factor on a motion, (n + 1,)."""
+    podium = problem.podium.split_rows().without_elevation()
+    options = boundary_options(problem)["options"]
+    slopes, positions = boundary_slopes(podium, excitation, factor, MAX_SCALE, options)
+    directions = leaf_directions(problem, excitation, with_elevation=False)
+    return slopes @ np.array([directions[i] for i in positions])
 
 
 def _largest_acceleration(excitation: Any) -> float:
