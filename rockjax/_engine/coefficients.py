@@ -95,7 +95,7 @@ class Coefficients(NamedTuple):
     eta: Value  # η, ratio of the vibrating mass
     vibration: Vibration | None
     restraint: Restraint | None
-    # tan α (1+2γ+2η)/(1+2γ), the factor of v̈_g in the threshold, (C10) of docs/control.md; None without v̈_g.
+    # tan α (1+2γ+2η)/(1+2γ), the factor of v̈_g in the threshold, (C10); None without v̈_g.
     uplift_slope: Value | None
     joints: Joints | None  # None unless joint forces are requested
 
@@ -122,9 +122,6 @@ def not_none(value: T | None) -> T:
     """Return a value of optional type that is known not to be None."""
     assert value is not None
     return value
-
-
-present = not_none  # the name that `joint_bounds` and `joint_samples` import
 
 
 def summed(values: Values) -> Value:

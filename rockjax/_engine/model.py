@@ -120,7 +120,7 @@ def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
 
 
 def _threshold_ratio(c: Coefficients, ground: Shaking) -> Value:
-    """Return q_up(t) divided by its static value, (C10) of docs/control.md. The ratio is positive as long as
+    """Return q_up(t) divided by its static value, (C10). The ratio is positive as long as
     g + v̈_g is positive."""
     return 1 + not_none(c.uplift_slope) * ground.vertical / c.uplift
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, Self
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
-from rockjax._engine.coefficients import Coefficients, Vibration, present, weighted
+from rockjax._engine.coefficients import Coefficients, Vibration, not_none, weighted
 from rockjax._engine.model import restraint_bound
 from rockjax._sincos import sincos
 from rockjax._types import Flag, Value, Values
@@ -87,7 +87,7 @@ class JointBounds:
         rotation: Rotation,
         bounds: Bounds | None,
     ):
-        self.c, self.joints = c, present(c.joints)
+        self.c, self.joints = c, not_none(c.joints)
         self.ground, self.vertical, self.eccentricity = ground, vertical, eccentricity
         self.rotation, self.bounds = rotation, bounds
         # Sine and cosine of the largest |ψ|, which exceeds α only if there are restrainers.
@@ -200,7 +200,7 @@ class JointBounds:
             modes, zero = c.vibration, jnp.zeros_like(c.etas)
             stiffness = jnp.sqrt(modes.omega2 + modes.damping**2)
             weights = jnp.abs(modal + zero) * stiffness + jnp.abs(sway) * c.etas / jnp.sqrt(modes.omega2)
-            others = others + present(self.bounds).modal_sum(weights)
+            others = others + not_none(self.bounds).modal_sum(weights)
         return axial * (c.g - self.vertical) - others, axial * (c.g + self.vertical) + others
 
     def _vibration(
@@ -213,8 +213,8 @@ class JointBounds:
         The norm of the modes, m² = Σ η_i(u̇_i² + ω_i²d_i²), and y² = spin·θ̇² share the energy, m² + y² ≤ 2E =
         ρ². With y = sρ, the bound P m + Q y + (r/spin) y² is at most Pρ + Qρ s + (rρ²/spin − ½Pρ) s².
         """
-        c, bounds = self.c, present(self.bounds)
-        modes: Vibration = present(c.vibration)
+        c, bounds = self.c, not_none(self.bounds)
+        modes: Vibration = not_none(c.vibration)
         middle, spread = 0.5 * (turned[0] + turned[1]), 0.5 * (turned[1] - turned[0])
         weights = jnp.abs(modal + middle * c.etas) + spread * c.etas
         stiffness = jnp.sqrt(modes.omega2 + modes.damping**2)
@@ -279,7 +279,7 @@ class JointBounds:
                 beam = factor * arms.beam
                 if c.vibration is not None:
                     heaviest = c.g + self.vertical + jnp.maximum(-self._rise[0], self._rise[1])
-                    modal, sway = factor * present(arms.modes), factor * heaviest
+                    modal, sway = factor * not_none(arms.modes), factor * heaviest
             axial = mass * share
             turning = _sum((c.two_R * axial, rotation.sin), (-c.two_R * beam, rotation.cos))
             centripetal = _sum((c.two_R * axial, rotation.cos), (c.two_R * beam, rotation.sin))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.coefficients import present
+from rockjax._engine.coefficients import not_none
 from rockjax._types import Flag, Value
 
 from .joint_forces import mean_forces
@@ -33,7 +33,7 @@ class SampleForces(NamedTuple):
         start, end = (
             EndForces.from_row(end_forces(Moment(c, sigma, zero, *y))) for y in (sample.start, sample.end)
         )
-        beam, joints = beam_curvatures(sample), present(c.joints)
+        beam, joints = beam_curvatures(sample), not_none(c.joints)
         swaying = (0.5 + joints.gamma) * beam.horizontal, joints.gamma * beam.horizontal
         mass = joints.gamma + c.eta
         rising = (0.5 + mass) * beam.vertical, mass * beam.vertical
@@ -41,7 +41,7 @@ class SampleForces(NamedTuple):
         if offsets is None:
             changes = leaning = [zero]
         else:
-            arms = present(joints.arms)
+            arms = not_none(joints.arms)
             half_width = 0.5 * c.two_R * c.sin_alpha
             change = (arms.beam * beam.horizontal + half_width * rising[1]) / arms.mean_square
             changes = [jnp.abs(x) * change for x in offsets]

@@ -59,10 +59,11 @@ def rotations(block: Block, motion: Motion, damping_ratio: float) -> Roots:
     - `motion`: ground motion
     - `damping_ratio`: β in [0, 1) [–]
     """
-    top_displacement = block.half_height * block.alpha  # spectral displacement at θ = α
+    overturning_displacement = block.half_height * block.alpha  # spectral displacement at θ = α
     return find_roots(
         lambda phi: (
-            spectrum(motion, period(phi, block.p), damping_ratio, "displacement") / top_displacement - phi
+            spectrum(motion, period(phi, block.p), damping_ratio, "displacement") / overturning_displacement
+            - phi
         )
     )
 

@@ -35,6 +35,6 @@ class Static(AbstractMethod):
 
     def outcome(self, case: Case) -> Outcome:
         block = case.block
-        width = beam_displacement(block, block.alpha)
-        values = {"u_b": Quantity(width, "m", "u_b, displacement of the beam at θ = α, 2B")}
+        displacement = beam_displacement(block, block.alpha)
+        values = {"u_b": Quantity(displacement, "m", "u_b, displacement of the beam at θ = α, 2B")}
         return Outcome(block.threshold, case.pga, values=values)
