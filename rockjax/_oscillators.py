@@ -243,7 +243,7 @@ def _solve_blocks(state, series, kick, shift, powers, factors):
     pole = powers[1]
 
     def size(z):
-        return jnp.abs(factors[:, 0] * z[0] - factors[:, 1] * z[1])
+        return jnp.abs(factors[:, 0] * z[0][None] - factors[:, 1] * z[1][None])
 
     def solve_block(z, pieces):
         start, largest = z, size(z)

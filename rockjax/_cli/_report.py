@@ -75,7 +75,7 @@ def report(
     problem = problem_of(request.tables, request.path)
     with console.progress(None, "scenes") as bar:
         written_report = make_report(
-            problem, output, units=units, skip=skipped, progress=_Progress(bar), command=_command(request)
+            problem, output, units=units, skip=skipped, progress=_Progress(bar), command=_command()
         )
     for path in written_report.written:
         console.add_file(path)
@@ -92,8 +92,14 @@ def report(
         console.status = FAILED
 
 
-def _command(request: Request) -> str:
+def _command() -> str:
     """Return the command line with names of files instead of paths."""
-    words = shlex.split(COMMAND.get())
-    assert request.path is not None
-    return shlex.join(Path(word).name if "/" in word else word for word in words)
+    return shlex.join(map(_without_folder, shlex.split(COMMAND.get())))
+
+
+def _without_folder(word: str) -> str:
+    """Return a word of the command line; a path, also after "=", becomes the name of its file."""
+    option, equals, value = word.rpartition("=")
+    path = Path(value)
+    is_path = "/" in value and (path.exists() or path.parent.is_dir())
+    return f"{option}{equals}{path.name}" if is_path else word

@@ -45,9 +45,11 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunct
 
     problem, motions = scenes.problem, list(functions)
     names = [*problem.variables, *(["motion"] if entry.motions else [])]
-    hashes = [scenes.motion_set(entry.motions).hashes[k] for k in motions] if entry.motions else []
+    motion_inputs = [scenes.motion_set(entry.motions).inputs[k] for k in motions] if entry.motions else []
     joints, settings = problem.joints.model_dump(), (entry.kind, dict(entry.arguments))
-    inputs_hash = fingerprint(problem.podium, hashes, problem.options, settings, names, motions, joints)
+    inputs_hash = fingerprint(
+        problem.podium, motion_inputs, problem.options, settings, names, motions, joints
+    )
 
     def solve() -> xarray.Dataset:
         scenes.describe(f"derivatives of {entry.id}")
@@ -96,7 +98,7 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
     problem, motions = scenes.problem, scenes.motion_set(name)
     excitation = motions.excitations[motion]
     options = problem.options.replace(outputs=tuple(scenes.needed[name].outputs), throw=False)
-    inputs_hash = fingerprint(problem.podium, motions.hashes[motion], options, problem.variables)
+    inputs_hash = fingerprint(problem.podium, motions.inputs[motion], options, problem.variables)
 
     def solve() -> xarray.Dataset:
         scenes.describe(f"derivatives of {motions.names[motion]}")

@@ -75,6 +75,18 @@ class MotionSet:
 
         return tuple(map(hash_of, self.members))
 
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Text for each motion that changes whenever its answers may change: the hash, and the sampling
+        intervals of a record."""
+
+        def intervals(member: Any) -> list[float]:
+            components = (member, member.vertical) if isinstance(member, Motion) else ()
+            return [y.dt for y in components if y is not None]
+
+        pairs = zip(self.hashes, self.members, strict=True)
+        return tuple(f"{sha} {intervals(member)}" for sha, member in pairs)
+
 
 @dataclasses.dataclass(frozen=True)
 class Input:

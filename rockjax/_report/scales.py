@@ -47,7 +47,7 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
     - `name`: the set; `event`: "uplift" or "overturning"
     """
     motions, podium, options = scenes.motion_set(name), scenes.problem.podium, scenes.problem.options
-    inputs_hash = fingerprint(podium, motions.hashes, options, event, MAX_SCALE, WINDOW_FACTORS)
+    inputs_hash = fingerprint(podium, motions.inputs, options, event, MAX_SCALE, WINDOW_FACTORS)
     solve = _uplift if event == "uplift" else _overturning
     return scenes.store.get(f"scales.{name}.{event}", inputs_hash, lambda: solve(scenes, motions))
 

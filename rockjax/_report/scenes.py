@@ -123,7 +123,7 @@ class Scenes:
             return self._variants(name, factor).sel(variant=variant)
         motions, options, podium = self.motion_set(name), self.options(name), self.problem.podium
         on_floors = self.on_floors(name)
-        inputs_hash = fingerprint(podium, motions.hashes, options, on_floors, factor)
+        inputs_hash = fingerprint(podium, motions.inputs, options, on_floors, factor)
 
         def solve() -> xarray.Dataset:
             self.describe(f"scenes of {name}")
@@ -140,7 +140,7 @@ class Scenes:
         podiums = [y.replace(restitution=float(y.restitution_factor)) for y in podiums]
         names = (*self.laws, *self.variations)
         scales = factor * np.array([1.0] * len(self.laws) + [self._motion_factor(y) for y in self.variations])
-        inputs_hash = fingerprint(podiums, scales, motions.hashes, options, on_floors)
+        inputs_hash = fingerprint(podiums, scales, motions.inputs, options, on_floors)
 
         def solve() -> xarray.Dataset:
             self.describe(f"scenes of {name} with other laws of impact and changed inputs")
@@ -227,7 +227,7 @@ class Scenes:
 
         motions, podium = self.motion_set(name), self.problem.podium
         options = self.problem.options.replace(throw=False)
-        inputs_hash = fingerprint(podium, motions.hashes[motion], options)
+        inputs_hash = fingerprint(podium, motions.inputs[motion], options)
 
         def solve() -> xarray.Dataset:
             self.describe(f"history of {motions.names[motion]}")

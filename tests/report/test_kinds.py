@@ -12,7 +12,7 @@ from rockjax._report.entry import Entry
 from rockjax._report.evaluate import evaluate
 from rockjax._report.kinds import KINDS, check_model
 from rockjax._report.scales import boundary_options, least_factors
-from rockjax._report.scenes import Scenes
+from rockjax._report.scenes import Needs, Scenes
 from rockjax._report.store import Store
 from rockjax._risk.gaussian import Envelope
 
@@ -205,6 +205,21 @@ def test_a_design_takes_the_median_in_the_same_measure(tmp_path):
     peaks = [float(np.abs(median.suite.motion(k).acceleration).max()) for k in range(2)]
     scales = [float(median.suite.motion(k).scale) for k in range(2)]
     np.testing.assert_allclose(np.array(peaks) * scales, 1.0)
+
+
+def test_a_changed_sampling_interval_solves_the_scenes_again(tmp_path):
+    """The samples, and so their hashes, stay the same."""
+    np.savetxt(tmp_path / "noise.txt", 4 * np.sin(np.linspace(0, 8 * np.pi, 400)) * np.hanning(400))
+    store, rotations = Store(), []
+    for dt in (0.01, 0.02):
+        motions = f'[motions.noise]\nfile = "noise.txt"\nunits = "m/s2"\ndt = {dt}\n'
+        problem = read(tmp_path, "", FILE.split("[motions.pulses]")[0] + motions + SCALE)
+        scenes = Scenes(problem, store, {"noise": Needs({"peak_rotation": None})})
+        options = problem.options.replace(outputs=("peak_rotation",), throw=False)
+        expected = rj.peak_responses(problem.podium, problem.motions["noise"].excitations, options=options)
+        rotations.append(scenes.peaks("noise")["peak_rotation"].values)
+        np.testing.assert_array_equal(rotations[-1], expected.peak_rotation)
+    assert np.all(rotations[0] != rotations[1])
 
 
 def test_windows_of_overturning(tmp_path):

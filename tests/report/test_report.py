@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._cli._report import _without_folder
 from rockjax._files import write_dataset
 from rockjax._report.store import Store
 from rockjax._report.tables import plain_cell
@@ -361,6 +362,20 @@ def test_the_command_writes_the_page(folder, report, quiet):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [
+        ("{}/problem.toml", "problem.toml"),
+        ("--output={}/report.html", "--output=report.html"),
+        ("--units=kN,m/s2", "--units=kN,m/s2"),
+        ("kN,m/s2", "kN,m/s2"),
+        ("a/name/of/no/folder", "a/name/of/no/folder"),
+    ],
+)
+def test_the_printed_command_has_no_folders(word, expected, tmp_path):
+    assert _without_folder(word.format(tmp_path)) == expected
+
+
 def test_annual_frequency_is_that_of_the_package(tmp_path):
     """The frequency from `[fragility]` and the hazard curve of `[risk]` equals that of
     `rj.annual_frequency`."""

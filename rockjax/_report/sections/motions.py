@@ -34,7 +34,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     for name in used:
         motions = problem.motions[name]
         if all(isinstance(member, Motion) for member in motions.members):
-            inputs = motions.name, motions.hashes, period, units.unit("acceleration"), units.g
+            inputs = motions.name, motions.inputs, period, units.unit("acceleration"), units.g
             draw = functools.partial(_draw_spectra, motions, period, units)
             blocks.append(stored_figure(evaluation, f"spectra-{slug(name)}", inputs, draw))
     for name in used:
