@@ -361,7 +361,6 @@ def test_the_command_writes_the_page(folder, report, quiet):
     assert (folder / f"tables-{quiet}" / "summary.csv").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("word", "expected"),
     [
@@ -376,6 +375,7 @@ def test_the_printed_command_has_no_folders(word, expected, tmp_path):
     assert _without_folder(word.format(tmp_path)) == expected
 
 
+@pytest.mark.slow
 def test_annual_frequency_is_that_of_the_package(tmp_path):
     """The frequency from `[fragility]` and the hazard curve of `[risk]` equals that of
     `rj.annual_frequency`."""
